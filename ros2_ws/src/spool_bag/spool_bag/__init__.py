@@ -1,0 +1,1 @@
+"""What is kept: recorder, reader, import and export."""

@@ -1,0 +1,21 @@
+"""Install spool_bringup as an ament_python package."""
+
+from setuptools import find_packages, setup
+
+PACKAGE = "spool_bringup"
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+    ],
+    zip_safe=True,
+    maintainer="Spool suite maintainers",
+    maintainer_email="maintainers@spool-suite.org",
+    description="How the suite is started: launch file, configuration, the command line, the demonstration and its report.",
+    license="Apache-2.0",
+    entry_points={"console_scripts": ["spool = spool_bringup.cli:main"]},
+)

@@ -1,0 +1,1 @@
+"""Which parameters this machine has, from two accelerometers."""

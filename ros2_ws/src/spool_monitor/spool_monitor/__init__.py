@@ -1,0 +1,1 @@
+"""What the parameters mean: resonance, drift, events."""

@@ -1,0 +1,1 @@
+"""Shared shell of the suite's nodes."""

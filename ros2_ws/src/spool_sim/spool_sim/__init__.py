@@ -1,0 +1,1 @@
+"""Physics of a spool in a vibrating valve body."""
