@@ -1,0 +1,174 @@
+"""The life cycle that every node of the suite shares."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+from typing import Any, ClassVar, TypeVar
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.qos import QoSProfile
+from spool_sim.errors import InputError
+
+from .parameters import Parameter, Value, declare
+
+Message = TypeVar("Message")
+
+AUTOSTART = Parameter(
+    "autostart", True, "Configure and activate at start, without a life cycle manager.", read_only=True
+)
+
+
+class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no types
+    """A managed node: a table of parameters and four hooks that may raise.
+
+    A subclass sets ``PARAMETERS`` and overrides :meth:`configure`, :meth:`activate`, :meth:`deactivate`,
+    :meth:`cleanup`. What a hook raises is logged (an :class:`InputError` as one line, anything else with
+    its traceback) and the transition returns FAILURE. Subscriptions, timers and services made with
+    :meth:`subscribe`, :meth:`every` and :meth:`serve` live while the node is active.
+    """
+
+    PARAMETERS: ClassVar[tuple[Parameter, ...]] = ()
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self._while_active: list[Callable[[], object]] = []
+        self._table = {parameter.name: parameter for parameter in (AUTOSTART, *self.PARAMETERS)}
+        declare(self, tuple(self._table.values()), self._parameter_overrides)
+        self.add_on_set_parameters_callback(self._judge_change)
+        self.add_post_set_parameters_callback(self._apply_change)
+
+    # What a subclass overrides.
+
+    def configure(self) -> None:
+        """Read the parameters, make publishers and the core."""
+
+    def activate(self) -> None:
+        """Make subscriptions and timers."""
+
+    def deactivate(self) -> None:
+        """Finish what is under way; subscriptions and timers are gone already."""
+
+    def cleanup(self) -> None:
+        """Let go of what configure made."""
+
+    def refuse_change(self, _changes: dict[str, Value]) -> str | None:
+        """Return why these parameter changes can't be taken together, or ``None``; no side effects."""
+        return None
+
+    def apply_change(self, changes: dict[str, Value]) -> None:
+        """Make accepted parameter changes effective."""
+
+    # What a subclass uses.
+
+    def value(self, name: str) -> Any:
+        """Return the present value of a declared parameter."""
+        return self.get_parameter(name).value
+
+    def subscribe(
+        self,
+        message_type: type[Message],
+        topic: str,
+        callback: Callable[[Message], None],
+        qos: QoSProfile,
+        *,
+        raw: bool = False,
+    ) -> Any:
+        """Subscribe while active; an exception in ``callback`` is logged, the node lives on."""
+        subscription = self.create_subscription(message_type, topic, self._guarded(callback), qos, raw=raw)
+        self._while_active.append(lambda: self.destroy_subscription(subscription))
+        return subscription
+
+    def every(self, period: float, callback: Callable[[], None], *, steady: bool = False) -> Any:
+        """Call back every ``period`` s while active, on the node's clock or on a steady one."""
+        clock = Clock(clock_type=ClockType.STEADY_TIME) if steady else None
+        timer = self.create_timer(period, self._guarded(callback), clock=clock)
+        self._while_active.append(lambda: self.destroy_timer(timer))
+        return timer
+
+    # Transitions.
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Run :meth:`configure`."""
+        return self._transition("configure", self.configure, undo=self.cleanup) or super().on_configure(state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Activate the publishers, then run :meth:`activate`."""
+        result = super().on_activate(state)
+        return self._transition("activate", self.activate, undo=self._go_quiet) or result
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Drop subscriptions and timers, then run :meth:`deactivate`."""
+        self._go_quiet()
+        return self._transition("deactivate", self.deactivate) or super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Run :meth:`cleanup`."""
+        return self._transition("clean up", self.cleanup) or super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop from any state."""
+        self._go_quiet()
+        if state.label == "active":
+            self._transition("deactivate", self.deactivate)
+        if state.label != "unconfigured":
+            self._transition("clean up", self.cleanup)
+        return super().on_shutdown(state)
+
+    def on_error(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Return to unconfigured, from where the node can be configured again."""
+        self._go_quiet()
+        return TransitionCallbackReturn.SUCCESS
+
+    def _transition(
+        self, name: str, hook: Callable[[], None], undo: Callable[[], None] | None = None
+    ) -> TransitionCallbackReturn | None:
+        """Run ``hook``; return FAILURE where it raised, else ``None``."""
+        try:
+            hook()
+        except Exception as error:
+            self._log_failure(f"can't {name}", error)
+            if undo is not None:
+                undo()
+            return TransitionCallbackReturn.FAILURE
+        return None
+
+    def _go_quiet(self) -> None:
+        while self._while_active:
+            self._while_active.pop()()
+
+    def _guarded(self, callback: Callable[..., None]) -> Callable[..., None]:
+        def guarded(*arguments: object) -> None:
+            try:
+                callback(*arguments)
+            except Exception as error:
+                self._log_failure("a message could not be handled", error)
+
+        # rclpy tells callbacks with message info apart by their signature.
+        return (lambda: guarded()) if _takes_nothing(callback) else (lambda message: guarded(message))
+
+    def _log_failure(self, what: str, error: Exception) -> None:
+        text = str(error) if isinstance(error, InputError) else traceback.format_exc()
+        self.get_logger().error(f"{what}: {text}")
+
+    def _judge_change(self, parameters: list[RosParameter]) -> SetParametersResult:
+        changes = {parameter.name: parameter.value for parameter in parameters}
+        for name, value in changes.items():
+            refusal = self._table[name].refusal(value) if name in self._table else None
+            if refusal is not None:
+                return SetParametersResult(successful=False, reason=refusal)
+        refusal = self.refuse_change(changes)
+        return SetParametersResult(successful=refusal is None, reason=refusal or "")
+
+    def _apply_change(self, parameters: list[RosParameter]) -> None:
+        changes = {parameter.name: parameter.value for parameter in parameters if parameter.name in self._table}
+        if changes:
+            self.apply_change(changes)
+
+
+def _takes_nothing(callback: Callable[..., None]) -> bool:
+    code = getattr(callback, "__func__", callback).__code__
+    return bool(code.co_argcount - (1 if hasattr(callback, "__self__") else 0) == 0)

@@ -1,0 +1,76 @@
+"""Run one node as a process: start, spin, end cleanly on SIGINT and SIGTERM."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+from collections.abc import Sequence
+
+import rclpy
+from rclpy.executors import Executor, ExternalShutdownException
+from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.signals import SignalHandlerOptions
+from spool_sim.errors import InputError
+
+from .managed_node import ManagedNode
+
+
+def run(node_class: type[ManagedNode], arguments: Sequence[str] | None = None) -> int:
+    """Start ``node_class``, spin until SIGINT or SIGTERM, leave it cleaned up; return the exit code.
+
+    With ``autostart`` a node that can't be configured ends with 2 and the reason as its last line.
+    """
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    try:
+        node = node_class()
+    except InputError as error:
+        print(error, file=sys.stderr)
+        rclpy.shutdown()
+        return 2
+    executor = _executor()
+    executor.add_node(node)
+    if node.value("autostart") and not _start(node):
+        return _end(node, executor, None, 2)
+    spinner = threading.Thread(target=_spin, args=(executor, stop), name="executor", daemon=True)
+    spinner.start()
+    stop.wait()
+    return _end(node, executor, spinner, 0)
+
+
+def _executor() -> Executor:
+    """Return the events executor where rclpy has it: a third of the cost of the default one."""
+    try:
+        from rclpy.experimental.events_executor import EventsExecutor  # noqa: PLC0415
+    except ImportError:
+        from rclpy.executors import SingleThreadedExecutor  # noqa: PLC0415
+
+        return SingleThreadedExecutor()
+    return EventsExecutor()
+
+
+def _start(node: ManagedNode) -> bool:
+    done = TransitionCallbackReturn.SUCCESS
+    return bool(node.trigger_configure() == done and node.trigger_activate() == done)
+
+
+def _spin(executor: Executor, stop: threading.Event) -> None:
+    try:
+        executor.spin()
+    except ExternalShutdownException:
+        pass
+    finally:
+        stop.set()
+
+
+def _end(node: ManagedNode, executor: Executor, spinner: threading.Thread | None, code: int) -> int:
+    executor.shutdown()
+    if spinner is not None:
+        spinner.join(timeout=5.0)
+    node.trigger_shutdown()
+    node.destroy_node()
+    rclpy.try_shutdown()
+    return code
