@@ -1,0 +1,228 @@
+"""Read a bag by acquisition time: blocks, oil temperature and any other message."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.base import TypesysError
+from rosbags.typesys.store import Typestore
+
+from spool_sim.block import Block
+from spool_sim.errors import InputError
+
+from .cdr import CdrError, OilTemperature, decode_block, decode_temperature
+from .definitions import ACCELERATION_BLOCK, TEMPERATURE
+from .mcap_file import McapFile, Record, Topic
+from .metadata import storage_files
+
+WINDOW = 5_000_000_000
+LONGEST_QUEUE = 20_000
+
+
+class TopicInformation(NamedTuple):
+    """A topic of a bag: its type and number of messages."""
+
+    type: str
+    messages: int
+
+
+@dataclass(frozen=True, slots=True)
+class RawMessage:
+    """A message as recorded; times in ns."""
+
+    topic: str
+    type: str
+    log_time: int
+    publish_time: int
+    data: bytes
+
+
+class BagReader:
+    """A rosbag2 directory or an ``.mcap`` file.
+
+    Everything is read in passes over the file; of the messages at most ``WINDOW`` (5 s of stamps, or
+    ``LONGEST_QUEUE`` messages) is held, within which they are put in order of (header.stamp, sequence). A stamp that goes
+    back further is a new start of time and is passed on where it stands.
+
+    Attributes:
+        warnings: what is missing or not as it should be, one line each.
+        closed: the recording was finished properly.
+
+    Raises:
+        InputError: there is no bag at ``path``, or (from any method) it is damaged.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+        self.warnings: list[str] = []
+        if self.path.is_dir():
+            paths, self.warnings = storage_files(self.path)
+        elif self.path.is_file():
+            paths = [self.path]
+        else:
+            raise InputError(f"{self.path}: no such bag: name a rosbag2 directory or an .mcap file")
+        self.files = [McapFile(path) for path in paths]
+        self.closed = all(file.closed for file in self.files)
+        self.warnings.extend(
+            f"{file.path}: the recording was not finished; up to one second at its end may be missing"
+            for file in self.files
+            if not file.closed
+        )
+        self._topics: dict[str, TopicInformation] | None = None
+        self._stores: dict[str, Typestore] = {}
+
+    @property
+    def topics(self) -> dict[str, TopicInformation]:
+        """Type and number of messages by topic; an unfinished bag is read through once for it."""
+        if self._topics is None:
+            found: dict[str, TopicInformation] = {}
+            for file in self.files:
+                counts = file.counts if file.counts is not None else self._count(file)
+                for number, topic in file.topics.items():
+                    before = found[topic.name].messages if topic.name in found else 0
+                    found[topic.name] = TopicInformation(topic.type, before + counts.get(number, 0))
+            self._topics = dict(sorted(found.items()))
+        return self._topics
+
+    @property
+    def valves(self) -> list[str]:
+        """Namespaces, without the leading slash, that have an ``acceleration`` topic."""
+        return sorted(
+            name.rpartition("/")[0].lstrip("/")
+            for name, topic in self.topics.items()
+            if topic.type == ACCELERATION_BLOCK and name.endswith("/acceleration")
+        )
+
+    def blocks(self, valve: str) -> Iterator[Block]:
+        """Yield the blocks of ``valve`` in order of (stamp, sequence), malformed ones included."""
+        self._require(valve)
+        for item in self._ordered({f"/{valve}/acceleration": _block}):
+            assert isinstance(item, Block)
+            yield item
+
+    def temperatures(self, valve: str) -> Iterator[tuple[int, float]]:
+        """Yield (stamp in ns, deg C) of the oil of ``valve`` in order of stamps; nothing where none is recorded."""
+        for item in self._ordered({f"/{valve}/oil_temperature": _temperature}):
+            assert isinstance(item, OilTemperature)
+            yield item.stamp, item.celsius
+
+    def stream(self, valve: str) -> Iterator[Block | OilTemperature]:
+        """Yield blocks and oil temperatures of ``valve`` in order of stamps, a temperature before a block of its stamp."""
+        self._require(valve)
+        yield from self._ordered(
+            {f"/{valve}/acceleration": _block, f"/{valve}/oil_temperature": _temperature}
+        )
+
+    def raw(self, topic: str | None = None) -> Iterator[RawMessage]:
+        """Yield the messages of ``topic`` (all topics without it) as recorded, in the order of recording."""
+        for file in self.files:
+            for record in file.records(lambda candidate: topic is None or candidate.name == topic):
+                described = file.topics[record.channel]
+                yield RawMessage(
+                    described.name, described.type, record.log_time, record.publish_time, record.data
+                )
+
+    def messages(self, topic: str) -> Iterator[Any]:
+        """Yield the messages of ``topic`` decoded by the definition that the bag carries.
+
+        Raises:
+            InputError: the bag has no such topic, or its messages do not fit its definition.
+        """
+        if topic not in self.topics:
+            raise InputError(f"{self.path}: no topic {topic}: it has {', '.join(self.topics) or 'none'}")
+        for file in self.files:
+            for record in file.records(lambda candidate: candidate.name == topic):
+                described = file.topics[record.channel]
+                try:
+                    yield self._store(described).deserialize_cdr(record.data, described.type)
+                except (SerdeError, TypesysError) as error:
+                    raise InputError(
+                        f"{file.path}: message of {topic} logged at {record.log_time} ns: {error}"
+                    ) from error
+
+    def _require(self, valve: str) -> None:
+        if f"/{valve}/acceleration" not in self.topics:
+            known = ", ".join(self.valves) or "none"
+            raise InputError(f"{self.path}: no valve {valve!r}: the bag has {known}")
+
+    def _ordered(self, decoders: dict[str, Callable[[bytes], _Keyed]]) -> Iterator[Block | OilTemperature]:
+        """Yield decoded messages in order of (stamp, sequence, arrival) within a window of stamps."""
+        queue: list[_Keyed] = []
+        lowest = highest = 0
+        for file in self.files:
+            for record in file.records(lambda topic: topic.name in decoders):
+                topic = file.topics[record.channel]
+                keyed = self._decode(file, topic, record, decoders[topic.name])
+                stamp = keyed[0]
+                if not queue:
+                    lowest = highest = stamp
+                elif stamp < highest - WINDOW:
+                    yield from _sorted_items(queue)
+                    queue, lowest, highest = [], stamp, stamp
+                queue.append(keyed)
+                lowest, highest = min(lowest, stamp), max(highest, stamp)
+                if highest - lowest > 2 * WINDOW or len(queue) > LONGEST_QUEUE:
+                    queue.sort(key=_key)
+                    due = highest - WINDOW
+                    split = next((at for at, held in enumerate(queue) if held[0] >= due), len(queue))
+                    split = max(split, len(queue) // 2) if len(queue) > LONGEST_QUEUE else split
+                    for held in queue[:split]:
+                        yield held[2]
+                    del queue[:split]
+                    lowest = queue[0][0]
+        yield from _sorted_items(queue)
+
+    def _decode(
+        self, file: McapFile, topic: Topic, record: Record, decoder: Callable[[bytes], _Keyed]
+    ) -> _Keyed:
+        try:
+            return decoder(record.data)
+        except CdrError as error:
+            raise InputError(
+                f"{file.path}: message of {topic.name} logged at {record.log_time} ns: {error}"
+            ) from error
+
+    def _count(self, file: McapFile) -> dict[int, int]:
+        counts: dict[int, int] = {}
+        for record in file.records(lambda _: True):
+            counts[record.channel] = counts.get(record.channel, 0) + 1
+        return counts
+
+    def _store(self, topic: Topic) -> Typestore:
+        store = self._stores.get(topic.type)
+        if store is None:
+            store = get_typestore(Stores.EMPTY)
+            try:
+                store.register(get_types_from_msg(topic.schema, topic.type))
+            except TypesysError as error:
+                raise InputError(f"{self.path}: definition of {topic.type}: {error}") from error
+            self._stores[topic.type] = store
+        return store
+
+
+_Keyed = tuple[int, int, "Block | OilTemperature"]
+
+
+def _block(data: bytes) -> _Keyed:
+    block = decode_block(data)
+    return block.stamp, block.sequence, block
+
+
+def _temperature(data: bytes) -> _Keyed:
+    item = decode_temperature(data)
+    return item.stamp, -1, item
+
+
+def _key(keyed: _Keyed) -> tuple[int, int]:
+    return keyed[0], keyed[1]
+
+
+def _sorted_items(queue: list[_Keyed]) -> Iterator[Block | OilTemperature]:
+    queue.sort(key=_key)
+    for keyed in queue:
+        yield keyed[2]
