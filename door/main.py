@@ -1,0 +1,119 @@
+"""The door's own main: sets up what is missing and hands over to the command line of the suite."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import sys
+from pathlib import Path
+from types import FrameType
+
+from door import state, workspace
+from door.errors import DoorError
+from door.layout import Layout, find_underlay
+from door.steps import say
+
+ROOT = Path(__file__).resolve().parent.parent
+LOCAL_BY_DEFAULT = ("demo", "test", "bench")
+HELP = """Usage: ./spool COMMAND [arguments]       ./spool COMMAND --help says more, with an example
+
+  demo      the main job, live: two valves simulated, estimated, monitored, recorded, reported
+  test      every test of the repository; takes pytest's arguments
+  run       what `ros2 run` does: ./spool run PACKAGE EXECUTABLE [arguments]
+  simulate  a bag from the simulator, faster than real time
+  import    a data logger's CSV file to a bag
+  export    a bag to Parquet or CSV
+  info      what is in a bag and what was lost
+  recover   a damaged bag made readable
+  replay    estimator and monitor over a recorded bag
+  fit       one model's parameters from a bag
+  compare   all models side by side
+  gap       where model and measurement differ, and which effect explains it
+  bench     timings against the peers
+  doctor    what is wrong with this machine or installation, and what to do
+
+The first call sets the project up (about two minutes): it needs Linux x86-64, Python 3.10 to 3.13 with venv,
+a C++ compiler and make. Where a ROS 2 is sourced, it builds on that one.
+Example: ./spool demo --seconds 60 --out demo_output
+"""
+COMMANDS = re.findall(r"^  (\w+)  ", HELP, re.MULTILINE)
+
+
+def main(arguments: list[str]) -> int:
+    """Run one call of the door; does not return where another program takes over.
+
+    Args:
+        arguments: of the command line, without the program.
+
+    Returns:
+        Exit code.
+    """
+    signal.signal(signal.SIGTERM, _as_interrupt)
+    try:
+        return _run(arguments)
+    except DoorError as error:
+        say(str(error))
+        return error.exit_code
+    except KeyboardInterrupt:
+        say("interrupted: call again to go on")
+        return 130
+
+
+def _run(arguments: list[str]) -> int:
+    """What `main` does, with errors raised."""
+    environment = dict(os.environ)
+    environment.pop("__PYVENV_LAUNCHER__", None)
+    if not re.fullmatch(r"[A-Za-z0-9_-]*", environment.get("ROS_DISTRO", "")):
+        raise DoorError("ROS_DISTRO is no name of a ROS distribution: unset it, or source a ROS 2")
+    layout = Layout(ROOT, find_underlay(ROOT, environment))
+    done = state.load(layout)
+    command = arguments[0] if arguments else "--help"
+    if command == "doctor":
+        from door.doctor import doctor  # noqa: PLC0415  (a later call has to start at once)
+
+        return doctor(layout, done, environment, arguments[1:])
+
+    if not done.environment:
+        if command in ("--help", "-h", "help"):
+            print(HELP, end="")
+            return 0
+        if command not in COMMANDS:
+            raise DoorError(f"no command {command}: ./spool --help lists them")
+    _warn_localhost_only(environment)
+    series = f"{sys.version_info[0]}.{sys.version_info[1]}"
+
+    from door.setup import ensure, is_current  # noqa: PLC0415
+
+    if not is_current(layout, done, series):
+        done = ensure(layout, environment, series)
+    _hand_over(layout, done, environment, arguments or ["--help"])
+    return 0
+
+
+def _hand_over(layout: Layout, done: state.State, environment: dict[str, str], arguments: list[str]) -> None:
+    """Become the program that does the work."""
+    run = workspace.run_environment(layout, done, environment)
+    if arguments[0] in LOCAL_BY_DEFAULT:
+        run.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    python = str(layout.python)
+    if arguments[0] == "test":
+        os.chdir(layout.root)
+        command = [python, "-m", "pytest", *arguments[1:]]
+    else:
+        # From 3.11 on Python can be told not to import from the user's folder.
+        safe = ["-P"] if sys.version_info >= (3, 11) else []
+        command = [python, *safe, "-m", "spool_bringup.cli", *arguments]
+    sys.stdout.flush()
+    os.execve(python, command, run)
+
+
+def _warn_localhost_only(environment: dict[str, str]) -> None:
+    """Tell of the variable that newer releases of ROS 2 ignore."""
+    if environment.get("ROS_LOCALHOST_ONLY", "0") not in ("", "0"):
+        say("ROS_LOCALHOST_ONLY is deprecated and ignored by newer ROS 2: use ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST")
+
+
+def _as_interrupt(_signal: int, _frame: FrameType | None) -> None:
+    """Let a request to end take the way of Ctrl-C."""
+    raise KeyboardInterrupt

@@ -1,0 +1,130 @@
+"""The environment's packages: made from the lock, resumed, compared with it."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from collections.abc import Iterable, Mapping
+from importlib.metadata import distributions
+from pathlib import Path
+
+from door.errors import DoorError
+from door.layout import Layout
+from door.process import ask, run_logged
+from door.steps import Steps
+
+PIN = re.compile(r"^([A-Za-z0-9._-]+)==(\S+)(?: ; (.*?))? ?\\?$")
+NO_NETWORK = re.compile(
+    "NewConnectionError|ConnectTimeout|ConnectionError|ProxyError|NameResolutionError|ReadTimeout|Network is unreachable"
+    "|Temporary failure in name resolution|Connection (refused|broken|reset)|Cannot connect to proxy"
+)
+
+
+def locked(lock: Path, python: str) -> dict[str, str]:
+    """Names and versions that the lock holds for one Python.
+
+    Args:
+        lock: the lock file.
+        python: "3.x".
+    """
+    found = {}
+    for line in lock.read_text().splitlines():
+        match = PIN.match(line)
+        if match and _applies(match[3] or "", int(python.split(".")[1])):
+            found[_normal(match[1])] = match[2]
+    return found
+
+
+def _applies(marker: str, minor: int) -> bool:
+    """Whether a line's conditions on the Python version hold; the locks know no others that differ on Linux."""
+    comparisons = re.findall(r"python_full_version (<|>=|==) '3\.(\d+)(?:\.\*)?'", marker)
+    tests = {"<": minor.__lt__, ">=": minor.__ge__, "==": minor.__eq__}
+    return all(tests[operator](int(bound)) for operator, bound in comparisons)
+
+
+def _normal(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def site_packages(layout: Layout) -> Path | None:
+    """The environment's site-packages, None where it has none."""
+    return next(iter((layout.venv / "lib").glob("python3.*/site-packages")), None)
+
+
+def installed(folders: Iterable[Path]) -> dict[str, str]:
+    """Names and versions of the packages in the folders given."""
+    entries = distributions(path=[str(folder) for folder in folders])
+    return {_normal(entry.metadata["Name"]): entry.version for entry in entries if entry.metadata["Name"]}
+
+
+def make_venv(layout: Layout, base_python: str, environment: Mapping[str, str], keep_open: int) -> None:
+    """Make the environment anew.
+
+    Raises:
+        DoorError: it could not be made.
+    """
+    if layout.venv.exists() or layout.venv.is_symlink():
+        shutil.rmtree(layout.venv) if not layout.venv.is_symlink() else layout.venv.unlink()
+    log = layout.notes / "venv.log"
+    options = [] if layout.underlay.is_wheels else ["--system-site-packages"]
+    code, output = run_logged([base_python, "-m", "venv", *options, layout.venv], log, environment, keep_open)
+    if code != 0:
+        if "ensurepip" in output and "No space left" not in output:
+            raise DoorError(f"{base_python} cannot make a virtual environment: Debian, Ubuntu: apt install python3-venv; see {log}")
+        raise failure("the environment could not be made", output, log)
+
+
+def venv_works(layout: Layout, environment: Mapping[str, str]) -> bool:
+    """Whether the environment's interpreter and pip run."""
+    try:
+        return ask([layout.python, "-I", "-c", "import pip._internal"], environment).returncode == 0
+    except OSError:
+        return False
+
+
+def forget_half_installed(layout: Layout) -> None:
+    """Remove what a killed pip left, so that pip does not take it for installed."""
+    folder = site_packages(layout)
+    for entry in folder.iterdir() if folder else ():
+        # pip writes INSTALLER after the last file of a package.
+        half = entry.name.endswith(".dist-info") and not (entry / "INSTALLER").exists()
+        if entry.is_dir() and (half or entry.name.startswith("~")):
+            shutil.rmtree(entry)
+
+
+def install(layout: Layout, environment: Mapping[str, str], keep_open: int, steps: Steps) -> None:
+    """Install the lock, leaving alone what is there in the right version.
+
+    Raises:
+        DoorError: names the cause: no network, a wrong hash, a full disk, or the log.
+    """
+    log = layout.notes / "install.log"
+    command = [layout.python, "-m", "pip", "install", "--no-deps", "--require-hashes", "--retries", "1", "--timeout", "20"]
+    command += ["--disable-pip-version-check", "--no-input", "--progress-bar", "off", "--no-warn-script-location"]
+    code, output = run_logged([*command, "-r", layout.requirements], log, environment, keep_open, steps.progress)
+    if code != 0:
+        raise failure("the packages could not be installed", output, log)
+
+
+def failure(what: str, output: str, log: Path) -> DoorError:
+    """The line for a tool that failed, by the causes that users can do something about."""
+    if "No space left on device" in output or "Disk quota exceeded" in output:
+        return DoorError(f"{what}: the disk that holds {log.parent.parent.parent} or {_temporary()} is full: free some space and call again")
+    if "DO NOT MATCH THE HASHES" in output.upper():
+        package = re.search(r"^ {4}(\S+) from ", output, re.MULTILINE)
+        name = package[1] if package else "a package"
+        return DoorError(
+            f"{what}: {name} is not the file that the lock was made with: "
+            f"empty pip's cache (pip cache purge) or ask who runs your package index; see {log}"
+        )
+    if NO_NETWORK.search(output):
+        return DoorError(f"{what}: no connection to the package index: check network and proxy, then call again to go on; see {log}")
+    errors = [line[7:] for line in output.splitlines() if line.startswith("ERROR: ")]
+    if errors and "No matching distribution" in errors[-1]:
+        return DoorError(f"{what}: {errors[-1].lower()} on your package index: check pip's configuration; see {log}")
+    return DoorError(f"{what}: {errors[-1] if errors else 'the tool failed'}; see {log}")
+
+
+def _temporary() -> str:
+    return os.environ.get("TMPDIR", "/tmp")

@@ -1,0 +1,123 @@
+"""Builds the ROS 2 workspace with colcon, and learns what environment it wants."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+from door.errors import DoorError
+from door.layout import Layout
+from door.packages import failure, site_packages
+from door.process import ask, run_logged
+from door.state import State
+from door.steps import Steps
+
+TAIL_LINES = 40
+# Of the built workspace's environment only what differs from the surroundings is kept; these always do.
+SHELL_VARIABLES = ("_", "SHLVL", "PWD", "OLDPWD", "COLCON_CURRENT_PREFIX")
+OURS = ("AMENT_PREFIX_PATH", "CMAKE_PREFIX_PATH", "COLCON_PREFIX_PATH", "PYTHONPATH", "LD_LIBRARY_PATH")
+
+
+def base_environment(layout: Layout, environment: Mapping[str, str]) -> dict[str, str]:
+    """The environment in which the tools of `.venv` run: pinned, whatever the user's shell holds.
+
+    Args:
+        layout: the project.
+        environment: the user's.
+    """
+    dropped = ("PYTHONHOME", "PIP_TARGET", "PIP_PREFIX", "PIP_REQUIRE_VIRTUALENV", "VIRTUAL_ENV", "COLCON_PREFIX_PATH")
+    result = {name: value for name, value in environment.items() if name not in dropped}
+    result |= {
+        "PIP_USER": "0",
+        "PYTHONNOUSERSITE": "1",
+        "VIRTUAL_ENV": str(layout.venv),
+        "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1",
+    }
+    result["PATH"] = _before(layout.venv / "bin", environment.get("PATH", os.defpath))
+    if layout.underlay.is_wheels:
+        packages = site_packages(layout)
+        libraries = [layout.venv / "lib", *sorted(packages.glob("ros_*.libs") if packages else ())]
+        result["LD_LIBRARY_PATH"] = os.pathsep.join(str(path) for path in libraries)
+        result["AMENT_PREFIX_PATH"] = result["CMAKE_PREFIX_PATH"] = str(layout.venv)
+        result.pop("PYTHONPATH", None)
+    else:
+        result["AMENT_PREFIX_PATH"] = os.pathsep.join(layout.underlay.prefixes)
+        for name in ("CMAKE_PREFIX_PATH", "PYTHONPATH", "LD_LIBRARY_PATH"):
+            result[name] = _without(str(layout.root), environment.get(name, ""))
+        result["CMAKE_PREFIX_PATH"] = _before(*layout.underlay.prefixes, result["CMAKE_PREFIX_PATH"])
+    return result
+
+
+def build(layout: Layout, environment: Mapping[str, str], keep_open: int, steps: Steps, packages: list[str]) -> None:
+    """Build packages of the workspace.
+
+    Args:
+        layout: the project.
+        environment: of `base_environment`.
+        keep_open: descriptor of the set-up's lock.
+        steps: where progress is drawn.
+        packages: names; the others have to be built already.
+
+    Raises:
+        DoorError: a package did not build; its output is on stderr.
+    """
+    log = layout.notes / "build.log"
+    command: list[str | Path] = [layout.python, "-m", "colcon", "--log-base", layout.output / "log", "build", "--symlink-install"]
+    command += ["--base-paths", layout.workspace / "src", "--build-base", layout.output / "build"]
+    command += ["--install-base", layout.install, "--event-handlers", "console_direct+", "--cmake-args", "-DBUILD_TESTING=OFF"]
+    command += [f"-DPython3_EXECUTABLE={layout.python}", f"-DPYTHON_EXECUTABLE={layout.python}", "--no-warn-unused-cli"]
+    command += ["--packages-select", *packages]
+    # A package built before gives its environment to those built now.
+    code, output = run_logged(command, log, environment, keep_open, steps.progress, layout.workspace)
+    if code == 0:
+        return
+    failed = [line.split()[2] for line in output.splitlines() if line.startswith("Failed   <<<")]
+    error = failure(f"{' and '.join(failed) or 'the workspace'} did not build", output, log)
+    sys.stderr.write("\n" + "".join(output.splitlines(keepends=True)[-TAIL_LINES:]))
+    raise error
+
+
+def remove_built(layout: Layout, package: str | None = None) -> None:
+    """Remove what was built, of one package or all."""
+    for folder in (layout.output / "build", layout.install):
+        shutil.rmtree(folder / package if package else folder, ignore_errors=True)
+
+
+def learn_environment(layout: Layout, environment: Mapping[str, str]) -> dict[str, str]:
+    """The path variables that the built workspace wants, without what the user's shell adds.
+
+    Raises:
+        DoorError: the built workspace cannot be sourced.
+    """
+    setup = layout.install / "local_setup.bash"
+    clean = {name: value for name, value in environment.items() if name in OURS or name in ("PATH", "HOME", "LANG")}
+    answer = ask(["bash", "--noprofile", "--norc", "-c", '. "$0" && env -0', setup], clean)
+    if answer.returncode != 0:
+        raise DoorError(f"{setup} cannot be sourced: delete {layout.install} and call again")
+    pairs = (entry.partition("=") for entry in answer.stdout.split("\0") if entry)
+    found = {name: value for name, _, value in pairs if name not in (*SHELL_VARIABLES, "HOME", "LANG")}
+    own_path = found.pop("PATH", "").split(os.pathsep)
+    known = environment.get("PATH", "").split(os.pathsep)
+    found["PATH"] = os.pathsep.join([str(layout.venv / "bin"), *(part for part in own_path if part not in known)])
+    return found
+
+
+def run_environment(layout: Layout, state: State, environment: Mapping[str, str]) -> dict[str, str]:
+    """The environment in which the suite runs: the user's, with the workspace's variables in place."""
+    result = base_environment(layout, environment)
+    path = _before(*state.environment.get("PATH", "").split(os.pathsep), environment.get("PATH", os.defpath))
+    return result | state.environment | {"PATH": path}
+
+
+def _before(*parts: str | Path) -> str:
+    """Paths joined, each once, the first place counts."""
+    entries = [entry for part in parts for entry in str(part).split(os.pathsep) if entry]
+    return os.pathsep.join(dict.fromkeys(entries))
+
+
+def _without(root: str, value: str) -> str:
+    """A path variable without the entries inside `root`."""
+    return os.pathsep.join(entry for entry in value.split(os.pathsep) if entry and not entry.startswith(root + os.sep))
