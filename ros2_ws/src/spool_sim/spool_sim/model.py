@@ -1,0 +1,118 @@
+"""A model is a named list of force terms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from .errors import InputError
+from .terms import Parameter, Term, term
+from .validation import Number, one_line, read_mapping
+from .valve import Valve
+
+NEEDED: tuple[str, ...] = ("inertia", "spring")
+
+
+@dataclass(frozen=True)
+class Model:
+    """Force terms that add up to zero, with the values that differ from the terms' start values.
+
+    Attributes:
+        name: as in reports.
+        terms: in the order of the list.
+        values: parameter values by name, in their units.
+    """
+
+    name: str
+    terms: tuple[Term, ...]
+    values: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Parameters of all terms, in their order."""
+        return tuple(parameter for entry in self.terms for parameter in entry.parameters)
+
+    def parameter(self, name: str, where: str = "model") -> Parameter:
+        """Return the parameter called ``name``.
+
+        Raises:
+            InputError: the model has none of that name.
+        """
+        for parameter in self.parameters:
+            if parameter.name == name:
+                return parameter
+        known = ", ".join(parameter.name for parameter in self.parameters)
+        raise InputError(f"{where}: {name}: unknown parameter of model '{self.name}', known are {known}")
+
+    def values_for(self, valve: Valve, overrides: Mapping[str, float] | None = None) -> dict[str, float]:
+        """Return all parameter values: override, else the model's own, else the valve's, else the start.
+
+        Raises:
+            InputError: an override that the model does not have, or a value out of range.
+        """
+        given = {**self.values, **(overrides or {})}
+        for name in given:
+            self.parameter(name)
+        return {
+            parameter.name: parameter.check(
+                float(given.get(parameter.name, parameter.start_for(valve))), f"model '{self.name}'"
+            )
+            for parameter in self.parameters
+        }
+
+
+MODELS: dict[str, Model] = {
+    "fluid": Model("fluid", (term("inertia"), term("spring"), term("viscous_friction"))),
+    "coulomb": Model(
+        "coulomb", (term("inertia"), term("spring"), term("viscous_friction"), term("coulomb_friction"))
+    ),
+}
+
+
+class _ModelFile(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str = Field(min_length=1, max_length=100)
+    terms: tuple[str, ...] = Field(min_length=1)
+    parameters: dict[str, Number] = Field(default_factory=dict)
+
+
+def model_from_mapping(mapping: Mapping[str, Any], where: str = "model") -> Model:
+    """Return the model that ``mapping`` describes: ``name``, ``terms`` and, where wished, ``parameters``.
+
+    Raises:
+        InputError: unknown key, term or parameter, or a value out of range.
+    """
+    try:
+        content = _ModelFile.model_validate(dict(mapping))
+    except ValidationError as error:
+        raise one_line(error, where, tuple(_ModelFile.model_fields)) from None
+    for name in (*NEEDED, *content.terms):
+        if content.terms.count(name) != 1:
+            raise InputError(f"{where}: terms: '{name}' must stand in the list exactly once")
+    try:
+        model = Model(content.name, tuple(term(name) for name in content.terms), content.parameters)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+    for name, value in content.parameters.items():
+        model.parameter(name, where).check(value, where)
+    return model
+
+
+def load_model(name_or_path: str | Path) -> Model:
+    """Return a model by its name, or the one that a YAML file describes.
+
+    Raises:
+        InputError: neither a known model nor a readable file with a valid one.
+    """
+    known = MODELS.get(str(name_or_path))
+    if known is not None:
+        return known
+    path = Path(name_or_path)
+    if not path.exists():
+        raise InputError(f"{path}: no such model; give one of {', '.join(MODELS)} or a YAML file")
+    return model_from_mapping(read_mapping(path, "model"), str(path))

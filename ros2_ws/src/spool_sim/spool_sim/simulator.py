@@ -1,0 +1,244 @@
+"""Two accelerometers on a simulated valve: blocks of samples, as a measuring system would send them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .block import Block, Samples
+from .errors import InputError
+from .excitation import Excitation
+from .model import Model, load_model
+from .motion import MotionState, advance, half_step_times, substeps_needed
+from .sensors import Sensor, SensorChannel
+from .valve import Valve
+
+DRIFTING: tuple[str, ...] = ("viscous_coefficient", "coulomb_force", "spring_stiffness")
+# 2020-01-01T00:00:00Z: a stamp of 0 means "no time" in ROS.
+DEFAULT_START_STAMP = 1_577_836_800_000_000_000
+_INNER_SAMPLES = 4096
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What really holds at one instant (kg, N/m, N s/m, N); ``time`` in s since the start."""
+
+    time: float
+    mass: float
+    spring_stiffness: float
+    viscous_coefficient: float
+    coulomb_force: float
+
+    @property
+    def natural_frequency(self) -> float:
+        """Undamped natural frequency, Hz."""
+        return math.sqrt(self.spring_stiffness / self.mass) / (2.0 * math.pi)
+
+    @property
+    def damping_ratio(self) -> float:
+        """Share of critical damping, from viscous drag alone."""
+        return self.viscous_coefficient / (2.0 * math.sqrt(self.spring_stiffness * self.mass))
+
+
+@dataclass(frozen=True, slots=True)
+class _Ramp:
+    """A value that runs linearly from ``start`` to ``target`` from sample ``first`` on."""
+
+    start: float
+    target: float
+    first: int
+    samples: int
+
+    def at(self, samples: NDArray[np.int64]) -> NDArray[np.float64]:
+        if self.samples == 0:
+            return np.where(samples >= self.first, self.target, self.start)
+        share = np.clip((samples - self.first) / self.samples, 0.0, 1.0)
+        # Written so that share 1 gives the target exactly.
+        return self.start * (1.0 - share) + self.target * share
+
+
+class Simulator:
+    """Source of the blocks of one valve.
+
+    Blocks depend on the arguments alone: same arguments, same numbers, however they are fetched.
+    """
+
+    def __init__(
+        self,
+        valve: Valve,
+        excitation: Excitation,
+        *,
+        model: Model | str = "coulomb",
+        parameters: Mapping[str, float] | None = None,
+        coulomb_force: float | None = None,
+        sample_rate: float = 2000.0,
+        block_size: int = 40,
+        seed: int = 0,
+        start_stamp: int = DEFAULT_START_STAMP,
+        body_sensor: Sensor | None = None,
+        spool_sensor: Sensor | None = None,
+    ) -> None:
+        """Set up the valve at rest.
+
+        Args:
+            valve: gives mass, stiffness and viscous coefficient.
+            excitation: acceleration of the body.
+            model: a :class:`Model`, its name, or the path of its YAML file.
+            parameters: values that replace those of model and valve, by name.
+            coulomb_force: N, short for that entry of ``parameters``.
+            sample_rate: Hz.
+            block_size: samples per block.
+            seed: of the sensor noise.
+            start_stamp: time of the first sample, ns, > 0.
+            body_sensor, spool_sensor: errors of the accelerometers, none by default.
+
+        Raises:
+            InputError: a value is out of range, or the excitation does not fit the sample rate.
+        """
+        if not (math.isfinite(sample_rate) and 1.0 <= sample_rate <= 1e6):
+            raise InputError(f"sample_rate: {sample_rate:g} Hz is out of range, use 1 to 1e6 Hz")
+        if not 1 <= block_size <= 1_000_000:
+            raise InputError(f"block_size: {block_size} is out of range, use 1 to 1000000 samples")
+        if start_stamp <= 0:
+            raise InputError(f"start_stamp: {start_stamp} ns must be > 0")
+        if excitation.highest_frequency >= 0.5 * sample_rate:
+            raise InputError(
+                f"sample_rate: {sample_rate:g} Hz cannot hold an excitation of up to "
+                f"{excitation.highest_frequency:g} Hz, use more than twice that"
+            )
+        self.valve = valve
+        self.excitation = excitation
+        self.model = load_model(model) if isinstance(model, str) else model
+        self.sample_rate = float(sample_rate)
+        self.block_size = block_size
+        overrides = dict(parameters or {})
+        if coulomb_force is not None and (coulomb_force != 0.0 or self._has("coulomb_force")):
+            overrides["coulomb_force"] = coulomb_force
+        values = self.model.values_for(valve, overrides)
+        self._mass = values["mass"]
+        self._ramps = {name: _Ramp(values.get(name, 0.0), values.get(name, 0.0), 0, 0) for name in DRIFTING}
+        self._rate = Fraction(self.sample_rate)
+        self._start_stamp = start_stamp
+        self._state = MotionState()
+        self._sample = 0
+        body_seed, spool_seed = np.random.SeedSequence(seed).spawn(2)
+        self._body_channel = SensorChannel(body_sensor or Sensor(), body_seed)
+        self._spool_channel = SensorChannel(spool_sensor or Sensor(), spool_seed)
+        self._substeps = self._needed(values["viscous_coefficient"], values["spring_stiffness"])
+
+    def _has(self, name: str) -> bool:
+        return any(parameter.name == name for parameter in self.model.parameters)
+
+    def _needed(self, viscous_coefficient: float, spring_stiffness: float) -> int:
+        return substeps_needed(
+            1.0 / self.sample_rate,
+            mass=self._mass,
+            viscous_coefficient=viscous_coefficient,
+            spring_stiffness=spring_stiffness,
+            highest_frequency=self.excitation.highest_frequency,
+        )
+
+    @property
+    def sample_period(self) -> float:
+        """Seconds between samples."""
+        return 1.0 / self.sample_rate
+
+    @property
+    def substeps(self) -> int:
+        """Steps per sample, chosen from the fastest rate of valve and excitation."""
+        return self._substeps
+
+    @property
+    def time(self) -> float:
+        """Time of the next sample, s since the start."""
+        return self._sample / self.sample_rate
+
+    @property
+    def truth(self) -> Truth:
+        """The parameters that hold at the next sample."""
+        now = np.array([self._sample])
+        values = {name: float(ramp.at(now)[0]) for name, ramp in self._ramps.items()}
+        return Truth(time=self.time, mass=self._mass, **values)
+
+    def set_drift(self, quantity: str, target: float, duration: float = 0.0) -> None:
+        """Let a parameter run linearly from its present value to ``target``, from the next sample on.
+
+        Args:
+            quantity: one of ``DRIFTING``.
+            target: N s/m, N or N/m.
+            duration: s; 0 is a step.
+
+        Raises:
+            InputError: unknown quantity, not in the model, or a value out of range.
+        """
+        if quantity not in DRIFTING:
+            raise InputError(f"drift: quantity '{quantity}' is unknown, use one of {', '.join(DRIFTING)}")
+        self.model.parameter(quantity, "drift").check(target, "drift")
+        if not 0.0 <= duration <= 1e9:
+            raise InputError(f"drift: duration {duration:g} s is out of range, use 0 to 1e9 s")
+        now = getattr(self.truth, quantity)
+        # Fewer steps would do after a fall, but not before it is over: the number only rises.
+        ends = {name: ramp.target for name, ramp in self._ramps.items()} | {quantity: target}
+        needed = self._needed(ends["viscous_coefficient"], ends["spring_stiffness"])
+        self._substeps = max(self._substeps, needed)
+        self._ramps[quantity] = _Ramp(now, target, self._sample, round(duration * self.sample_rate))
+
+    def next_block(self) -> Block:
+        """Return the next block."""
+        first = self._sample
+        body, spool = self._read(self.block_size)
+        return self._block(first, body, spool)
+
+    def records(self, seconds: float) -> Iterator[Block]:
+        """Yield the blocks of the next ``seconds`` (whole blocks, rounded up) as fast as possible.
+
+        The blocks are those of :meth:`next_block`, bit for bit; memory does not grow with ``seconds``.
+
+        Raises:
+            InputError: ``seconds`` is not a number > 0.
+        """
+        if not (math.isfinite(seconds) and seconds > 0.0):
+            raise InputError(f"seconds: {seconds:g} must be a number > 0")
+        return self._records(math.ceil(round(seconds * self.sample_rate, 6) / self.block_size))
+
+    def _records(self, blocks: int) -> Iterator[Block]:
+        at_once = max(1, _INNER_SAMPLES // self.block_size)
+        size = self.block_size
+        while blocks > 0:
+            count = min(blocks, at_once)
+            first = self._sample
+            body, spool = self._read(count * size)
+            for number in range(count):
+                part = slice(number * size, (number + 1) * size)
+                yield self._block(first + number * size, body[part], spool[part])
+            blocks -= count
+
+    def _block(self, first: int, body: Samples, spool: Samples) -> Block:
+        offset = round(first * 1_000_000_000 / self._rate)
+        return Block(self._start_stamp + offset, first // self.block_size, self.sample_period, body, spool)
+
+    def _read(self, samples: int) -> tuple[Samples, Samples]:
+        """Return the readings (float32, shape (samples,)) of body and spool, and move on."""
+        forcing = self.excitation.acceleration(
+            half_step_times(self._sample, samples, self.sample_rate, self._substeps)
+        )
+        index = np.arange(self._sample, self._sample + samples)
+        trajectory, self._state = advance(
+            self._state,
+            forcing,
+            sample_period=self.sample_period,
+            substeps=self._substeps,
+            mass=self._mass,
+            viscous_coefficient=self._ramps["viscous_coefficient"].at(index),
+            spring_stiffness=self._ramps["spring_stiffness"].at(index),
+            coulomb_force=self._ramps["coulomb_force"].at(index),
+        )
+        self._sample += samples
+        body = self._body_channel.read(forcing[: -1 : 2 * self._substeps])
+        spool = self._spool_channel.read(trajectory.acceleration)
+        return body.astype(np.float32), spool.astype(np.float32)

@@ -1,0 +1,31 @@
+"""Inertia of the moving mass."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from .base import Array, Parameter, Term
+
+
+class Inertia(Term):
+    """The moving mass times the spool's own acceleration."""
+
+    name = "inertia"
+    parameters = (
+        Parameter("mass", "kg", 1e-4, 1e3, 0.18, "spool + oil + 1/3 of the springs", "moving_mass"),
+    )
+    law = "F = m (z'' + w'')"
+    source = "equation (29), first term"
+    meaning = "the spool with the oil and the part of the springs that move with it"
+
+    def force(
+        self,
+        displacement: Array,  # noqa: ARG002
+        velocity: Array,  # noqa: ARG002
+        acceleration: Array,
+        values: Mapping[str, float],
+    ) -> Array:
+        """Return the force, N, shape (n,)."""
+        return np.asarray(values["mass"] * acceleration)

@@ -1,0 +1,94 @@
+"""A valve's description: the YAML file of the contract and what follows from it."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from .validation import Number, Positive, one_line, read_mapping
+
+OILS: tuple[str, ...] = ("HL68", "Azolla ZS22")
+
+
+class Valve(BaseModel):
+    """A spool with its centring springs, its land and its oil. Frozen; SI units.
+
+    Attributes:
+        id: name of the valve, the ``frame_id`` of its blocks.
+        moving_mass: spool + oil + 1/3 of the springs, kg.
+        spool_mass: spool alone, kg.
+        spring_stiffness: equivalent of both centring springs, N/m.
+        land_diameter, land_length: of the sealing land, m.
+        radial_clearance: gap between spool and bore, m.
+        dynamic_viscosity: Pa s, holds at ``oil_temperature``.
+        oil: name of the viscosity-temperature law, or ``None``.
+        oil_temperature: deg C.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    id: str = Field(pattern=r"^[A-Za-z0-9_.\-]+$", max_length=100)
+    moving_mass: Annotated[Positive, Field(ge=1e-4, le=1e3)]
+    spool_mass: Annotated[Positive, Field(ge=1e-4, le=1e3)]
+    spring_stiffness: Annotated[Positive, Field(ge=1.0, le=1e8)]
+    land_diameter: Annotated[Positive, Field(ge=1e-4, le=1.0)]
+    land_length: Annotated[Positive, Field(ge=1e-4, le=1.0)]
+    radial_clearance: Annotated[Positive, Field(ge=1e-7, le=1e-3)]
+    dynamic_viscosity: Annotated[Positive, Field(ge=1e-5, le=100.0)]
+    oil: str | None = None
+    oil_temperature: Annotated[Number, Field(ge=-60.0, le=250.0)]
+
+    @field_validator("oil")
+    @classmethod
+    def _known_oil(cls, oil: str | None) -> str | None:
+        if oil is not None and oil not in OILS:
+            raise ValueError(f"unknown oil, known are {', '.join(OILS)}")
+        return oil
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Valve:
+        if self.spool_mass > self.moving_mass:
+            raise ValueError("spool_mass is part of moving_mass and cannot be larger")
+        if self.radial_clearance >= 0.5 * self.land_diameter:
+            raise ValueError("radial_clearance is larger than the spool's radius")
+        return self
+
+    @property
+    def viscous_coefficient(self) -> float:
+        """Newton's drag in the annular gap, N s/m: pi d l mu / h (the paper's equations 7 and 12)."""
+        area = math.pi * self.land_diameter * self.land_length
+        return area * self.dynamic_viscosity / self.radial_clearance
+
+    @property
+    def natural_frequency(self) -> float:
+        """Undamped natural frequency, Hz."""
+        return math.sqrt(self.spring_stiffness / self.moving_mass) / (2.0 * math.pi)
+
+    @property
+    def damping_ratio(self) -> float:
+        """Share of critical damping, from viscous drag alone."""
+        return self.viscous_coefficient / (2.0 * math.sqrt(self.spring_stiffness * self.moving_mass))
+
+
+def valve_from_mapping(mapping: dict[str, Any], where: str = "valve") -> Valve:
+    """Return the valve that ``mapping`` describes.
+
+    Raises:
+        InputError: unknown or missing key, value out of range; ``where`` and the key are named.
+    """
+    try:
+        return Valve.model_validate(mapping)
+    except ValidationError as error:
+        raise one_line(error, where, tuple(Valve.model_fields)) from None
+
+
+def load_valve(path: str | Path) -> Valve:
+    """Return the valve that the YAML file describes.
+
+    Raises:
+        InputError: file unreadable, unknown or missing key, value out of range.
+    """
+    return valve_from_mapping(read_mapping(path, "valve"), str(path))
