@@ -10,7 +10,6 @@ import struct
 from dataclasses import dataclass
 
 import numpy as np
-
 from spool_sim.block import Block, Samples
 
 LITTLE_ENDIAN = b"\x00\x01\x00\x00"
@@ -60,6 +59,21 @@ def header_stamp(data: bytes) -> int:
         raise CdrError("message is shorter than a header")
     seconds, nanoseconds, _ = order.head.unpack_from(data, 4)
     return int(seconds) * NANOSECONDS + int(nanoseconds)
+
+
+def block_sequence(data: bytes) -> int:
+    """Return the sequence in the CDR of an AccelerationBlock without decoding its samples.
+
+    Raises:
+        CdrError: the bytes are too short or not plain CDR.
+    """
+    order = _order(data)
+    try:
+        _, _, length = order.head.unpack_from(data, 4)
+        sequence, _, _ = order.counts.unpack_from(data, ((12 + length + 7) & ~7) + 4)
+    except struct.error as error:
+        raise CdrError(f"not an AccelerationBlock: {error}") from error
+    return int(sequence)
 
 
 def decode_block(data: bytes) -> Block:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-
 from spool_sim.block import Block
 from spool_sim.errors import InputError
 
@@ -25,7 +25,7 @@ TEMPERATURE_INTERVAL = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class ImportResult:
-    """What went into the bag; ``lost_blocks`` stand for gaps of the record, ``period`` and ``duration`` in s."""
+    """What went into the bag: ``lost_blocks`` stand for gaps, ``period`` and ``duration`` are in s."""
 
     bag: Path
     valve: str
@@ -49,8 +49,8 @@ def import_csv(
 ) -> ImportResult:
     """Write the CSV record ``path`` as the bag ``out``.
 
-    Stamps are ``start`` (ns since 1970, default 2025-01-01 UTC) plus the column ``time_s``. Accelerations become float32.
-    A gap ends a block and is counted as lost blocks by a jump in ``sequence``.
+    Stamps are ``start`` (ns since 1970, default 2025-01-01 UTC) plus the column ``time_s``. Accelerations
+    become float32. A gap ends a block and is counted as lost blocks by a jump in ``sequence``.
 
     Raises:
         InputError: the record, the valve's name or the target cannot be used.
@@ -70,7 +70,7 @@ def import_csv(
         thermal = writer.add_topic(f"/{valve}/oil_temperature", TEMPERATURE) if oil is not None else 0
         due = -1
         for first, block in blocks_of(record, start, block_duration):
-            if oil is not None and block.stamp >= due:
+            if oil is not None and block.stamp >= due and math.isfinite(oil[first]):
                 item = OilTemperature(block.stamp, float(oil[first]))
                 writer.write(thermal, block.stamp, encode_temperature(item, valve))
                 due = block.stamp + TEMPERATURE_INTERVAL
@@ -102,7 +102,7 @@ def blocks_of(record: CsvRecord, start: int, block_duration: float) -> Iterator[
     spool = record.columns[SPOOL].astype(np.float32)
     sequence = 0
     edges = [0, *record.gaps.tolist(), record.time.size]
-    for begin, end in zip(edges[:-1], edges[1:], strict=True):
+    for begin, end in pairwise(edges):
         if begin > 0:
             missing = float(record.time[begin] - record.time[begin - 1]) - record.period
             sequence += max(round(missing / (size * record.period)), 1)

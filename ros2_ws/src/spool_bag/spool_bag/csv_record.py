@@ -14,7 +14,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 from numpy.typing import NDArray
-
 from spool_sim.errors import InputError
 
 TIME = "time_s"
@@ -43,8 +42,9 @@ Array = NDArray[np.float64]
 class CsvRecord:
     """A record as arrays of shape (n,).
 
-    ``time`` is in s and increases, ``columns`` are by contract name in the unit of that name, ``period`` in s is the
-    sampling period. ``gaps`` holds the index of each first sample after a gap, ``warnings`` one line each.
+    ``time`` is in s and increases, ``columns`` are by contract name in the unit of that name, ``period``
+    in s is the sampling period. ``gaps`` holds the index of each first sample after a gap, ``warnings`` one
+    line each.
     """
 
     time: Array
@@ -76,12 +76,14 @@ def read_csv(
     if missing:
         mapping = f"{REQUIRED[kind][1]}=NAME"
         raise InputError(
-            f"{path}: no column {', '.join(missing)}; it has {', '.join(found)}: map names with --columns {mapping}"
+            f"{path}: no column {', '.join(missing)}; it has {', '.join(found)}: "
+            f"map names with --columns {mapping}"
         )
     arrays: dict[str, Array] = {}
     for name, own in names.items():
         if own in found:
-            arrays[name] = _numbers(path, own, table.column(found.index(own)))
+            column = table.column(found.index(own))
+            arrays[name] = _numbers(path, own, column, holes=name == OIL_TEMPERATURE)
         elif columns and name in columns:
             raise InputError(f"{path}: no column {own}; it has {', '.join(found)}")
     time = arrays.pop(TIME)
@@ -136,9 +138,10 @@ def _first_bad_line(text: bytes, header: list[str]) -> str | None:
     return None
 
 
-def _numbers(path: Path, name: str, column: pa.ChunkedArray) -> Array:
+def _numbers(path: Path, name: str, column: pa.ChunkedArray, *, holes: bool) -> Array:
+    """Return the column as numbers; with ``holes`` empty cells are NaN, else they are an error."""
     values = np.asarray(column.to_numpy(), dtype=np.float64)
-    bad = np.flatnonzero(~np.isfinite(values))
+    bad = np.flatnonzero(np.isinf(values) if holes else ~np.isfinite(values))
     if bad.size:
         raise InputError(
             f"{path}: line {bad[0] + 2}: {name} is empty, NaN or infinite ({bad.size} such cells)"
@@ -179,8 +182,8 @@ def _timing(path: Path, time: Array) -> tuple[float, NDArray[np.int64], list[str
 def sampling_period(steps: Array) -> float:
     """Return the period (s) behind ``steps`` (s) that were printed with few decimals.
 
-    The mean is exact to one digit of print over the whole record; a rate that is whole in Hz, or a period whole in
-    microseconds, within that is what the logger was set to.
+    The mean is exact to one digit of print over the whole record; a rate that is whole in Hz, or a period
+    whole in microseconds, within that is what the logger was set to.
     """
     mean = float(np.mean(steps))
     tolerance = max(2.0 * float(np.ptp(steps)) / steps.size, 1e-7 * mean)

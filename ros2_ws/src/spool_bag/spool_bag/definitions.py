@@ -10,7 +10,6 @@ from pathlib import Path
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
-
 from spool_sim.errors import InputError
 
 ACCELERATION_BLOCK = "spool_msgs/msg/AccelerationBlock"
@@ -21,11 +20,12 @@ SEPARATOR = "=" * 80
 
 @dataclass(frozen=True, slots=True)
 class Definition:
-    """One message type: ``text`` is ros2msg with its dependencies, ``digest`` the RIHS01 hash."""
+    """One message type: ``text`` in ``encoding`` with its dependencies, ``digest`` the RIHS01 hash."""
 
     name: str
     text: str
     digest: str
+    encoding: str = "ros2msg"
 
 
 @functools.cache
@@ -108,10 +108,9 @@ def _own_text(store: Typestore, name: str) -> str:
 def _direct(store: Typestore, name: str) -> list[str]:
     found = []
     for _, (node, detail) in store.fielddefs[name][1]:
-        if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-            node, detail = detail[0]  # type: ignore[assignment, misc, index]
-        if node == Nodetype.NAME:
-            found.append(str(detail))
+        inner = detail[0] if node in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (node, detail)
+        if inner[0] == Nodetype.NAME:
+            found.append(str(inner[1]))
     return found
 
 
@@ -124,3 +123,10 @@ def _dependencies(store: Typestore, name: str) -> list[str]:
             seen.append(other)
             queue.extend(_direct(store, other))
     return seen
+
+
+def starts_with_header(name: str) -> bool:
+    """Return whether the first field of message type ``name`` is a std_msgs/Header."""
+    definition(name)
+    fields = typestore().fielddefs[name][1]
+    return bool(fields) and fields[0][1] == (Nodetype.NAME, "std_msgs/msg/Header")

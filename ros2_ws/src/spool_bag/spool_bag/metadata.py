@@ -13,7 +13,6 @@ from rosbags.interfaces import Qos
 from rosbags.rosbag2.metadata import dump_qos_v9
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
-
 from spool_sim.errors import InputError
 
 FILE_NAME = "metadata.yaml"
@@ -45,7 +44,7 @@ class BagMetadata:
 def _yaml() -> YAML:
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = False
-    yaml.sort_base_mapping_type_on_output = False
+    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
     yaml.width = 4096
     return yaml
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,13 +10,12 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.base import TypesysError
 from rosbags.typesys.store import Typestore
-
 from spool_sim.block import Block
 from spool_sim.errors import InputError
 
 from .cdr import CdrError, OilTemperature, decode_block, decode_temperature
-from .definitions import ACCELERATION_BLOCK, TEMPERATURE
-from .mcap_file import McapFile, Record, Topic
+from .definitions import ACCELERATION_BLOCK
+from .mcap_file import Damage, McapFile, Record, Topic
 from .metadata import storage_files
 
 WINDOW = 5_000_000_000
@@ -31,34 +29,27 @@ class TopicInformation(NamedTuple):
     messages: int
 
 
-@dataclass(frozen=True, slots=True)
-class RawMessage:
-    """A message as recorded; times in ns."""
-
-    topic: str
-    type: str
-    log_time: int
-    publish_time: int
-    data: bytes
-
-
 class BagReader:
     """A rosbag2 directory or an ``.mcap`` file.
 
-    Everything is read in passes over the file; of the messages at most ``WINDOW`` (5 s of stamps, or
-    ``LONGEST_QUEUE`` messages) is held, within which they are put in order of (header.stamp, sequence). A stamp that goes
-    back further is a new start of time and is passed on where it stands.
+    Everything is read in passes over the file; of the messages at most two
+    ``WINDOW`` (10 s of stamps, and never more than ``LONGEST_QUEUE`` messages) are held, so that messages up
+    to 5 s late are put in order of (header.stamp, sequence). A stamp that goes back further is a new start of
+    time and is passed on where it stands.
 
     Attributes:
         warnings: what is missing or not as it should be, one line each.
         closed: the recording was finished properly.
+        damages: with ``skip_damage`` what was stepped over so far, else empty: damage is an error then.
 
     Raises:
         InputError: there is no bag at ``path``, or (from any method) it is damaged.
     """
 
-    def __init__(self, path: Path | str) -> None:
+    def __init__(self, path: Path | str, *, skip_damage: bool = False) -> None:
         self.path = Path(path)
+        self.damages: list[Damage] = []
+        self._skip = skip_damage
         self.warnings: list[str] = []
         if self.path.is_dir():
             paths, self.warnings = storage_files(self.path)
@@ -106,26 +97,23 @@ class BagReader:
             yield item
 
     def temperatures(self, valve: str) -> Iterator[tuple[int, float]]:
-        """Yield (stamp in ns, deg C) of the oil of ``valve`` in order of stamps; nothing where none is recorded."""
+        """Yield (stamp in ns, deg C) of the oil of ``valve`` by stamp; nothing where none is recorded."""
         for item in self._ordered({f"/{valve}/oil_temperature": _temperature}):
             assert isinstance(item, OilTemperature)
             yield item.stamp, item.celsius
 
     def stream(self, valve: str) -> Iterator[Block | OilTemperature]:
-        """Yield blocks and oil temperatures of ``valve`` in order of stamps, a temperature before a block of its stamp."""
+        """Yield blocks and oil temperatures of ``valve`` by stamp, at equal stamps the temperature first."""
         self._require(valve)
         yield from self._ordered(
             {f"/{valve}/acceleration": _block, f"/{valve}/oil_temperature": _temperature}
         )
 
-    def raw(self, topic: str | None = None) -> Iterator[RawMessage]:
+    def records(self, topic: str | None = None) -> Iterator[tuple[Topic, Record]]:
         """Yield the messages of ``topic`` (all topics without it) as recorded, in the order of recording."""
         for file in self.files:
-            for record in file.records(lambda candidate: topic is None or candidate.name == topic):
-                described = file.topics[record.channel]
-                yield RawMessage(
-                    described.name, described.type, record.log_time, record.publish_time, record.data
-                )
+            for record in self._records(file, lambda candidate: topic is None or candidate.name == topic):
+                yield file.topics[record.channel], record
 
     def messages(self, topic: str) -> Iterator[Any]:
         """Yield the messages of ``topic`` decoded by the definition that the bag carries.
@@ -135,15 +123,21 @@ class BagReader:
         """
         if topic not in self.topics:
             raise InputError(f"{self.path}: no topic {topic}: it has {', '.join(self.topics) or 'none'}")
-        for file in self.files:
-            for record in file.records(lambda candidate: candidate.name == topic):
-                described = file.topics[record.channel]
-                try:
-                    yield self._store(described).deserialize_cdr(record.data, described.type)
-                except (SerdeError, TypesysError) as error:
-                    raise InputError(
-                        f"{file.path}: message of {topic} logged at {record.log_time} ns: {error}"
-                    ) from error
+        for described, record in self.records(topic):
+            try:
+                yield self._store(described).deserialize_cdr(record.data, described.type)
+            except (SerdeError, TypesysError) as error:
+                raise InputError(
+                    f"{self.path}: message of {topic} logged at {record.log_time} ns: {error}"
+                ) from error
+
+    def decodable(self, topic: Topic, data: bytes) -> bool:
+        """Return whether ``data`` fits the definition that the bag carries for ``topic``."""
+        try:
+            self._store(topic).deserialize_cdr(data, topic.type)
+        except (SerdeError, TypesysError, InputError):
+            return False
+        return True
 
     def _require(self, valve: str) -> None:
         if f"/{valve}/acceleration" not in self.topics:
@@ -155,7 +149,7 @@ class BagReader:
         queue: list[_Keyed] = []
         lowest = highest = 0
         for file in self.files:
-            for record in file.records(lambda topic: topic.name in decoders):
+            for record in self._records(file, lambda topic: topic.name in decoders):
                 topic = file.topics[record.channel]
                 keyed = self._decode(file, topic, record, decoders[topic.name])
                 stamp = keyed[0]
@@ -189,9 +183,16 @@ class BagReader:
 
     def _count(self, file: McapFile) -> dict[int, int]:
         counts: dict[int, int] = {}
-        for record in file.records(lambda _: True):
+        for record in self._records(file, lambda _: True):
             counts[record.channel] = counts.get(record.channel, 0) + 1
         return counts
+
+    def _records(self, file: McapFile, wanted: Callable[[Topic], bool]) -> Iterator[Record]:
+        return file.records(wanted, self._note if self._skip else None)
+
+    def _note(self, damage: Damage) -> None:
+        if damage not in self.damages:
+            self.damages.append(damage)
 
     def _store(self, topic: Topic) -> Typestore:
         store = self._stores.get(topic.type)

@@ -11,10 +11,9 @@ from types import TracebackType
 
 from mcap.writer import CompressionType, Writer
 from rosbags.interfaces import Qos
-
 from spool_sim.errors import InputError
 
-from .definitions import definition
+from .definitions import Definition, definition
 from .metadata import BagMetadata, TopicCount, qos_text, write_metadata
 
 CHUNK_SIZE = 1 << 20
@@ -103,8 +102,12 @@ class BagWriter:
         self._good = self._output.tell()
         self._flushed = time.monotonic()
 
-    def add_topic(self, topic: str, type_name: str, qos: Sequence[Qos] = ()) -> int:
+    def add_topic(
+        self, topic: str, type_name: str, qos: Sequence[Qos] = (), described: Definition | None = None
+    ) -> int:
         """Return the channel number of ``topic``; asking again for the same topic returns the same number.
+
+        ``described`` stands in for the installed definition, e.g. the one of a bag that is copied.
 
         Raises:
             InputError: the topic was added with another type, or the type is unknown.
@@ -114,10 +117,10 @@ class BagWriter:
             if known.topic.type != type_name:
                 raise InputError(f"{topic} is already recorded as {known.topic.type}, not {type_name}")
             return known.number
-        described = definition(type_name)
+        described = described or definition(type_name)
         if type_name not in self._schemas:
             self._schemas[type_name] = self._writer.register_schema(
-                type_name, "ros2msg", described.text.encode()
+                type_name, described.encoding, described.text.encode()
             )
         number = self._writer.register_channel(
             topic,
@@ -182,14 +185,14 @@ class BagWriter:
         self.close()
 
     def _flush(self) -> None:
-        self._writer.flush()
+        self._writer.flush()  # type: ignore[no-untyped-call]
         self._output.sync()
         self._good = self._output.tell()
         self._flushed = time.monotonic()
 
     def _finish(self) -> None:
         self._flush()
-        self._writer.finish()
+        self._writer.finish()  # type: ignore[no-untyped-call]
         self._output.sync()
         self._write_metadata()
 

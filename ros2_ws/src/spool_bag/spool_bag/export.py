@@ -1,0 +1,162 @@
+"""Turn a bag into a table for other tools."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pa_csv
+import pyarrow.parquet as pa_parquet
+from spool_sim.block import Block
+from spool_sim.block_gate import BlockGate, Verdict
+from spool_sim.errors import InputError
+
+from .csv_record import BODY, OIL_TEMPERATURE, SPOOL, TIME
+from .reader import BagReader
+
+VALVE = "valve"
+BATCH_ROWS = 1 << 16
+
+
+@dataclass(frozen=True, slots=True)
+class ExportResult:
+    """What went into ``file``; ``refused_blocks`` are malformed and left out."""
+
+    file: Path
+    valves: tuple[str, ...]
+    rows: int
+    refused_blocks: int
+
+
+def export_bag(
+    bag: Path | str,
+    out: Path | str,
+    *,
+    valves: Sequence[str] | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> ExportResult:
+    """Write the samples of ``bag`` to ``out`` (.parquet, .csv or .csv.gz), one row per sample.
+
+    Columns are the contract's: ``time_s`` from the bag's first stamp, float32 accelerations, the oil
+    temperature where it is recorded (the last one known, empty before the first), and ``valve`` where there
+    are several; their rows follow one another. ``progress`` is told the number of rows of each batch.
+
+    Raises:
+        InputError: the bag, a valve or the target's name cannot be used.
+    """
+    out = Path(out)
+    reader = BagReader(bag)
+    chosen = tuple(valves or reader.valves)
+    if not chosen:
+        raise InputError(f"{bag}: no acceleration topic in it, so there is nothing to export")
+    if out.exists():
+        raise InputError(f"{out} exists already: name a file that does not, or remove it")
+    starts = [start for start in (_first_stamp(reader, valve) for valve in chosen) if start is not None]
+    if not starts:
+        raise InputError(f"{bag}: no usable block in it, so there is nothing to export")
+    thermal = any(f"/{valve}/oil_temperature" in reader.topics for valve in chosen)
+    schema = _schema(several=len(chosen) > 1, thermal=thermal)
+    part = out.with_name(out.name + ".part")
+    rows = 0
+    gates = {valve: BlockGate() for valve in chosen}
+    try:
+        with _writer(out, part, schema) as writer:
+            for valve in chosen:
+                for batch in _batches(reader, valve, min(starts), schema, gates[valve]):
+                    writer.write_batch(batch)
+                    rows += batch.num_rows
+                    if progress is not None:
+                        progress(batch.num_rows)
+        part.replace(out)
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written: {error.strerror or error}") from error
+    finally:
+        part.unlink(missing_ok=True)
+    return ExportResult(out, chosen, rows, sum(gate.refused for gate in gates.values()))
+
+
+def _schema(*, several: bool, thermal: bool) -> pa.Schema:
+    fields = [(TIME, pa.float64()), (BODY, pa.float32()), (SPOOL, pa.float32())]
+    if thermal:
+        fields.append((OIL_TEMPERATURE, pa.float64()))
+    return pa.schema([(VALVE, pa.string()), *fields] if several else fields)
+
+
+def _writer(out: Path, part: Path, schema: pa.Schema) -> AbstractContextManager[Any]:
+    kind = "".join(out.suffixes[-2:]) if out.suffix == ".gz" else out.suffix
+    if kind not in (".parquet", ".csv", ".csv.gz"):
+        raise InputError(f"{out}: ends in {out.suffix or 'nothing'}: give a .parquet, .csv or .csv.gz file")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    if kind == ".parquet":
+        return pa_parquet.ParquetWriter(part, schema, compression="zstd")  # type: ignore[no-any-return]
+    options = pa_csv.WriteOptions(quoting_style="none")
+    sink = pa.output_stream(str(part), compression="gzip" if kind == ".csv.gz" else None)
+    return _CsvSink(sink, schema, options)
+
+
+class _CsvSink:
+    """A CSV writer that closes its stream, too."""
+
+    def __init__(self, sink: Any, schema: pa.Schema, options: pa_csv.WriteOptions) -> None:
+        self._sink = sink
+        self._writer = pa_csv.CSVWriter(sink, schema, write_options=options)
+
+    def __enter__(self) -> Any:
+        return self._writer
+
+    def __exit__(self, *_: object) -> None:
+        self._writer.close()
+        self._sink.close()
+
+
+def _first_stamp(reader: BagReader, valve: str) -> int | None:
+    gate = BlockGate()
+    return next(
+        (block.stamp for block in reader.blocks(valve) if gate.judge(block) is not Verdict.REFUSED), None
+    )
+
+
+def _batches(
+    reader: BagReader, valve: str, start: int, schema: pa.Schema, gate: BlockGate
+) -> Iterator[pa.RecordBatch]:
+    blocks: list[Block] = []
+    temperatures: list[float] = []
+    celsius, rows = float("nan"), 0
+    for item in reader.stream(valve):
+        if not isinstance(item, Block):
+            celsius = item.celsius
+        elif gate.judge(item) is not Verdict.REFUSED:
+            blocks.append(item)
+            temperatures.append(celsius)
+            rows += item.body.size
+            if rows >= BATCH_ROWS:
+                yield _batch(valve, start, schema, blocks, temperatures)
+                blocks, temperatures, rows = [], [], 0
+    if blocks:
+        yield _batch(valve, start, schema, blocks, temperatures)
+
+
+def _batch(
+    valve: str, start: int, schema: pa.Schema, blocks: list[Block], temperatures: list[float]
+) -> pa.RecordBatch:
+    # Whole nanoseconds divided once: the printed time is the shortest that names the stamp.
+    stamps = [
+        block.stamp - start + np.rint(np.arange(block.body.size) * (block.sample_period * 1e9))
+        for block in blocks
+    ]
+    columns = {
+        TIME: pa.array(np.concatenate(stamps) / 1e9),
+        BODY: pa.array(np.concatenate([block.body for block in blocks])),
+        SPOOL: pa.array(np.concatenate([block.spool for block in blocks])),
+    }
+    sizes = [block.body.size for block in blocks]
+    if VALVE in schema.names:
+        columns[VALVE] = pa.array([valve] * sum(sizes))
+    if OIL_TEMPERATURE in schema.names:
+        columns[OIL_TEMPERATURE] = pa.array(np.repeat(temperatures, sizes), from_pandas=True)
+    return pa.record_batch([columns[name] for name in schema.names], schema=schema)

@@ -1,0 +1,103 @@
+"""What a recorder keeps: which topics belong to the valves, and what it saw getting lost."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from pathlib import Path
+
+from spool_sim.errors import InputError
+
+from .cdr import CdrError, block_sequence
+from .definitions import ACCELERATION_BLOCK, TEMPERATURE
+
+DIAGNOSTICS = "/diagnostics"
+TOPICS = {
+    "acceleration": ACCELERATION_BLOCK,
+    "estimate": "spool_msgs/msg/ModelEstimate",
+    "health": "spool_msgs/msg/ValveHealth",
+    "events": "spool_msgs/msg/HealthEvent",
+    "oil_temperature": TEMPERATURE,
+}
+#: What makes a namespace a valve; an oil temperature alone may be anybody's.
+MARKS = ("acceleration", "estimate", "health", "events")
+
+
+def valve_namespaces(graph: Mapping[str, Sequence[str]]) -> list[str]:
+    """Return the namespaces (``/valve_1``) in which a topic of ours with our type lives.
+
+    ``graph`` holds the types by topic, as ROS 2 tells them.
+    """
+    found = set()
+    for topic, types in graph.items():
+        namespace, _, name = topic.rpartition("/")
+        if name in MARKS and TOPICS[name] in types:
+            found.add(namespace)
+    return sorted(found)
+
+
+def select_topics(graph: Mapping[str, Sequence[str]], valves: Sequence[str] = ()) -> dict[str, str]:
+    """Return the type by topic of everything to be recorded.
+
+    That is every visible topic in the namespaces of the valves (``valves`` without leading slash, or those
+    found where it is empty) and ``/diagnostics``. The topics of named valves belong to it before anybody
+    publishes on them, so that not one block is missed. A topic with several types is left out.
+    """
+    namespaces = [f"/{valve.strip('/')}" for valve in valves] or valve_namespaces(graph)
+    chosen = {
+        f"{namespace}/{name}": kind for namespace in namespaces for name, kind in TOPICS.items() if valves
+    }
+    for topic, types in graph.items():
+        hidden = any(part.startswith("_") for part in topic.split("/"))
+        if hidden or len(types) != 1:
+            continue
+        inside = any(
+            topic.startswith(f"{namespace}/") if namespace else topic.count("/") == 1
+            for namespace in namespaces
+        )
+        named = topic.rpartition("/")[2] in TOPICS
+        if topic == DIAGNOSTICS or (inside and (named or any(namespaces))):
+            chosen[topic] = types[0]
+    return dict(sorted(chosen.items()))
+
+
+@dataclass(slots=True)
+class LossCount:
+    """Count the blocks that never arrived, by topic, from jumps in ``sequence``."""
+
+    lost: dict[str, int] = field(default_factory=dict)
+    _last: dict[str, int] = field(default_factory=dict)
+
+    def see(self, topic: str, data: bytes) -> None:
+        """Take note of the CDR of a block; bytes that are none are left to the reader to judge."""
+        try:
+            sequence = block_sequence(data)
+        except CdrError:
+            return
+        last = self._last.get(topic)
+        jump = sequence - last - 1 if last is not None else 0
+        self.lost[topic] = self.lost.get(topic, 0) + max(jump, 0)
+        self._last[topic] = sequence
+
+
+def new_bag(output: str, now: datetime | None = None, activation: int = 0) -> Path:
+    """Return where to record: ``output``, or ``recording_<UTC time>`` in the working directory.
+
+    From the second ``activation`` (1) on a number is put behind ``output``.
+
+    Raises:
+        InputError: the place is taken.
+    """
+    moment = now or datetime.now(timezone.utc)
+    name = output or f"recording_{moment:%Y%m%dT%H%M%S}Z"
+    path = Path(name if activation == 0 else f"{name.rstrip('/')}_{activation}").expanduser()
+    if path.exists():
+        raise InputError(f"output: {path} exists already: name a bag that does not, or remove it")
+    return path
+
+
+def free_space(path: Path) -> int:
+    """Return the free bytes on the file system of ``path``."""
+    return shutil.disk_usage(path).free

@@ -1,0 +1,264 @@
+"""Managed node ``recorder``: every topic of the valves, as received, into a bag."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from spool_node.diagnostics import DiagnosticPublisher, Level, Status
+from spool_node.managed_node import ManagedNode
+from spool_node.parameters import Parameter
+from spool_node.running import run
+from spool_sim.errors import InputError
+
+from .cdr import CdrError, header_stamp
+from .definitions import ACCELERATION_BLOCK, starts_with_header
+from .names import check_valve
+from .recorder import LossCount, free_space, new_bag, select_topics
+from .writer import BagWriter, RecordingError
+
+DISCOVERY_PERIOD = 0.5
+FLUSH_PERIOD = 0.2
+FLUSH_INTERVAL = 0.7
+DIAGNOSTICS_PERIOD = 1.0
+UNLIMITED = QosTime(9223372036, 854775807)
+
+
+class RecorderNode(ManagedNode):
+    """Record while active; each activation makes a new bag."""
+
+    PARAMETERS: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            "output",
+            "",
+            "Bag to be made, a path; empty: recording_<UTC time> in the working directory. "
+            "A second activation puts _1 behind it, and so on.",
+            read_only=True,
+        ),
+        Parameter(
+            "valves",
+            [""],
+            "Namespaces to record, e.g. [valve_1, valve_2]; empty: every namespace that has an acceleration, "
+            "estimate, health or events topic of spool_msgs.",
+            read_only=True,
+        ),
+        Parameter(
+            "depth",
+            1000,
+            "Messages per topic that may wait for the disk; 1000 are 20 s at 50 blocks/s.",
+            minimum=10,
+            maximum=100000,
+            read_only=True,
+        ),
+        Parameter(
+            "minimum_free_space",
+            200_000_000,
+            "Recording ends cleanly when the disk has less than this left; below twice as much it warns.",
+            unit="B",
+            minimum=0,
+        ),
+    )
+
+    def __init__(self) -> None:
+        super().__init__("recorder")
+        self._writer: BagWriter | None = None
+        self._diagnostics: DiagnosticPublisher | None = None
+        self._subscriptions_by_topic: dict[str, tuple[Any, QoSProfile]] = {}
+        self._left_out: set[str] = set()
+        self._losses = LossCount()
+        self._activations = 0
+        self._ended = ""
+
+    def configure(self) -> None:
+        """Check the parameters before anything is made."""
+        for valve in self._valves():
+            check_valve(valve)
+        new_bag(self.value("output"), activation=self._activations)
+        self._diagnostics = DiagnosticPublisher(self, "recorder")
+
+    def activate(self) -> None:
+        """Make the bag and start to listen."""
+        path = new_bag(self.value("output"), activation=self._activations)
+        self._writer = BagWriter(path, flush_interval=FLUSH_INTERVAL)
+        self._activations += 1
+        self._losses, self._ended = LossCount(), ""
+        self._left_out.clear()
+        self.get_logger().info(f"recording to {path}")
+        self._discover()
+        self.every(DISCOVERY_PERIOD, self._discover, steady=True)
+        self.every(FLUSH_PERIOD, self._flush, steady=True)
+        self.every(DIAGNOSTICS_PERIOD, self._report, steady=True)
+
+    def deactivate(self) -> None:
+        """Finish the bag."""
+        self._subscriptions_by_topic.clear()
+        self._finish("")
+
+    def cleanup(self) -> None:
+        """Take the publisher away."""
+        if self._diagnostics is not None:
+            self._diagnostics.destroy()
+            self._diagnostics = None
+
+    def _valves(self) -> list[str]:
+        return [valve.strip("/") for valve in self.value("valves") if valve.strip("/")]
+
+    def _discover(self) -> None:
+        """Subscribe to what belongs to the valves and is not yet recorded, and where an offer got weaker."""
+        if self._writer is None:
+            return
+        graph = dict(self.get_topic_names_and_types())
+        for topic, kind in select_topics(graph, self._valves()).items():
+            if topic in self._left_out:
+                continue
+            offered = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
+            known = self._subscriptions_by_topic.get(topic)
+            if known is not None and _compatible(known[1], offered):
+                continue
+            if known is not None:
+                self.destroy_subscription(known[0])
+            try:
+                self._record(topic, kind, offered)
+            except InputError as error:
+                self._left_out.add(topic)
+                self.get_logger().warning(f"{topic} is not recorded: {error}")
+
+    def _record(self, topic: str, kind: str, offered: Sequence[QoSProfile]) -> None:
+        writer = self._writer
+        if writer is None:
+            return
+        message_type = _message_type(kind)
+        stamped = starts_with_header(kind)
+        channel = writer.add_topic(topic, kind, [_recorded(profile) for profile in offered])
+        wanted = _wanted(offered, self.value("depth"))
+        counted = kind == ACCELERATION_BLOCK
+
+        def keep(data: bytes) -> None:
+            self._keep(channel, topic, data, stamped=stamped, counted=counted)
+
+        subscription = self.subscribe(message_type, topic, keep, wanted, raw=True)
+        self._subscriptions_by_topic[topic] = (subscription, wanted)
+
+    def _keep(self, channel: int, topic: str, data: bytes, *, stamped: bool, counted: bool) -> None:
+        if self._writer is None:
+            return
+        received = self.get_clock().now().nanoseconds
+        published = received
+        if stamped:
+            try:
+                published = max(header_stamp(data), 0)
+            except CdrError:
+                published = received
+        self._try(lambda writer: writer.write(channel, received, data, published))
+        if counted:
+            self._losses.see(topic, data)
+
+    def _flush(self) -> None:
+        self._try(BagWriter.flush_if_due)
+
+    def _try(self, action: Callable[[BagWriter], None]) -> None:
+        if self._writer is None:
+            return
+        try:
+            action(self._writer)
+        except RecordingError as error:
+            self._writer = None
+            self._ended = str(error)
+            self.get_logger().error(f"recording ended: {error}")
+            self._report()
+
+    def _finish(self, reason: str) -> None:
+        writer = self._writer
+        if writer is None:
+            return
+        self._try(BagWriter.close)
+        self._writer = None
+        if not self._ended:
+            self._ended = reason
+            self.get_logger().info(f"closed {writer.path}: {writer.messages} messages")
+
+    def _report(self) -> None:
+        """Publish the state; end the recording while there is still room to end it well."""
+        values: dict[str, object] = {}
+        level, text = Level.ERROR, self._ended or "not recording"
+        if self._writer is not None:
+            free = free_space(self._writer.path)
+            least = self.value("minimum_free_space")
+            values["free space [MB]"] = free / 1e6
+            level, text = Level.OK, f"recording to {self._writer.path}"
+            if free < least:
+                level = Level.ERROR
+                text = f"recording ended: only {free / 1e6:.0f} MB are free (minimum_free_space)"
+            elif free < 2 * least:
+                level, text = Level.WARNING, f"only {free / 1e6:.0f} MB are free"
+            elif any(self._losses.lost.values()):
+                level, text = Level.WARNING, "blocks were lost on the way"
+            values["messages [1]"] = self._writer.messages
+            values["recorded [B]"] = self._writer.bytes
+            if free < least:
+                self._finish(text)
+                self.get_logger().error(text)
+        for topic, lost in self._losses.lost.items():
+            values[f"lost blocks {topic.rpartition('/')[0]} [1]"] = lost
+        if self._diagnostics is not None:
+            self._diagnostics.publish(Status("recording", level, text, values))
+
+
+def _message_type(kind: str) -> Any:
+    package, _, name = kind.split("/")
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError) as error:
+        raise InputError(f"type {kind} is not installed") from error
+
+
+def _wanted(offered: Sequence[QoSProfile], depth: int) -> QoSProfile:
+    """Return the strongest quality of service that every publisher offers."""
+    reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in offered)
+    latched = bool(offered) and all(
+        profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in offered
+    )
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def _compatible(wanted: QoSProfile, offered: Sequence[QoSProfile]) -> bool:
+    strict = wanted.reliability == ReliabilityPolicy.RELIABLE
+    latched = wanted.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    return all(
+        (not strict or profile.reliability == ReliabilityPolicy.RELIABLE)
+        and (not latched or profile.durability == DurabilityPolicy.TRANSIENT_LOCAL)
+        for profile in offered
+    )
+
+
+def _recorded(profile: QoSProfile) -> Qos:
+    """Return what the bag says of an offered profile; times are left unlimited, as ROS 2 does by default."""
+    return Qos(
+        history=QosHistory[profile.history.name],
+        depth=profile.depth,
+        reliability=QosReliability[profile.reliability.name],
+        durability=QosDurability[profile.durability.name],
+        deadline=UNLIMITED,
+        lifespan=UNLIMITED,
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=UNLIMITED,
+        avoid_ros_namespace_conventions=False,
+    )
+
+
+def main() -> None:
+    """Run the node as a process."""
+    sys.exit(run(RecorderNode))
+
+
+if __name__ == "__main__":
+    main()
