@@ -14,7 +14,9 @@ NOT_BUILT = ("test", "build", "__pycache__")
 
 def package_fingerprints(source: Path) -> dict[str, str]:
     """A fingerprint of every package beneath `source`, by package folder name."""
-    return {path.name: _fingerprint(path) for path in sorted(source.iterdir()) if (path / "package.xml").is_file()}
+    return {
+        path.name: _fingerprint(path) for path in sorted(source.iterdir()) if (path / "package.xml").is_file()
+    }
 
 
 def cmake_dependents(source: Path, changed: set[str]) -> set[str]:

@@ -62,7 +62,9 @@ def inspect(executable: str | Path, environment: Mapping[str, str]) -> Interpret
         DoorError: it does not run.
     """
     try:
-        answer = ask([executable, "-I", "-c", QUESTION], {**environment, "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"})
+        answer = ask(
+            [executable, "-I", "-c", QUESTION], {**environment, "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"}
+        )
         data = json.loads(answer.stdout)
     except (OSError, ValueError) as error:
         raise DoorError(f"{executable} does not run: name a Python 3.10 to 3.13 in SPOOL_PYTHON") from error
@@ -81,7 +83,10 @@ def missing_tools(path: str | None) -> list[str]:
     compilers = [os.environ.get("CXX", "").split(" ")[0], "c++", "g++", "clang++"]
     if not any(name and shutil.which(name, path=path) for name in compilers):
         missing.append("a C++ compiler")
-    if not any(name and shutil.which(name, path=path) for name in [os.environ.get("CC", "").split(" ")[0], "cc", "gcc", "clang"]):
+    if not any(
+        name and shutil.which(name, path=path)
+        for name in [os.environ.get("CC", "").split(" ")[0], "cc", "gcc", "clang"]
+    ):
         missing.append("a C compiler")
     if not shutil.which("make", path=path):
         missing.append("make")
@@ -95,7 +100,9 @@ def require_tools(python: Interpreter, wheels: bool, path: str | None) -> None:
         DoorError: names what is missing and how to get it.
     """
     if not (3, 10) <= python.version[:2] <= (3, 13):
-        raise DoorError(f"Python {python.series} at {python.executable} is not 3.10 to 3.13: name another in SPOOL_PYTHON")
+        raise DoorError(
+            f"Python {python.series} at {python.executable} is not 3.10 to 3.13: name another in SPOOL_PYTHON"
+        )
     if wheels and python.platform != WHEELS_PLATFORM:
         raise DoorError(
             f"there are ROS 2 wheels for Linux x86-64 only, this is {python.platform}: "

@@ -111,7 +111,9 @@ def _hand_over(layout: Layout, done: state.State, environment: dict[str, str], a
 def _warn_localhost_only(environment: dict[str, str]) -> None:
     """Tell of the variable that newer releases of ROS 2 ignore."""
     if environment.get("ROS_LOCALHOST_ONLY", "0") not in ("", "0"):
-        say("ROS_LOCALHOST_ONLY is deprecated and ignored by newer ROS 2: use ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST")
+        say(
+            "ROS_LOCALHOST_ONLY is deprecated and ignored by newer ROS 2: use ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
+        )
 
 
 def _as_interrupt(_signal: int, _frame: FrameType | None) -> None:

@@ -71,7 +71,9 @@ def make_venv(layout: Layout, base_python: str, environment: Mapping[str, str], 
     code, output = run_logged([base_python, "-m", "venv", *options, layout.venv], log, environment, keep_open)
     if code != 0:
         if "ensurepip" in output and "No space left" not in output:
-            raise DoorError(f"{base_python} cannot make a virtual environment: Debian, Ubuntu: apt install python3-venv; see {log}")
+            raise DoorError(
+                f"{base_python} cannot make a virtual environment: Debian, Ubuntu: apt install python3-venv; see {log}"
+            )
         raise failure("the environment could not be made", output, log)
 
 
@@ -100,9 +102,28 @@ def install(layout: Layout, environment: Mapping[str, str], keep_open: int, step
         DoorError: names the cause: no network, a wrong hash, a full disk, or the log.
     """
     log = layout.notes / "install.log"
-    command = [layout.python, "-m", "pip", "install", "--no-deps", "--require-hashes", "--retries", "1", "--timeout", "20"]
-    command += ["--disable-pip-version-check", "--no-input", "--progress-bar", "off", "--no-warn-script-location"]
-    code, output = run_logged([*command, "-r", layout.requirements], log, environment, keep_open, steps.progress)
+    command = [
+        layout.python,
+        "-m",
+        "pip",
+        "install",
+        "--no-deps",
+        "--require-hashes",
+        "--retries",
+        "1",
+        "--timeout",
+        "20",
+    ]
+    command += [
+        "--disable-pip-version-check",
+        "--no-input",
+        "--progress-bar",
+        "off",
+        "--no-warn-script-location",
+    ]
+    code, output = run_logged(
+        [*command, "-r", layout.requirements], log, environment, keep_open, steps.progress
+    )
     if code != 0:
         raise failure("the packages could not be installed", output, log)
 
@@ -110,7 +131,9 @@ def install(layout: Layout, environment: Mapping[str, str], keep_open: int, step
 def failure(what: str, output: str, log: Path) -> DoorError:
     """The line for a tool that failed, by the causes that users can do something about."""
     if "No space left on device" in output or "Disk quota exceeded" in output:
-        return DoorError(f"{what}: the disk that holds {log.parent.parent.parent} or {_temporary()} is full: free some space and call again")
+        return DoorError(
+            f"{what}: the disk that holds {log.parent.parent.parent} or {_temporary()} is full: free some space and call again"
+        )
     if "DO NOT MATCH THE HASHES" in output.upper():
         package = re.search(r"^ {4}(\S+) from ", output, re.MULTILINE)
         name = package[1] if package else "a package"
@@ -119,10 +142,14 @@ def failure(what: str, output: str, log: Path) -> DoorError:
             f"empty pip's cache (pip cache purge) or ask who runs your package index; see {log}"
         )
     if NO_NETWORK.search(output):
-        return DoorError(f"{what}: no connection to the package index: check network and proxy, then call again to go on; see {log}")
+        return DoorError(
+            f"{what}: no connection to the package index: check network and proxy, then call again to go on; see {log}"
+        )
     errors = [line[7:] for line in output.splitlines() if line.startswith("ERROR: ")]
     if errors and "No matching distribution" in errors[-1]:
-        return DoorError(f"{what}: {errors[-1].lower()} on your package index: check pip's configuration; see {log}")
+        return DoorError(
+            f"{what}: {errors[-1].lower()} on your package index: check pip's configuration; see {log}"
+        )
     return DoorError(f"{what}: {errors[-1] if errors else 'the tool failed'}; see {log}")
 
 

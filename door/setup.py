@@ -59,14 +59,21 @@ def ensure(layout: Layout, environment: Mapping[str, str], running_series: str) 
         raise _cannot_write(layout, error) from error
 
 
-def _set_up(layout: Layout, environment: Mapping[str, str], running_series: str, done: State, keep_open: int) -> None:
+def _set_up(
+    layout: Layout, environment: Mapping[str, str], running_series: str, done: State, keep_open: int
+) -> None:
     """All steps that are missing; updates and saves `done` after each."""
     stale = _stale(layout, done, running_series)
     began_before = done.base_python != ""
     if stale is not None and began_before:
         say(f"{stale}: setting up anew")
     base = inspect(this_interpreter(), environment)
-    if base.executable and done.base_python and os.environ.get("SPOOL_PYTHON", "") == "" and os.access(done.base_python, os.X_OK):
+    if (
+        base.executable
+        and done.base_python
+        and os.environ.get("SPOOL_PYTHON", "") == ""
+        and os.access(done.base_python, os.X_OK)
+    ):
         base = inspect(done.base_python, environment)
     require_tools(base, layout.underlay.is_wheels, environment.get("PATH"))
     if not layout.underlay.is_wheels:
@@ -77,14 +84,24 @@ def _set_up(layout: Layout, environment: Mapping[str, str], running_series: str,
         _require_space(layout)
         done.__dict__.update(State(root=str(layout.root), base_python=base.executable).__dict__)
     wanted = package_fingerprints(layout.workspace / "src")
-    warm = not done.warmed and (layout.workspace / "src" / "spool_estimator" / (WARM_UP.replace(".", "/") + ".py")).exists()
+    warm = (
+        not done.warmed
+        and (layout.workspace / "src" / "spool_estimator" / (WARM_UP.replace(".", "/") + ".py")).exists()
+    )
     install = not done.lock
-    build = install or done.packages != wanted or not done.environment or not (layout.install / "local_setup.bash").exists()
+    build = (
+        install
+        or done.packages != wanted
+        or not done.environment
+        or not (layout.install / "local_setup.bash").exists()
+    )
     steps = Steps(fresh + install + (not done.mended and layout.underlay.is_wheels) + build + warm)
 
     if fresh:
         state.save(layout, State())
-        with steps.step(f"making {layout.venv.relative_to(layout.root)} with Python {'.'.join(map(str, base.version))}"):
+        with steps.step(
+            f"making {layout.venv.relative_to(layout.root)} with Python {'.'.join(map(str, base.version))}"
+        ):
             packages.make_venv(layout, base.executable, tools, keep_open)
         done.python_version = base.series
         done.underlay = list(layout.underlay.prefixes)
@@ -117,7 +134,12 @@ def _set_up(layout: Layout, environment: Mapping[str, str], running_series: str,
 
 
 def _build(
-    layout: Layout, done: State, wanted: dict[str, str], tools: Mapping[str, str], keep_open: int, steps: Steps
+    layout: Layout,
+    done: State,
+    wanted: dict[str, str],
+    tools: Mapping[str, str],
+    keep_open: int,
+    steps: Steps,
 ) -> None:
     """Build the packages that changed, and learn the environment anew."""
     if not (layout.install / "local_setup.bash").exists():
@@ -128,17 +150,23 @@ def _build(
     for gone in done.packages.keys() - wanted.keys():
         workspace.remove_built(layout, gone)
     names = sorted(cmake_dependents(layout.workspace / "src", changed))
-    what = f"{len(names)} packages" if len(names) > 1 else (names[0] if names else "nothing, a package is gone")
+    what = (
+        f"{len(names)} packages" if len(names) > 1 else (names[0] if names else "nothing, a package is gone")
+    )
     with steps.step(f"building {what}"):
         if names:
-            environment = tools if not done.environment else {**tools, **done.environment, "PATH": tools["PATH"]}
+            environment = (
+                tools if not done.environment else {**tools, **done.environment, "PATH": tools["PATH"]}
+            )
             workspace.build(layout, environment, keep_open, steps, names)
         done.environment = workspace.learn_environment(layout, tools)
     done.packages = wanted
     state.save(layout, done)
 
 
-def _warm_up(layout: Layout, done: State, environment: Mapping[str, str], keep_open: int, steps: Steps) -> None:
+def _warm_up(
+    layout: Layout, done: State, environment: Mapping[str, str], keep_open: int, steps: Steps
+) -> None:
     """Compile the kernels into their cache on disk."""
     log = layout.notes / "kernels.log"
     run = workspace.run_environment(layout, done, environment)

@@ -28,7 +28,14 @@ def base_environment(layout: Layout, environment: Mapping[str, str]) -> dict[str
         layout: the project.
         environment: the user's.
     """
-    dropped = ("PYTHONHOME", "PIP_TARGET", "PIP_PREFIX", "PIP_REQUIRE_VIRTUALENV", "VIRTUAL_ENV", "COLCON_PREFIX_PATH")
+    dropped = (
+        "PYTHONHOME",
+        "PIP_TARGET",
+        "PIP_PREFIX",
+        "PIP_REQUIRE_VIRTUALENV",
+        "VIRTUAL_ENV",
+        "COLCON_PREFIX_PATH",
+    )
     result = {name: value for name, value in environment.items() if name not in dropped}
     result |= {
         "PIP_USER": "0",
@@ -51,7 +58,9 @@ def base_environment(layout: Layout, environment: Mapping[str, str]) -> dict[str
     return result
 
 
-def build(layout: Layout, environment: Mapping[str, str], keep_open: int, steps: Steps, packages: list[str]) -> None:
+def build(
+    layout: Layout, environment: Mapping[str, str], keep_open: int, steps: Steps, packages: list[str]
+) -> None:
     """Build packages of the workspace.
 
     Args:
@@ -65,10 +74,29 @@ def build(layout: Layout, environment: Mapping[str, str], keep_open: int, steps:
         DoorError: a package did not build; its output is on stderr.
     """
     log = layout.notes / "build.log"
-    command: list[str | Path] = [layout.python, "-m", "colcon", "--log-base", layout.output / "log", "build", "--symlink-install"]
+    command: list[str | Path] = [
+        layout.python,
+        "-m",
+        "colcon",
+        "--log-base",
+        layout.output / "log",
+        "build",
+        "--symlink-install",
+    ]
     command += ["--base-paths", layout.workspace / "src", "--build-base", layout.output / "build"]
-    command += ["--install-base", layout.install, "--event-handlers", "console_direct+", "--cmake-args", "-DBUILD_TESTING=OFF"]
-    command += [f"-DPython3_EXECUTABLE={layout.python}", f"-DPYTHON_EXECUTABLE={layout.python}", "--no-warn-unused-cli"]
+    command += [
+        "--install-base",
+        layout.install,
+        "--event-handlers",
+        "console_direct+",
+        "--cmake-args",
+        "-DBUILD_TESTING=OFF",
+    ]
+    command += [
+        f"-DPython3_EXECUTABLE={layout.python}",
+        f"-DPYTHON_EXECUTABLE={layout.python}",
+        "--no-warn-unused-cli",
+    ]
     command += ["--packages-select", *packages]
     # A package built before gives its environment to those built now.
     code, output = run_logged(command, log, environment, keep_open, steps.progress, layout.workspace)
@@ -93,7 +121,9 @@ def learn_environment(layout: Layout, environment: Mapping[str, str]) -> dict[st
         DoorError: the built workspace cannot be sourced.
     """
     setup = layout.install / "local_setup.bash"
-    clean = {name: value for name, value in environment.items() if name in OURS or name in ("PATH", "HOME", "LANG")}
+    clean = {
+        name: value for name, value in environment.items() if name in OURS or name in ("PATH", "HOME", "LANG")
+    }
     answer = ask(["bash", "--noprofile", "--norc", "-c", '. "$0" && env -0', setup], clean)
     if answer.returncode != 0:
         raise DoorError(f"{setup} cannot be sourced: delete {layout.install} and call again")
@@ -101,7 +131,9 @@ def learn_environment(layout: Layout, environment: Mapping[str, str]) -> dict[st
     found = {name: value for name, _, value in pairs if name not in (*SHELL_VARIABLES, "HOME", "LANG")}
     own_path = found.pop("PATH", "").split(os.pathsep)
     known = environment.get("PATH", "").split(os.pathsep)
-    found["PATH"] = os.pathsep.join([str(layout.venv / "bin"), *(part for part in own_path if part not in known)])
+    found["PATH"] = os.pathsep.join(
+        [str(layout.venv / "bin"), *(part for part in own_path if part not in known)]
+    )
     return found
 
 
@@ -120,4 +152,6 @@ def _before(*parts: str | Path) -> str:
 
 def _without(root: str, value: str) -> str:
     """A path variable without the entries inside `root`."""
-    return os.pathsep.join(entry for entry in value.split(os.pathsep) if entry and not entry.startswith(root + os.sep))
+    return os.pathsep.join(
+        entry for entry in value.split(os.pathsep) if entry and not entry.startswith(root + os.sep)
+    )

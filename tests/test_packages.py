@@ -1,0 +1,86 @@
+"""Every package's package.xml: well formed, licensed, and naming what the package imports."""
+
+import ast
+import sys
+from graphlib import TopologicalSorter
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+SOURCE = Path(__file__).resolve().parent.parent / "ros2_ws" / "src"
+PACKAGES = sorted(path.parent for path in SOURCE.glob("*/package.xml"))
+# Import name -> rosdep's name, where it is not "python3-" and the import name.
+ROSDEP_NAMES = {
+    "yaml": "yaml",
+    "ruamel": "ruamel.yaml",
+    "mcap": "mcap-ros2-support",
+    "ament_index_python": "ament_index_python",
+}
+RUNTIME = {"depend", "exec_depend", "build_depend", "build_export_depend"}
+TEST = {*RUNTIME, "test_depend"}
+
+
+def manifest(package: Path) -> ElementTree.Element:
+    return ElementTree.parse(package / "package.xml").getroot()
+
+
+def declared(package: Path, tags: set[str]) -> set[str]:
+    keys = {(entry.text or "").strip() for entry in manifest(package) if entry.tag in tags}
+    return keys | {key.removeprefix("python3-").removesuffix("-pip") for key in keys}
+
+
+def imported(files: list[Path]) -> dict[str, Path]:
+    found: dict[str, Path] = {}
+    for file in files:
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+                names = [node.module]
+            else:
+                continue
+            found |= {name.split(".")[0]: file for name in names}
+    return {name: file for name, file in found.items() if name not in sys.stdlib_module_names}
+
+
+def undeclared(package: Path, files: list[Path], tags: set[str]) -> list[str]:
+    keys = declared(package, tags)
+    return [
+        f"{file.relative_to(SOURCE)} imports {name}, package.xml does not name it"
+        for name, file in imported(files).items()
+        if name != package.name and name not in keys and ROSDEP_NAMES.get(name) not in keys
+    ]
+
+
+def test_there_are_packages():
+    assert "spool_msgs" in [package.name for package in PACKAGES]
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
+class TestPackage:
+    def test_manifest(self, package: Path):
+        root = manifest(package)
+        assert root.tag == "package"
+        assert root.get("format") == "3"
+        assert root.findtext("name") == package.name
+        assert [entry.text for entry in root.findall("license")] == ["Apache-2.0"]
+        assert "@" in (root.find("maintainer").get("email") or "")
+        build_type = root.findtext("export/build_type")
+        assert build_type == ("ament_cmake" if (package / "CMakeLists.txt").exists() else "ament_python")
+        keys = [(entry.tag, entry.text) for entry in root if entry.tag in TEST]
+        assert len(keys) == len(set(keys))
+
+    def test_imports_are_declared(self, package: Path):
+        files = [*(package / package.name).rglob("*.py"), *(package / "launch").glob("*.py")]
+        assert undeclared(package, files, RUNTIME) == []
+
+    def test_imports_of_tests_are_declared(self, package: Path):
+        assert undeclared(package, list((package / "test").rglob("*.py")), TEST) == []
+
+
+def test_dependencies_have_no_cycle():
+    """Colcon refuses to build a workspace whose packages wait for each other."""
+    names = {package.name for package in PACKAGES}
+    graph = {package.name: declared(package, TEST | {"buildtool_depend"}) & names for package in PACKAGES}
+    assert set(TopologicalSorter(graph).static_order()) == names
