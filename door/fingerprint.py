@@ -6,7 +6,7 @@ import hashlib
 import os
 from pathlib import Path
 
-# The install only links to Python sources, launch and configuration files: their content needs no build, their coming and going does.
+# The install links to Python, launch and configuration files: only their coming and going needs a build.
 CONTENT_MATTERS = (".msg", ".srv", ".action", ".idl", ".xml", ".toml", ".cmake", ".c", ".cpp", ".h", ".hpp")
 CONTENT_MATTERS_NAMES = ("CMakeLists.txt", "setup.py", "setup.cfg")
 NOT_BUILT = ("test", "build", "__pycache__")
@@ -40,7 +40,7 @@ def _names_one_of(manifest: Path, names: set[str]) -> bool:
 
 
 def _fingerprint(package: Path) -> str:
-    """Hash over the names of all files that the build looks at, and over the content of those that it copies."""
+    """Hash over the names of all files that the build uses, and the content of those that it copies."""
     digest = hashlib.sha256()
     python_package = package / package.name if (package / "setup.py").exists() else None
     for folder, folders, files in os.walk(package):

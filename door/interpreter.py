@@ -22,8 +22,8 @@ except ImportError:
     pip = False
 include = sysconfig.get_paths()["include"]
 base = os.path.realpath(getattr(sys, "_base_executable", sys.executable))
-print(json.dumps({"version": list(sys.version_info[:3]), "executable": base, "include": include, "has_pip": pip,
-    "has_headers": os.path.exists(os.path.join(include, "Python.h")),
+print(json.dumps({"version": list(sys.version_info[:3]), "executable": base, "include": include,
+    "has_pip": pip, "has_headers": os.path.exists(os.path.join(include, "Python.h")),
     "platform": sys.platform + " " + platform.machine()}))
 """
 WHEELS_PLATFORM = "linux x86_64"

@@ -41,7 +41,7 @@ class Layout:
 
     Attributes:
         root: the repository.
-        underlay: the ROS 2 beneath; each has its own environment and build, so that going to and fro costs nothing.
+        underlay: the ROS 2 beneath; each has its own environment and build.
     """
 
     root: Path

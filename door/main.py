@@ -112,7 +112,8 @@ def _warn_localhost_only(environment: dict[str, str]) -> None:
     """Tell of the variable that newer releases of ROS 2 ignore."""
     if environment.get("ROS_LOCALHOST_ONLY", "0") not in ("", "0"):
         say(
-            "ROS_LOCALHOST_ONLY is deprecated and ignored by newer ROS 2: use ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
+            "ROS_LOCALHOST_ONLY is deprecated and ignored by newer ROS 2: "
+            "use ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
         )
 
 

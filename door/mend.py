@@ -35,7 +35,8 @@ def mend(layout: Layout, environment: Mapping[str, str]) -> int:
     folders = answer.stdout.encode().splitlines()
     if answer.returncode != 0 or len(folders) != 2:
         raise DoorError(
-            f"the environment {layout.venv} is damaged (NumPy cannot be imported): delete that folder and call again"
+            f"the environment {layout.venv} is damaged (NumPy cannot be imported): "
+            "delete that folder and call again"
         )
     include, numpy_include = folders
     files = foreign_files(layout)

@@ -11,12 +11,12 @@ from pathlib import Path
 
 from door.errors import DoorError
 from door.layout import Layout
-from door.process import ask, run_logged
-from door.steps import Steps
+from door.process import Runner, ask
 
 PIN = re.compile(r"^([A-Za-z0-9._-]+)==(\S+)(?: ; (.*?))? ?\\?$")
 NO_NETWORK = re.compile(
-    "NewConnectionError|ConnectTimeout|ConnectionError|ProxyError|NameResolutionError|ReadTimeout|Network is unreachable"
+    "NewConnectionError|ConnectTimeout|ConnectionError|ProxyError|NameResolutionError|ReadTimeout"
+    "|Network is unreachable"
     "|Temporary failure in name resolution|Connection (refused|broken|reset)|Cannot connect to proxy"
 )
 
@@ -37,7 +37,7 @@ def locked(lock: Path, python: str) -> dict[str, str]:
 
 
 def _applies(marker: str, minor: int) -> bool:
-    """Whether a line's conditions on the Python version hold; the locks know no others that differ on Linux."""
+    """Whether a line's conditions on the Python version hold; the locks know no others on Linux."""
     comparisons = re.findall(r"python_full_version (<|>=|==) '3\.(\d+)(?:\.\*)?'", marker)
     tests = {"<": minor.__lt__, ">=": minor.__ge__, "==": minor.__eq__}
     return all(tests[operator](int(bound)) for operator, bound in comparisons)
@@ -58,21 +58,25 @@ def installed(folders: Iterable[Path]) -> dict[str, str]:
     return {_normal(entry.metadata["Name"]): entry.version for entry in entries if entry.metadata["Name"]}
 
 
-def make_venv(layout: Layout, base_python: str, environment: Mapping[str, str], keep_open: int) -> None:
+def make_venv(layout: Layout, base_python: str, environment: Mapping[str, str], runner: Runner) -> None:
     """Make the environment anew.
 
     Raises:
         DoorError: it could not be made.
     """
-    if layout.venv.exists() or layout.venv.is_symlink():
-        shutil.rmtree(layout.venv) if not layout.venv.is_symlink() else layout.venv.unlink()
-    log = layout.notes / "venv.log"
+    if layout.venv.is_symlink():
+        layout.venv.unlink()
+    elif layout.venv.exists():
+        shutil.rmtree(layout.venv)
+    log = runner.log("venv")
     options = [] if layout.underlay.is_wheels else ["--system-site-packages"]
-    code, output = run_logged([base_python, "-m", "venv", *options, layout.venv], log, environment, keep_open)
+    command: list[str | Path] = [base_python, "-m", "venv", *options, layout.venv]
+    code, output = runner.run("venv", command, environment)
     if code != 0:
         if "ensurepip" in output and "No space left" not in output:
             raise DoorError(
-                f"{base_python} cannot make a virtual environment: Debian, Ubuntu: apt install python3-venv; see {log}"
+                f"{base_python} cannot make a virtual environment: "
+                f"Debian, Ubuntu: apt install python3-venv; see {log}"
             )
         raise failure("the environment could not be made", output, log)
 
@@ -95,44 +99,26 @@ def forget_half_installed(layout: Layout) -> None:
             shutil.rmtree(entry)
 
 
-def install(layout: Layout, environment: Mapping[str, str], keep_open: int, steps: Steps) -> None:
+def install(layout: Layout, environment: Mapping[str, str], runner: Runner) -> None:
     """Install the lock, leaving alone what is there in the right version.
 
     Raises:
         DoorError: names the cause: no network, a wrong hash, a full disk, or the log.
     """
-    log = layout.notes / "install.log"
-    command = [
-        layout.python,
-        "-m",
-        "pip",
-        "install",
-        "--no-deps",
-        "--require-hashes",
-        "--retries",
-        "1",
-        "--timeout",
-        "20",
-    ]
-    command += [
-        "--disable-pip-version-check",
-        "--no-input",
-        "--progress-bar",
-        "off",
-        "--no-warn-script-location",
-    ]
-    code, output = run_logged(
-        [*command, "-r", layout.requirements], log, environment, keep_open, steps.progress
-    )
+    command: list[str | Path] = [layout.python, "-m", "pip", "install", "-r", layout.requirements]
+    command += ["--no-deps", "--require-hashes", "--retries", "1", "--timeout", "20", "--progress-bar", "off"]
+    command += ["--disable-pip-version-check", "--no-input", "--no-warn-script-location"]
+    code, output = runner.run("install", command, environment)
     if code != 0:
-        raise failure("the packages could not be installed", output, log)
+        raise failure("the packages could not be installed", output, runner.log("install"))
 
 
 def failure(what: str, output: str, log: Path) -> DoorError:
     """The line for a tool that failed, by the causes that users can do something about."""
     if "No space left on device" in output or "Disk quota exceeded" in output:
         return DoorError(
-            f"{what}: the disk that holds {log.parent.parent.parent} or {_temporary()} is full: free some space and call again"
+            f"{what}: the disk that holds {log.parent.parent.parent} or {_temporary()} is full: "
+            "free some space and call again"
         )
     if "DO NOT MATCH THE HASHES" in output.upper():
         package = re.search(r"^ {4}(\S+) from ", output, re.MULTILINE)
@@ -143,7 +129,8 @@ def failure(what: str, output: str, log: Path) -> DoorError:
         )
     if NO_NETWORK.search(output):
         return DoorError(
-            f"{what}: no connection to the package index: check network and proxy, then call again to go on; see {log}"
+            f"{what}: no connection to the package index: "
+            f"check network and proxy, then call again to go on; see {log}"
         )
     errors = [line[7:] for line in output.splitlines() if line.startswith("ERROR: ")]
     if errors and "No matching distribution" in errors[-1]:

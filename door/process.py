@@ -6,61 +6,75 @@ import os
 import signal
 import subprocess
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 GRACE_S = 5.0
 
 
-def run_logged(
-    command: Sequence[str | Path],
-    log: Path,
-    environment: Mapping[str, str],
-    keep_open: int,
-    on_line: Callable[[str], None] | None = None,
-    cwd: Path | None = None,
-) -> tuple[int, str]:
-    """Run a tool with its output in `log`.
+@dataclass(frozen=True)
+class Runner:
+    """Runs the tools of one set-up.
 
-    Args:
-        command: program and arguments.
-        log: file that takes stdout and stderr; replaced.
-        environment: the tool's whole environment.
+    Attributes:
+        logs: folder of the logs.
         keep_open: descriptor of the set-up's lock: a tool that outlives a killed door goes on holding it.
-        on_line: called with every line as it comes.
-        cwd: folder to run in.
-
-    Returns:
-        Exit code and output.
+        on_line: called with every line of a tool's output as it comes.
     """
-    lines: list[str] = []
-    with log.open("w", encoding="utf-8") as file:
-        file.write(" ".join(str(part) for part in command) + "\n")
-        with subprocess.Popen(
-            [str(part) for part in command],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            encoding="utf-8",
-            errors="replace",
-            env=dict(environment),
-            cwd=cwd,
-            pass_fds=(keep_open,),
-            start_new_session=True,
-        ) as process:
-            assert process.stdout is not None
-            try:
-                for line in process.stdout:
-                    file.write(line)
-                    file.flush()
-                    lines.append(line)
-                    if on_line is not None:
-                        on_line(line.rstrip())
-                code = process.wait()
-            except BaseException:
-                _end_group(process)
-                raise
-    return code, "".join(lines)
+
+    logs: Path
+    keep_open: int
+    on_line: Callable[[str], None]
+
+    def log(self, name: str) -> Path:
+        """The log of the step `name`."""
+        return self.logs / f"{name}.log"
+
+    def run(
+        self,
+        name: str,
+        command: Sequence[str | Path],
+        environment: Mapping[str, str],
+        cwd: Path | None = None,
+    ) -> tuple[int, str]:
+        """Run a tool with its output in the step's log.
+
+        Args:
+            name: of the step.
+            command: program and arguments.
+            environment: the tool's whole environment.
+            cwd: folder to run in.
+
+        Returns:
+            Exit code and output.
+        """
+        lines: list[str] = []
+        with self.log(name).open("w", encoding="utf-8") as file:
+            file.write(" ".join(str(part) for part in command) + "\n")
+            with subprocess.Popen(
+                [str(part) for part in command],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                encoding="utf-8",
+                errors="replace",
+                env=dict(environment),
+                cwd=cwd,
+                pass_fds=(self.keep_open,),
+                start_new_session=True,
+            ) as process:
+                try:
+                    for line in process.stdout or ():
+                        file.write(line)
+                        file.flush()
+                        lines.append(line)
+                        self.on_line(line.rstrip())
+                    code = process.wait()
+                except BaseException:
+                    _end_group(process)
+                    raise
+        return code, "".join(lines)
 
 
 def ask(command: Sequence[str | Path], environment: Mapping[str, str]) -> subprocess.CompletedProcess[str]:

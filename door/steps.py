@@ -18,12 +18,12 @@ def say(line: str) -> None:
 class Steps:
     """Counts the steps of a set-up.
 
-    Args:
+    Attributes:
         total: how many steps there will be.
     """
 
-    def __init__(self, total: int) -> None:
-        self._total = total
+    def __init__(self) -> None:
+        self.total = 0
         self._number = 0
         self._began = time.monotonic()
         self._drawn = 0.0
@@ -34,7 +34,7 @@ class Steps:
     def step(self, what: str) -> Iterator[None]:
         """Announce a step, and say how long it took."""
         self._number += 1
-        self._line = f"[{self._number}/{self._total}] {what} ..."
+        self._line = f"[{self._number}/{self.total}] {what} ..."
         self._step_began = time.monotonic()
         sys.stderr.write(self._line)
         sys.stderr.flush()
@@ -54,9 +54,9 @@ class Steps:
             sys.stderr.write(f"{self._start_of_line()} {now - self._step_began:.0f} s  {what[:40]}")
             sys.stderr.flush()
 
-    def total(self) -> None:
-        """Say how long all of it took."""
-        say(f"set up in {time.monotonic() - self._began:.0f} s")
+    def elapsed(self) -> float:
+        """Seconds since the first step."""
+        return time.monotonic() - self._began
 
     def _start_of_line(self) -> str:
         return f"\r\033[K{self._line}" if sys.stderr.isatty() else ""

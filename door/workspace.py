@@ -11,9 +11,8 @@ from pathlib import Path
 from door.errors import DoorError
 from door.layout import Layout
 from door.packages import failure, site_packages
-from door.process import ask, run_logged
+from door.process import Runner, ask
 from door.state import State
-from door.steps import Steps
 
 TAIL_LINES = 40
 # Of the built workspace's environment only what differs from the surroundings is kept; these always do.
@@ -58,52 +57,29 @@ def base_environment(layout: Layout, environment: Mapping[str, str]) -> dict[str
     return result
 
 
-def build(
-    layout: Layout, environment: Mapping[str, str], keep_open: int, steps: Steps, packages: list[str]
-) -> None:
+def build(layout: Layout, environment: Mapping[str, str], runner: Runner, names: list[str]) -> None:
     """Build packages of the workspace.
 
     Args:
         layout: the project.
         environment: of `base_environment`.
-        keep_open: descriptor of the set-up's lock.
-        steps: where progress is drawn.
-        packages: names; the others have to be built already.
+        runner: runs colcon.
+        names: packages; the others have to be built already.
 
     Raises:
         DoorError: a package did not build; its output is on stderr.
     """
-    log = layout.notes / "build.log"
-    command: list[str | Path] = [
-        layout.python,
-        "-m",
-        "colcon",
-        "--log-base",
-        layout.output / "log",
-        "build",
-        "--symlink-install",
-    ]
-    command += ["--base-paths", layout.workspace / "src", "--build-base", layout.output / "build"]
-    command += [
-        "--install-base",
-        layout.install,
-        "--event-handlers",
-        "console_direct+",
-        "--cmake-args",
-        "-DBUILD_TESTING=OFF",
-    ]
-    command += [
-        f"-DPython3_EXECUTABLE={layout.python}",
-        f"-DPYTHON_EXECUTABLE={layout.python}",
-        "--no-warn-unused-cli",
-    ]
-    command += ["--packages-select", *packages]
-    # A package built before gives its environment to those built now.
-    code, output = run_logged(command, log, environment, keep_open, steps.progress, layout.workspace)
+    command: list[str | Path] = [layout.python, "-m", "colcon", "--log-base", layout.output / "log", "build"]
+    command += ["--symlink-install", "--base-paths", layout.workspace / "src"]
+    command += ["--build-base", layout.output / "build", "--install-base", layout.install]
+    command += ["--event-handlers", "console_direct+", "--packages-select", *names]
+    command += ["--cmake-args", "-DBUILD_TESTING=OFF", f"-DPython3_EXECUTABLE={layout.python}"]
+    command += [f"-DPYTHON_EXECUTABLE={layout.python}", "--no-warn-unused-cli"]
+    code, output = runner.run("build", command, environment, layout.workspace)
     if code == 0:
         return
     failed = [line.split()[2] for line in output.splitlines() if line.startswith("Failed   <<<")]
-    error = failure(f"{' and '.join(failed) or 'the workspace'} did not build", output, log)
+    error = failure(f"{' and '.join(failed) or 'the workspace'} did not build", output, runner.log("build"))
     sys.stderr.write("\n" + "".join(output.splitlines(keepends=True)[-TAIL_LINES:]))
     raise error
 

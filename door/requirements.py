@@ -1,0 +1,98 @@
+"""What a set-up needs of the machine, and when an earlier one no longer holds."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+from collections.abc import Mapping
+
+from door.errors import DoorError
+from door.interpreter import Interpreter, inspect, require_tools, this_interpreter
+from door.layout import Layout
+from door.process import ask
+from door.state import State
+
+NEEDED_BYTES = 2_000_000_000
+
+
+def stale(layout: Layout, done: State, running_series: str) -> str | None:
+    """Why the environment has to be made anew, None where it need not."""
+    if not done.python_version:
+        return "there is none yet"
+    if done.root != str(layout.root):
+        return f"the project was moved from {done.root}"
+    if done.underlay != list(layout.underlay.prefixes):
+        return f"ROS 2 {layout.underlay.name} lies in other folders than before"
+    if done.python_version != running_series:
+        return f"Python changed from {done.python_version} to {running_series}"
+    if not os.access(layout.python, os.X_OK):
+        return f"{layout.python} is gone"
+    if done.lock and done.lock != layout.lock_hash():
+        return f"{layout.requirements.relative_to(layout.root)} changed"
+    return None
+
+
+def check(layout: Layout, done: State, environment: Mapping[str, str]) -> Interpreter:
+    """Check what the set-up needs.
+
+    Returns:
+        The interpreter to make the environment with: that of before, unless the user named one.
+
+    Raises:
+        DoorError: something is missing; says how to get it.
+    """
+    chosen = this_interpreter()
+    if not environment.get("SPOOL_PYTHON") and os.access(done.base_python or os.devnull, os.X_OK):
+        chosen = done.base_python
+    base = inspect(chosen, environment)
+    require_tools(base, layout.underlay.is_wheels, environment.get("PATH"))
+    if not layout.underlay.is_wheels:
+        check_ros(layout, base.executable, environment)
+    return base
+
+
+def check_ros(layout: Layout, python: str, environment: Mapping[str, str]) -> None:
+    """Check that the sourced ROS 2 is really there and speaks with this Python.
+
+    Raises:
+        DoorError: it is not, or does not.
+    """
+    name = layout.underlay.name
+    if not any(os.path.isdir(prefix) for prefix in layout.underlay.prefixes):
+        raise DoorError(
+            f"ROS_DISTRO={name} is set but AMENT_PREFIX_PATH names no folder that exists: "
+            f"source /opt/ros/{name}/setup.bash, or unset ROS_DISTRO to use the wheels"
+        )
+    if ask([python, "-c", "import rclpy"], environment).returncode != 0:
+        raise DoorError(
+            f"ROS 2 {name} is sourced but {python} cannot import rclpy: "
+            "name the Python that this ROS 2 was built for in SPOOL_PYTHON, e.g. /usr/bin/python3"
+        )
+
+
+def check_space(layout: Layout) -> None:
+    """Refuse to begin on a disk that will be full before the end.
+
+    Raises:
+        DoorError: too little is free.
+    """
+    free = shutil.disk_usage(layout.root).free
+    if not layout.venv.exists() and free < NEEDED_BYTES:
+        raise DoorError(
+            f"{layout.root} has {free / 1e9:.1f} GB free, the set-up takes {NEEDED_BYTES / 1e9:.0f} GB: "
+            "free some space and call again"
+        )
+
+
+def cannot_write(layout: Layout, error: OSError) -> DoorError:
+    """The line for a folder that cannot be written."""
+    where = error.filename or layout.root
+    if error.errno == errno.ENOSPC:
+        return DoorError(f"the disk that holds {where} is full: free some space and call again")
+    if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
+        return DoorError(
+            f"{where} cannot be written, and something has to be set up there: "
+            "make the folder writable, or copy the project to one that is"
+        )
+    return DoorError(f"{where}: {error.strerror}")
