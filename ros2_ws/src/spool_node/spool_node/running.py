@@ -8,12 +8,15 @@ import threading
 from collections.abc import Sequence
 
 import rclpy
-from rclpy.executors import Executor, ExternalShutdownException
+from rclpy.executors import Executor
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 from spool_sim.errors import InputError
 
 from .managed_node import ManagedNode
+
+#: s, how long a quiet node may take to notice SIGINT or SIGTERM.
+SIGNAL_LATENCY = 0.2
 
 
 def run(node_class: type[ManagedNode], arguments: Sequence[str] | None = None) -> int:
@@ -34,11 +37,11 @@ def run(node_class: type[ManagedNode], arguments: Sequence[str] | None = None) -
     executor = _executor()
     executor.add_node(node)
     if node.value("autostart") and not _start(node):
-        return _end(node, executor, None, 2)
-    spinner = threading.Thread(target=_spin, args=(executor, stop), name="executor", daemon=True)
-    spinner.start()
-    stop.wait()
-    return _end(node, executor, spinner, 0)
+        return _end(node, executor, 2)
+    # The events executor spins in the main thread only; Python sees a signal between two turns.
+    while not stop.is_set():
+        executor.spin_once(timeout_sec=SIGNAL_LATENCY)
+    return _end(node, executor, 0)
 
 
 def _executor() -> Executor:
@@ -57,19 +60,8 @@ def _start(node: ManagedNode) -> bool:
     return bool(node.trigger_configure() == done and node.trigger_activate() == done)
 
 
-def _spin(executor: Executor, stop: threading.Event) -> None:
-    try:
-        executor.spin()
-    except ExternalShutdownException:
-        pass
-    finally:
-        stop.set()
-
-
-def _end(node: ManagedNode, executor: Executor, spinner: threading.Thread | None, code: int) -> int:
+def _end(node: ManagedNode, executor: Executor, code: int) -> int:
     executor.shutdown()
-    if spinner is not None:
-        spinner.join(timeout=5.0)
     node.trigger_shutdown()
     node.destroy_node()
     rclpy.try_shutdown()
