@@ -9,8 +9,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from spool_sim.block import Block
-from spool_sim.errors import InputError
+from spool_stream.block import Block
+from spool_stream.errors import InputError
 
 from .cdr import OilTemperature, encode_block, encode_temperature
 from .csv_record import BODY, OIL_TEMPERATURE, SPOOL, CsvRecord, read_csv

@@ -14,7 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 from numpy.typing import NDArray
-from spool_sim.errors import InputError
+from spool_stream.errors import InputError
 
 TIME = "time_s"
 BODY = "body_m_s2"

@@ -12,9 +12,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pa_parquet
-from spool_sim.block import Block
-from spool_sim.block_gate import BlockGate, Verdict
-from spool_sim.errors import InputError
+from spool_stream.block import Block
+from spool_stream.block_gate import BlockGate, Verdict
+from spool_stream.errors import InputError
 
 from .csv_record import BODY, OIL_TEMPERATURE, SPOOL, TIME
 from .reader import BagReader

@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from spool_sim.block import Block
-from spool_sim.block_gate import BlockGate, Verdict
+from spool_stream.block import Block
+from spool_stream.block_gate import BlockGate, Verdict
 
 from .mcap_file import Damage
 from .reader import BagReader

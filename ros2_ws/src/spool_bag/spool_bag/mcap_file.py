@@ -15,7 +15,7 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.records import Channel, Chunk, Schema
 from mcap.stream_reader import get_chunk_data_stream
-from spool_sim.errors import InputError
+from spool_stream.errors import InputError
 
 MAGIC = b"\x89MCAP0\r\n"
 FRAME = struct.Struct("<BQ")
@@ -231,4 +231,4 @@ def _summary_holds(stream: BinaryIO, size: int) -> bool:
     if opcode != Opcode.FOOTER or not len(MAGIC) < start <= at:
         return False
     stream.seek(start)
-    return checksum == 0 or zlib.crc32(stream.read(at + FOOTER.size - 4 - start)) == checksum
+    return bool(checksum == 0 or zlib.crc32(stream.read(at + FOOTER.size - 4 - start)) == checksum)

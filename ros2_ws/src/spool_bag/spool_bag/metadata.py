@@ -13,7 +13,7 @@ from rosbags.interfaces import Qos
 from rosbags.rosbag2.metadata import dump_qos_v9
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
-from spool_sim.errors import InputError
+from spool_stream.errors import InputError
 
 FILE_NAME = "metadata.yaml"
 ROOT = "rosbag2_bagfile_information"

@@ -10,8 +10,8 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.base import TypesysError
 from rosbags.typesys.store import Typestore
-from spool_sim.block import Block
-from spool_sim.errors import InputError
+from spool_stream.block import Block
+from spool_stream.errors import InputError
 
 from .cdr import CdrError, OilTemperature, decode_block, decode_temperature
 from .definitions import ACCELERATION_BLOCK

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
 
-from spool_sim.errors import InputError
+from spool_stream.errors import InputError
 
 from .cdr import CdrError, block_sequence
 from .definitions import ACCELERATION_BLOCK, TEMPERATURE
@@ -21,6 +21,8 @@ TOPICS = {
     "events": "spool_msgs/msg/HealthEvent",
     "oil_temperature": TEMPERATURE,
 }
+#: Topics that the suite's nodes offer latched.
+LATCHED = ("estimate", "health", "events")
 #: What makes a namespace a valve; an oil temperature alone may be anybody's.
 MARKS = ("acceleration", "estimate", "health", "events")
 

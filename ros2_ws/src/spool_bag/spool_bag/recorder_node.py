@@ -13,12 +13,12 @@ from spool_node.diagnostics import DiagnosticPublisher, Level, Status
 from spool_node.managed_node import ManagedNode
 from spool_node.parameters import Parameter
 from spool_node.running import run
-from spool_sim.errors import InputError
+from spool_stream.errors import InputError
 
 from .cdr import CdrError, header_stamp
 from .definitions import ACCELERATION_BLOCK, starts_with_header
 from .names import check_valve
-from .recorder import LossCount, free_space, new_bag, select_topics
+from .recorder import LATCHED, LossCount, free_space, new_bag, select_topics
 from .writer import BagWriter, RecordingError
 
 DISCOVERY_PERIOD = 0.5
@@ -68,6 +68,7 @@ class RecorderNode(ManagedNode):
         self._writer: BagWriter | None = None
         self._diagnostics: DiagnosticPublisher | None = None
         self._subscriptions_by_topic: dict[str, tuple[Any, QoSProfile]] = {}
+        self._channels: dict[str, int] = {}
         self._left_out: set[str] = set()
         self._losses = LossCount()
         self._activations = 0
@@ -87,6 +88,7 @@ class RecorderNode(ManagedNode):
         self._activations += 1
         self._losses, self._ended = LossCount(), ""
         self._left_out.clear()
+        self._channels.clear()
         self.get_logger().info(f"recording to {path}")
         self._discover()
         self.every(DISCOVERY_PERIOD, self._discover, steady=True)
@@ -128,22 +130,18 @@ class RecorderNode(ManagedNode):
                 self.get_logger().warning(f"{topic} is not recorded: {error}")
 
     def _record(self, topic: str, kind: str, offered: Sequence[QoSProfile]) -> None:
-        writer = self._writer
-        if writer is None:
-            return
         message_type = _message_type(kind)
         stamped = starts_with_header(kind)
-        channel = writer.add_topic(topic, kind, [_recorded(profile) for profile in offered])
-        wanted = _wanted(offered, self.value("depth"))
-        counted = kind == ACCELERATION_BLOCK
+        latched = topic.rpartition("/")[2] in LATCHED
+        wanted = _wanted(offered, self.value("depth"), latched=latched)
 
         def keep(data: bytes) -> None:
-            self._keep(channel, topic, data, stamped=stamped, counted=counted)
+            self._keep(topic, kind, data, stamped=stamped)
 
         subscription = self.subscribe(message_type, topic, keep, wanted, raw=True)
         self._subscriptions_by_topic[topic] = (subscription, wanted)
 
-    def _keep(self, channel: int, topic: str, data: bytes, *, stamped: bool, counted: bool) -> None:
+    def _keep(self, topic: str, kind: str, data: bytes, *, stamped: bool) -> None:
         if self._writer is None:
             return
         received = self.get_clock().now().nanoseconds
@@ -153,9 +151,18 @@ class RecorderNode(ManagedNode):
                 published = max(header_stamp(data), 0)
             except CdrError:
                 published = received
-        self._try(lambda writer: writer.write(channel, received, data, published))
-        if counted:
+        self._try(lambda writer: writer.write(self._channel(writer, topic, kind), received, data, published))
+        if kind == ACCELERATION_BLOCK:
             self._losses.see(topic, data)
+
+    def _channel(self, writer: BagWriter, topic: str, kind: str) -> int:
+        """Return the channel of ``topic``; made with its first message, when its offers are known."""
+        channel = self._channels.get(topic)
+        if channel is None:
+            offered = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
+            channel = writer.add_topic(topic, kind, [_recorded(profile) for profile in offered])
+            self._channels[topic] = channel
+        return channel
 
     def _flush(self) -> None:
         self._try(BagWriter.flush_if_due)
@@ -216,12 +223,14 @@ def _message_type(kind: str) -> Any:
         raise InputError(f"type {kind} is not installed") from error
 
 
-def _wanted(offered: Sequence[QoSProfile], depth: int) -> QoSProfile:
-    """Return the strongest quality of service that every publisher offers."""
+def _wanted(offered: Sequence[QoSProfile], depth: int, *, latched: bool) -> QoSProfile:
+    """Return the strongest quality of service that every publisher offers.
+
+    ``latched`` says what to expect while nobody publishes yet.
+    """
     reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in offered)
-    latched = bool(offered) and all(
-        profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in offered
-    )
+    if offered:
+        latched = all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in offered)
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.metadata import parse_qos
-from spool_sim.errors import InputError
+from spool_stream.errors import InputError
 
 from .definitions import Definition
 from .mcap_file import Damage, Topic

@@ -11,7 +11,7 @@ from types import TracebackType
 
 from mcap.writer import CompressionType, Writer
 from rosbags.interfaces import Qos
-from spool_sim.errors import InputError
+from spool_stream.errors import InputError
 
 from .definitions import Definition, definition
 from .metadata import BagMetadata, TopicCount, qos_text, write_metadata

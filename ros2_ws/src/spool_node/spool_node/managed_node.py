@@ -11,7 +11,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import QoSProfile
-from spool_sim.errors import InputError
+from spool_stream.errors import InputError
 
 from .parameters import Parameter, Value, declare
 

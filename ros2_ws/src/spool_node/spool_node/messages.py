@@ -7,7 +7,7 @@ import array
 import numpy as np
 from builtin_interfaces.msg import Time
 from spool_msgs.msg import AccelerationBlock
-from spool_sim.block import Block
+from spool_stream.block import Block
 
 NANOSECONDS = 1_000_000_000
 

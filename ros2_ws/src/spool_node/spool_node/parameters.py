@@ -9,7 +9,7 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
-from spool_sim.errors import InputError
+from spool_stream.errors import InputError
 
 Value = bool | int | float | str | list[str] | list[float]
 

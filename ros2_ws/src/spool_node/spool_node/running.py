@@ -11,7 +11,7 @@ import rclpy
 from rclpy.executors import Executor
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
-from spool_sim.errors import InputError
+from spool_stream.errors import InputError
 
 from .managed_node import ManagedNode
 

@@ -1,10 +1,1 @@
-"""The error that a user can mend."""
-
-from __future__ import annotations
-
-
-class InputError(ValueError):
-    """Input or usage is wrong; the message says in one line what, where and what to do.
-
-    The command line prints it as it is and exits with 2; a node refuses the transition.
-    """
+from spool_stream.errors import InputError as InputError

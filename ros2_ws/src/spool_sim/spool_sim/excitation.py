@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
-from .errors import InputError
+from spool_stream.errors import InputError
 from .excitation_base import Array, Excitation, rise
 from .excitation_broadband import MachineOrders, Multisine
 from .excitation_sines import Standstill, SteadySine, SteppedSine, SweptSine

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import InputError
+from spool_stream.errors import InputError
 from .motion_kernel import advance_kernel
 
 Array = NDArray[np.float64]
@@ -107,6 +107,19 @@ def advance(
         stuck,
     )
     return Trajectory(displacement, velocity, acceleration, stuck), MotionState(*end)
+
+
+def warm_up() -> None:
+    """Compile the kernel, or load it from the disk, now instead of at the first sample."""
+    advance(
+        MotionState(),
+        np.zeros(3),
+        sample_period=1e-3,
+        substeps=1,
+        mass=1.0,
+        viscous_coefficient=0.0,
+        spring_stiffness=1.0,
+    )
 
 
 def _per_sample(value: float | Array, samples: int) -> Array:

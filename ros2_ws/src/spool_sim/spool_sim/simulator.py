@@ -10,11 +10,11 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from .block import Block, Samples
-from .errors import InputError
+from spool_stream.block import Block, Samples
+from spool_stream.errors import InputError
 from .excitation import Excitation
 from .model import Model, load_model
-from .motion import MotionState, advance, half_step_times, substeps_needed
+from .motion import MotionState, advance, half_step_times, substeps_needed, warm_up
 from .sensors import Sensor, SensorChannel
 from .valve import Valve
 
@@ -129,7 +129,8 @@ class Simulator:
         body_seed, spool_seed = np.random.SeedSequence(seed).spawn(2)
         self._body_channel = SensorChannel(body_sensor or Sensor(), body_seed)
         self._spool_channel = SensorChannel(spool_sensor or Sensor(), spool_seed)
-        self._substeps = self._needed(values["viscous_coefficient"], values["spring_stiffness"])
+        self._substeps = self._needed(values.get("viscous_coefficient", 0.0), values["spring_stiffness"])
+        warm_up()
 
     def _has(self, name: str) -> bool:
         return any(parameter.name == name for parameter in self.model.parameters)

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import yaml
 from pydantic import BeforeValidator, Field, ValidationError
 
-from .errors import InputError
+from spool_stream.errors import InputError
 
 
 def _refuse_boolean(value: object) -> object:

@@ -1,0 +1,75 @@
+from __future__ import annotations
+
+from datetime import datetime, timezone
+from pathlib import Path
+
+import numpy as np
+import pytest
+from spool_bag.cdr import encode_block
+from spool_bag.definitions import ACCELERATION_BLOCK, TEMPERATURE
+from spool_bag.recorder import TOPICS, LossCount, new_bag, select_topics, valve_namespaces
+from spool_stream.block import Block
+from spool_stream.errors import InputError
+
+GRAPH = {
+    "/valve_1/acceleration": [ACCELERATION_BLOCK],
+    "/valve_1/oil_temperature": [TEMPERATURE],
+    "/valve_1/simulator/transition_event": ["lifecycle_msgs/msg/TransitionEvent"],
+    "/valve_1/_hidden": ["std_msgs/msg/String"],
+    "/press/left/events": ["spool_msgs/msg/HealthEvent"],
+    "/press/right/oil_temperature": [TEMPERATURE],
+    "/robot/acceleration": ["geometry_msgs/msg/Accel"],
+    "/valve_10/mixed": ["std_msgs/msg/String", "std_msgs/msg/Bool"],
+    "/diagnostics": ["diagnostic_msgs/msg/DiagnosticArray"],
+    "/parameter_events": ["rcl_interfaces/msg/ParameterEvent"],
+    "/rosout": ["rcl_interfaces/msg/Log"],
+}
+
+
+def test_valves_are_found_by_our_types() -> None:
+    assert valve_namespaces(GRAPH) == ["/press/left", "/valve_1"]
+
+
+def test_everything_of_the_valves_is_chosen_and_nothing_else() -> None:
+    assert list(select_topics(GRAPH)) == [
+        "/diagnostics",
+        "/press/left/events",
+        "/valve_1/acceleration",
+        "/valve_1/oil_temperature",
+        "/valve_1/simulator/transition_event",
+    ]
+
+
+def test_named_valves_are_expected_before_they_speak() -> None:
+    chosen = select_topics(GRAPH, ["valve_10"])
+    assert chosen == {
+        "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+        **{f"/valve_10/{name}": kind for name, kind in TOPICS.items()},
+    }
+
+
+def test_a_valve_without_namespace_brings_only_its_own_topics() -> None:
+    graph = {"/events": ["spool_msgs/msg/HealthEvent"], **GRAPH}
+    assert "/events" in select_topics(graph)
+    assert "/rosout" not in select_topics(graph)
+
+
+def test_losses_are_counted_by_topic() -> None:
+    count = LossCount()
+    one = np.zeros(1, np.float32)
+    for topic, sequences in (("/a", (5, 6, 9, 2, 3)), ("/b", (0, 1))):
+        for sequence in sequences:
+            count.see(topic, encode_block(Block(1, sequence, 1.0, one, one), "v"))
+    count.see("/a", b"nonsense")
+    assert count.lost == {"/a": 2, "/b": 0}
+
+
+def test_every_activation_gets_a_bag_of_its_own(tmp_path: Path) -> None:
+    given = str(tmp_path / "bag")
+    assert new_bag(given) == tmp_path / "bag"
+    assert new_bag(given, activation=2) == tmp_path / "bag_2"
+    moment = datetime(2026, 1, 2, 3, 4, 5, tzinfo=timezone.utc)
+    assert new_bag("", moment) == Path("recording_20260102T030405Z")
+    (tmp_path / "bag").mkdir()
+    with pytest.raises(InputError, match="bag exists already"):
+        new_bag(given)

@@ -1,0 +1,302 @@
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from spool_sim.energy import energy_balance
+from spool_stream.errors import InputError
+from spool_sim.excitation import SteadySine, SweptSine
+from spool_sim.motion import (
+    Array,
+    MotionState,
+    Trajectory,
+    advance,
+    half_step_times,
+    half_step_values,
+    step_error,
+    substeps_needed,
+)
+
+MASS = 0.18
+SOFT: dict[str, Any] = {"mass": MASS, "viscous_coefficient": 2.65, "spring_stiffness": 1632.0}
+SWEEP = SweptSine(start_frequency=8.0, stop_frequency=110.0, duration=3.0, amplitude=10.0, soft_start=0.0)
+
+
+def run(
+    forcing: Array, substeps: int, rate: float, state: MotionState | None = None, **force: Any
+) -> tuple[Trajectory, MotionState]:
+    return advance(
+        state or MotionState(), forcing, sample_period=1.0 / rate, substeps=substeps, **{**SOFT, **force}
+    )
+
+
+def sweep(substeps: int, seconds: float = 3.0, rate: float = 2000.0, **force: Any) -> Trajectory:
+    times = half_step_times(0, round(seconds * rate), rate, substeps)
+    return run(SWEEP.acceleration(times), substeps, rate, **force)[0]
+
+
+def relative_rms(value: Array, reference: Array) -> float:
+    return float(np.sqrt(np.mean((value - reference) ** 2) / np.mean(reference**2)))
+
+
+def slow_reference(body: Array, h: float, coulomb_force: float, every: int) -> Array:
+    """Moreau's implicit midpoint step in plain Python: another scheme, sticking by projection."""
+    m, c, k = MASS, SOFT["viscous_coefficient"], SOFT["spring_stiffness"]
+    inertia = m + 0.5 * h * c + 0.25 * h * h * k
+    z = v = 0.0
+    out = []
+    for i, a in enumerate(body[1::2].tolist()):
+        if i % every == 0:
+            out.append(z)
+        impulse = m * v - h * (m * a + 0.5 * c * v + k * (z + 0.25 * h * v))
+        over = abs(impulse) - h * coulomb_force
+        after = 0.0 if over <= 0.0 else math.copysign(over, impulse) / inertia
+        z += 0.5 * h * (v + after)
+        v = after
+    return np.array(out)
+
+
+@pytest.mark.parametrize("coulomb_force", [0.0, 0.5, 1.2])
+def test_kernel_agrees_with_a_slow_reference(coulomb_force: float) -> None:
+    seconds, rate, fine = 0.5, 2000.0, 100
+    times = half_step_times(0, round(seconds * rate), rate, fine)
+    sine = SteadySine(frequency=20.0, amplitude=12.0, soft_start=0.0)
+    forcing = sine.acceleration(times)
+    reference = slow_reference(forcing, 1.0 / (rate * fine), coulomb_force, fine)
+    coarse = sine.acceleration(half_step_times(0, reference.size, rate, 2))
+    trajectory, _ = run(coarse, 2, rate, coulomb_force=coulomb_force)
+    assert relative_rms(trajectory.displacement, reference) < 1e-4
+
+
+def test_free_decay_under_coulomb_friction_loses_four_forces_over_stiffness() -> None:
+    k, coulomb_force, rate = 1632.0, 0.4, 20_000.0
+    start = 20.3 * coulomb_force / k
+    forcing = np.zeros(2 * 20_000 + 1)
+    trajectory, end = run(
+        forcing,
+        1,
+        rate,
+        MotionState(displacement=start),
+        viscous_coefficient=0.0,
+        coulomb_force=coulomb_force,
+    )
+    z = trajectory.displacement
+    turning = np.flatnonzero((z[1:-1] > z[:-2]) & (z[1:-1] >= z[2:])) + 1
+    peaks = np.concatenate(([start], z[turning]))
+    assert peaks.size >= 4
+    np.testing.assert_allclose(np.diff(peaks), -4.0 * coulomb_force / k, rtol=2e-3)
+    # 20.3 F/k loses 2 F/k a half swing until it lies within F/k: ten half swings, 0.3 F/k on the same side.
+    assert end.direction == 0.0
+    assert end.velocity == 0.0
+    assert end.displacement == pytest.approx(0.3 * coulomb_force / k, rel=1e-6)
+    assert trajectory.stuck[-1]
+
+
+@pytest.mark.parametrize("frequency", [5.0, 10.0, 15.15, 30.0, 60.0, 120.0])
+@pytest.mark.parametrize("viscous_coefficient", [2.65, 8.2])
+def test_linear_transmissibility(frequency: float, viscous_coefficient: float) -> None:
+    rate, seconds = 2000.0, 6.0
+    parameters = {**SOFT, "viscous_coefficient": viscous_coefficient}
+    substeps = substeps_needed(1.0 / rate, **parameters, highest_frequency=frequency)
+    sine = SteadySine(frequency=frequency, amplitude=10.0, soft_start=0.0)
+    times = half_step_times(0, round(seconds * rate), rate, substeps)
+    trajectory, _ = run(sine.acceleration(times), substeps, rate, viscous_coefficient=viscous_coefficient)
+    settled = slice(round(4.0 * rate), None)
+    t = np.arange(trajectory.acceleration.size)[settled] / rate
+    basis = np.column_stack((np.sin(2.0 * np.pi * frequency * t), np.cos(2.0 * np.pi * frequency * t)))
+    in_phase, quadrature = np.linalg.lstsq(basis, trajectory.acceleration[settled], rcond=None)[0]
+    omega = 2.0 * np.pi * frequency
+    stiff = SOFT["spring_stiffness"] + 1j * omega * viscous_coefficient
+    expected = stiff / (stiff - MASS * omega**2)
+    assert abs((in_phase + 1j * quadrature) / 10.0 - expected) < 1e-3 * abs(expected)
+
+
+def test_spool_sticks_exactly_while_the_force_stays_within_the_bound() -> None:
+    rate, coulomb_force = 2000.0, 1.2
+    below = SteadySine(frequency=20.0, amplitude=0.999 * coulomb_force / MASS, soft_start=0.0)
+    above = SteadySine(frequency=20.0, amplitude=1.001 * coulomb_force / MASS, soft_start=0.0)
+    times = half_step_times(0, 2000, rate, 2)
+    held, _ = run(below.acceleration(times), 2, rate, coulomb_force=coulomb_force)
+    assert held.stuck.all()
+    assert not held.displacement.any()
+    assert not held.velocity.any()
+    np.testing.assert_array_equal(held.acceleration, below.acceleration(times)[:-1:4])
+    loose, _ = run(above.acceleration(times), 2, rate, coulomb_force=coulomb_force)
+    assert loose.displacement.any()
+
+
+def test_sticking_and_slipping_are_told_apart_at_every_sample() -> None:
+    rate, substeps, coulomb_force = 2000.0, 2, 1.2
+    forcing = SWEEP.acceleration(half_step_times(0, 6000, rate, substeps))
+    trajectory, _ = run(forcing, substeps, rate, coulomb_force=coulomb_force)
+    body = forcing[: -1 : 2 * substeps]
+    push = MASS * body + SOFT["spring_stiffness"] * trajectory.displacement
+    stuck = trajectory.stuck
+    assert 0.05 < stuck.mean() < 0.95
+    assert np.all(np.abs(push[stuck]) <= coulomb_force * (1.0 + 1e-9))
+    assert not trajectory.velocity[stuck].any()
+    np.testing.assert_array_equal(trajectory.acceleration[stuck], body[stuck])
+    slip = ~stuck & (trajectory.velocity != 0.0)
+    force = (
+        SOFT["viscous_coefficient"] * trajectory.velocity
+        + SOFT["spring_stiffness"] * trajectory.displacement
+        + coulomb_force * np.sign(trajectory.velocity)
+    )
+    np.testing.assert_allclose(trajectory.acceleration[slip], -force[slip] / MASS, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("coulomb_force", [0.0, 0.5, 1.2])
+def test_energy_supplied_is_stored_or_dissipated(coulomb_force: float) -> None:
+    rate = 50_000.0
+    forcing = SWEEP.acceleration(half_step_times(0, round(3.0 * rate), rate, 1))
+    trajectory, _ = run(forcing, 1, rate, coulomb_force=coulomb_force)
+    balance = energy_balance(
+        trajectory, forcing[:-1:2], sample_period=1.0 / rate, coulomb_force=coulomb_force, **SOFT
+    )
+    assert balance.supplied > 0.0
+    assert balance.viscous > 0.0
+    assert (balance.coulomb > 0.0) == (coulomb_force > 0.0)
+    assert abs(balance.residual) < 1e-5 * balance.supplied
+
+
+@pytest.mark.parametrize("coulomb_force", [0.0, 0.5, 1.2])
+def test_error_falls_with_the_fourth_power_of_the_step(coulomb_force: float) -> None:
+    reference = sweep(64, coulomb_force=coulomb_force).displacement
+    errors = [
+        relative_rms(sweep(substeps, coulomb_force=coulomb_force).displacement, reference)
+        for substeps in (1, 2, 4, 8)
+    ]
+    order = np.log2(errors[0] / errors[-1]) / 3.0
+    assert order > 3.5
+    assert errors[1] < 1e-5
+
+
+def test_step_error_tells_what_the_chosen_step_costs() -> None:
+    substeps = substeps_needed(1.0 / 2000.0, **SOFT, highest_frequency=110.0)
+    told = step_error(
+        SWEEP.acceleration, seconds=3.0, sample_rate=2000.0, substeps=substeps, coulomb_force=0.5, **SOFT
+    )
+    true = relative_rms(
+        sweep(substeps, coulomb_force=0.5).displacement, sweep(64, coulomb_force=0.5).displacement
+    )
+    assert 0.3 * true < told < 3.0 * true
+    assert told < 1e-5
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    cuts=st.lists(st.integers(1, 599), max_size=12, unique=True),
+    coulomb_force=st.sampled_from([0.0, 0.3, 1.2]),
+    substeps=st.integers(1, 4),
+)
+def test_any_split_into_blocks_gives_the_same_numbers(
+    cuts: list[int], coulomb_force: float, substeps: int
+) -> None:
+    rate, samples = 2000.0, 600
+    stiffness = np.linspace(1632.0, 1200.0, samples)
+    whole, end = run(
+        SWEEP.acceleration(half_step_times(0, samples, rate, substeps)),
+        substeps,
+        rate,
+        coulomb_force=coulomb_force,
+        spring_stiffness=stiffness,
+    )
+    state = MotionState()
+    parts = []
+    edges = [0, *sorted(cuts), samples]
+    for first, last in zip(edges[:-1], edges[1:], strict=True):
+        forcing = SWEEP.acceleration(half_step_times(first, last - first, rate, substeps))
+        part, state = run(
+            forcing,
+            substeps,
+            rate,
+            state,
+            coulomb_force=coulomb_force,
+            spring_stiffness=stiffness[first:last],
+        )
+        parts.append(part)
+    for name in ("displacement", "velocity", "acceleration", "stuck"):
+        np.testing.assert_array_equal(
+            np.concatenate([getattr(part, name) for part in parts]), getattr(whole, name)
+        )
+    assert state == end
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    amplitude=st.floats(0.0, 100.0),
+    frequency=st.floats(1.0, 200.0),
+    coulomb_force=st.floats(0.0, 20.0),
+    viscous_coefficient=st.floats(0.0, 100.0),
+    spring_stiffness=st.floats(10.0, 1e5),
+)
+def test_motion_stays_finite_and_friction_never_supplies_energy(
+    amplitude: float,
+    frequency: float,
+    coulomb_force: float,
+    viscous_coefficient: float,
+    spring_stiffness: float,
+) -> None:
+    rate, samples = 10_000.0, 3000
+    parameters = {
+        "mass": MASS,
+        "viscous_coefficient": viscous_coefficient,
+        "spring_stiffness": spring_stiffness,
+    }
+    substeps = substeps_needed(1.0 / rate, **parameters, highest_frequency=frequency)
+    sine = SteadySine(frequency=frequency, amplitude=amplitude, soft_start=0.0)
+    forcing = sine.acceleration(half_step_times(0, samples, rate, substeps))
+    trajectory, _ = run(forcing, substeps, rate, coulomb_force=coulomb_force, **parameters)
+    assert np.isfinite(trajectory.acceleration).all()
+    balance = energy_balance(
+        trajectory,
+        forcing[: -1 : 2 * substeps],
+        sample_period=1.0 / rate,
+        coulomb_force=coulomb_force,
+        **parameters,
+    )
+    turned_over = abs(balance.supplied) + abs(balance.stored) + balance.viscous + balance.coulomb
+    assert abs(balance.residual) <= 0.02 * turned_over + 1e-12
+
+
+def test_velocity_that_only_dips_through_zero_within_a_step_is_seen() -> None:
+    # The force pulls against a slow slip for part of one long step only.
+    coulomb_force, rate = 0.18, 100.0
+    body = np.array([20.0, 1.5, -40.0])
+    state = MotionState(velocity=0.05, direction=1.0)
+    parameters = {"viscous_coefficient": 0.0, "spring_stiffness": 1.0, "coulomb_force": coulomb_force}
+    _, coarse = run(body, 1, rate, state, **parameters)
+    fine_body = np.interp(np.linspace(0.0, 1.0, 401), [0.0, 1.0], [0.0, 1.0])
+    parabola = (
+        body[0]
+        + fine_body * (-3 * body[0] + 4 * body[1] - body[2])
+        + fine_body**2 * (2 * body[0] - 4 * body[1] + 2 * body[2])
+    )
+    fine, end = run(parabola, 200, rate, state, **parameters)
+    assert coarse.velocity == pytest.approx(end.velocity, rel=1e-3)
+    assert coarse.displacement == pytest.approx(end.displacement, rel=1e-3)
+    assert fine.displacement.size == 1
+
+
+def test_sampled_forcing_is_interpolated_between_the_samples() -> None:
+    rate, substeps = 2000.0, 2
+    t = np.arange(400) / rate
+    sine = SteadySine(frequency=110.0, amplitude=1.0, soft_start=0.0)
+    values = half_step_values(sine.acceleration(t), substeps)
+    expected = sine.acceleration(half_step_times(0, t.size - 1, rate, substeps))
+    assert np.abs(values - expected)[20:-20].max() < 5e-5
+    np.testing.assert_allclose(values[:: 2 * substeps], sine.acceleration(t), atol=1e-14)
+    np.testing.assert_allclose(half_step_values(np.array([1.0, 3.0]), 1), [1.0, 2.0, 3.0])
+    with pytest.raises(ValueError, match="two samples"):
+        half_step_values(np.array([1.0]), 1)
+
+
+def test_wrong_lengths_and_too_stiff_parameters_are_refused() -> None:
+    with pytest.raises(ValueError, match="holds 6 values"):
+        run(np.zeros(6), 2, 2000.0)
+    with pytest.raises(InputError, match="at most"):
+        substeps_needed(1.0, mass=1e-4, viscous_coefficient=1e5, spring_stiffness=1e8)

@@ -1,0 +1,85 @@
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from spool_stream.errors import InputError
+from spool_sim.valve import Valve, load_valve, valve_from_mapping
+
+
+def test_derived_quantities_are_those_of_the_paper(valve: Valve, valve_mapping: dict[str, Any]) -> None:
+    assert valve.viscous_coefficient == pytest.approx(8.20, abs=0.005)
+    assert valve.natural_frequency == pytest.approx(15.15, abs=0.005)
+    assert valve.damping_ratio == pytest.approx(0.24, abs=0.005)
+    thin = valve_from_mapping({**valve_mapping, "dynamic_viscosity": 0.0198, "oil": "Azolla ZS22"})
+    assert thin.viscous_coefficient == pytest.approx(2.65, abs=0.005)
+    assert thin.damping_ratio == pytest.approx(0.08, abs=0.005)
+    stiff = valve_from_mapping({**valve_mapping, "spring_stiffness": 5846.0})
+    assert stiff.natural_frequency == pytest.approx(28.68, abs=0.005)
+
+
+@pytest.mark.parametrize("number", ["15e-6", "15.0e-6", "0.000015", "1.5E-5"])
+def test_every_way_to_write_a_number_gives_the_same(valve_file: Path, valve_text: str, number: str) -> None:
+    valve_file.write_text(valve_text.replace("15e-6", number))
+    assert load_valve(valve_file).radial_clearance == 15.0e-6
+
+
+def test_oil_is_optional(valve_file: Path, valve_text: str) -> None:
+    valve_file.write_text(valve_text.replace("oil: HL68\n", ""))
+    assert load_valve(valve_file).oil is None
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("spool_mass: 0.172\n", "", ["spool_mass", "missing"]),
+        ("spool_mass:", "spoolmass:", ["spoolmass", "unknown key", "spool_mass", "missing"]),
+        ("moving_mass: 0.18", "moving_mass: -0.18", ["moving_mass", "greater than 0", "-0.18"]),
+        ("moving_mass: 0.18", "moving_mass: yes", ["moving_mass", "must be a number"]),
+        ("moving_mass: 0.18", "moving_mass: heavy", ["moving_mass", "valid number", "heavy"]),
+        ("moving_mass: 0.18", "moving_mass: .nan", ["moving_mass", "finite"]),
+        ("moving_mass: 0.18", "moving_mass: 0.1", ["spool_mass", "moving_mass"]),
+        ("moving_mass: 0.18", "moving_mass: 0.18\nmoving_mass: 0.2", ["moving_mass", "twice", "line 3"]),
+        ("radial_clearance: 15e-6", "radial_clearance: 15", ["radial_clearance", "less than"]),
+        ("oil: HL68", "oil: HL46", ["oil", "HL46", "HL68", "Azolla ZS22"]),
+        ("oil_temperature: 20", "oil_temperature: 900", ["oil_temperature"]),
+        ("id: valve_soft", "id: 'two words'", ["id", "two words"]),
+        ("id: valve_soft", "id: [", ["line", "YAML"]),
+        ("id: valve_soft\n", "- 1\n", ["YAML"]),
+    ],
+)
+def test_wrong_file_is_refused_in_one_line(
+    valve_file: Path, valve_text: str, old: str, new: str, said: list[str]
+) -> None:
+    assert old in valve_text
+    valve_file.write_text(valve_text.replace(old, new, 1))
+    with pytest.raises(InputError) as caught:
+        load_valve(valve_file)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.startswith(f"{valve_file}: ")
+    for word in said:
+        assert word in message
+
+
+def test_several_faults_are_all_named(valve_mapping: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match=r"moving_mass.*land_length"):
+        valve_from_mapping({**valve_mapping, "moving_mass": 0, "land_length": "long"})
+
+
+def test_missing_file_and_empty_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"absent\.yaml: cannot read the valve file: No such file"):
+        load_valve(tmp_path / "absent.yaml")
+    empty = tmp_path / "empty.yaml"
+    empty.write_text("")
+    with pytest.raises(InputError, match="key: value"):
+        load_valve(empty)
+    empty.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError, match="UTF-8"):
+        load_valve(empty)
+
+
+def test_valve_is_frozen(valve: Valve) -> None:
+    with pytest.raises(ValueError, match="frozen"):
+        valve.moving_mass = 1.0

@@ -1,0 +1,21 @@
+"""Install spool_stream as an ament_python package."""
+
+from setuptools import find_packages, setup
+
+PACKAGE = "spool_stream"
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+    ],
+    zip_safe=True,
+    maintainer="Spool suite maintainers",
+    maintainer_email="maintainers@spool-suite.org",
+    description="What every consumer of samples shares, without ROS: blocks, the judgement of blocks, the error that a user can mend.",
+    license="Apache-2.0",
+    entry_points={"console_scripts": []},
+)

@@ -1,0 +1,32 @@
+"""The block of samples that every consumer of the suite takes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Samples = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A stretch of samples of both accelerometers.
+
+    ``stamp`` is the acquisition time of the first sample (integer ns), ``sequence`` counts
+    blocks since the source started, ``sample_period`` is in s, ``body`` and ``spool`` are
+    accelerations in m/s^2 of shape (n,). A block holds what arrived; it may be malformed:
+    :class:`~spool_stream.block_gate.BlockGate` decides.
+    """
+
+    stamp: int
+    sequence: int
+    sample_period: float
+    body: Samples
+    spool: Samples
+
+    @property
+    def end(self) -> int:
+        """Time at which the first sample of the next block is due, ns."""
+        return self.stamp + round(self.body.size * self.sample_period * 1e9)

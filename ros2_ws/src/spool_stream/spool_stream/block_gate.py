@@ -1,0 +1,110 @@
+"""Which blocks may be used: the same judgement for every consumer of a stream."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .block import Block
+
+
+class Verdict(enum.Enum):
+    """What a consumer does with a block."""
+
+    CONTINUES = "continues"  # use it: it follows the one before without a gap
+    RESTARTS = "restarts"  # use it, but forget the samples before: first block, gap or new source
+    REFUSED = "refused"  # never use it
+
+
+class Fault(enum.Enum):
+    """Why a block was refused or a stream restarted; the value is the text people read."""
+
+    LENGTHS_DIFFER = "body and spool differ in length or are empty"
+    BAD_PERIOD = "sample_period is not a finite number > 0"
+    NOT_FINITE = "samples are NaN or infinite"
+    TIME_BACK = "stamp goes back"
+    NO_TIME = "stamp is 0"
+    LOST = "blocks lost (jump in sequence)"
+    GAP = "stamps leave a gap without a jump in sequence"
+    NEW_SOURCE = "source restarted (sequence went back, time went on)"
+    NEW_PERIOD = "sample_period changed"
+
+
+@dataclass(slots=True)
+class BlockGate:
+    """Judge the blocks of one stream in the order of their arrival and count the faults.
+
+    A stamp that goes back by more than ``reset_after`` seconds is taken for a new start of
+    time (a bag replayed again, a simulated clock set back), not for a fault of one block.
+
+    Attributes:
+        accepted: blocks that may be used.
+        refused: blocks that must not be used.
+        lost: blocks that never arrived, from jumps in ``sequence``.
+        faults: how often each fault was seen.
+        last: the last accepted block's stamp, end (ns) and sequence, ``None`` before the first.
+    """
+
+    reset_after: float = 5.0
+    accepted: int = 0
+    refused: int = 0
+    lost: int = 0
+    faults: dict[Fault, int] = field(default_factory=dict)
+    last: tuple[int, int, int, float] | None = None
+
+    def judge(self, block: Block) -> Verdict:
+        """Return what to do with ``block``; never raises for what a message can hold."""
+        fault = malformed(block)
+        if fault is not None:
+            return self._refuse(fault)
+        if self.last is None:
+            return self._accept(block, Verdict.RESTARTS)
+        stamp, end, sequence, period = self.last
+        if block.stamp <= stamp:
+            if stamp - block.stamp > self.reset_after * 1e9:
+                self._count(Fault.NEW_SOURCE)
+                return self._accept(block, Verdict.RESTARTS)
+            return self._refuse(Fault.TIME_BACK)
+        if block.sequence <= sequence:
+            self._count(Fault.NEW_SOURCE)
+            return self._accept(block, Verdict.RESTARTS)
+        if block.sequence > sequence + 1:
+            self.lost += block.sequence - sequence - 1
+            self._count(Fault.LOST)
+            return self._accept(block, Verdict.RESTARTS)
+        if abs(block.sample_period / period - 1.0) > 1e-6:
+            self._count(Fault.NEW_PERIOD)
+            return self._accept(block, Verdict.RESTARTS)
+        # Clocks of sources jitter: half a block is a gap, a few samples are not.
+        if abs(block.stamp - end) > max(2.0 * period, 0.5 * block.body.size * period) * 1e9:
+            self._count(Fault.GAP)
+            return self._accept(block, Verdict.RESTARTS)
+        return self._accept(block, Verdict.CONTINUES)
+
+    def _accept(self, block: Block, verdict: Verdict) -> Verdict:
+        self.accepted += 1
+        self.last = (block.stamp, block.end, block.sequence, block.sample_period)
+        return verdict
+
+    def _refuse(self, fault: Fault) -> Verdict:
+        self.refused += 1
+        self._count(fault)
+        return Verdict.REFUSED
+
+    def _count(self, fault: Fault) -> None:
+        self.faults[fault] = self.faults.get(fault, 0) + 1
+
+
+def malformed(block: Block) -> Fault | None:
+    """Return what is wrong with ``block`` by itself, or ``None``."""
+    if block.body.size != block.spool.size or block.body.size == 0:
+        return Fault.LENGTHS_DIFFER
+    if not (np.isfinite(block.sample_period) and block.sample_period > 0.0):
+        return Fault.BAD_PERIOD
+    if block.stamp <= 0:
+        return Fault.NO_TIME
+    if not (np.isfinite(block.body).all() and np.isfinite(block.spool).all()):
+        return Fault.NOT_FINITE
+    return None
