@@ -1,0 +1,240 @@
+"""The estimator's core: blocks in, estimates out, no clock of its own."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_stream.block import Block
+from spool_stream.block_gate import BlockGate, Verdict
+from spool_stream.quantity import Quantity, Validity
+
+from .conditioning import BODY, COLUMNS, DIRECTION, DISPLACEMENT, SPOOL, VELOCITY, Conditioning
+from .estimate import Estimate, State
+from .recursive import RecursiveLeastSquares
+
+#: s, samples are taken into the regression in chunks of this length.
+CHUNK = 0.1
+
+#: Relative standard deviation of the stiffness at which learning ends.
+LEARNED = 0.02
+
+_NAMES = ("spring_stiffness", "viscous_coefficient", "coulomb_force")
+_UNITS = ("N/m", "N s/m", "N")
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorSettings:
+    """What an estimator needs to know beforehand.
+
+    Two accelerometers see forces per mass only: ``moving_mass`` (kg) sets the scale of every parameter.
+    ``spring_stiffness`` (N/m), ``viscous_coefficient`` (N s/m) and ``coulomb_force`` (N) are orders of
+    magnitude for a weak prior. ``memory`` (s): time constant of forgetting. ``low_cut``, ``high_cut`` (Hz):
+    the band. ``minimum_excitation`` (m/s^2): rms body acceleration in the band below which parameters are
+    held. ``period`` (s): one estimate in this time.
+    """
+
+    moving_mass: float
+    spring_stiffness: float = 3000.0
+    viscous_coefficient: float = 5.0
+    coulomb_force: float = 0.5
+    memory: float = 4.0
+    low_cut: float = 4.0
+    high_cut: float = 300.0
+    sliding_velocity: float = 1.0e-3
+    minimum_excitation: float = 0.2
+    period: float = 1.0
+
+
+@dataclass(slots=True)
+class _Chunk:
+    """Samples on their way into the regression."""
+
+    rows: NDArray[np.float64]
+    filled: int = 0
+
+
+@dataclass(slots=True)
+class Estimator:
+    """Identify stiffness, viscous coefficient and Coulomb force of one valve from its blocks.
+
+    The model is m a = -c v - k z - F_c sgn(v) (paper eq. (29) with Coulomb friction), ``a`` the spool's
+    acceleration, ``z`` and ``v`` its displacement and velocity in the body, each conditioned alike.
+    """
+
+    settings: EstimatorSettings
+    gate: BlockGate = field(default_factory=BlockGate)
+    regression: RecursiveLeastSquares = field(init=False)
+    latest: Estimate | None = field(default=None, init=False)
+    _conditioning: Conditioning | None = field(default=None, init=False)
+    _chunk: _Chunk = field(init=False)
+    _since_restart: int = field(default=0, init=False)
+    _samples: int = field(default=0, init=False)
+    _chunks: int = field(default=0, init=False)
+    _excited: bool = field(default=False, init=False)
+    _powers: NDArray[np.float64] = field(init=False)
+
+    def __post_init__(self) -> None:
+        settings = self.settings
+        scale = [settings.spring_stiffness, settings.viscous_coefficient, settings.coulomb_force]
+        self.regression = RecursiveLeastSquares(np.array(scale), CHUNK / settings.memory, noise=0.05)
+        self._chunk = _Chunk(np.empty((0, COLUMNS)))
+        self._powers = np.full(4, math.nan)
+
+    def update(self, block: Block) -> list[Estimate]:
+        """Take one block; return the estimates that fell due within it, none for most blocks.
+
+        How a stream is split into blocks changes nothing but ``last_sequence``.
+        """
+        verdict = self.gate.judge(block)
+        if verdict is Verdict.REFUSED:
+            return []
+        if verdict is Verdict.RESTARTS or self._conditioning is None:
+            self._restart(block.sample_period)
+        assert self._conditioning is not None
+        rows = np.empty((block.body.size, COLUMNS))
+        self._conditioning.take(block.body, block.spool, rows)
+        estimates = []
+        taken = 0
+        chunk = self._chunk
+        while taken < len(rows):
+            count = min(len(chunk.rows) - chunk.filled, len(rows) - taken)
+            chunk.rows[chunk.filled : chunk.filled + count] = rows[taken : taken + count]
+            chunk.filled += count
+            taken += count
+            if chunk.filled == len(chunk.rows):
+                self._close_chunk(chunk)
+                if self._chunks % max(1, round(self.settings.period / CHUNK)) == 0:
+                    stamp = block.stamp + round((taken - 1) * block.sample_period * 1e9)
+                    self.latest = self._estimate(stamp, block.sequence)
+                    estimates.append(self.latest)
+        return estimates
+
+    def stale(self) -> Estimate | None:
+        """Return the last estimate as one that is held because no data arrive; ``None`` before the first."""
+        if self.latest is None:
+            return None
+        held = _holding(self.latest)
+        return replace(held, lost_blocks=self.gate.lost, refused_blocks=self.gate.refused)
+
+    def _restart(self, period: float) -> None:
+        if self._conditioning is None or self._conditioning.sample_period != period:
+            settings = self.settings
+            self._conditioning = Conditioning(
+                period, settings.low_cut, settings.high_cut, settings.sliding_velocity
+            )
+            self._chunk = _Chunk(np.empty((max(8, round(CHUNK / period)), COLUMNS)))
+        self._conditioning.reset()
+        self._chunk.filled = 0
+        self._since_restart = 0
+
+    def _close_chunk(self, chunk: _Chunk) -> None:
+        assert self._conditioning is not None
+        rows = chunk.rows
+        chunk.filled = 0
+        self._chunks += 1
+        self._since_restart += len(rows)
+        if self._since_restart - len(rows) < self._conditioning.settling:
+            self._excited = False
+            return
+        target = -self.settings.moving_mass * rows[:, SPOOL]
+        moving = np.sqrt(np.mean(rows[:, VELOCITY] ** 2)) > 2.0 * self.settings.sliding_velocity
+        body = float(np.mean(rows[:, BODY] ** 2))
+        self._excited = bool(moving and body > self.settings.minimum_excitation**2)
+        displacement = float(np.mean(rows[:, DISPLACEMENT] ** 2))
+        if self._excited:
+            self.regression.update(rows[:, : DIRECTION + 1], target)
+            self._samples += len(rows)
+        residual = target - rows[:, : DIRECTION + 1] @ self.regression.parameters
+        new = np.array([np.mean(residual**2), np.mean(target**2), body, displacement])
+        share = CHUNK / self.settings.period
+        self._powers = np.where(np.isnan(self._powers), new, (1.0 - share) * self._powers + share * new)
+
+    def _estimate(self, stamp: int, sequence: int) -> Estimate:
+        values, deviations = self.regression.parameters, self.regression.standard_deviations
+        learned = bool(values[0] > 0.0 and deviations[0] < LEARNED * values[0])
+        if not learned:
+            state = State.LEARNING if self._excited or self._samples else State.NOT_EXCITED
+        else:
+            state = State.TRACKING if self._excited else State.NOT_EXCITED
+        validity = Validity.UNKNOWN
+        if learned:
+            validity = Validity.VALID if self._excited else Validity.HELD
+        parameters = tuple(
+            _judged(name, unit, value, deviation, validity)
+            for name, unit, value, deviation in zip(_NAMES, _UNITS, values, deviations, strict=True)
+        )
+        return Estimate(
+            stamp=stamp,
+            model="coulomb",
+            state=state,
+            last_sequence=sequence,
+            samples=self._samples,
+            delay=self._conditioning.delay * self._conditioning.sample_period if self._conditioning else 0.0,
+            memory=self.settings.memory,
+            parameters=parameters,
+            **self._derived(validity),
+            lost_blocks=self.gate.lost,
+            refused_blocks=self.gate.refused,
+        )
+
+    def _derived(self, validity: Validity) -> dict[str, Quantity]:
+        """Return what follows from the parameters and what the signals themselves show."""
+        mass = self.settings.moving_mass
+        stiffness, viscous, _ = self.regression.parameters
+        covariance = self.regression.covariance * np.outer(self.regression.scale, self.regression.scale)
+        frequency = Quantity("natural_frequency", "Hz")
+        damping = Quantity("damping_ratio", "1")
+        if validity is not Validity.UNKNOWN:
+            natural = math.sqrt(stiffness / mass) / (2.0 * math.pi)
+            deviation = 0.5 * natural * math.sqrt(covariance[0, 0]) / stiffness
+            frequency = replace(frequency, value=natural, standard_deviation=deviation, validity=validity)
+            ratio = viscous / (2.0 * math.sqrt(stiffness * mass))
+            slope = np.array([-0.5 * ratio / stiffness, ratio / viscous if viscous else 0.0])
+            deviation = math.sqrt(max(0.0, float(slope @ covariance[:2, :2] @ slope)))
+            damping = replace(damping, value=ratio, standard_deviation=deviation, validity=validity)
+        residual, target, body, displacement = self._powers
+        seen = Validity.UNKNOWN if math.isnan(body) else Validity.VALID
+        relative = math.sqrt(residual / target) if target > 0.0 and validity is Validity.VALID else math.nan
+        fit = Validity.UNKNOWN if math.isnan(relative) else Validity.VALID
+        return {
+            "natural_frequency": frequency,
+            "damping_ratio": damping,
+            "residual": Quantity("residual", "1", relative, validity=fit),
+            "excitation": Quantity("excitation", "m/s^2", math.sqrt(body), validity=seen),
+            "relative_displacement": Quantity(
+                "relative_displacement", "m", math.sqrt(displacement), validity=seen
+            ),
+        }
+
+
+def _judged(name: str, unit: str, value: float, deviation: float, validity: Validity) -> Quantity:
+    """Return the parameter, unknown while learning, implausible where clearly negative."""
+    if validity is Validity.UNKNOWN:
+        return Quantity(name, unit)
+    if value < -3.0 * deviation and value < 0.0:
+        validity = Validity.IMPLAUSIBLE
+    return Quantity(name, unit, float(value), float(deviation), validity)
+
+
+def _holding(estimate: Estimate) -> Estimate:
+    """Return ``estimate`` as stale: what was valid is held, what the signals showed is unknown."""
+
+    def held(quantity: Quantity) -> Quantity:
+        return replace(quantity, validity=Validity.HELD) if quantity.known else quantity
+
+    def gone(quantity: Quantity) -> Quantity:
+        return Quantity(quantity.name, quantity.unit)
+
+    return replace(
+        estimate,
+        state=State.STALE,
+        parameters=tuple(held(quantity) for quantity in estimate.parameters),
+        natural_frequency=held(estimate.natural_frequency),
+        damping_ratio=held(estimate.damping_ratio),
+        residual=gone(estimate.residual),
+        excitation=gone(estimate.excitation),
+        relative_displacement=gone(estimate.relative_displacement),
+    )
