@@ -15,7 +15,7 @@ setup(
     zip_safe=True,
     maintainer="Spool suite maintainers",
     maintainer_email="maintainers@spool-suite.org",
-    description="Recording of valve topics to MCAP, reading, import and export of records, and the recorder node.",
+    description="Recording to MCAP, reading, import and export of records, and the recorder node.",
     license="Apache-2.0",
     entry_points={"console_scripts": ["recorder = spool_bag.recorder_node:main"]},
 )

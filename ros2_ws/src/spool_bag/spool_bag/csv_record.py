@@ -71,7 +71,7 @@ def read_csv(
             raise InputError(f"--columns: {name!r} is not one of {', '.join(names)}")
         names[name] = own
     table = _table(path)
-    found = [column.strip() for column in table.column_names]
+    found = table.column_names
     missing = [names[name] for name in REQUIRED[kind] if names[name] not in found]
     if missing:
         mapping = f"{REQUIRED[kind][1]}=NAME"
@@ -109,7 +109,10 @@ def _table(path: Path) -> pa.Table:
     if not text.strip():
         raise InputError(f"{path}: the file is empty")
     # Cells come as text first: a type error of the parser would not name the line.
-    header = text.split(b"\n", 1)[0].decode("utf-8-sig", "replace").rstrip("\r").split(",")
+    header = text.split(b"\n", 1)[0].decode("utf-8-sig", "replace").split(",")
+    header = [cell.strip().strip('"').strip() for cell in header]
+    if not text.partition(b"\n")[2].strip():
+        raise InputError(f"{path}: 0 samples are too few for a record")
     try:
         return pa_csv.read_csv(
             pa.BufferReader(text),
@@ -182,14 +185,15 @@ def _timing(path: Path, time: Array) -> tuple[float, NDArray[np.int64], list[str
 def sampling_period(steps: Array) -> float:
     """Return the period (s) behind ``steps`` (s) that were printed with few decimals.
 
-    The mean is exact to one digit of print over the whole record; a rate that is whole in Hz, or a period
-    whole in microseconds, within that is what the logger was set to.
+    The mean is exact to one digit of print over the whole record; the roundest rate in whole Hz, or a
+    period in whole microseconds, within that is what the logger was set to.
     """
     mean = float(np.mean(steps))
     tolerance = max(2.0 * float(np.ptp(steps)) / steps.size, 1e-7 * mean)
-    rate = round(1.0 / mean)
-    if rate > 0 and abs(1.0 / rate - mean) <= tolerance:
-        return 1.0 / rate
+    for digits in (-3, -2, -1, 0):
+        rate = round(1.0 / mean, digits)
+        if rate > 0.0 and abs(1.0 / rate - mean) <= tolerance:
+            return 1.0 / rate
     rounded = round(mean * 1e6) / 1e6
     return rounded if rounded > 0.0 and abs(rounded - mean) <= tolerance else mean
 

@@ -94,7 +94,7 @@ def _writer(out: Path, part: Path, schema: pa.Schema) -> AbstractContextManager[
     out.parent.mkdir(parents=True, exist_ok=True)
     if kind == ".parquet":
         return pa_parquet.ParquetWriter(part, schema, compression="zstd")  # type: ignore[no-any-return]
-    options = pa_csv.WriteOptions(quoting_style="none")
+    options = pa_csv.WriteOptions(include_header=False, quoting_style="none")
     sink = pa.output_stream(str(part), compression="gzip" if kind == ".csv.gz" else None)
     return _CsvSink(sink, schema, options)
 
@@ -104,6 +104,7 @@ class _CsvSink:
 
     def __init__(self, sink: Any, schema: pa.Schema, options: pa_csv.WriteOptions) -> None:
         self._sink = sink
+        sink.write((",".join(schema.names) + "\n").encode())
         self._writer = pa_csv.CSVWriter(sink, schema, write_options=options)
 
     def __enter__(self) -> Any:

@@ -55,12 +55,12 @@ def select_topics(graph: Mapping[str, Sequence[str]], valves: Sequence[str] = ()
         hidden = any(part.startswith("_") for part in topic.split("/"))
         if hidden or len(types) != 1:
             continue
+        # Everything would be inside the root: of a valve without namespace only the known topics count.
         inside = any(
-            topic.startswith(f"{namespace}/") if namespace else topic.count("/") == 1
+            topic.startswith(f"{namespace}/") if namespace else topic.lstrip("/") in TOPICS
             for namespace in namespaces
         )
-        named = topic.rpartition("/")[2] in TOPICS
-        if topic == DIAGNOSTICS or (inside and (named or any(namespaces))):
+        if topic == DIAGNOSTICS or inside:
             chosen[topic] = types[0]
     return dict(sorted(chosen.items()))
 

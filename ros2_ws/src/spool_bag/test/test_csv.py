@@ -93,9 +93,7 @@ def test_a_gap_is_counted_as_lost_blocks(tmp_path: Path) -> None:
 
 def test_names_are_mapped(tmp_path: Path) -> None:
     path = save(tmp_path, record().replace(HEADER, "t,ch1, ch2", 1))
-    with pytest.raises(
-        InputError, match=r"no column time_s, body_m_s2, spool_m_s2; it has t, ch1, ch2.*--columns"
-    ):
+    with pytest.raises(InputError, match=r"no column time_s, .*; it has t, ch1, ch2: .*--columns"):
         read_csv(path)
     found = read_csv(path, columns={"time_s": "t", "body_m_s2": "ch1", "spool_m_s2": "ch2"})
     np.testing.assert_array_equal(found.columns["body_m_s2"], signal(4000)[0])
@@ -122,15 +120,15 @@ def test_force_records(tmp_path: Path, kind: str) -> None:
         (lambda rows: rows[:2], "1 samples"),
         (
             lambda rows: [*rows[:9], "0.00450,abc,1.0", *rows[10:]],
-            "line 10: body_m_s2 is 'abc', not a number",
+            "line 10: body_m_s2 is .abc",
         ),
         (lambda rows: [*rows[:9], "0.00400,1.0", *rows[10:]], "line 10 has 2 cells, the header has 3"),
         (
             lambda rows: [*rows[:9], "0.00400,,1.0", *rows[10:]],
-            "line 10: body_m_s2 is empty, NaN or infinite",
+            "line 10: body_m_s2 is empty, NaN",
         ),
         (lambda rows: [*rows[:9], "0.00400,1.0,nan", *rows[10:]], "line 10: spool_m_s2 is empty, NaN"),
-        (lambda rows: [*rows[:9], "0.00400,1.0,inf", *rows[10:]], "line 10: spool_m_s2 is empty, NaN or inf"),
+        (lambda rows: [*rows[:9], "0.00400,1.0,inf", *rows[10:]], "line 10: spool_m_s2 is empty, NaN"),
         (lambda rows: [*rows[:9], rows[8], *rows[10:]], "line 10: time_s does not increase"),
         (lambda rows: [*rows[:9], "0.00365,1.0,1.0", *rows[10:]], "line 10: sampling is irregular"),
     ],
@@ -206,9 +204,8 @@ def test_csv_to_bag_to_csv_is_exact(tmp_path: Path) -> None:
     assert first == second
     text = (tmp_path / "again.csv").read_text().splitlines()
     assert text[0] == HEADER + ",oil_temperature_C"
-    assert text[2] == ",".join(
-        [*(f"{float(cell):g}" for cell in record(oil=True).splitlines()[2].split(",")[:3]), "40"]
-    )
+    cells = record(oil=True).splitlines()[2].split(",")
+    assert text[2] == ",".join([*(f"{float(cell):g}" for cell in cells[:3]), "40"])
 
 
 def test_parquet_holds_the_same_and_names_the_valves(tmp_path: Path) -> None:

@@ -1,0 +1,281 @@
+"""The real recorder process over DDS: what it hears is in the bag, byte for byte, however it ends."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from mcap.reader import make_reader
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.serialization import serialize_message
+from rosbags.highlevel import AnyReader
+from sensor_msgs.msg import Temperature
+from spool_bag.reader import BagReader
+from spool_bag.recovery import recover
+from spool_msgs.msg import AccelerationBlock, HealthEvent
+from spool_node import qos
+from spool_node.messages import from_block
+from spool_stream.block import Block
+
+PERIOD = 0.0005
+SIZE = 40
+START = 1_700_000_000_000_000_000
+
+
+@pytest.fixture(name="domain")
+def _domain() -> int:
+    return next(DOMAINS)
+
+
+DOMAINS = itertools.count(101 + os.getpid() % 80)
+
+
+def block(sequence: int, *, size: int = SIZE) -> Block:
+    """Return a block with contents of its own."""
+    noise = np.random.default_rng(sequence).standard_normal((2, size)).astype(np.float32)
+    return Block(START + round(sequence * size * PERIOD * 1e9), sequence, PERIOD, noise[0], noise[1])
+
+
+class Source:
+    """Publishes on the test's domain and remembers the CDR of what it published."""
+
+    def __init__(self, domain: int) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = Node("source", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.sent: dict[str, list[bytes]] = {}
+        self._publishers: dict[str, object] = {}
+
+    def offer(self, topic: str, kind: type, profile: object) -> object:
+        publisher = self.node.create_publisher(kind, topic, profile)
+        self._publishers[topic] = publisher
+        self.sent[topic] = []
+        return publisher
+
+    def publish(self, topic: str, message: object) -> None:
+        # The same message serialised twice differs in its padding, so the bytes themselves are sent.
+        data = bytes(serialize_message(message))
+        self._publishers[topic].publish(data)
+        self.sent[topic].append(data)
+
+    def until(self, met: Callable[[], bool], *, timeout: float = 20.0) -> None:
+        end = time.monotonic() + timeout
+        while not met():
+            assert time.monotonic() < end, "waited in vain"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def heard(self, *topics: str) -> None:
+        """Wait until somebody listens to each of ``topics``."""
+        self.until(lambda: all(self._publishers[topic].get_subscription_count() > 0 for topic in topics))
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+
+@pytest.fixture(name="source")
+def _source(domain: int) -> Iterator[Source]:
+    source = Source(domain)
+    yield source
+    source.close()
+
+
+class Recorder:
+    """The recorder as a process of its own."""
+
+    def __init__(self, domain: int, folder: Path, **parameters: object) -> None:
+        self.bag = folder / "bag"
+        arguments = [f"{name}:={value}" for name, value in {"output": self.bag, **parameters}.items()]
+        environment = {
+            **os.environ,
+            "ROS_DOMAIN_ID": str(domain),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        }
+        self.process = subprocess.Popen(
+            [
+                *(sys.executable, "-m", "spool_bag.recorder_node", "--ros-args"),
+                *(part for argument in arguments for part in ("-p", argument)),
+            ],
+            env=environment,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def end(self, number: int) -> int:
+        self.process.send_signal(number)
+        self.process.communicate(timeout=20)
+        return self.process.returncode
+
+
+@pytest.fixture(name="record")
+def _record(domain: int, tmp_path: Path) -> Iterator[Callable[..., Recorder]]:
+    running: list[Recorder] = []
+
+    def start(**parameters: object) -> Recorder:
+        running.append(Recorder(domain, tmp_path, **parameters))
+        return running[-1]
+
+    yield start
+    for recorder in running:
+        if recorder.process.poll() is None:
+            recorder.process.kill()
+        recorder.process.communicate()
+
+
+def stored(bag: Path, topic: str) -> list[bytes]:
+    return [record.data for _, record in BagReader(bag).records(topic)]
+
+
+def written(bag: Path, topic: str) -> int:
+    """Return how many messages of ``topic`` are on the disk by now."""
+    try:
+        return len(stored(bag, topic))
+    except ValueError:
+        return 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stopped_recording_is_complete(
+    source: Source, record: Callable[..., Recorder], number: int
+) -> None:
+    for valve in ("valve_1", "valve_2"):
+        source.offer(f"/{valve}/acceleration", AccelerationBlock, qos.samples_offered(50))
+        source.offer(f"/{valve}/events", HealthEvent, qos.state(depth=10))
+    source.offer("/valve_1/oil_temperature", Temperature, qos.samples_wanted())
+    source.offer("/elsewhere/oil_temperature", Temperature, qos.samples_offered(1))
+    for valve in ("valve_1", "valve_2"):
+        event = HealthEvent(kind="resonance", message=f"of {valve}, before the recorder came")
+        source.publish(f"/{valve}/events", event)
+    recorder = record()
+    wanted = [topic for topic in source.sent if not topic.startswith("/elsewhere")]
+    source.heard(*wanted)
+    for sequence in range(100):
+        for offset, valve in enumerate(("valve_1", "valve_2")):
+            sample = block(sequence + 1000 * offset)
+            source.publish(f"/{valve}/acceleration", from_block(sample, valve))
+        source.executor.spin_once(timeout_sec=0.002)
+    source.publish("/valve_1/oil_temperature", Temperature(temperature=41.5))
+    source.until(lambda: all(written(recorder.bag, topic) == len(source.sent[topic]) for topic in wanted))
+    assert recorder.end(number) == 0
+
+    reader = BagReader(recorder.bag)
+    assert reader.closed
+    assert reader.warnings == []
+    assert reader.valves == ["valve_1", "valve_2"]
+    assert "/elsewhere/oil_temperature" not in reader.topics
+    assert reader.topics["/diagnostics"].messages > 0
+    for topic in wanted:
+        got, sent = stored(recorder.bag, topic), source.sent[topic]
+        assert len(got) == len(sent)
+        for received, original in zip(got, sent, strict=True):
+            # DDS carries whole words: up to three zeros follow what was sent.
+            assert received[: len(original)] == original
+            assert received[len(original) :] in (b"", b"\0", b"\0\0", b"\0\0\0")
+    with AnyReader([recorder.bag]) as other:
+        assert other.message_count == sum(topic.messages for topic in reader.topics.values())
+        qos_of = {c.topic: c.ext.offered_qos_profiles[0].durability.name for c in other.connections}
+        assert qos_of["/valve_1/events"] == "TRANSIENT_LOCAL"
+        assert qos_of["/valve_1/acceleration"] == "VOLATILE"
+    with (recorder.bag / "bag_0.mcap").open("rb") as stream:
+        summary = make_reader(stream, validate_crcs=True).get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        assert summary.statistics.message_count == sum(topic.messages for topic in reader.topics.values())
+
+
+def test_a_killed_recording_keeps_all_but_the_last_second(
+    source: Source, record: Callable[..., Recorder], tmp_path: Path
+) -> None:
+    topic = "/valve_1/acceleration"
+    source.offer(topic, AccelerationBlock, qos.samples_offered(50))
+    recorder = record()
+    source.heard(topic)
+    times = []
+    begin = time.monotonic()
+    for sequence in range(200):
+        source.until(lambda due=begin + 0.02 * sequence: time.monotonic() >= due)
+        source.publish(topic, from_block(block(sequence), "valve_1"))
+        times.append(time.monotonic())
+    killed = time.monotonic()
+    recorder.process.kill()
+    recorder.process.communicate(timeout=20)
+
+    reader = BagReader(recorder.bag)
+    assert not reader.closed
+    assert any("not finished" in warning for warning in reader.warnings)
+    kept = [block.sequence for block in reader.blocks("valve_1")]
+    assert kept == list(range(len(kept)))
+    assert killed - times[len(kept) - 1] < 1.0 + 0.25  # a second, and what the transport takes
+    result = recover(recorder.bag, tmp_path / "mended")
+    assert result.messages[topic] == len(kept)
+    assert BagReader(tmp_path / "mended").closed
+
+
+def test_lost_blocks_are_told(source: Source, record: Callable[..., Recorder]) -> None:
+    topic = "/valve_1/acceleration"
+    source.offer(topic, AccelerationBlock, qos.samples_offered(50))
+    told: dict[str, str] = {}
+
+    def hear(message: DiagnosticArray) -> None:
+        for status in message.status:
+            told.update({value.key: value.value for value in status.values})
+
+    source.node.create_subscription(DiagnosticArray, "/diagnostics", hear, 10)
+    recorder = record()
+    source.heard(topic)
+    for sequence in (0, 1, 2, 7, 8):
+        source.publish(topic, from_block(block(sequence), "valve_1"))
+    source.until(lambda: told.get("lost blocks /valve_1 [1]") == "4")
+    assert recorder.end(signal.SIGINT) == 0
+
+
+def test_named_valves_are_heard_from_their_first_block(
+    source: Source, record: Callable[..., Recorder]
+) -> None:
+    recorder = record(valves="[valve_2]")
+    source.until(recorder.bag.exists)
+    topic = "/valve_2/acceleration"
+    # Best effort is less than the recorder asked for before anybody offered anything.
+    source.offer(topic, AccelerationBlock, qos.samples_wanted())
+    source.offer("/valve_1/acceleration", AccelerationBlock, qos.samples_offered(50))
+    source.heard(topic)
+    for sequence in range(20):
+        source.publish(topic, from_block(block(sequence), "valve_2"))
+        source.publish("/valve_1/acceleration", from_block(block(sequence), "valve_1"))
+        source.executor.spin_once(timeout_sec=0.005)
+    source.until(lambda: written(recorder.bag, topic) == 20)
+    assert recorder.end(signal.SIGTERM) == 0
+    assert BagReader(recorder.bag).valves == ["valve_2"]
+
+
+def test_an_existing_bag_is_refused(record: Callable[..., Recorder], tmp_path: Path) -> None:
+    (tmp_path / "bag").mkdir()
+    recorder = record()
+    _, errors = recorder.process.communicate(timeout=20)
+    assert recorder.process.returncode == 2
+    assert "exists already" in errors
+    assert "Traceback" not in errors
+
+
+def test_a_full_disk_ends_the_recording_cleanly(source: Source, record: Callable[..., Recorder]) -> None:
+    topic = "/valve_1/acceleration"
+    source.offer(topic, AccelerationBlock, qos.samples_offered(50))
+    recorder = record(minimum_free_space=10**15)
+    source.until(lambda: recorder.bag.exists() and BagReader(recorder.bag).closed)
+    assert recorder.process.poll() is None
+    assert recorder.end(signal.SIGINT) == 0
