@@ -24,7 +24,8 @@ def network_problem(domain: int) -> str | None:
             return None
         except (OSError, OverflowError) as error:
             reason = str(error)
-    return f"no UDP port from {first} to {first + 2 * PARTICIPANTS} is free ({reason}): choose another ROS_DOMAIN_ID"
+    return f"no UDP port from {first} to {first + 2 * PARTICIPANTS} is free ({reason}): "
+        "choose another ROS_DOMAIN_ID"
 
 
 def left_behind(folder: Path) -> int:

@@ -119,7 +119,8 @@ def _ros_variables(environment: Mapping[str, str]) -> Iterator[Finding]:
     if reach not in ("", "SUBNET", "LOCALHOST", "OFF", "SYSTEM_DEFAULT"):
         yield Finding(
             "problem",
-            f"ROS_AUTOMATIC_DISCOVERY_RANGE={reach} is none of SUBNET, LOCALHOST, OFF, SYSTEM_DEFAULT: set one",
+            f"ROS_AUTOMATIC_DISCOVERY_RANGE={reach} is none of "
+            "SUBNET, LOCALHOST, OFF, SYSTEM_DEFAULT: set one",
         )
     elif reach == "OFF":
         yield Finding(
@@ -202,12 +203,12 @@ def _packages(layout: Layout, done: State) -> Iterator[Finding]:
         foreign = mend.foreign_files(layout)
         yield Finding(
             "problem" if foreign else "ok",
-            f"{len(foreign)} CMake files of the wheels name folders of another machine: delete {layout.venv} and call again"
+            f"{len(foreign)} CMake files of the wheels name another machine's folders: delete {layout.venv}, call again"
             if foreign
             else "CMake files of the wheels name this machine's folders",
         )
     if "numba" not in found:
-        yield Finding("warning", "numba is missing: the kernels run uncompiled, about a hundred times slower")
+        yield Finding("warning", "numba is missing: the kernels run uncompiled, many times slower")
 
 
 def _workspace(layout: Layout, done: State, environment: Mapping[str, str]) -> Iterator[Finding]:

@@ -115,7 +115,9 @@ def require_tools(python: Interpreter, wheels: bool, path: str | None) -> None:
         )
     missing = missing_tools(path)
     if missing:
-        raise DoorError(f"no {' and no '.join(missing)} on PATH: Debian, Ubuntu: apt install build-essential")
+        raise DoorError(
+            f"not found on PATH: {' and '.join(missing)}: Debian, Ubuntu: apt install build-essential"
+        )
     if not python.has_headers:
         raise DoorError(
             f"Python.h is not in {python.include}: the messages cannot be compiled without it; "
