@@ -24,8 +24,7 @@ def network_problem(domain: int) -> str | None:
             return None
         except (OSError, OverflowError) as error:
             reason = str(error)
-    return f"no UDP port from {first} to {first + 2 * PARTICIPANTS} is free ({reason}): "
-        "choose another ROS_DOMAIN_ID"
+    return f"no free UDP port from {first} on ({reason}): choose another ROS_DOMAIN_ID"
 
 
 def left_behind(folder: Path) -> int:

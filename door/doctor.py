@@ -203,7 +203,7 @@ def _packages(layout: Layout, done: State) -> Iterator[Finding]:
         foreign = mend.foreign_files(layout)
         yield Finding(
             "problem" if foreign else "ok",
-            f"{len(foreign)} CMake files of the wheels name another machine's folders: delete {layout.venv}, call again"
+            f"{len(foreign)} CMake files name another machine's folders: delete {layout.venv}, call again"
             if foreign
             else "CMake files of the wheels name this machine's folders",
         )

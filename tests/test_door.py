@@ -1,0 +1,432 @@
+"""The door by real calls of `./spool`: what goes wrong ends in one line, what was begun is gone on with."""
+
+import base64
+import fcntl
+import hashlib
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+TOOLS = ("sh", "bash", "env", "readlink", "dirname", "cat", "mkdir", "rm", "uname")
+COMPILERS = ("cc", "c++", "make")
+PYTHON = os.path.realpath(getattr(sys, "_base_executable", sys.executable))
+OWN = (
+    "SPOOL_",
+    "ROS_",
+    "AMENT_",
+    "CMAKE_",
+    "COLCON_",
+    "PYTHON",
+    "PYTEST",
+    "LD_LIBRARY",
+    "VIRTUAL_ENV",
+    "RMW_",
+    "_ROS_",
+)
+PATIENCE_S = 240
+READ_ONLY = 'mount --bind "$0" "$0" && mount -o remount,bind,ro "$0"'
+
+
+def clean_environment(**changes: str) -> dict[str, str]:
+    """The machine's environment without what this very test run has set."""
+    own_bin = str(Path(sys.prefix) / "bin")
+    path = os.pathsep.join(part for part in os.environ["PATH"].split(os.pathsep) if part != own_bin)
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(OWN)}
+    return kept | {"PATH": path, "SPOOL_PYTHON": PYTHON} | changes
+
+
+def spool(folder: Path, *arguments: str, **changes: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [folder / "spool", *arguments],
+        env=clean_environment(**changes),
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+
+
+def start(folder: Path, *arguments: str, **changes: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [folder / "spool", *arguments],
+        env=clean_environment(**changes),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def read_until(process: subprocess.Popen[str], text: str) -> str:
+    """What a running call says up to and with `text`."""
+    said = ""
+    while text not in said:
+        character = process.stderr.read(1)
+        assert character, f"it ended before saying {text!r}: {said}"
+        said += character
+    return said
+
+
+def assert_one_line(result: subprocess.CompletedProcess[str], *parts: str, code: int = 2) -> None:
+    """The call ended with one line on stderr, after the announced steps, that says all of `parts`."""
+    assert result.returncode == code, result.stderr
+    lines = [line for line in result.stderr.splitlines() if line and not line.startswith("[")]
+    assert len(lines) == 1, result.stderr
+    assert lines[0].startswith("spool: ")
+    for part in parts:
+        assert part in lines[0]
+    assert result.stdout == ""
+
+
+@pytest.fixture
+def fresh(tmp_path: Path) -> Path:
+    """The project as it is, without anything that was set up."""
+    folder = tmp_path / "project with a space"
+    folder.mkdir()
+    shutil.copy2(ROOT / "spool", folder)
+    ignored = shutil.ignore_patterns("__pycache__", "*.egg-info")
+    for name in ("door", "requirements", "ros2_ws/src"):
+        shutil.copytree(ROOT / name, folder / name, ignore=ignored)
+    return folder
+
+
+def folder_of_tools(folder: Path, *names: str) -> str:
+    folder.mkdir()
+    for name in names:
+        (folder / name).symlink_to(shutil.which(name) or pytest.fail(f"{name} is not on PATH"))
+    return str(folder)
+
+
+class TestBeforeSetUp:
+    def test_help_needs_no_set_up(self, fresh: Path):
+        result = spool(fresh, "--help")
+        assert result.returncode == 0
+        assert "demo" in result.stdout
+        assert not (fresh / ".setup").exists()
+
+    def test_unknown_command(self, fresh: Path):
+        assert_one_line(spool(fresh, "dmeo"), "no command dmeo", "--help")
+
+    @pytest.mark.parametrize(
+        ("missing", "said"), [("c++", "a C++ compiler"), ("cc", "a C compiler"), ("make", "make")]
+    )
+    def test_missing_tool(self, fresh: Path, tmp_path: Path, missing: str, said: str):
+        there = [name for name in COMPILERS if name != missing]
+        path = folder_of_tools(tmp_path / "bin", *TOOLS, *there)
+        result = spool(fresh, "demo", PATH=path, CC="", CXX="")
+        assert_one_line(result, said, "apt install build-essential")
+
+    def test_no_python(self, fresh: Path, tmp_path: Path):
+        path = folder_of_tools(tmp_path / "bin", *TOOLS)
+        assert_one_line(
+            spool(fresh, "demo", PATH=path, SPOOL_PYTHON=""), "no Python 3.10 to 3.13", "SPOOL_PYTHON"
+        )
+
+    def test_python_too_old(self, fresh: Path, tmp_path: Path):
+        old = tmp_path / "python-old"
+        pretend = "import sys; sys.version_info = (3, 9, 1); exec(sys.argv[1])"
+        old.write_text(f'#!/bin/sh\n[ "$1" = -c ] && exec "{PYTHON}" -c \'{pretend}\' "$2"\nexit 1\n')
+        old.chmod(0o755)
+        assert_one_line(
+            spool(fresh, "demo", SPOOL_PYTHON=str(old)), str(old), "no working Python 3.10 to 3.13"
+        )
+
+    def test_python_that_is_no_program(self, fresh: Path):
+        assert_one_line(
+            spool(fresh, "demo", SPOOL_PYTHON="/nowhere/python"), "/nowhere/python", "is no program"
+        )
+
+    def test_a_shim_that_fails_is_passed_over(self, fresh: Path, tmp_path: Path):
+        path = folder_of_tools(tmp_path / "bin", *TOOLS)
+        for name in ("python3", "python3.13"):
+            (tmp_path / "bin" / name).write_text("#!/bin/sh\nexit 127\n")
+            (tmp_path / "bin" / name).chmod(0o755)
+        (tmp_path / "second").mkdir()
+        (tmp_path / "second" / "python3").symlink_to(PYTHON)
+        result = spool(fresh, "--help", PATH=f"{path}:{tmp_path / 'second'}", SPOOL_PYTHON="")
+        assert result.returncode == 0, result.stderr
+
+    def test_sourced_ros_that_is_not_there(self, fresh: Path):
+        result = spool(fresh, "demo", ROS_DISTRO="jazzy", AMENT_PREFIX_PATH="/opt/ros/nowhere")
+        assert_one_line(result, "ROS_DISTRO=jazzy", "AMENT_PREFIX_PATH", "source")
+
+    def test_sourced_ros_of_another_python(self, fresh: Path, tmp_path: Path):
+        result = spool(fresh, "demo", ROS_DISTRO="jazzy", AMENT_PREFIX_PATH=str(tmp_path))
+        assert_one_line(result, "cannot import rclpy", "SPOOL_PYTHON")
+
+    def test_doctor_before_set_up(self, fresh: Path):
+        result = spool(fresh, "doctor")
+        assert result.returncode == 0, result.stdout
+        assert "not set up yet: ./spool demo does it" in result.stdout
+
+    def test_doctor_refuses_localhost_only(self, fresh: Path):
+        result = spool(fresh, "doctor", ROS_LOCALHOST_ONLY="1")
+        assert result.returncode == 1
+        assert "ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST" in result.stdout
+
+    def test_doctor_names_a_missing_compiler(self, fresh: Path, tmp_path: Path):
+        result = spool(fresh, "doctor", PATH=folder_of_tools(tmp_path / "bin", *TOOLS, "make"), CC="", CXX="")
+        assert result.returncode == 1
+        assert "problem  not found on PATH: a C++ compiler" in result.stdout
+
+    def test_read_only_folder(self, fresh: Path):
+        mount = f'{READ_ONLY} && exec "$0/spool" demo'
+        assert_one_line(in_own_mounts(mount, fresh), "cannot be written", "make the folder writable")
+
+    def test_disk_too_small(self, fresh: Path, tmp_path: Path):
+        small = tmp_path / "small"
+        small.mkdir()
+        mount = f'mount -t tmpfs -o size=64m none "{small}" && cp -r "$0" "{small}/p"'
+        assert_one_line(
+            in_own_mounts(f'{mount} && exec "{small}/p/spool" demo', fresh), "GB free", "free some space"
+        )
+
+    def test_second_set_up_waits(self, fresh: Path, tmp_path: Path):
+        notes = fresh / ".setup" / "on_wheels"
+        notes.mkdir(parents=True)
+        with (notes / "busy.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            process = start(fresh, "demo", PATH=folder_of_tools(tmp_path / "bin", *TOOLS))
+            read_until(process, "another set-up is at work")
+        _, said = process.communicate(timeout=PATIENCE_S)
+        assert process.returncode == 2
+        assert "compiler" in said
+
+
+def in_own_mounts(script: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run a shell script that mounts what nobody else sees; `$0` is the folder."""
+    unshare = ["unshare", "-m"] if os.geteuid() == 0 else ["unshare", "-rm"]
+    return subprocess.run(
+        [*unshare, "sh", "-c", script, folder],
+        env=clean_environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+class TestPackagesThatDoNotCome:
+    def test_no_network(self, fresh: Path, tmp_path: Path):
+        with socket.socket() as unused:
+            unused.bind(("127.0.0.1", 0))
+            closed = f"http://127.0.0.1:{unused.getsockname()[1]}"
+            proxies = dict.fromkeys(
+                ("HTTPS_PROXY", "https_proxy", "HTTP_PROXY", "http_proxy", "ALL_PROXY"), closed
+            )
+            result = spool(
+                fresh,
+                "demo",
+                **proxies,
+                NO_PROXY="",
+                no_proxy="",
+                PIP_CONFIG_FILE=os.devnull,
+                PIP_FIND_LINKS="",
+                PIP_CACHE_DIR=str(tmp_path / "cache"),
+            )
+        assert_one_line(result, "no connection to the package index", "check network and proxy")
+
+    def test_wrong_hash(self, fresh: Path, tmp_path: Path):
+        make_wheel(tmp_path)
+        (fresh / "requirements" / "wheels.lock").write_text(f"tiny==1.0 --hash=sha256:{'0' * 64}\n")
+        result = spool(
+            fresh, "demo", PIP_NO_INDEX="1", PIP_FIND_LINKS=str(tmp_path), PIP_CONFIG_FILE=os.devnull
+        )
+        assert_one_line(result, "tiny==1.0", "not the file that the lock was made with")
+
+    def test_a_package_that_nobody_has(self, fresh: Path, tmp_path: Path):
+        (fresh / "requirements" / "wheels.lock").write_text(f"tiny==1.0 --hash=sha256:{'0' * 64}\n")
+        result = spool(
+            fresh, "demo", PIP_NO_INDEX="1", PIP_FIND_LINKS=str(tmp_path), PIP_CONFIG_FILE=os.devnull
+        )
+        assert_one_line(result, "no matching distribution found for tiny==1.0", "pip's configuration")
+
+
+def make_wheel(folder: Path) -> None:
+    """A wheel that pip takes."""
+    files = {
+        "tiny.py": "",
+        "tiny-1.0.dist-info/METADATA": "Metadata-Version: 2.1\nName: tiny\nVersion: 1.0\n",
+        "tiny-1.0.dist-info/WHEEL": "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
+    }
+    record = "".join(
+        f"{name},sha256={base64.urlsafe_b64encode(hashlib.sha256(text.encode()).digest()).rstrip(b'=').decode()},"
+        f"{len(text)}\n"
+        for name, text in files.items()
+    )
+    with zipfile.ZipFile(folder / "tiny-1.0-py3-none-any.whl", "w") as wheel:
+        for name, text in files.items():
+            wheel.writestr(name, text)
+        wheel.writestr("tiny-1.0.dist-info/RECORD", record + "tiny-1.0.dist-info/RECORD,,\n")
+
+
+@pytest.fixture(scope="module")
+def set_up(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A fresh clone, set up by four calls: the first three are ended in three ways in the middle of three steps."""
+    folder = tmp_path_factory.mktemp("door") / "clone"
+    subprocess.run(["git", "clone", "--quiet", ROOT, folder], check=True, capture_output=True)
+
+    process = start(folder, "test", "--version")
+    read_until(process, "making .venv")
+    process.send_signal(signal.SIGINT)
+    assert_ended_as_interrupted(process)
+
+    process = start(folder, "test", "--version")
+    read_until(process, "installing")
+    log = folder / ".setup" / "on_wheels" / "install.log"
+    half_way = time.monotonic() + PATIENCE_S
+    while not (log.exists() and "Installing collected packages" in log.read_text()):
+        assert process.poll() is None, process.stderr.read()
+        assert time.monotonic() < half_way
+        time.sleep(0.1)
+    process.kill()
+    process.communicate(timeout=PATIENCE_S)
+
+    process = start(folder, "test", "--version")
+    said = read_until(process, "building")
+    assert "making .venv" not in said
+    process.terminate()
+    assert_ended_as_interrupted(process)
+
+    result = spool(folder, "test", "--version")
+    assert result.returncode == 0, result.stderr
+    assert "installing" not in result.stderr
+    assert "building" in result.stderr
+    return folder
+
+
+def assert_ended_as_interrupted(process: subprocess.Popen[str]) -> None:
+    _, said = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 130
+    assert said.endswith("spool: interrupted: call again to go on\n")
+
+
+def run_inside(folder: Path, code: str, **changes: str) -> str:
+    """What a piece of Python prints in the environment that the door hands over."""
+    probe = folder / "tests" / "test_probe.py"
+    probe.write_text(f"def test_probe():\n    {code}\n")
+    result = spool(folder, "test", "-q", "-s", "-p", "no:cacheprovider", str(probe), **changes)
+    probe.unlink()
+    assert result.returncode == 0, result.stdout + result.stderr
+    return result.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+class TestSetUp:
+    def test_doctor_is_content(self, set_up: Path):
+        result = spool(set_up, "doctor")
+        assert result.returncode == 0, result.stdout
+        assert "as locked" in result.stdout
+        assert "rclpy and spool_msgs can be imported" in result.stdout
+
+    def test_messages_and_client_library(self, set_up: Path):
+        said = run_inside(set_up, "import rclpy, spool_msgs.msg as m; print(m.HealthEvent.__name__)")
+        assert "HealthEvent" in said
+
+    def test_second_call_starts_at_once(self, set_up: Path, capsys: pytest.CaptureFixture[str]):
+        began = time.monotonic()
+        spool(set_up, "test", "--version")
+        through_door = time.monotonic() - began
+        began = time.monotonic()
+        subprocess.run(
+            [set_up / ".venv/bin/python", "-m", "pytest", "--version"],
+            env=clean_environment(_ROS_WHEELS_BOOTSTRAP_COMPLETE="1"),
+            capture_output=True,
+            check=True,
+        )
+        overhead = through_door - (time.monotonic() - began)
+        with capsys.disabled():
+            print(f"\noverhead of the second call: {overhead:.3f} s")
+        assert overhead < 2.0
+
+    def test_only_what_changed_is_built(self, set_up: Path):
+        setup = set_up / "ros2_ws/src/spool_sim/setup.py"
+        setup.write_text(setup.read_text() + "\n")
+        result = spool(set_up, "test", "--version")
+        assert "[1/1] building spool_sim ..." in result.stderr
+        assert spool(set_up, "test", "--version").stderr == ""
+
+    def test_python_sources_need_no_build(self, set_up: Path):
+        (set_up / "ros2_ws/src/spool_sim/spool_sim/new_module.py").write_text("VALUE = 42\n")
+        assert "42" in run_inside(set_up, "import spool_sim.new_module as m; print(m.VALUE)")
+        assert spool(set_up, "test", "--version").stderr == ""
+
+    def test_finished_installation_runs_read_only(self, set_up: Path):
+        script = f'{READ_ONLY} && exec "$0/spool" test --version'
+        result = in_own_mounts(script, set_up)
+        assert result.returncode == 0, result.stderr
+        assert result.stderr == ""
+
+    def test_build_failure_names_package_and_log(self, set_up: Path):
+        message = set_up / "ros2_ws/src/spool_msgs/msg/Quantity.msg"
+        good = message.read_text()
+        message.write_text(good + "no_such_type value\n")
+        result = spool(set_up, "test", "--version")
+        message.write_text(good)
+        assert result.returncode == 2
+        assert result.stderr.splitlines()[-1].startswith("spool: spool_msgs did not build")
+        assert "build.log" in result.stderr.splitlines()[-1]
+        assert spool(set_up, "test", "--version").returncode == 0
+
+    def test_doctor_sees_a_package_that_is_gone(self, set_up: Path):
+        folder = next((set_up / ".venv/lib").glob("python3.*/site-packages/mcap-*.dist-info"))
+        folder.rename(folder.with_suffix(".away"))
+        result = spool(set_up, "doctor")
+        folder.with_suffix(".away").rename(folder)
+        assert result.returncode == 1
+        assert "mcap missing" in result.stdout
+
+    def test_on_a_sourced_ros(self, set_up: Path, tmp_path: Path):
+        """A packaged ROS 2 cannot be had in a test: wheels sourced from another folder stand in for it."""
+        folder = tmp_path / "clone"
+        subprocess.run(["git", "clone", "--quiet", set_up, folder], check=True, capture_output=True)
+        variables = source_wheels(set_up / ".venv", tmp_path / "ros")
+        result = spool(folder, "test", "--version", **variables)
+        assert result.returncode == 0, result.stderr
+        packages = next((folder / ".setup/on_jazzy/venv/lib").glob("python3.*/site-packages"))
+        assert list(packages.glob("ros_*.dist-info")) == []
+        assert not (folder / ".venv").exists()
+        said = run_inside(
+            folder, "import rclpy, spool_msgs.msg as m; print(rclpy.__file__, m.__file__)", **variables
+        )
+        assert str(tmp_path / "ros") in said
+        assert str(folder / ".setup/on_jazzy/install") in said
+
+    def test_moved_folder_is_noticed(self, set_up: Path):
+        """Last: it leaves the clone half set up."""
+        moved = set_up.rename(set_up.with_name("moved"))
+        process = start(moved, "test", "--version")
+        said = read_until(process, "making .venv")
+        process.send_signal(signal.SIGINT)
+        assert_ended_as_interrupted(process)
+        assert f"the project was moved from {set_up}: setting up anew" in said
+
+
+def source_wheels(venv: Path, folder: Path) -> dict[str, str]:
+    """The variables that a sourced ROS 2 sets, for the wheels of an environment alone."""
+    folder.mkdir()
+    site = next((venv / "lib").glob("python3.*/site-packages"))
+    for record in site.glob("ros_*.dist-info/RECORD"):
+        for line in record.read_text().splitlines():
+            name = line.split(",")[0].split("/")[0]
+            if name not in ("..", "") and not (folder / name).exists() and (site / name).exists():
+                (folder / name).symlink_to(site / name)
+    state = json.loads((venv.parent / ".setup/on_wheels/state.json").read_text())
+    libraries = state["environment"]["LD_LIBRARY_PATH"].split(os.pathsep)
+    return {
+        "ROS_DISTRO": "jazzy",
+        "AMENT_PREFIX_PATH": str(venv),
+        "CMAKE_PREFIX_PATH": str(venv),
+        "PYTHONPATH": str(folder),
+        "LD_LIBRARY_PATH": os.pathsep.join(part for part in libraries if "install" not in part),
+        "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1",
+    }
