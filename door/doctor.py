@@ -100,8 +100,8 @@ def _machine(layout: Layout, done: State, environment: Mapping[str, str]) -> Ite
     if shared < SHARED_MEMORY_BYTES:
         yield Finding(
             "warning",
-            f"{SHARED_MEMORY} has {shared / 1e6:.0f} MB free: Fast DDS wants {SHARED_MEMORY_BYTES / 1e6:.0f} MB "
-            "(docker: --shm-size=256m)",
+            f"{SHARED_MEMORY} has {shared / 1e6:.0f} MB free: Fast DDS wants "
+            f"{SHARED_MEMORY_BYTES / 1e6:.0f} MB (docker: --shm-size=256m)",
         )
     else:
         yield Finding("ok", f"shared memory: {shared / 1e6:.0f} MB free in {SHARED_MEMORY}")

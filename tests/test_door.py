@@ -270,7 +270,7 @@ def make_wheel(folder: Path) -> None:
 
 @pytest.fixture(scope="module")
 def set_up(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A fresh clone, set up by four calls: the first three are ended in three ways in the middle of three steps."""
+    """A fresh clone, set up by four calls: the first three are ended in the middle, each in another way."""
     folder = tmp_path_factory.mktemp("door") / "clone"
     subprocess.run(["git", "clone", "--quiet", ROOT, folder], check=True, capture_output=True)
 
