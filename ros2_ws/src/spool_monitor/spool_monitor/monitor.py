@@ -1,0 +1,256 @@
+"""The monitor's core: blocks and estimates in, events and health out, no clock of its own."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, field
+
+from spool_estimator.estimate import Estimate
+from spool_stream.block import Block
+from spool_stream.block_gate import BlockGate, Verdict
+from spool_stream.quantity import Quantity, Validity
+
+from .drift import Baseline, DriftDetector
+from .event import Condition, Event, EventState, Severity
+from .resonance import ResonanceDetector
+from .spectrum import Line, LineTracker
+
+
+class Level(enum.IntEnum):
+    """The numbers are those of ``spool_msgs/msg/ValveHealth``."""
+
+    UNKNOWN = 0
+    OK = 1
+    WARNING = 2
+    ALARM = 3
+    STALE = 4
+
+
+class BaselineState(enum.IntEnum):
+    """The numbers are those of ``spool_msgs/msg/ValveHealth``."""
+
+    UNKNOWN = 0
+    LEARNING = 1
+    FROZEN = 2
+
+
+@dataclass(frozen=True, slots=True)
+class MonitorSettings:
+    """Thresholds of one valve's monitor.
+
+    ``natural_frequency`` (Hz) holds until the estimator knows better. Changes are relative for the viscous
+    coefficient and the stiffness, in N for the Coulomb force; each alarm level is twice the warning.
+    ``baseline_time`` (s) of valid estimates makes the start values. ``stale_after`` (s) without data or
+    estimates is reported.
+    """
+
+    natural_frequency: float = 15.0
+    resonance_band: float = 0.2
+    amplification_on: float = 2.0
+    amplification_off: float = 1.6
+    minimum_body: float = 0.5
+    viscous_change: float = 0.2
+    coulomb_change: float = 0.1
+    stiffness_change: float = 0.1
+    baseline_time: float = 15.0
+    stale_after: float = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """What the monitor makes of the valve at ``stamp`` (ns); fields as in ``ValveHealth``."""
+
+    stamp: int
+    level: Level
+    baseline: BaselineState
+    summary: str
+    active: tuple[str, ...]
+    dominant_frequency: Quantity
+    amplification: Quantity
+    natural_frequency: Quantity
+    viscous_drift: Quantity
+    coulomb_drift: Quantity
+
+
+@dataclass(slots=True)
+class Monitor:
+    """Watch one valve. Live node and replay drive the same object with the same calls."""
+
+    settings: MonitorSettings = field(default_factory=MonitorSettings)
+    gate: BlockGate = field(default_factory=BlockGate)
+    lines: LineTracker = field(default_factory=LineTracker)
+    resonance: ResonanceDetector = field(init=False)
+    drifts: tuple[DriftDetector, ...] = field(init=False)
+    line: Line | None = field(default=None, init=False)
+    estimate: Estimate | None = field(default=None, init=False)
+    _stale: dict[str, Condition] = field(init=False)
+    _data_fault: Condition = field(init=False)
+    _stamp: int = field(default=0, init=False)
+    _last_fault: int = field(default=0, init=False)
+
+    def __post_init__(self) -> None:
+        settings = self.settings
+        self.resonance = ResonanceDetector(
+            settings.resonance_band,
+            settings.amplification_on,
+            settings.amplification_off,
+            settings.minimum_body,
+        )
+
+        def drift(
+            parameter: str, kind: str, warning: float, relative: bool, causes: tuple[str, str]
+        ) -> DriftDetector:
+            baseline = Baseline(max(3, round(settings.baseline_time)))
+            return DriftDetector(parameter, kind, warning, 2.0 * warning, relative, causes, baseline)
+
+        self.drifts = (
+            drift(
+                "viscous_coefficient",
+                "friction_drift",
+                settings.viscous_change,
+                True,
+                ("wear", "oil_viscosity"),
+            ),
+            drift(
+                "coulomb_force",
+                "friction_drift",
+                settings.coulomb_change,
+                False,
+                ("unknown", "oil_contamination"),
+            ),
+            drift(
+                "spring_stiffness", "spring_change", settings.stiffness_change, True, ("softer", "stiffer")
+            ),
+        )
+        self._stale = {source: Condition("stale", 0.0, 0.0) for source in ("acceleration", "estimate")}
+        self._data_fault = Condition("data_fault", 0.0, 5.0)
+
+    def update(self, block: Block) -> list[Event]:
+        """Take one block; return what began or ended with it."""
+        before = self.gate.last
+        verdict = self.gate.judge(block)
+        events = self._judge_data(block.stamp)
+        if verdict is Verdict.REFUSED:
+            return events
+        if before is not None and verdict is Verdict.RESTARTS:
+            silent = (block.stamp - before[1]) * 1e-9
+            if silent > self.settings.stale_after:
+                due = before[1] + round(self.settings.stale_after * 1e9)
+                events += self._silence("acceleration", due, silent)
+        self._stamp = block.end
+        events += self._stale["acceleration"].clear(block.stamp, _seconds(0.0), "acceleration arrives again")
+        if verdict is Verdict.RESTARTS:
+            self.lines.restart(block.sample_period)
+        for line in self.lines.update(block):
+            self.line = line
+            events += self.resonance.update(line, self._natural_frequency.value)
+        return events
+
+    def update_estimate(self, estimate: Estimate) -> list[Event]:
+        """Take one estimate; return what began or ended with it."""
+        events = self._stale["estimate"].clear(estimate.stamp, _seconds(0.0), "estimates arrive again")
+        self.estimate = estimate
+        self._stamp = max(self._stamp, estimate.stamp)
+        for drift in self.drifts:
+            events += drift.update(estimate)
+        return events
+
+    def idle(self, without_blocks: float, without_estimates: float) -> list[Event]:
+        """Say how long (s, on a steady clock) nothing has arrived; return what follows from it."""
+        events = []
+        for source, silent in (("acceleration", without_blocks), ("estimate", without_estimates)):
+            if silent > self.settings.stale_after:
+                events += self._silence(source, self._stamp + round(without_blocks * 1e9), silent)
+        return events
+
+    @property
+    def health(self) -> Health:
+        """The present judgement."""
+        conditions = [self.resonance.condition, self._data_fault, *(drift.condition for drift in self.drifts)]
+        active = [condition for condition in conditions if condition.active is not None]
+        stale = [source for source, condition in self._stale.items() if condition.active is not None]
+        if stale:
+            level = Level.STALE
+        elif active:
+            worst = max(condition.active for condition in active if condition.active is not None)
+            level = Level.ALARM if worst is Severity.ALARM else Level.WARNING
+        elif self.estimate is None and self.line is None:
+            level = Level.UNKNOWN
+        else:
+            level = Level.OK
+        viscous, coulomb, _ = self.drifts
+        frozen = all(drift.baseline.frozen for drift in (viscous, coulomb))
+        baseline = BaselineState.FROZEN if frozen else BaselineState.LEARNING
+        line = self.line
+        known = Validity.UNKNOWN if line is None or stale else Validity.VALID
+        return Health(
+            stamp=self._stamp,
+            level=level,
+            baseline=BaselineState.UNKNOWN if self.estimate is None else baseline,
+            summary=self._summary(active, stale, baseline),
+            active=tuple(dict.fromkeys([*("stale" for _ in stale[:1]), *(one.kind for one in active)])),
+            dominant_frequency=_seen("dominant_frequency", "Hz", line.frequency if line else None, known),
+            amplification=_seen("amplification", "1", line.amplification if line else None, known),
+            natural_frequency=self._natural_frequency,
+            viscous_drift=viscous.change,
+            coulomb_drift=coulomb.change,
+        )
+
+    @property
+    def _natural_frequency(self) -> Quantity:
+        if self.estimate is not None and self.estimate.natural_frequency.known:
+            return self.estimate.natural_frequency
+        return Quantity("natural_frequency", "Hz", self.settings.natural_frequency, validity=Validity.HELD)
+
+    def _summary(self, active: list[Condition], stale: list[str], baseline: BaselineState) -> str:
+        if stale:
+            return "no " + " and no ".join(stale)
+        if active:
+            return ", ".join(
+                one.kind.replace("_", " ") + (f" ({one.cause.replace('_', ' ')})" if one.cause else "")
+                for one in active
+            )
+        if self.estimate is None:
+            return "waiting for estimates"
+        state = self.estimate.state.name.lower().replace("_", " ")
+        return f"{state}, baseline {baseline.name.lower()}"
+
+    def _silence(self, source: str, stamp: int, seconds: float) -> list[Event]:
+        message = f"no {source} for {seconds:.1f} s"
+        return self._stale[source].judge(
+            stamp, Severity.ALARM, released=False, cause=source, quantity=_seconds(seconds), message=message
+        )
+
+    def _judge_data(self, stamp: int) -> list[Event]:
+        faults = self.gate.lost + self.gate.refused
+        new = faults > self._last_fault
+        self._last_fault = faults
+        worst = max(self.gate.faults.items(), key=lambda item: item[1])[0].value if self.gate.faults else ""
+        return self._data_fault.judge(
+            max(stamp, self._stamp),
+            Severity.WARNING if new else None,
+            released=not new,
+            cause=worst if new else "",
+            quantity=Quantity("faulty_blocks", "1", float(faults), validity=Validity.VALID),
+            message=f"{self.gate.lost} blocks lost, {self.gate.refused} refused since the start",
+        )
+
+
+def _seconds(value: float) -> Quantity:
+    return Quantity("silence", "s", value, validity=Validity.VALID)
+
+
+def _seen(name: str, unit: str, value: float | None, validity: Validity) -> Quantity:
+    return Quantity(name, unit) if value is None else Quantity(name, unit, value, validity=validity)
+
+
+__all__ = [
+    "BaselineState",
+    "Event",
+    "EventState",
+    "Health",
+    "Level",
+    "Monitor",
+    "MonitorSettings",
+    "Severity",
+]

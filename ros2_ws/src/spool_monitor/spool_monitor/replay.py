@@ -1,0 +1,54 @@
+"""Estimator and monitor over recorded blocks: what the live nodes do, without ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+from spool_estimator.estimate import Estimate
+from spool_estimator.estimator import Estimator
+from spool_stream.block import Block
+
+from .event import Event
+from .monitor import Monitor
+
+
+@dataclass(slots=True)
+class Replay:
+    """One valve's estimator and monitor, driven by its blocks in their order.
+
+    Attributes:
+        estimates: every estimate, where ``keep`` asked for them; the last one is ``estimator.latest``.
+        events: every event; a valve that flaps is bounded by its conditions' delays.
+
+    """
+
+    estimator: Estimator
+    monitor: Monitor
+    keep: bool = False
+    estimates: list[Estimate] = field(default_factory=list, init=False)
+    events: list[Event] = field(default_factory=list, init=False)
+    first_stamp: int | None = field(default=None, init=False)
+    last_stamp: int | None = field(default=None, init=False)
+    samples: int = field(default=0, init=False)
+
+    def run(self, blocks: Iterable[Block], progress: Callable[[Block], None] | None = None) -> None:
+        """Drive both cores with ``blocks``; ``progress`` is called after each."""
+        for block in blocks:
+            self.update(block)
+            if progress is not None:
+                progress(block)
+
+    def update(self, block: Block) -> None:
+        """Take one block through estimator and monitor, in the order of the data."""
+        refused = self.estimator.gate.refused
+        estimates = self.estimator.update(block)
+        if self.estimator.gate.refused == refused:
+            self.samples += block.body.size
+            self.first_stamp = block.stamp if self.first_stamp is None else self.first_stamp
+            self.last_stamp = block.end
+        self.events += self.monitor.update(block)
+        for estimate in estimates:
+            self.events += self.monitor.update_estimate(estimate)
+            if self.keep:
+                self.estimates.append(estimate)

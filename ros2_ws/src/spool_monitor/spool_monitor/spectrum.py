@@ -1,0 +1,114 @@
+"""The strongest line of the excitation and what the spool makes of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_stream.block import Block
+
+#: Hz, below lies drift, above no spring of a directional valve resonates.
+BAND = (4.0, 250.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """The dominant line at ``stamp`` (ns, newest sample).
+
+    ``frequency`` in Hz, ``body`` and ``spool`` peak accelerations in m/s^2, ``amplification`` spool over
+    body, ``relative_displacement`` peak in m of the spool in the body, ``share`` of the body's power in the
+    band that the line holds.
+    """
+
+    stamp: int
+    frequency: float
+    body: float
+    spool: float
+    amplification: float
+    relative_displacement: float
+    share: float
+
+
+@dataclass(slots=True)
+class LineTracker:
+    """Look for the dominant line in the last ``window`` s, every ``hop`` s of data."""
+
+    window: float = 1.0
+    hop: float = 0.25
+    _body: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32), init=False)
+    _spool: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32), init=False)
+    _taper: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0), init=False)
+    _period: float = field(default=0.0, init=False)
+    _filled: int = field(default=0, init=False)
+    _fresh: int = field(default=0, init=False)
+
+    def restart(self, period: float) -> None:
+        """Forget all samples; the next ones are ``period`` s apart."""
+        size = max(16, round(self.window / period))
+        if size != self._body.size or period != self._period:
+            self._body = np.zeros(size, np.float32)
+            self._spool = np.zeros(size, np.float32)
+            self._taper = np.hanning(size)
+            self._period = period
+        self._filled = self._fresh = 0
+
+    def update(self, block: Block) -> list[Line]:
+        """Take a block; return the lines that fell due, the same for any split into blocks."""
+        lines = []
+        hop = max(1, round(self.hop / self._period))
+        taken = 0
+        while taken < block.body.size:
+            count = min(hop - self._fresh, block.body.size - taken)
+            self._push(block.body[taken : taken + count], self._body)
+            self._push(block.spool[taken : taken + count], self._spool)
+            taken += count
+            self._fresh += count
+            self._filled = min(self._body.size, self._filled + count)
+            if self._fresh == hop:
+                self._fresh = 0
+                if self._filled == self._body.size:
+                    stamp = block.stamp + round((taken - 1) * block.sample_period * 1e9)
+                    line = self._find(stamp)
+                    if line is not None:
+                        lines.append(line)
+        return lines
+
+    @staticmethod
+    def _push(samples: NDArray[np.float32], window: NDArray[np.float32]) -> None:
+        count = min(samples.size, window.size)
+        window[: window.size - count] = window[count:]
+        window[window.size - count :] = samples[samples.size - count :]
+
+    def _find(self, stamp: int) -> Line | None:
+        body = np.fft.rfft((self._body - self._body.mean()) * self._taper)
+        spool = np.fft.rfft((self._spool - self._spool.mean()) * self._taper)
+        step = 1.0 / (self._body.size * self._period)
+        low = max(3, math.ceil(BAND[0] / step))
+        high = min(body.size - 3, math.floor(BAND[1] / step))
+        if high <= low:
+            return None
+        power = np.abs(body) ** 2
+        peak = low + int(np.argmax(power[low : high + 1]))
+        around = slice(peak - 2, peak + 3)
+        line_power = float(power[around].sum())
+        total = float(power[low - 2 : high + 3].sum())
+        if line_power <= 0.0 or not math.isfinite(line_power):
+            return None
+        # The centre of gravity of a Hann-tapered line lies on its frequency.
+        frequency = float(np.arange(peak - 2, peak + 3) @ power[around]) / line_power * step
+        # A sine of amplitude A under the taper holds A^2 / 4 times the taper's energy times n.
+        scale = 4.0 / (float(self._taper @ self._taper) * self._taper.size)
+        amplitude = math.sqrt(line_power * scale)
+        spool_amplitude = math.sqrt(float(np.sum(np.abs(spool[around]) ** 2)) * scale)
+        relative = math.sqrt(float(np.sum(np.abs(spool[around] - body[around]) ** 2)) * scale)
+        return Line(
+            stamp=stamp,
+            frequency=frequency,
+            body=amplitude,
+            spool=spool_amplitude,
+            amplification=spool_amplitude / amplitude,
+            relative_displacement=relative / (2.0 * math.pi * frequency) ** 2,
+            share=line_power / total,
+        )
