@@ -34,6 +34,7 @@ GAP = 1.5
 JITTER = 0.25
 GRAVITY = 9.80665
 LARGEST_USUAL_RMS = 2000.0
+LONGEST_USUAL_PERIOD = 0.05
 
 Array = NDArray[np.float64]
 
@@ -70,8 +71,8 @@ def read_csv(
         if name not in names:
             raise InputError(f"--columns: {name!r} is not one of {', '.join(names)}")
         names[name] = own
-    table = _table(path)
-    found = table.column_names
+    text = _text(path)
+    found = text.header
     missing = [names[name] for name in REQUIRED[kind] if names[name] not in found]
     if missing:
         mapping = f"{REQUIRED[kind][1]}=NAME"
@@ -79,65 +80,93 @@ def read_csv(
             f"{path}: no column {', '.join(missing)}; it has {', '.join(found)}: "
             f"map names with --columns {mapping}"
         )
-    arrays: dict[str, Array] = {}
-    for name, own in names.items():
-        if own in found:
-            column = table.column(found.index(own))
-            arrays[name] = _numbers(path, own, column, holes=name == OIL_TEMPERATURE)
-        elif columns and name in columns:
-            raise InputError(f"{path}: no column {own}; it has {', '.join(found)}")
+    absent = [own for name, own in names.items() if columns and name in columns and own not in found]
+    if absent:
+        raise InputError(f"{path}: no column {', '.join(absent)}; it has {', '.join(found)}")
+    present = {name: own for name, own in names.items() if own in found}
+    doubled = [own for own in present.values() if found.count(own) > 1]
+    if doubled:
+        raise InputError(f"{path}: column {doubled[0]} is there {found.count(doubled[0])} times")
+    table = _table(text, list(dict.fromkeys(present.values())))
+    arrays = {
+        name: _numbers(path, own, table.column(own), holes=name == OIL_TEMPERATURE)
+        for name, own in present.items()
+    }
     time = arrays.pop(TIME)
     period, gaps, warnings = _timing(path, time)
+    if period > LONGEST_USUAL_PERIOD:
+        warnings.append(f"{TIME} steps by {period:g} s: are these milliseconds?")
     if kind == "accelerations":
         warnings += _units(arrays)
     return CsvRecord(time, arrays, period, gaps, tuple(warnings))
 
 
-def _table(path: Path) -> pa.Table:
+@dataclass(frozen=True, slots=True)
+class _Text:
+    """A file as read: its bytes, the names in its header and how it separates."""
+
+    path: Path
+    content: bytes
+    header: list[str]
+    delimiter: str
+    decimal: str
+
+
+def _text(path: Path) -> _Text:
     try:
         with path.open("rb") as plain:
             packed = plain.read(2) == b"\x1f\x8b"
             plain.seek(0)
             stream = cast(BinaryIO, gzip.GzipFile(fileobj=plain)) if packed else plain
-            text = stream.read()
+            content = stream.read()
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise InputError(
             f"{path}: the compressed file is cut off or damaged ({error}): copy it again"
         ) from error
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
-    if not text.strip():
+    if not content.strip():
         raise InputError(f"{path}: the file is empty")
-    # Cells come as text first: a type error of the parser would not name the line.
-    header = text.split(b"\n", 1)[0].decode("utf-8-sig", "replace").split(",")
-    header = [cell.strip().strip('"').strip() for cell in header]
-    if not text.partition(b"\n")[2].strip():
+    first, _, rest = content.partition(b"\n")
+    if not rest.strip():
         raise InputError(f"{path}: 0 samples are too few for a record")
+    line = first.decode("utf-8-sig", "replace")
+    delimiter = max(",;\t", key=line.count)
+    decimal = "," if delimiter != "," and b"," in rest.partition(b"\n")[0] else "."
+    header = [cell.strip().strip('"').strip() for cell in line.split(delimiter)]
+    return _Text(path, content, header, delimiter, decimal)
+
+
+def _table(text: _Text, wanted: list[str]) -> pa.Table:
     try:
         return pa_csv.read_csv(
-            pa.BufferReader(text),
-            read_options=pa_csv.ReadOptions(column_names=header, skip_rows=1, use_threads=False),
+            pa.BufferReader(text.content),
+            read_options=pa_csv.ReadOptions(column_names=text.header, skip_rows=1, use_threads=False),
+            parse_options=pa_csv.ParseOptions(delimiter=text.delimiter),
             convert_options=pa_csv.ConvertOptions(
-                column_types={name: pa.float64() for name in header}, strings_can_be_null=True
+                column_types={name: pa.float64() for name in wanted},
+                include_columns=wanted,
+                decimal_point=text.decimal,
             ),
         )
     except pa.ArrowInvalid as error:
-        raise InputError(f"{path}: {_first_bad_line(text, header) or error}") from error
+        raise InputError(f"{text.path}: {_first_bad_line(text, wanted) or error}") from error
 
 
-def _first_bad_line(text: bytes, header: list[str]) -> str | None:
+def _first_bad_line(text: _Text, wanted: list[str]) -> str | None:
     """Return where the first row stands that is no row of numbers; only called once parsing failed."""
-    for number, line in enumerate(text.decode("utf-8", "replace").splitlines()[1:], start=2):
+    for number, line in enumerate(text.content.decode("utf-8", "replace").splitlines()[1:], start=2):
         if not line.strip():
             continue
-        cells = line.split(",")
-        if len(cells) != len(header):
-            return f"line {number} has {len(cells)} cells, the header has {len(header)}"
-        for name, cell in zip(header, cells, strict=True):
+        cells = line.split(text.delimiter)
+        if len(cells) != len(text.header):
+            return f"line {number} has {len(cells)} cells, the header has {len(text.header)}"
+        for name, cell in zip(text.header, cells, strict=True):
             try:
-                float(cell or "nan")
+                float(cell.strip('" ').replace(text.decimal, ".") or "nan")
             except ValueError:
-                return f"line {number}: {name} is {cell!r}, not a number"
+                if name in wanted:
+                    return f"line {number}: {name} is {cell!r}, not a number"
     return None
 
 

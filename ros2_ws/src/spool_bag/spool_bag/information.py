@@ -96,8 +96,9 @@ def describe(path: Path | str) -> BagInformation:
     first = min((valve.first_stamp for valve in valves if valve.first_stamp is not None), default=None)
     end = max((valve.end_stamp for valve in valves if valve.end_stamp is not None), default=None)
     if first is None or end is None:
-        times = [record.log_time for _, record in reader.records()]
-        first, end = (min(times), max(times)) if times else (None, None)
+        for _, record in reader.records():
+            first = record.log_time if first is None else min(first, record.log_time)
+            end = record.log_time if end is None else max(end, record.log_time)
     duration = (end - first) / 1e9 if first is not None and end is not None else None
     topics = tuple(
         TopicSummary(name, topic.type, topic.messages, topic.messages / duration if duration else None)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import sys
+import time
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
@@ -144,7 +145,8 @@ class RecorderNode(ManagedNode):
     def _keep(self, topic: str, kind: str, data: bytes, *, stamped: bool) -> None:
         if self._writer is None:
             return
-        received = self.get_clock().now().nanoseconds
+        # With use_sim_time the clock says 0 until it is first heard.
+        received = self.get_clock().now().nanoseconds or time.time_ns()
         published = received
         if stamped:
             try:

@@ -17,6 +17,7 @@ from .definitions import Definition, definition
 from .metadata import BagMetadata, TopicCount, qos_text, write_metadata
 
 CHUNK_SIZE = 1 << 20
+METADATA_INTERVAL = 5.0
 
 
 class RecordingError(OSError):
@@ -83,6 +84,7 @@ class BagWriter:
         self._schemas: dict[str, int] = {}
         self._start: int | None = None
         self._end = 0
+        self._described = 0.0
         self._open = False
         if self.path.exists():
             raise InputError(f"{self.path} exists already: name a bag that does not, or remove it")
@@ -189,6 +191,8 @@ class BagWriter:
         self._output.sync()
         self._good = self._output.tell()
         self._flushed = time.monotonic()
+        if self._flushed - self._described >= METADATA_INTERVAL:
+            self._write_metadata()
 
     def _finish(self) -> None:
         self._flush()
@@ -210,6 +214,7 @@ class BagWriter:
             ) from error
 
     def _write_metadata(self) -> None:
+        self._described = time.monotonic()
         start = self._start or 0
         write_metadata(
             self.path,

@@ -154,6 +154,30 @@ def test_compressed_and_cut(tmp_path: Path) -> None:
         read_csv(tmp_path / "nothing.csv")
 
 
+def test_loggers_dialects(tmp_path: Path) -> None:
+    plain = read_csv(save(tmp_path, record(50)))
+    german = [";".join([*row.split(","), "ok"]).replace(".", ",") for row in record(50).splitlines()]
+    found = read_csv(save(tmp_path, "\ufeff" + "\r\n".join(german) + "\r\n\r\n"))
+    np.testing.assert_array_equal(found.time, plain.time)
+    for name, values in plain.columns.items():
+        np.testing.assert_array_equal(found.columns[name], values)
+    with pytest.raises(InputError, match="column time_s is there 2 times"):
+        read_csv(
+            save(tmp_path, record(50).replace(HEADER, "time_s,time_s,body_m_s2")),
+            columns={"spool_m_s2": "body_m_s2"},
+        )
+
+
+def test_temperature_may_begin_late(tmp_path: Path) -> None:
+    rows = record(4000, oil=True).splitlines()
+    rows[1:1001] = [row.rpartition(",")[0] + "," for row in rows[1:1001]]
+    assert import_csv(save(tmp_path, "\n".join(rows)), tmp_path / "bag").temperatures == 2
+    (stamp, celsius), _ = BagReader(tmp_path / "bag").temperatures("valve_1")
+    assert (stamp - DEFAULT_START, celsius) == (500_000_000, 40.25)
+    export_bag(tmp_path / "bag", tmp_path / "again.csv")
+    assert import_csv(tmp_path / "again.csv", tmp_path / "bag_2").temperatures == 2
+
+
 def test_suspicious_units_are_told(tmp_path: Path) -> None:
     time_s = np.arange(1000) / 1000.0
     wave = np.sin(80.0 * time_s)
@@ -166,6 +190,7 @@ def test_suspicious_units_are_told(tmp_path: Path) -> None:
     assert "body_m_s2 has an rms" in warnings(5000.0, 5.0)
     assert "is body_m_s2 in g instead of m/s^2?" in warnings(1.0, 9.80665)
     assert "is spool_m_s2 in g instead of m/s^2?" in warnings(9.80665, 1.0)
+    assert "milliseconds" in read_csv(save(tmp_path, record(100, 2.0))).warnings[0]
 
 
 @pytest.mark.parametrize("valve", ["", "2nd", "a b", "/valve_1", "a//b", "a__b", "../x"])
