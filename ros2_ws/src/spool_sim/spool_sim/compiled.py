@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 import importlib
-import importlib.util
 from collections.abc import Callable
+from types import ModuleType
 from typing import TypeVar, cast
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
-# Without numba the functions stay correct, only slow.
-COMPILED: bool = importlib.util.find_spec("numba") is not None
+
+def _numba() -> ModuleType | None:
+    try:
+        return importlib.import_module("numba")
+    except ImportError:  # the functions stay correct, only slow
+        return None
+
+
+_NUMBA = _numba()
+COMPILED: bool = _NUMBA is not None
 
 
 def compiled(function: Function) -> Function:
     """Return ``function`` compiled (cached on disk, without the interpreter lock), or as it is."""
-    if not COMPILED:
+    if _NUMBA is None:
         return function
-    numba = importlib.import_module("numba")
-    return cast(Function, numba.njit(cache=True, nogil=True)(function))
+    return cast(Function, _NUMBA.njit(cache=True, nogil=True)(function))
 
 
 def notice() -> str | None:

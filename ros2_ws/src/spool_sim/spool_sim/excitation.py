@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
-
 from spool_stream.errors import InputError
+
 from .excitation_base import Array, Excitation, rise
 from .excitation_broadband import MachineOrders, Multisine
 from .excitation_sines import Standstill, SteadySine, SteppedSine, SweptSine
@@ -67,6 +67,8 @@ class Sequence(Excitation):
         shortest = min(part.duration for part in self.parts)
         if self.fade > shortest:
             raise ValueError(f"fade is longer than the shortest part ({shortest:g} s)")
+        if self.repeat and len(self.parts) < 2:
+            raise ValueError("repeat needs two parts or more")
         return self
 
     @property
@@ -80,47 +82,25 @@ class Sequence(Excitation):
         return max(part.excitation.highest_frequency for part in self.parts)
 
     def _steady(self, t: Array) -> Array:
-        if self.repeat:
-            run = np.floor(t / self.duration)
-            local = t - run * self.duration
-            # The first part of the next run fades in while the last part of this one fades out.
-            last = len(self.parts) - 1
-            total = self._weighted(local, fades_in=t - local > 0.0, fades_out=True)
-            early = local > self.duration - 0.5 * self.fade
-            if early.any():
-                total[early] += self._part(0, local[early] - self.duration, True, True, 0.0)
-            late = (local < 0.5 * self.fade) & (run > 0)
-            if late.any():
-                start = self.duration - self.parts[last].duration
-                total[late] += self._part(last, local[late] + self.duration, True, True, start)
-            return total
-        return self._weighted(t, fades_in=np.zeros(t.shape, dtype=np.bool_), fades_out=False)
-
-    def _weighted(self, t: Array, fades_in: np.typing.NDArray[np.bool_], fades_out: bool) -> Array:
         total = np.zeros(t.shape)
         start = 0.0
         for number, part in enumerate(self.parts):
             first, last = number == 0, number == len(self.parts) - 1
-            low = -np.inf if first else start - 0.5 * self.fade
-            high = np.inf if last else start + part.duration + 0.5 * self.fade
-            inside = (t >= low) & (t < high)
-            for fading in (True, False) if first else (True,):
-                chosen = inside & (fades_in == fading) if first else inside
-                if chosen.any():
-                    total[chosen] += self._part(
-                        number, t[chosen], not first or fading, not last or fades_out, start
-                    )
+            local, run = t - start, np.zeros(t.shape)
+            if self.repeat:
+                run = np.floor((local + 0.5 * (self.duration - part.duration)) / self.duration)
+                local = local - run * self.duration
+            weight = np.ones(t.shape) if first else self._ramp(local)
+            if first and self.repeat:
+                weight = np.where(run == 0.0, 1.0, self._ramp(local))
+            if self.repeat or not last:
+                weight = weight * (1.0 - self._ramp(local - part.duration))
+            # Nothing has been before the first run.
+            active = (weight > 0.0) & (run >= 0.0)
+            if active.any():
+                total[active] += weight[active] * part.excitation.acceleration(local[active])
             start += part.duration
         return total
-
-    def _part(self, number: int, t: Array, fade_in: bool, fade_out: bool, start: float) -> Array:
-        part = self.parts[number]
-        value = part.excitation.acceleration(t - start)
-        if fade_in:
-            value = value * self._ramp(t - start)
-        if fade_out:
-            value = value * (1.0 - self._ramp(t - start - part.duration))
-        return value
 
     def _ramp(self, t: Array) -> Array:
         """Return the weight of what begins at t = 0: from 0 to 1 within fade / 2 on both sides."""

@@ -137,15 +137,22 @@ class MachineOrders(Excitation):
 
 @lru_cache(maxsize=64)
 def _low_crest_phases(frequencies: tuple[float, ...], period: float, seed: int) -> tuple[float, ...]:
-    """Return phases (turns): the lowest crest factor among Schroeder's and 16 drawn sets."""
+    """Return phases (turns) of a low crest factor: from Schroeder's and drawn ones, by clipping peaks."""
     count = len(frequencies)
+    number = np.rint(np.array(frequencies) * period).astype(np.int64)
+    samples = int(2 ** np.ceil(np.log2(8 * number[-1])))
     generator = np.random.default_rng(seed)
     line = np.arange(count)
-    candidates = [np.mod(-line * (line + 1) / (2.0 * count) + generator.random(), 1.0)]
-    candidates += [generator.random(count) for _ in range(16)]
-    samples = int(np.clip(8 * max(frequencies) * period, 64, 8192))
-    t = np.asarray(np.arange(samples) * (period / samples), dtype=np.float64)
-    peaks = [
-        np.abs(sum_of_lines(t, np.array(frequencies), np.ones(count), phases)).max() for phases in candidates
-    ]
-    return tuple(candidates[int(np.argmin(peaks))].tolist())
+    best_peak, best = np.inf, np.zeros(count)
+    for start in (generator.random() - line * (line + 1) / (2.0 * count), generator.random(count)):
+        phases = np.asarray(start)
+        for _ in range(40):
+            spectrum = np.zeros(samples // 2 + 1, dtype=np.complex128)
+            spectrum[number] = np.exp(2j * np.pi * (phases - 0.25))
+            signal = np.fft.irfft(spectrum)
+            peak = float(np.abs(signal).max())
+            if peak < best_peak:
+                best_peak, best = peak, phases
+            clipped = np.fft.rfft(np.clip(signal, -0.8 * peak, 0.8 * peak))
+            phases = np.angle(clipped[number]) / (2.0 * np.pi) + 0.25
+    return tuple(np.mod(best, 1.0).tolist())

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
-
 from spool_stream.errors import InputError
+
 from .terms import Parameter, Term, term
 from .validation import Number, one_line, read_mapping
 from .valve import Valve

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
 from spool_stream.errors import InputError
+
 from .motion_kernel import advance_kernel
 
 Array = NDArray[np.float64]

@@ -1,7 +1,7 @@
 """The compiled step of :mod:`spool_sim.motion`: smooth Runge-Kutta pieces between located events."""
 
 # A kernel takes numbers and arrays, in one piece:
-# ruff: noqa: PLR0912, PLR0915, PLR0917
+# ruff: noqa: PLR0912, PLR0917
 
 from __future__ import annotations
 
@@ -52,6 +52,73 @@ def break_away(u: float, q0: float, q1: float, q2: float, bound: float) -> float
 
 
 @compiled
+def slip_piece(
+    z: float,
+    v: float,
+    t: float,
+    x: float,
+    h: float,
+    a0: float,
+    b: float,
+    d: float,
+    g: float,
+    w2: float,
+    f: float,
+) -> tuple[float, float]:
+    """Return (z, v) after slipping for ``t`` s from share ``x`` of a step of ``h`` s.
+
+    The forcing is the parabola a0 + b x + d x^2.
+    """
+    y = x + 0.5 * t / h
+    e = x + t / h
+    return runge_kutta(z, v, t, a0 + x * (b + x * d), a0 + y * (b + y * d), a0 + e * (b + e * d), g, w2, f)
+
+
+@compiled
+def time_of_rest(
+    z: float,
+    v: float,
+    s: float,
+    low: float,
+    high: float,
+    x: float,
+    h: float,
+    a0: float,
+    b: float,
+    d: float,
+    g: float,
+    w2: float,
+    f: float,
+) -> tuple[float, float]:
+    """Return (t, z) at which the slip comes to rest: velocity along ``s`` > 0 at low, <= 0 at high.
+
+    Regula falsi (Illinois) on the velocity at the end of a shortened step.
+    """
+    _, value_low = slip_piece(z, v, low, x, h, a0, b, d, g, w2, f)
+    rest, value_high = slip_piece(z, v, high, x, h, a0, b, d, g, w2, f)
+    t = high
+    side = 0
+    for _ in range(60):
+        if high - low <= 1e-13 * h or value_high == 0.0:
+            break
+        t = low + (high - low) * value_low / (value_low - value_high)
+        rest, value = slip_piece(z, v, t, x, h, a0, b, d, g, w2, f)
+        if abs(value) < 1e-16:
+            break
+        if s * value > 0.0:
+            low, value_low = t, value
+            if side == 1:
+                value_high *= 0.5
+            side = 1
+        else:
+            high, value_high = t, value
+            if side == -1:
+                value_low *= 0.5
+            side = -1
+    return t, rest
+
+
+@compiled
 def stick_slip_step(
     z: float,
     v: float,
@@ -86,52 +153,32 @@ def stick_slip_step(
         if rest <= 0.0:
             return z, v, s
         f = s * bound
-        start = a0 + x * (b + x * d)
-        y = 0.5 * (1.0 + x)
-        z1, v1 = runge_kutta(z, v, rest, start, a0 + y * (b + y * d), a1, g, w2, f)
-        span = rest
+        z1, v1 = slip_piece(z, v, rest, x, h, a0, b, d, g, w2, f)
+        low, high = 0.0, rest
         if s * v1 > 0.0:
-            rate0 = s * (-start - g * v - w2 * z - f)
+            rate0 = s * (-(a0 + x * (b + x * d)) - g * v - w2 * z - f)
             rate1 = s * (-a1 - g * v1 - w2 * z1 - f)
             if v == 0.0 or rate0 >= 0.0 or rate1 <= 0.0:
                 return z1, v1, s
             # Both ends slip the same way, but the velocity may have dipped through zero between.
-            span = rest * rate0 / (rate0 - rate1)
-            y = x + 0.5 * span / h
-            e = x + span / h
-            _, dip = runge_kutta(z, v, span, start, a0 + y * (b + y * d), a0 + e * (b + e * d), g, w2, f)
+            high = rest * rate0 / (rate0 - rate1)
+            _, dip = slip_piece(z, v, high, x, h, a0, b, d, g, w2, f)
             if s * dip > 0.0:
                 return z1, v1, s
         elif v == 0.0:
-            return z, 0.0, 0.0  # break-away in the last instant of the step: settled in the next one
-        # Reversal: regula falsi (Illinois) on the velocity at the end of a shortened step.
-        low, high = 0.0, span
-        value_low = v
-        y = x + 0.5 * span / h
-        e = x + span / h
-        ze, value_high = runge_kutta(z, v, span, start, a0 + y * (b + y * d), a0 + e * (b + e * d), g, w2, f)
-        side = 0
-        t = span
-        for _ in range(60):
-            if high - low <= 1e-13 * h or value_high == 0.0:
-                break
-            t = low + (high - low) * value_low / (value_low - value_high)
-            y = x + 0.5 * t / h
-            e = x + t / h
-            ze, ve = runge_kutta(z, v, t, start, a0 + y * (b + y * d), a0 + e * (b + e * d), g, w2, f)
-            if ve == 0.0 or abs(ve) < 1e-16:
-                break
-            if s * ve > 0.0:
-                low, value_low = t, ve
-                if side == 1:
-                    value_high *= 0.5
-                side = 1
-            else:
-                high, value_high = t, ve
-                if side == -1:
-                    value_low *= 0.5
-                side = -1
-        z, v = ze, 0.0
+            # Broke away and came to rest again within the step: find an instant of slip before that.
+            low = rest
+            value = v1
+            for _ in range(12):
+                high = low
+                low *= 0.5
+                _, value = slip_piece(z, v, low, x, h, a0, b, d, g, w2, f)
+                if s * value > 0.0:
+                    break
+            if s * value <= 0.0:
+                return z, 0.0, 0.0  # too late in the step to move: the next step settles it
+        t, z = time_of_rest(z, v, s, low, high, x, h, a0, b, d, g, w2, f)
+        v = 0.0
         x = min(1.0, x + t / h)
         push = a0 + x * (b + x * d) + w2 * z
         s = 0.0 if abs(push) <= bound else -math.copysign(1.0, push)

@@ -9,9 +9,9 @@ from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
-
 from spool_stream.block import Block, Samples
 from spool_stream.errors import InputError
+
 from .excitation import Excitation
 from .model import Model, load_model
 from .motion import MotionState, advance, half_step_times, substeps_needed, warm_up

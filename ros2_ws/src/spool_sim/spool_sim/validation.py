@@ -7,7 +7,6 @@ from typing import Annotated, Any
 
 import yaml
 from pydantic import BeforeValidator, Field, ValidationError
-
 from spool_stream.errors import InputError
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from spool_stream.errors import InputError
 
 from .validation import Number, Positive, one_line, read_mapping
 
@@ -92,3 +93,22 @@ def load_valve(path: str | Path) -> Valve:
         InputError: file unreadable, unknown or missing key, value out of range.
     """
     return valve_from_mapping(read_mapping(path, "valve"), str(path))
+
+
+def shipped_valves() -> dict[str, Path]:
+    """Return the valve files that come with the package, by name."""
+    return {path.stem: path for path in sorted((Path(__file__).parent / "valves").glob("*.yaml"))}
+
+
+def find_valve(name: str) -> Valve:
+    """Return the valve of a YAML file, or a shipped one by its name.
+
+    Raises:
+        InputError: neither, or the file is not a valve's description.
+    """
+    shipped = shipped_valves()
+    if name in shipped:
+        return load_valve(shipped[name])
+    if not Path(name).exists():
+        raise InputError(f"{name}: no such valve file; shipped ones are {', '.join(shipped)}")
+    return load_valve(name)

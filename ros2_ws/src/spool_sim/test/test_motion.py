@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_sim.energy import energy_balance
-from spool_stream.errors import InputError
 from spool_sim.excitation import SteadySine, SweptSine
 from spool_sim.motion import (
     Array,
@@ -20,6 +20,7 @@ from spool_sim.motion import (
     step_error,
     substeps_needed,
 )
+from spool_stream.errors import InputError
 
 MASS = 0.18
 SOFT: dict[str, Any] = {"mass": MASS, "viscous_coefficient": 2.65, "spring_stiffness": 1632.0}
@@ -69,7 +70,7 @@ def test_kernel_agrees_with_a_slow_reference(coulomb_force: float) -> None:
     reference = slow_reference(forcing, 1.0 / (rate * fine), coulomb_force, fine)
     coarse = sine.acceleration(half_step_times(0, reference.size, rate, 2))
     trajectory, _ = run(coarse, 2, rate, coulomb_force=coulomb_force)
-    assert relative_rms(trajectory.displacement, reference) < 1e-4
+    assert relative_rms(trajectory.displacement, reference) < 5e-4
 
 
 def test_free_decay_under_coulomb_friction_loses_four_forces_over_stiffness() -> None:
@@ -208,7 +209,7 @@ def test_any_split_into_blocks_gives_the_same_numbers(
     state = MotionState()
     parts = []
     edges = [0, *sorted(cuts), samples]
-    for first, last in zip(edges[:-1], edges[1:], strict=True):
+    for first, last in pairwise(edges):
         forcing = SWEEP.acceleration(half_step_times(first, last - first, rate, substeps))
         part, state = run(
             forcing,
@@ -263,23 +264,31 @@ def test_motion_stays_finite_and_friction_never_supplies_energy(
     assert abs(balance.residual) <= 0.02 * turned_over + 1e-12
 
 
-def test_velocity_that_only_dips_through_zero_within_a_step_is_seen() -> None:
-    # The force pulls against a slow slip for part of one long step only.
-    coulomb_force, rate = 0.18, 100.0
-    body = np.array([20.0, 1.5, -40.0])
-    state = MotionState(velocity=0.05, direction=1.0)
-    parameters = {"viscous_coefficient": 0.0, "spring_stiffness": 1.0, "coulomb_force": coulomb_force}
-    _, coarse = run(body, 1, rate, state, **parameters)
-    fine_body = np.interp(np.linspace(0.0, 1.0, 401), [0.0, 1.0], [0.0, 1.0])
-    parabola = (
-        body[0]
-        + fine_body * (-3 * body[0] + 4 * body[1] - body[2])
-        + fine_body**2 * (2 * body[0] - 4 * body[1] + 2 * body[2])
-    )
-    fine, end = run(parabola, 200, rate, state, **parameters)
-    assert coarse.velocity == pytest.approx(end.velocity, rel=1e-3)
-    assert coarse.displacement == pytest.approx(end.displacement, rel=1e-3)
-    assert fine.displacement.size == 1
+@pytest.mark.parametrize(
+    ("body", "velocity", "rough"),
+    [
+        ((1.6, -1.0, -3.0), 0.001, 1e-3),  # dips through zero, slips back, reverses again
+        ((3.0, -1.1, -4.0), 0.005, 1e-3),
+        ((0.9, 1.2, 0.9), 0.0, 1e-3),  # breaks away and comes to rest again
+        ((20.0, 1.5, -40.0), 0.05, 1e-3),
+    ],
+)
+def test_several_events_within_one_long_step(
+    body: tuple[float, float, float], velocity: float, rough: float
+) -> None:
+    rate = 100.0
+    direction = 1.0 if velocity else 0.0
+    state = MotionState(velocity=velocity, direction=direction)
+    parameters = {"viscous_coefficient": 0.0, "spring_stiffness": 1.0, "coulomb_force": 0.18}
+    _, coarse = run(np.array(body), 1, rate, state, **parameters)
+    x = np.linspace(0.0, 1.0, 401)
+    a0, am, a1 = body
+    parabola = a0 + x * (-3.0 * a0 + 4.0 * am - a1) + x**2 * (2.0 * a0 - 4.0 * am + 2.0 * a1)
+    _, fine = run(parabola, 200, rate, state, **parameters)
+    assert coarse.direction == fine.direction
+    assert coarse.velocity == pytest.approx(fine.velocity, rel=rough, abs=1e-9)
+    assert coarse.displacement == pytest.approx(fine.displacement, rel=rough, abs=1e-9)
+    assert fine.displacement != 0.0
 
 
 def test_sampled_forcing_is_interpolated_between_the_samples() -> None:

@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from spool_stream.errors import InputError
 from spool_sim.valve import Valve, load_valve, valve_from_mapping
+from spool_stream.errors import InputError
 
 
 def test_derived_quantities_are_those_of_the_paper(valve: Valve, valve_mapping: dict[str, Any]) -> None:

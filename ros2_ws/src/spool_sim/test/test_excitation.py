@@ -1,0 +1,258 @@
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from spool_sim.excitation import (
+    Excitation,
+    MachineOrders,
+    Multisine,
+    Sequence,
+    SteadySine,
+    SteppedSine,
+    SweptSine,
+    from_mapping,
+    load_excitation,
+)
+from spool_sim.excitation_base import Array
+from spool_sim.presets import PRESETS
+from spool_stream.errors import InputError
+
+SEQUENCE: dict[str, Any] = {
+    "kind": "sequence",
+    "fade": 0.5,
+    "parts": [
+        {"duration": 3.0, "excitation": {"kind": "standstill"}},
+        {"duration": 4.0, "excitation": {"kind": "steady_sine", "frequency": 12, "amplitude": 5}},
+        {
+            "duration": 5.0,
+            "excitation": {"kind": "multisine", "low_frequency": 10, "high_frequency": 80, "rms": 3},
+        },
+    ],
+}
+
+EVERY: dict[str, Excitation] = {
+    **PRESETS,
+    "stepped by list": SteppedSine(frequencies=(20.0, 55.0, 10.0), dwell=0.7, amplitude=4.0),
+    "swept back": SweptSine(start_frequency=90.0, stop_frequency=9.0, duration=4.0, amplitude=4.0),
+    "swept by octaves": SweptSine(
+        start_frequency=9.0, stop_frequency=90.0, duration=4.0, amplitude=4.0, scale="logarithmic"
+    ),
+    "swept again": SweptSine(
+        start_frequency=9.0, stop_frequency=90.0, duration=4.0, amplitude=4.0, repeat="restart"
+    ),
+    "swept and held": SweptSine(
+        start_frequency=9.0, stop_frequency=90.0, duration=4.0, amplitude=4.0, repeat="hold"
+    ),
+    "sequence": from_mapping(SEQUENCE),
+    "sequence again": from_mapping({**SEQUENCE, "repeat": True}),
+}
+each = pytest.mark.parametrize("excitation", EVERY.values(), ids=EVERY.keys())
+
+
+def peak_bound(excitation: Excitation) -> float:
+    """Return an upper bound of the acceleration, m/s^2."""
+    if isinstance(excitation, Sequence):
+        return max(peak_bound(part.excitation) for part in excitation.parts) * 2.0
+    if isinstance(excitation, Multisine):
+        return excitation.rms * float(np.sqrt(2.0 * excitation.lines))
+    if isinstance(excitation, MachineOrders):
+        lines = excitation.broadband_rms * float(np.sqrt(2.0 * excitation.broadband_lines))
+        return lines + sum(amplitude for _, amplitude in excitation.orders)
+    return float(getattr(excitation, "amplitude", 0.0))
+
+
+@each
+def test_nothing_jumps(excitation: Excitation) -> None:
+    step = 1e-5
+    t = np.arange(0.0, 26.0, 1e-2)[:, None] + step * np.arange(2)
+    value = excitation.acceleration(t.ravel()).reshape(t.shape)
+    # Around every border of steps, runs and parts as well: whole tenths are among the times.
+    borders = np.arange(1, 260) / 10.0
+    across = excitation.acceleration(borders + 0.5 * step) - excitation.acceleration(borders - 0.5 * step)
+    steepest = 2.0 * np.pi * max(excitation.highest_frequency, 20.0) * peak_bound(excitation)
+    assert np.abs(np.diff(value)).max() <= 1.05 * steepest * step
+    assert np.abs(across).max() <= 1.05 * steepest * step
+
+
+@each
+def test_starts_from_zero_and_stays_finite(excitation: Excitation) -> None:
+    assert abs(float(excitation.acceleration(np.zeros(1))[0])) < 1e-12
+    late = excitation.acceleration(1e6 + np.arange(1000) / 2000.0)
+    assert np.isfinite(late).all()
+    assert np.abs(late).max() <= 1.001 * peak_bound(excitation) + 1e-12
+
+
+@each
+def test_each_value_depends_on_its_own_time_alone(excitation: Excitation) -> None:
+    t = np.arange(0.0, 13.0, 1.0 / 700.0)
+    whole = excitation.acceleration(t)
+    pieces = np.concatenate([excitation.acceleration(part) for part in np.array_split(t, 37)])
+    np.testing.assert_array_equal(pieces, whole)
+    np.testing.assert_array_equal(excitation.acceleration(t[::-1])[::-1], whole)
+
+
+@pytest.mark.parametrize("name", ["steady", "stepped", "sweep"])
+def test_amplitude_of_a_sine_is_its_peak(name: str) -> None:
+    value = PRESETS[name].acceleration(np.arange(2.0, 22.0, 1.0 / 20_000.0))
+    assert np.abs(value).max() == pytest.approx(10.0, rel=1e-4)
+
+
+def test_rms_of_a_multisine_is_as_told_and_its_crest_low() -> None:
+    multisine = Multisine(low_frequency=10.0, high_frequency=100.0, rms=7.0, period=10.0)
+    t = np.arange(10.0, 20.0, 1.0 / 1000.0)
+    value = multisine.acceleration(t)
+    assert np.sqrt(np.mean(value**2)) == pytest.approx(7.0, rel=1e-6)
+    assert np.abs(value).max() / 7.0 < 2.2
+    np.testing.assert_allclose(multisine.acceleration(t + 10.0), value, atol=1e-9)
+    spectrum = np.abs(np.fft.rfft(value)) * 2.0 / value.size
+    found = np.flatnonzero(spectrum > 1e-6) / 10.0
+    np.testing.assert_allclose(found, multisine.frequencies)
+    assert found.min() >= 10.0
+    assert found.max() <= 100.0
+
+
+def test_broadband_has_its_rms_and_its_band() -> None:
+    broadband = MachineOrders(
+        speed_profile=((0.0, 0.0),),
+        orders=(),
+        broadband_rms=3.0,
+        broadband_low=20.0,
+        broadband_high=60.0,
+        soft_start=0.0,
+    )
+    value = broadband.acceleration(np.arange(0.0, 120.0, 1.0 / 500.0))
+    assert np.sqrt(np.mean(value**2)) == pytest.approx(3.0, rel=0.03)
+    power = np.abs(np.fft.rfft(value * np.hanning(value.size))) ** 2
+    frequency = np.fft.rfftfreq(value.size, 1.0 / 500.0)
+    inside = (frequency >= 19.9) & (frequency <= 60.1)
+    assert power[inside].sum() > 0.999 * power.sum()
+
+
+@pytest.mark.parametrize("seeded", ["multisine", "orders"])
+def test_the_seed_makes_the_phases(seeded: str) -> None:
+    t = np.arange(1.0, 2.0, 1e-3)
+    one = PRESETS[seeded]
+    other = one.model_copy(update={"seed": 5})
+    np.testing.assert_array_equal(one.acceleration(t), one.model_copy().acceleration(t))
+    assert np.abs(one.acceleration(t) - other.acceleration(t)).max() > 1.0
+
+
+def instantaneous_frequency(excitation: Excitation, t: Array) -> float:
+    """Return the frequency (Hz) from the rising zeros within ``t``."""
+    value = excitation.acceleration(t)
+    rising = np.flatnonzero((value[:-1] < 0.0) & (value[1:] >= 0.0))
+    zeros = t[rising] - value[rising] * (t[1] - t[0]) / (value[rising + 1] - value[rising])
+    return float((zeros.size - 1) / (zeros[-1] - zeros[0]))
+
+
+def test_frequencies_run_as_told() -> None:
+    step = 1.0 / 50_000.0
+    stepped = SteppedSine(
+        start_frequency=10.0, stop_frequency=100.0, frequency_step=45.0, dwell=2.0, amplitude=1.0
+    )
+    np.testing.assert_allclose(stepped.steps, [10.0, 55.0, 100.0])
+    for start, frequency in ((0.5, 10.0), (2.1, 55.0), (4.1, 100.0), (6.1, 10.0)):
+        assert instantaneous_frequency(stepped, np.arange(start, start + 1.4, step)) == pytest.approx(
+            frequency
+        )
+    linear = SweptSine(start_frequency=10.0, stop_frequency=100.0, duration=20.0, amplitude=1.0)
+    octaves = linear.model_copy(update={"scale": "logarithmic"})
+    for middle, slow, fast in ((10.0, 55.0, 10.0**1.5), (30.0, 55.0, 10.0**1.5)):
+        t = np.arange(middle - 0.5, middle + 0.5, step)
+        assert instantaneous_frequency(linear, t) == pytest.approx(slow, rel=0.01)
+        assert instantaneous_frequency(octaves, t) == pytest.approx(fast, rel=0.01)
+
+
+def test_shaft_turns_as_often_as_the_profile_says() -> None:
+    orders = MachineOrders(
+        speed_profile=((0.0, 600.0), (10.0, 1800.0), (20.0, 1800.0)), orders=((2.0, 1.0),), soft_start=0.0
+    )
+    times = np.array([0.0, 5.0, 10.0, 20.0, 30.0])
+    np.testing.assert_allclose(orders.revolutions(times), [0.0, 75.0, 200.0, 500.0, 800.0])
+    t = np.arange(12.0, 13.0, 1e-5)
+    assert instantaneous_frequency(orders, t) == pytest.approx(60.0, rel=1e-5)
+    assert orders.highest_frequency == 60.0
+
+
+def test_parts_of_a_sequence_follow_one_another() -> None:
+    sequence = from_mapping(SEQUENCE)
+    sine = SteadySine(frequency=12.0, amplitude=5.0)
+    assert not sequence.acceleration(np.arange(0.0, 2.7, 1e-3)).any()
+    t = np.arange(3.3, 6.7, 1e-3)
+    np.testing.assert_allclose(sequence.acceleration(t), sine.acceleration(t - 3.0), atol=1e-12)
+    late = np.arange(30.0, 31.0, 1e-3)
+    multisine = Multisine(low_frequency=10.0, high_frequency=80.0, rms=3.0)
+    np.testing.assert_allclose(sequence.acceleration(late), multisine.acceleration(late - 7.0), atol=1e-12)
+    again = from_mapping({**SEQUENCE, "repeat": True})
+    np.testing.assert_allclose(again.acceleration(t + 24.0), again.acceleration(t), atol=1e-9)
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    ends=st.tuples(st.floats(1.0, 200.0), st.floats(1.0, 200.0)),
+    duration=st.floats(0.5, 50.0),
+    scale=st.sampled_from(["linear", "logarithmic"]),
+    repeat=st.sampled_from(["up_down", "restart", "hold"]),
+    runs=st.integers(1, 6),
+)
+def test_swept_phase_is_continuous_where_runs_meet(
+    ends: tuple[float, float], duration: float, scale: Any, repeat: Any, runs: int
+) -> None:
+    sweep = SweptSine(
+        start_frequency=ends[0],
+        stop_frequency=ends[1],
+        duration=duration,
+        amplitude=1.0,
+        scale=scale,
+        repeat=repeat,
+        soft_start=0.0,
+    )
+    border = runs * duration
+    before, after = sweep.acceleration(np.array([border - 1e-9, border + 1e-9]))
+    assert abs(after - before) < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("mapping", "said"),
+    [
+        ({}, "kind: key is missing"),
+        ({"kind": "square"}, "unknown kind 'square'; use one of standstill, steady_sine"),
+        ({"kind": "steady_sine", "frequency": 10}, "amplitude: key is missing"),
+        ({"kind": "steady_sine", "frequency": 10, "amplitude": 1, "colour": 3}, "colour: unknown key"),
+        ({"kind": "steady_sine", "frequency": -10, "amplitude": 1}, "frequency: .*greater than 0"),
+        ({"kind": "stepped_sine", "dwell": 1, "amplitude": 1}, "give either frequencies"),
+        (
+            {"kind": "stepped_sine", "dwell": 1, "amplitude": 1, "frequencies": [9], "start_frequency": 3},
+            "not both",
+        ),
+        ({"kind": "multisine", "low_frequency": 20, "high_frequency": 10, "rms": 1}, "below low_frequency"),
+        (
+            {"kind": "machine_orders", "speed_profile": [[0, 600], [0, 700]], "orders": []},
+            "times of speed_profile must rise",
+        ),
+        ({"kind": "sequence", "parts": []}, "parts"),
+        ({**SEQUENCE, "fade": 9.0}, "fade is longer"),
+        ({**SEQUENCE, "repeat": True, "parts": SEQUENCE["parts"][:1]}, "two parts or more"),
+    ],
+)
+def test_wrong_excitation_is_refused_in_one_line(mapping: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said) as caught:
+        from_mapping(mapping, "drive.yaml")
+    assert str(caught.value).startswith("drive.yaml: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_load_by_name_or_file(tmp_path: Path) -> None:
+    assert load_excitation("sweep") is PRESETS["sweep"]
+    path = tmp_path / "drive.yaml"
+    path.write_text("kind: swept_sine\nstart_frequency: 10\nstop_frequency: 1e2\nduration: 5\namplitude: 8\n")
+    assert load_excitation(path) == SweptSine(
+        start_frequency=10.0, stop_frequency=100.0, duration=5.0, amplitude=8.0
+    )
+    with pytest.raises(InputError, match=r"no such excitation; give one of standstill, steady"):
+        load_excitation("sweeep")

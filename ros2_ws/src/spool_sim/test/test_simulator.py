@@ -1,0 +1,197 @@
+from __future__ import annotations
+
+from itertools import islice
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from spool_sim.excitation import SteadySine
+from spool_sim.model import MODELS
+from spool_sim.presets import PRESETS
+from spool_sim.sensors import Sensor, SensorChannel
+from spool_sim.simulator import Simulator
+from spool_sim.valve import Valve
+from spool_stream.block import Block
+from spool_stream.block_gate import BlockGate, Verdict
+from spool_stream.errors import InputError
+
+NOISY = {"body_sensor": Sensor(noise=0.1), "spool_sensor": Sensor(gain_error=0.05, bias=0.2, noise=0.1)}
+
+
+def joined(blocks: list[Block]) -> tuple[Any, Any]:
+    return np.concatenate([b.body for b in blocks]), np.concatenate([b.spool for b in blocks])
+
+
+@pytest.mark.parametrize("name", ["sweep", "orders"])
+def test_record_and_blocks_are_the_same_bit_for_bit(valve: Valve, name: str) -> None:
+    fast = list(Simulator(valve, PRESETS[name], seed=3, **NOISY).records(6.0))
+    live = Simulator(valve, PRESETS[name], seed=3, **NOISY)
+    assert len(fast) == 300
+    for block in fast:
+        other = live.next_block()
+        assert (block.stamp, block.sequence, block.sample_period) == (
+            other.stamp,
+            other.sequence,
+            other.sample_period,
+        )
+        np.testing.assert_array_equal(block.body, other.body)
+        np.testing.assert_array_equal(block.spool, other.spool)
+
+
+@settings(max_examples=20, deadline=None)
+@given(block_size=st.integers(1, 700))
+def test_samples_do_not_depend_on_the_block_size(block_size: int) -> None:
+    valve = Valve(
+        id="a",
+        moving_mass=0.18,
+        spool_mass=0.172,
+        spring_stiffness=1632.0,
+        land_diameter=0.02,
+        land_length=0.032,
+        radial_clearance=15e-6,
+        dynamic_viscosity=0.0198,
+        oil_temperature=20.0,
+    )
+    whole = Simulator(valve, PRESETS["multisine"], block_size=1500, **NOISY).next_block()
+    split = Simulator(valve, PRESETS["multisine"], block_size=block_size, **NOISY)
+    body, spool = joined(list(split.records(0.75)))
+    np.testing.assert_array_equal(body[:1500], whole.body)
+    np.testing.assert_array_equal(spool[:1500], whole.spool)
+
+
+@pytest.mark.parametrize("sample_rate", [2000.0, 10_000.0, 3333.0, 44_100.5])
+def test_blocks_pass_the_gate_and_their_stamps_are_exact(valve: Valve, sample_rate: float) -> None:
+    start = 1_700_000_000_123_456_789
+    source = Simulator(valve, PRESETS["steady"], sample_rate=sample_rate, block_size=37, start_stamp=start)
+    gate = BlockGate()
+    for number, block in enumerate(islice(source.records(2.0), 100)):
+        verdict = gate.judge(block)
+        assert verdict is (Verdict.CONTINUES if number else Verdict.RESTARTS)
+        assert block.sequence == number
+        # Twice the rate is a whole number here: round(n 1e9 / rate) in whole numbers.
+        twice = round(2 * sample_rate)
+        samples = 37 * number
+        assert abs((block.stamp - start) * twice - samples * 2_000_000_000) * 2 <= twice
+        assert block.body.dtype == block.spool.dtype == np.float32
+        assert block.body.shape == block.spool.shape == (37,)
+    assert gate.refused == gate.lost == 0
+    assert not gate.faults
+
+
+def test_linear_valve_answers_as_theory_has_it(valve: Valve) -> None:
+    sine = SteadySine(frequency=15.0, amplitude=10.0)
+    body, spool = joined(list(Simulator(valve, sine, model="fluid").records(6.0)))
+    omega = 2.0 * np.pi * 15.0
+    stiff = valve.spring_stiffness + 1j * omega * valve.viscous_coefficient
+    expected = abs(stiff / (stiff - valve.moving_mass * omega**2))
+    settled = slice(-4000, None)
+    assert spool[settled].std() / body[settled].std() == pytest.approx(expected, rel=1e-3)
+
+
+def test_sensor_errors_are_as_told() -> None:
+    channel = SensorChannel(Sensor(gain_error=0.05, bias=0.3, noise=0.2), 4)
+    true = 10.0 * np.sin(np.arange(20_000) * 0.1)
+    error = channel.read(true) - true
+    assert np.mean(error) == pytest.approx(0.3, abs=0.01)
+    assert np.polyfit(true, error, 1)[0] == pytest.approx(0.05, abs=1e-3)
+    assert np.std(error - 0.05 * true) == pytest.approx(0.2, rel=0.03)
+    split = SensorChannel(Sensor(noise=0.2), 9)
+    parts = np.concatenate([split.read(np.zeros(n)) for n in (1, 5, 994)])
+    np.testing.assert_array_equal(parts, SensorChannel(Sensor(noise=0.2), 9).read(np.zeros(1000)))
+
+
+def test_both_sensors_have_their_own_noise_and_the_seed_makes_it(valve: Valve) -> None:
+    sensors = {"body_sensor": Sensor(noise=0.1), "spool_sensor": Sensor(noise=0.1)}
+    rest = PRESETS["standstill"]
+    block = Simulator(valve, rest, block_size=5000, seed=1, **sensors).next_block()
+    assert abs(np.corrcoef(block.body, block.spool)[0, 1]) < 0.05
+    other = Simulator(valve, rest, block_size=5000, seed=2, **sensors).next_block()
+    assert abs(np.corrcoef(block.body, other.body)[0, 1]) < 0.05
+
+
+def test_drift_runs_linearly_from_where_it_is(valve: Valve) -> None:
+    source = Simulator(valve, PRESETS["sweep"], coulomb_force=0.2)
+    before = source.truth
+    assert before.coulomb_force == 0.2
+    assert before.viscous_coefficient == valve.viscous_coefficient
+    assert before.natural_frequency == pytest.approx(valve.natural_frequency)
+    assert before.damping_ratio == pytest.approx(valve.damping_ratio)
+    list(source.records(1.0))
+    source.set_drift("coulomb_force", 1.2, 4.0)
+    assert source.truth.coulomb_force == 0.2
+    list(source.records(1.0))
+    assert source.truth.coulomb_force == pytest.approx(0.45)
+    list(source.records(1.0))
+    source.set_drift("coulomb_force", 0.0, 1.0)
+    assert source.truth.coulomb_force == pytest.approx(0.7)
+    list(source.records(2.0))
+    assert source.truth.coulomb_force == 0.0
+    source.set_drift("viscous_coefficient", 3.0)
+    assert source.truth.viscous_coefficient == 3.0
+    assert source.truth.time == 5.0
+
+
+def test_drift_reaches_the_motion(valve: Valve) -> None:
+    sine = SteadySine(frequency=15.15, amplitude=10.0)
+    source = Simulator(valve, sine, model="fluid")
+    list(source.records(3.0))
+    _, before = joined(list(source.records(1.0)))
+    source.set_drift("viscous_coefficient", 0.5 * valve.viscous_coefficient, 1.0)
+    list(source.records(4.0))
+    _, after = joined(list(source.records(1.0)))
+
+    def ratio(damping: float) -> float:
+        omega = 2.0 * np.pi * 15.15
+        stiff = valve.spring_stiffness + 1j * omega * damping
+        return float(abs(stiff / (stiff - valve.moving_mass * omega**2)))
+
+    expected = ratio(0.5 * valve.viscous_coefficient) / ratio(valve.viscous_coefficient)
+    assert after.std() / before.std() == pytest.approx(expected, rel=0.005)
+
+
+def test_large_friction_locks_the_spool_to_the_body(valve: Valve) -> None:
+    block = Simulator(valve, PRESETS["sweep"], coulomb_force=5.0, block_size=4000).next_block()
+    np.testing.assert_array_equal(block.body, block.spool)
+
+
+def test_start_in_the_model_file_and_overrides(valve: Valve) -> None:
+    assert Simulator(valve, PRESETS["sweep"]).truth.coulomb_force == 0.5
+    assert Simulator(valve, PRESETS["sweep"], model="fluid").truth.coulomb_force == 0.0
+    assert Simulator(valve, PRESETS["sweep"], model="fluid", coulomb_force=0.0).truth.coulomb_force == 0.0
+    soft = Simulator(valve, PRESETS["sweep"], model=MODELS["fluid"], parameters={"spring_stiffness": 900.0})
+    assert soft.truth.spring_stiffness == 900.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"sample_rate": 0.0}, "sample_rate"),
+        ({"sample_rate": float("nan")}, "sample_rate"),
+        ({"sample_rate": 150.0}, "cannot hold an excitation of up to 100 Hz"),
+        ({"block_size": 0}, "block_size"),
+        ({"start_stamp": 0}, "start_stamp"),
+        ({"coulomb_force": -1.0}, "coulomb_force: -1 N is out of range"),
+        ({"model": "fluid", "coulomb_force": 1.0}, "coulomb_force: unknown parameter of model 'fluid'"),
+        ({"parameters": {"colour": 1.0}}, "colour: unknown parameter"),
+        ({"model": "stiction"}, "no such model"),
+    ],
+)
+def test_wrong_arguments_are_refused(valve: Valve, arguments: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        Simulator(valve, PRESETS["sweep"], **arguments)
+
+
+def test_wrong_drift_and_length_are_refused(valve: Valve) -> None:
+    source = Simulator(valve, PRESETS["sweep"], model="fluid")
+    with pytest.raises(InputError, match="coulomb_force: unknown parameter"):
+        source.set_drift("coulomb_force", 1.0)
+    with pytest.raises(InputError, match="use one of viscous_coefficient"):
+        source.set_drift("mass", 1.0)
+    with pytest.raises(InputError, match="out of range"):
+        source.set_drift("viscous_coefficient", -1.0)
+    with pytest.raises(InputError, match="duration"):
+        source.set_drift("viscous_coefficient", 1.0, -1.0)
+    with pytest.raises(InputError, match="seconds"):
+        source.records(0.0)
