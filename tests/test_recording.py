@@ -15,6 +15,8 @@ import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from mcap.reader import make_reader
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -78,9 +80,12 @@ class Source:
             assert time.monotonic() < end, "waited in vain"
             self.executor.spin_once(timeout_sec=0.05)
 
+    def listeners(self, topic: str) -> int:
+        return self._publishers[topic].get_subscription_count()
+
     def heard(self, *topics: str) -> None:
         """Wait until somebody listens to each of ``topics``."""
-        self.until(lambda: all(self._publishers[topic].get_subscription_count() > 0 for topic in topics))
+        self.until(lambda: all(self.listeners(topic) > 0 for topic in topics))
 
     def close(self) -> None:
         self.executor.shutdown()
@@ -261,6 +266,38 @@ def test_named_valves_are_heard_from_their_first_block(
     source.until(lambda: written(recorder.bag, topic) == 20)
     assert recorder.end(signal.SIGTERM) == 0
     assert BagReader(recorder.bag).valves == ["valve_2"]
+
+
+def test_inactive_means_silent_and_each_activation_has_its_bag(
+    source: Source, record: Callable[..., Recorder]
+) -> None:
+    topic = "/valve_1/acceleration"
+    source.offer(topic, AccelerationBlock, qos.samples_offered(50))
+    recorder = record()
+    source.heard(topic)
+    client = source.node.create_client(ChangeState, "/recorder/change_state")
+    source.until(client.service_is_ready)
+
+    def change(transition: int) -> None:
+        done = client.call_async(ChangeState.Request(transition=Transition(id=transition)))
+        source.until(done.done)
+        assert done.result().success
+
+    source.publish(topic, from_block(block(0), "valve_1"))
+    source.until(lambda: written(recorder.bag, topic) == 1)
+    change(Transition.TRANSITION_DEACTIVATE)
+    assert BagReader(recorder.bag).closed
+    source.until(lambda: source.listeners(topic) == 0)
+    source.publish(topic, from_block(block(1), "valve_1"))
+    change(Transition.TRANSITION_ACTIVATE)
+    source.heard(topic)
+    source.publish(topic, from_block(block(2), "valve_1"))
+    second = recorder.bag.with_name("bag_1")
+    source.until(lambda: written(second, topic) == 1)
+    assert recorder.end(signal.SIGINT) == 0
+    assert [item.sequence for item in BagReader(recorder.bag).blocks("valve_1")] == [0]
+    assert [item.sequence for item in BagReader(second).blocks("valve_1")] == [2]
+    assert BagReader(second).closed
 
 
 def test_an_existing_bag_is_refused(record: Callable[..., Recorder], tmp_path: Path) -> None:
