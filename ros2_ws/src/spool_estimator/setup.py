@@ -15,7 +15,7 @@ setup(
     zip_safe=True,
     maintainer="Spool suite maintainers",
     maintainer_email="maintainers@spool-suite.org",
-    description="Online identification of a spool valve's stiffness, viscous coefficient and Coulomb force from two accelerometers, and the estimator node.",
+    description="Online identification of a spool valve's stiffness.",
     license="Apache-2.0",
     entry_points={"console_scripts": ["estimator = spool_estimator.estimator_node:main"]},
 )

@@ -15,7 +15,7 @@ setup(
     zip_safe=True,
     maintainer="Spool suite maintainers",
     maintainer_email="maintainers@spool-suite.org",
-    description="Resonance and friction drift of a spool valve: detectors, events, diagnostics, and the monitor node.",
+    description="Resonance and friction drift of a spool valve.",
     license="Apache-2.0",
     entry_points={"console_scripts": ["monitor = spool_monitor.monitor_node:main"]},
 )

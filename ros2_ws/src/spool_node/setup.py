@@ -15,7 +15,7 @@ setup(
     zip_safe=True,
     maintainer="Spool suite maintainers",
     maintainer_email="maintainers@spool-suite.org",
-    description="What every node of the suite shares: managed life cycle with autostart, the declared parameter table, diagnostics and message conversion.",
+    description="What every node of the suite shares.",
     license="Apache-2.0",
     entry_points={"console_scripts": []},
 )

@@ -12,10 +12,11 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
     ],
+    package_data={PACKAGE: ["valves/*.yaml"]},
     zip_safe=True,
     maintainer="Spool suite maintainers",
     maintainer_email="maintainers@spool-suite.org",
-    description="Physics of a spool in a vibrating valve body: valve data, excitation, motion with set-valued friction, sensors, and the simulator node.",
+    description="Physics of a spool in a vibrating valve body.",
     license="Apache-2.0",
     entry_points={"console_scripts": ["simulator = spool_sim.simulator_node:main"]},
 )

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_sim.valve import Valve
 from spool_stream.block import Block
 from spool_stream.block_gate import BlockGate, Verdict
 from spool_stream.quantity import Quantity, Validity
@@ -238,3 +239,13 @@ def _holding(estimate: Estimate) -> Estimate:
         excitation=gone(estimate.excitation),
         relative_displacement=gone(estimate.relative_displacement),
     )
+
+
+def settings_for(valve: Valve, **changes: float) -> EstimatorSettings:
+    """Return the settings that a valve's description gives, with ``changes`` by name."""
+    given = EstimatorSettings(
+        moving_mass=valve.moving_mass,
+        spring_stiffness=valve.spring_stiffness,
+        viscous_coefficient=valve.viscous_coefficient,
+    )
+    return replace(given, **changes)

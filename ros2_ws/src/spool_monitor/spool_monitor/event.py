@@ -41,8 +41,8 @@ class Event:
 class Condition:
     """Turn a wavering indication into one event on and one event off.
 
-    It is raised when the indication held for ``on_delay`` s, cleared when the release held for ``off_delay`` s;
-    between indication and release (the deadband) nothing changes. A higher severity is reported at once.
+    It is raised when the indication held for ``on_delay`` s, cleared when the release held for
+    ``off_delay`` s; between both (the deadband) nothing changes. A higher severity is reported at once.
     """
 
     kind: str

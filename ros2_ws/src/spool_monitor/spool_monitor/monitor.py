@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 
 from spool_estimator.estimate import Estimate
 from spool_stream.block import Block
@@ -157,11 +158,18 @@ class Monitor:
 
     def idle(self, without_blocks: float, without_estimates: float) -> list[Event]:
         """Say how long (s, on a steady clock) nothing has arrived; return what follows from it."""
-        events = []
-        for source, silent in (("acceleration", without_blocks), ("estimate", without_estimates)):
-            if silent > self.settings.stale_after:
-                events += self._silence(source, self._stamp + round(without_blocks * 1e9), silent)
+        events: list[Event] = []
+        if without_blocks > self.settings.stale_after:
+            events += self._silence("acceleration", self._stamp + round(without_blocks * 1e9), without_blocks)
+        # Without blocks there can be no estimates: only silence beyond that is the estimator's.
+        elif without_estimates - without_blocks > self.settings.stale_after:
+            events += self._silence("estimate", self._stamp, without_estimates)
         return events
+
+    def set_natural_frequency(self, spring_stiffness: float, moving_mass: float) -> None:
+        """Take the start value from a valve's data, N/m and kg; estimates replace it."""
+        frequency = math.sqrt(spring_stiffness / moving_mass) / (2.0 * math.pi)
+        self.settings = replace(self.settings, natural_frequency=frequency)
 
     @property
     def health(self) -> Health:

@@ -37,7 +37,8 @@ class ResonanceDetector:
         quantity = Quantity("amplification", "1", line.amplification, validity=Validity.VALID)
         message = (
             f"body shakes at {line.frequency:.1f} Hz, natural frequency {natural_frequency:.1f} Hz: spool "
-            f"amplifies {line.amplification:.1f} times, moves {1e3 * line.relative_displacement:.2f} mm in the body"
+            f"amplifies {line.amplification:.1f} times and moves "
+            f"{1e3 * line.relative_displacement:.2f} mm in the body"
         )
         return self.condition.judge(
             line.stamp, indicated, released=released, cause="", quantity=quantity, message=message

@@ -50,7 +50,7 @@ class LineTracker:
         if size != self._body.size or period != self._period:
             self._body = np.zeros(size, np.float32)
             self._spool = np.zeros(size, np.float32)
-            self._taper = np.hanning(size)
+            self._taper = np.hanning(size).astype(np.float64)
             self._period = period
         self._filled = self._fresh = 0
 

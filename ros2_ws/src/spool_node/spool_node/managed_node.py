@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import traceback
 from collections.abc import Callable
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, ParamSpec, TypeVar
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
@@ -16,6 +17,7 @@ from spool_stream.errors import InputError
 from .parameters import Parameter, Value, declare
 
 Message = TypeVar("Message")
+P = ParamSpec("P")
 
 AUTOSTART = Parameter(
     "autostart", True, "Configure and activate at start, without a life cycle manager.", read_only=True
@@ -140,15 +142,16 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         while self._while_active:
             self._while_active.pop()()
 
-    def _guarded(self, callback: Callable[..., None]) -> Callable[..., None]:
-        def guarded(*arguments: object) -> None:
+    def _guarded(self, callback: Callable[P, None]) -> Callable[P, None]:
+        # wraps: rclpy tells callbacks with message info apart by their signature.
+        @functools.wraps(callback)
+        def guarded(*arguments: P.args, **named: P.kwargs) -> None:
             try:
-                callback(*arguments)
+                callback(*arguments, **named)
             except Exception as error:
                 self._log_failure("a message could not be handled", error)
 
-        # rclpy tells callbacks with message info apart by their signature.
-        return (lambda: guarded()) if _takes_nothing(callback) else (lambda message: guarded(message))
+        return guarded
 
     def _log_failure(self, what: str, error: Exception) -> None:
         text = str(error) if isinstance(error, InputError) else traceback.format_exc()
@@ -164,11 +167,8 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         return SetParametersResult(successful=refusal is None, reason=refusal or "")
 
     def _apply_change(self, parameters: list[RosParameter]) -> None:
-        changes = {parameter.name: parameter.value for parameter in parameters if parameter.name in self._table}
+        changes = {
+            parameter.name: parameter.value for parameter in parameters if parameter.name in self._table
+        }
         if changes:
             self.apply_change(changes)
-
-
-def _takes_nothing(callback: Callable[..., None]) -> bool:
-    code = getattr(callback, "__func__", callback).__code__
-    return bool(code.co_argcount - (1 if hasattr(callback, "__self__") else 0) == 0)

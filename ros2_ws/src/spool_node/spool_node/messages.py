@@ -7,7 +7,9 @@ import array
 import numpy as np
 from builtin_interfaces.msg import Time
 from spool_msgs.msg import AccelerationBlock
+from spool_msgs.msg import Quantity as QuantityMessage
 from spool_stream.block import Block
+from spool_stream.quantity import Quantity, Validity
 
 NANOSECONDS = 1_000_000_000
 
@@ -42,3 +44,26 @@ def to_time(stamp: int) -> Time:
     """Return integer ns as a message's time."""
     seconds, rest = divmod(stamp, NANOSECONDS)
     return Time(sec=seconds, nanosec=rest)
+
+
+def to_quantity(quantity: Quantity) -> QuantityMessage:
+    """Return ``quantity`` as a message."""
+    return QuantityMessage(
+        name=quantity.name,
+        unit=quantity.unit,
+        value=float(quantity.value),
+        standard_deviation=float(quantity.standard_deviation),
+        validity=int(quantity.validity),
+    )
+
+
+def from_quantity(message: QuantityMessage) -> Quantity:
+    """Return the message's quantity; an unknown validity counts as unknown."""
+    known = message.validity in set(Validity)
+    return Quantity(
+        message.name,
+        message.unit,
+        message.value,
+        message.standard_deviation,
+        Validity(message.validity) if known else Validity.UNKNOWN,
+    )

@@ -100,15 +100,15 @@ def shipped_valves() -> dict[str, Path]:
     return {path.stem: path for path in sorted((Path(__file__).parent / "valves").glob("*.yaml"))}
 
 
-def find_valve(name: str) -> Valve:
+def find_valve(name: str | Path) -> Valve:
     """Return the valve of a YAML file, or a shipped one by its name.
 
     Raises:
         InputError: neither, or the file is not a valve's description.
     """
     shipped = shipped_valves()
-    if name in shipped:
-        return load_valve(shipped[name])
+    if str(name) in shipped:
+        return load_valve(shipped[str(name)])
     if not Path(name).exists():
         raise InputError(f"{name}: no such valve file; shipped ones are {', '.join(shipped)}")
     return load_valve(name)

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from spool_sim.valve import Valve, load_valve, valve_from_mapping
+from spool_sim.valve import Valve, find_valve, load_valve, shipped_valves, valve_from_mapping
 from spool_stream.errors import InputError
 
 
@@ -83,3 +83,12 @@ def test_missing_file_and_empty_file(tmp_path: Path) -> None:
 def test_valve_is_frozen(valve: Valve) -> None:
     with pytest.raises(ValueError, match="frozen"):
         valve.moving_mass = 1.0
+
+
+def test_shipped_valves_are_found_by_name(valve_file: Path) -> None:
+    assert {"4weh10_soft", "4weh10_stiff"} <= set(shipped_valves())
+    for name in shipped_valves():
+        assert find_valve(name).id == name
+    assert find_valve(valve_file).id == "valve_soft"
+    with pytest.raises(InputError, match=r"4weh10\.yaml: no such valve file; shipped ones are 4weh10_soft"):
+        find_valve("4weh10.yaml")

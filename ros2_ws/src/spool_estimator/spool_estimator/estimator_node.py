@@ -1,0 +1,134 @@
+"""Node ``estimator``: identifies the model of one valve from its acceleration blocks."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import ClassVar
+
+from spool_msgs.msg import AccelerationBlock, ModelEstimate, ValveDescription
+from spool_node import qos
+from spool_node.diagnostics import DiagnosticPublisher, Level, Status
+from spool_node.managed_node import ManagedNode
+from spool_node.messages import to_block
+from spool_node.parameters import Parameter
+from spool_node.running import run
+from spool_sim.valve import find_valve
+
+from .estimate import Estimate, State
+from .estimator import Estimator, settings_for
+from .messages import to_message
+from .valve_messages import to_description
+
+
+class EstimatorNode(ManagedNode):
+    """Shell of :class:`~spool_estimator.estimator.Estimator`."""
+
+    PARAMETERS: ClassVar = (
+        Parameter(
+            "valve_file", "4weh10_soft", "Valve: path of a YAML file or a shipped one's name.", read_only=True,
+        ),
+        Parameter("memory", 4.0, "Time constant of forgetting.", "s", 0.2, 3600.0, read_only=True),
+        Parameter("low_cut", 4.0, "Lower edge of the band.", "Hz", 0.1, 100.0, read_only=True),
+        Parameter("high_cut", 300.0, "Upper edge of the band.", "Hz", 10.0, 1e4, read_only=True),
+        Parameter(
+            "minimum_excitation", 0.2, "Rms body acceleration below which parameters are held.",
+            "m/s^2", 0.0, 1e3, read_only=True,
+        ),
+        Parameter("period", 1.0, "Time between estimates, in data time.", "s", 0.1, 60.0, read_only=True),
+        Parameter(
+            "stale_after", 1.5, "Silence after which the estimate is stale.", "s", 0.2, 60.0, read_only=True,
+        ),
+    )  # fmt: skip
+
+    def __init__(self) -> None:
+        super().__init__("estimator")
+        self._core: Estimator | None = None
+        self._arrival = time.monotonic()
+        self._reported = Level.OK
+
+    def configure(self) -> None:
+        """Build the core and say which valve it is for."""
+        valve = find_valve(self.value("valve_file"))
+        names = ("memory", "low_cut", "high_cut", "minimum_excitation", "period")
+        self._core = Estimator(settings_for(valve, **{name: self.value(name) for name in names}))
+        self._valve_id = valve.id
+        self._publisher = self.create_lifecycle_publisher(ModelEstimate, "estimate", qos.state())
+        self._description_publisher = self.create_lifecycle_publisher(ValveDescription, "valve", qos.state())
+        self._description = to_description(valve)
+        self._diagnostics = DiagnosticPublisher(self, valve.id)
+
+    def activate(self) -> None:
+        """Listen; the core goes on from where it was."""
+        self._arrival = time.monotonic()
+        self._description.header.stamp = self.get_clock().now().to_msg()
+        self._description_publisher.publish(self._description)
+        self.subscribe(AccelerationBlock, "acceleration", self._take, qos.samples_wanted())
+        self.every(0.25, self._watch, steady=True)
+        self.every(1.0, self._report, steady=True)
+
+    def cleanup(self) -> None:
+        """Let go of core and publishers."""
+        self.destroy_publisher(self._publisher)
+        self.destroy_publisher(self._description_publisher)
+        self._diagnostics.destroy()
+        self._core = None
+
+    def _take(self, message: AccelerationBlock) -> None:
+        assert self._core is not None
+        refused = self._core.gate.refused
+        estimates = self._core.update(to_block(message))
+        if self._core.gate.refused == refused:
+            self._arrival = time.monotonic()
+        for estimate in estimates:
+            self._publisher.publish(to_message(estimate, self._valve_id))
+
+    def _watch(self) -> None:
+        """Publish once that the estimate is held, and report a worse level at once."""
+        assert self._core is not None
+        latest = self._core.latest
+        silent = time.monotonic() - self._arrival > self.value("stale_after")
+        if silent and latest is not None and latest.state is not State.STALE:
+            stale = self._core.stale()
+            assert stale is not None
+            self._core.latest = stale
+            self._publisher.publish(to_message(stale, self._valve_id))
+        if self._level() is not self._reported:
+            self._report()
+
+    def _level(self) -> Level:
+        assert self._core is not None
+        if time.monotonic() - self._arrival > self.value("stale_after"):
+            return Level.STALE
+        gate = self._core.gate
+        return Level.WARNING if gate.refused or gate.lost else Level.OK
+
+    def _report(self) -> None:
+        assert self._core is not None
+        gate = self._core.gate
+        latest: Estimate | None = self._core.latest
+        level = self._reported = self._level()
+        if level is Level.STALE:
+            message = "no usable blocks arrive"
+        elif level is Level.WARNING:
+            message = f"{gate.lost} blocks lost, {gate.refused} refused"
+        else:
+            message = latest.state.name.lower().replace("_", " ") if latest else "waiting for data"
+        values: dict[str, object] = {
+            "blocks used": gate.accepted,
+            "blocks lost": gate.lost,
+            "blocks refused": gate.refused,
+            **{f"fault: {fault.value}": count for fault, count in gate.faults.items()},
+        }
+        for quantity in latest.parameters if latest else ():
+            values[f"{quantity.name} ({quantity.unit})"] = quantity.value
+        self._diagnostics.publish(Status("estimate", level, message, values))
+
+
+def main() -> int:
+    """Run the node."""
+    return run(EstimatorNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,35 @@
+"""Estimates as messages and back."""
+
+from __future__ import annotations
+
+from spool_msgs.msg import ModelEstimate
+from spool_node.messages import from_quantity, nanoseconds, to_quantity, to_time
+
+from .estimate import Estimate, State
+
+_QUANTITIES = ("natural_frequency", "damping_ratio", "residual", "excitation", "relative_displacement")
+_NUMBERS = ("model", "last_sequence", "samples", "delay", "memory", "lost_blocks", "refused_blocks")
+
+
+def to_message(estimate: Estimate, valve_id: str) -> ModelEstimate:
+    """Return ``estimate`` of the valve ``valve_id`` as a message."""
+    message = ModelEstimate(
+        state=int(estimate.state),
+        parameters=[to_quantity(quantity) for quantity in estimate.parameters],
+        **{name: getattr(estimate, name) for name in _NUMBERS},
+        **{name: to_quantity(getattr(estimate, name)) for name in _QUANTITIES},
+    )
+    message.header.frame_id = valve_id
+    message.header.stamp = to_time(estimate.stamp)
+    return message
+
+
+def from_message(message: ModelEstimate) -> Estimate:
+    """Return the message's estimate; an unknown state counts as unknown."""
+    return Estimate(
+        stamp=nanoseconds(message.header.stamp),
+        state=State(message.state) if message.state in set(State) else State.UNKNOWN,
+        parameters=tuple(from_quantity(quantity) for quantity in message.parameters),
+        **{name: getattr(message, name) for name in _NUMBERS},
+        **{name: from_quantity(getattr(message, name)) for name in _QUANTITIES},
+    )

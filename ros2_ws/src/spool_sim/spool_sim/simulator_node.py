@@ -1,0 +1,185 @@
+"""Node ``simulator``: publishes what two accelerometers on a simulated valve would measure."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any, ClassVar
+
+from spool_msgs.msg import AccelerationBlock
+from spool_node import qos
+from spool_node.diagnostics import DiagnosticPublisher, Level, Status
+from spool_node.managed_node import ManagedNode
+from spool_node.messages import from_block
+from spool_node.parameters import Parameter, Value
+from spool_node.running import run
+from spool_stream.errors import InputError
+
+from .excitation import load_excitation
+from .sensors import Sensor
+from .simulator import DRIFTING, Simulator
+from .valve import find_valve
+
+#: Blocks sent in one turn when the node fell behind; what is older is dropped, with its sequence numbers.
+_CATCH_UP = 25
+
+
+class SimulatorNode(ManagedNode):
+    """Publish ``acceleration`` at the pace of the node's clock."""
+
+    PARAMETERS: ClassVar = (
+        Parameter(
+            "valve_file", "4weh10_soft", "Valve: path of a YAML file or a shipped one's name.", read_only=True
+        ),
+        Parameter("model", "coulomb", "Force terms: name of a model or path of a YAML file.", read_only=True),
+        Parameter("coulomb_force", 0.1, "Coulomb friction of the spool.", "N", 0.0, 1e4, read_only=True),
+        Parameter(
+            "excitation", "orders", "Body acceleration: a preset's name or a YAML file.", read_only=True
+        ),
+        Parameter("sample_rate", 2000.0, "Samples a second.", "Hz", 10.0, 1e5, read_only=True),
+        Parameter("block_rate", 50.0, "Blocks a second.", "Hz", 0.1, 1000.0, read_only=True),
+        Parameter("noise", 0.05, "Noise of both accelerometers, rms.", "m/s^2", 0.0, 1e3, read_only=True),
+        Parameter("body_gain_error", 0.0, "Relative gain error, body.", "1", -0.5, 0.5, read_only=True),
+        Parameter("spool_gain_error", 0.0, "Relative gain error, spool.", "1", -0.5, 0.5, read_only=True),
+        Parameter("seed", 0, "Seed of the noise.", "", 0, 2**31 - 1, read_only=True),
+        Parameter(
+            "wait_for_subscribers",
+            0,
+            "Hold the first block until so many listen.",
+            "",
+            0,
+            100,
+            read_only=True,
+        ),
+        Parameter(
+            "drift_quantity", "none", "Parameter that drifts; setting it starts.", choices=("none", *DRIFTING)
+        ),
+        Parameter(
+            "drift_target", 0.0, "Value that the drifting parameter ends at, in its SI unit.", "", 0.0, 1e8
+        ),
+        Parameter("drift_duration", 10.0, "Time of the drift; 0: a step.", "s", 0.0, 1e6),
+    )
+
+    def __init__(self) -> None:
+        super().__init__("simulator")
+        self._simulator: Simulator | None = None
+        self._started: int | None = None
+        self._sent = 0
+        self._skipped = 0
+
+    def configure(self) -> None:
+        """Build the valve, the excitation and the sensors from the parameters."""
+        self._simulator = self._build(start_stamp=1)
+        self._publisher = self.create_lifecycle_publisher(
+            AccelerationBlock, "acceleration", qos.samples_offered(self.value("block_rate"))
+        )
+        self._diagnostics = DiagnosticPublisher(self, self._simulator.valve.id)
+
+    def activate(self) -> None:
+        """Start at time zero of the excitation, stamped with the node's clock."""
+        self._started = None
+        self._sent = self._skipped = 0
+        self.every(0.5 / self.value("block_rate"), self._turn)
+        self.every(1.0, self._report)
+
+    def cleanup(self) -> None:
+        """Let go of publisher and valve."""
+        self.destroy_publisher(self._publisher)
+        self._diagnostics.destroy()
+        self._simulator = None
+
+    def refuse_change(self, changes: dict[str, Value]) -> str | None:
+        """Try the drift on a simulator of its own."""
+        if self._simulator is None:
+            return None
+        try:
+            self._drift(self._build(start_stamp=1), changes)
+        except InputError as error:
+            return str(error)
+        return None
+
+    def apply_change(self, changes: dict[str, Value]) -> None:
+        """Start the drift that the parameters describe."""
+        if self._simulator is not None:
+            self._drift(self._simulator, changes)
+
+    def _drift(self, simulator: Simulator, changes: dict[str, Value]) -> None:
+        def setting(name: str) -> Any:
+            return changes.get(name, self.value(name))
+
+        if setting("drift_quantity") != "none":
+            simulator.set_drift(
+                str(setting("drift_quantity")),
+                float(setting("drift_target")),
+                float(setting("drift_duration")),
+            )
+
+    def _build(self, start_stamp: int) -> Simulator:
+        sample_rate = self.value("sample_rate")
+        block_size = round(sample_rate / self.value("block_rate"))
+        if block_size < 1:
+            raise InputError("block_rate: more blocks than samples a second; lower it or raise sample_rate")
+        return Simulator(
+            find_valve(self.value("valve_file")),
+            load_excitation(self.value("excitation")),
+            model=self.value("model"),
+            coulomb_force=self.value("coulomb_force"),
+            sample_rate=sample_rate,
+            block_size=block_size,
+            seed=self.value("seed"),
+            start_stamp=start_stamp,
+            body_sensor=Sensor(gain_error=self.value("body_gain_error"), noise=self.value("noise")),
+            spool_sensor=Sensor(gain_error=self.value("spool_gain_error"), noise=self.value("noise")),
+        )
+
+    def _turn(self) -> None:
+        """Send what is due by now."""
+        now = self.get_clock().now().nanoseconds
+        if now == 0:  # simulated time has not begun
+            return
+        if self._started is None or now < self._started:
+            if self._publisher.get_subscription_count() < self.value("wait_for_subscribers"):
+                return
+            self._started = now
+            self._simulator = self._build(start_stamp=now)
+            self._drift(self._simulator, {})
+            self._sent = 0
+        assert self._simulator is not None
+        due = int((now - self._started) * 1e-9 * self.value("block_rate")) - self._sent
+        while due > 0:
+            block = self._simulator.next_block()
+            self._sent += 1
+            due -= 1
+            if due >= _CATCH_UP:
+                self._skipped += 1
+                continue
+            self._publisher.publish(from_block(block, self._simulator.valve.id))
+
+    def _report(self) -> None:
+        assert self._simulator is not None
+        waiting = self._started is None
+        message = "waiting for subscribers or time" if waiting else "publishing"
+        level = Level.WARNING if waiting or self._skipped else Level.OK
+        truth = self._simulator.truth
+        self._diagnostics.publish(
+            Status(
+                "simulation",
+                level,
+                message,
+                {
+                    "blocks sent": self._sent - self._skipped,
+                    "blocks dropped": self._skipped,
+                    "viscous coefficient (N s/m)": truth.viscous_coefficient,
+                    "Coulomb force (N)": truth.coulomb_force,
+                    "spring stiffness (N/m)": truth.spring_stiffness,
+                },
+            )
+        )
+
+
+def main() -> int:
+    """Run the node."""
+    return run(SimulatorNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
