@@ -149,6 +149,9 @@ class SetUp:
         names = sorted(cmake_dependents(layout.workspace / "src", changed))
         what = f"{len(names)} packages" if len(names) > 1 else "".join(names) or "nothing, a package is gone"
         tools = self._tools()
+        # A build that fails half-way leaves packages that fit no source.
+        done.packages = {name: value for name, value in done.packages.items() if name not in names}
+        state.save(layout, done)
         with self._steps.step(f"building {what}"):
             if names:
                 # A package built before gives its environment to those built now.

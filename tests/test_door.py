@@ -375,7 +375,9 @@ class TestSetUp:
         assert result.returncode == 2
         assert result.stderr.splitlines()[-1].startswith("spool: spool_msgs did not build")
         assert "build.log" in result.stderr.splitlines()[-1]
-        assert spool(set_up, "test", "--version").returncode == 0
+        again = spool(set_up, "test", "--version")
+        assert again.returncode == 0, again.stderr
+        assert "building spool_msgs ..." in again.stderr
 
     def test_doctor_sees_a_package_that_is_gone(self, set_up: Path):
         folder = next((set_up / ".venv/lib").glob("python3.*/site-packages/mcap-*.dist-info"))
