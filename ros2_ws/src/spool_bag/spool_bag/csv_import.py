@@ -20,6 +20,9 @@ from .writer import BagWriter
 
 # 2025-01-01T00:00:00Z: fixed, so that the same file always gives the same bag; 0 would read as "no time".
 DEFAULT_START = 1_735_689_600_000_000_000
+# A time_s beyond three years is no time since the start but one of a calendar.
+LONGEST_RECORD = 1e8
+LATEST_STAMP = 2**31 * 1_000_000_000
 TEMPERATURE_INTERVAL = 1_000_000_000
 
 
@@ -45,12 +48,13 @@ def import_csv(
     valve: str = "valve_1",
     columns: Mapping[str, str] | None = None,
     block_duration: float = 0.02,
-    start: int = DEFAULT_START,
+    start: int | None = None,
 ) -> ImportResult:
     """Write the CSV record ``path`` as the bag ``out``.
 
-    Stamps are ``start`` (ns since 1970, default 2025-01-01 UTC) plus the column ``time_s``. Accelerations
-    become float32. A gap ends a block and is counted as lost blocks by a jump in ``sequence``.
+    Stamps are ``start`` (ns since 1970) plus the column ``time_s``; the default is ``DEFAULT_START``, or 0
+    where ``time_s`` counts from 1970 itself. Accelerations become float32. A gap ends a block and is counted
+    as lost blocks by a jump in ``sequence``.
 
     Raises:
         InputError: the record, the valve's name or the target cannot be used.
@@ -60,10 +64,13 @@ def import_csv(
     if not (math.isfinite(block_duration) and block_duration > 0.0):
         raise InputError(f"block duration {block_duration} s: give a number above 0")
     record = read_csv(path, columns=columns)
-    if start + round(float(record.time[0]) * 1e9) <= 0:
-        raise InputError(f"{path}: the first stamp would be before 1970: give a later start")
+    first, last = float(record.time[0]), float(record.time[-1])
+    if start is None:
+        start = 0 if first > LONGEST_RECORD else DEFAULT_START
+    if start + first * 1e9 <= 0 or start + last * 1e9 >= LATEST_STAMP:
+        raise InputError(f"{path}: stamps would be outside 1970 to 2038 (time_s from {first:g} to {last:g})")
     blocks = lost = temperatures = 0
-    last = -1
+    newest = -1
     with BagWriter(out) as writer:
         channel = writer.add_topic(f"/{valve}/acceleration", ACCELERATION_BLOCK)
         oil = record.columns.get(OIL_TEMPERATURE)
@@ -79,8 +86,8 @@ def import_csv(
                 channel, block.stamp, encode_block(block, valve), sequence=block.sequence & 0xFFFFFFFF
             )
             blocks += 1
-            lost += block.sequence - last - 1
-            last = block.sequence
+            lost += block.sequence - newest - 1
+            newest = block.sequence
     duration = float(record.time[-1] - record.time[0]) + record.period
     return ImportResult(
         Path(out),

@@ -14,7 +14,7 @@ from spool_stream.block import Block
 from spool_stream.errors import InputError
 
 from .cdr import CdrError, OilTemperature, decode_block, decode_temperature
-from .definitions import ACCELERATION_BLOCK
+from .definitions import ACCELERATION_BLOCK, TEMPERATURE
 from .mcap_file import Damage, McapFile, Record, Topic
 from .metadata import storage_files
 
@@ -91,23 +91,19 @@ class BagReader:
 
     def blocks(self, valve: str) -> Iterator[Block]:
         """Yield the blocks of ``valve`` in order of (stamp, sequence), malformed ones included."""
-        self._require(valve)
-        for item in self._ordered({f"/{valve}/acceleration": _block}):
+        for item in self._ordered([self._acceleration(valve)]):
             assert isinstance(item, Block)
             yield item
 
     def temperatures(self, valve: str) -> Iterator[tuple[int, float]]:
         """Yield (stamp in ns, deg C) of the oil of ``valve`` by stamp; nothing where none is recorded."""
-        for item in self._ordered({f"/{valve}/oil_temperature": _temperature}):
+        for item in self._ordered([_oil_temperature(valve)]):
             assert isinstance(item, OilTemperature)
             yield item.stamp, item.celsius
 
     def stream(self, valve: str) -> Iterator[Block | OilTemperature]:
         """Yield blocks and oil temperatures of ``valve`` by stamp, at equal stamps the temperature first."""
-        self._require(valve)
-        yield from self._ordered(
-            {f"/{valve}/acceleration": _block, f"/{valve}/oil_temperature": _temperature}
-        )
+        yield from self._ordered([self._acceleration(valve), _oil_temperature(valve)])
 
     def records(self, topic: str | None = None) -> Iterator[tuple[Topic, Record]]:
         """Yield the messages of ``topic`` (all topics without it) as recorded, in the order of recording."""
@@ -139,19 +135,22 @@ class BagReader:
             return False
         return True
 
-    def _require(self, valve: str) -> None:
-        if f"/{valve}/acceleration" not in self.topics:
+    def _acceleration(self, valve: str) -> _Source:
+        name = valve.strip("/")
+        if name not in self.valves:
             known = ", ".join(self.valves) or "none"
             raise InputError(f"{self.path}: no valve {valve!r}: the bag has {known}")
+        return _Source(f"/{name}/acceleration", ACCELERATION_BLOCK, _block)
 
-    def _ordered(self, decoders: dict[str, Callable[[bytes], _Keyed]]) -> Iterator[Block | OilTemperature]:
+    def _ordered(self, sources: list[_Source]) -> Iterator[Block | OilTemperature]:
         """Yield decoded messages in order of (stamp, sequence, arrival) within a window of stamps."""
+        decoders = {(source.topic, source.type): source.decode for source in sources}
         queue: list[_Keyed] = []
         lowest = highest = 0
         for file in self.files:
-            for record in self._records(file, lambda topic: topic.name in decoders):
+            for record in self._records(file, lambda topic: (topic.name, topic.type) in decoders):
                 topic = file.topics[record.channel]
-                keyed = self._decode(file, topic, record, decoders[topic.name])
+                keyed = self._decode(file, topic, record, decoders[topic.name, topic.type])
                 stamp = keyed[0]
                 if not queue:
                     lowest = highest = stamp
@@ -207,6 +206,18 @@ class BagReader:
 
 
 _Keyed = tuple[int, int, "Block | OilTemperature"]
+
+
+class _Source(NamedTuple):
+    """A topic that is read by stamp, its type and how to decode it."""
+
+    topic: str
+    type: str
+    decode: Callable[[bytes], _Keyed]
+
+
+def _oil_temperature(valve: str) -> _Source:
+    return _Source(f"/{valve.strip('/')}/oil_temperature", TEMPERATURE, _temperature)
 
 
 def _block(data: bytes) -> _Keyed:

@@ -13,9 +13,10 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-from rosbags.rosbag2 import Reader
+from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+from ruamel.yaml import YAML
 from spool_bag.cdr import OilTemperature, encode_block, encode_temperature
-from spool_bag.definitions import ACCELERATION_BLOCK, TEMPERATURE
+from spool_bag.definitions import ACCELERATION_BLOCK, TEMPERATURE, typestore
 from spool_bag.information import describe
 from spool_bag.reader import WINDOW, BagReader
 from spool_bag.recovery import recover
@@ -132,6 +133,9 @@ def test_an_unfinished_bag_is_read_and_said_to_be_one(unfinished: Path) -> None:
     assert "not finished" in reader.warnings[0]
     assert reader.topics == {TOPIC: (ACCELERATION_BLOCK, 20)}
     assert [block.sequence for block in reader.blocks("valve_1")] == list(range(20))
+    metadata = YAML(typ="safe").load(unfinished / "metadata.yaml")["rosbag2_bagfile_information"]
+    (told,) = metadata["topics_with_message_count"]
+    assert (metadata["version"], told["topic_metadata"]["name"]) == (9, TOPIC)
     found = describe(unfinished)
     assert (found.closed, found.valves[0].blocks, found.damages) == (False, 20, ())
 
@@ -262,6 +266,38 @@ def test_equal_stamps_come_by_sequence_and_the_queue_is_bounded(tmp_path: Path, 
     blocks = [Block(one.stamp, at ^ 1, one.sample_period, one.body, one.spool) for at in range(30_000)]
     reader = write(tmp_path / "bag", blocks)
     assert [item.sequence for item in reader.blocks("valve_1")] == list(range(30_000))
+
+
+def test_bags_of_rosbags_in_several_files_are_read(tmp_path: Path, block: MakeBlock) -> None:
+    for part in range(2):
+        with Writer(tmp_path / f"part_{part}", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+            thermal = writer.add_connection("/valve_1/oil_temperature", TEMPERATURE, typestore=typestore())
+            channel = writer.add_connection(TOPIC, ACCELERATION_BLOCK, typestore=typestore())
+            for sequence in range(50 * part, 50 * part + 50):
+                stamp = block(sequence).stamp
+                warm = OilTemperature(stamp, float(sequence))
+                writer.write(channel, stamp, encode_block(block(sequence), "valve_1"))
+                writer.write(thermal, stamp, encode_temperature(warm, "valve_1"))
+    joined = tmp_path / "joined"
+    shutil.copytree(tmp_path / "part_0", joined)
+    shutil.copy(tmp_path / "part_1" / "part_1.mcap", joined)
+    text = (joined / "metadata.yaml").read_text()
+    (joined / "metadata.yaml").write_text(
+        text.replace("  - part_0.mcap\n", "  - part_0.mcap\n  - part_1.mcap\n")
+    )
+    reader = BagReader(joined)
+    assert reader.topics == {TOPIC: (ACCELERATION_BLOCK, 100), "/valve_1/oil_temperature": (TEMPERATURE, 100)}
+    assert [item.sequence for item in reader.blocks("/valve_1")] == list(range(100))
+    assert [celsius for _, celsius in reader.temperatures("valve_1")] == list(range(100))
+    (joined / "part_1.mcap").unlink()
+    assert "part_1.mcap is missing" in BagReader(joined).warnings[0]
+
+
+def test_other_storage_is_refused_with_the_way_out(tmp_path: Path) -> None:
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3):
+        pass
+    with pytest.raises(InputError, match="'sqlite3' cannot be read: convert it with `ros2 bag convert`"):
+        BagReader(tmp_path / "bag")
 
 
 def test_nested_namespaces_keep_their_slashes(tmp_path: Path, block: MakeBlock) -> None:

@@ -80,6 +80,25 @@ def test_import_is_reproducible(tmp_path: Path) -> None:
     assert files[0] == files[1]
 
 
+@pytest.mark.parametrize(("offset", "start"), [(-1.5, DEFAULT_START), (1_700_000_000.0, 0)])
+def test_times_may_begin_before_a_trigger_or_be_of_a_calendar(
+    tmp_path: Path, offset: float, start: int
+) -> None:
+    rows = record(200).splitlines()
+    moved = [f"{float(row.split(',')[0]) + offset:.5f},{row.partition(',')[2]}" for row in rows[1:]]
+    import_csv(save(tmp_path, "\n".join([HEADER, *moved])), tmp_path / "bag")
+    valve = describe(tmp_path / "bag").valves[0]
+    assert valve.first_stamp == pytest.approx(start + offset * 1e9, abs=1000)
+    assert (valve.lost_blocks, valve.sample_rate) == (0, 2000.0)
+
+
+def test_stamps_that_no_message_can_hold_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="outside 1970 to 2038"):
+        import_csv(save(tmp_path, record(200)), tmp_path / "bag", start=2**31 * 10**9)
+    with pytest.raises(InputError, match="outside 1970 to 2038"):
+        import_csv(save(tmp_path, record(200)), tmp_path / "bag", start=0)
+
+
 def test_a_gap_is_counted_as_lost_blocks(tmp_path: Path) -> None:
     keep = np.ones(4000, dtype=bool)
     keep[1010:1250] = False  # six blocks of 40
