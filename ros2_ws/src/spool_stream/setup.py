@@ -15,7 +15,7 @@ setup(
     zip_safe=True,
     maintainer="Spool suite maintainers",
     maintainer_email="maintainers@spool-suite.org",
-    description="What every consumer of samples shares, without ROS: blocks, the judgement of blocks, the error that a user can mend.",
+    description="What every consumer of samples shares.",
     license="Apache-2.0",
     entry_points={"console_scripts": []},
 )

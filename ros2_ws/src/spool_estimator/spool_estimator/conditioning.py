@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+from spool_stream.compiled import compiled
 
 Array = NDArray[np.float64]
 
@@ -88,19 +88,19 @@ class Conditioning:
         )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, inline="always")
+@compiled
 def _mean(rings: Array, sums: Array, row: int, place: int, value: float) -> float:
     sums[row] += value - rings[row, place]
     rings[row, place] = value
     return sums[row] / rings.shape[1]
 
 
-@njit(cache=True, nogil=True, inline="always")
+@compiled
 def _triangle(rings: Array, sums: Array, row: int, place: int, value: float) -> float:
     return _mean(rings, sums, row + 1, place, _mean(rings, sums, row, place, value))
 
 
-@njit(cache=True, nogil=True, inline="always")
+@compiled
 def _high_pass(rings: Array, sums: Array, row: int, place: int, value: float) -> float:
     mean = _triangle(rings, sums, row, place, value)
     following = place + 1
@@ -109,7 +109,7 @@ def _high_pass(rings: Array, sums: Array, row: int, place: int, value: float) ->
     return rings[row, following] - mean
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _refresh(rings: Array, sums: Array) -> None:
     """Sum the rings anew, so that rounding does not grow with run time."""
     for row in range(rings.shape[0]):
@@ -119,7 +119,7 @@ def _refresh(rings: Array, sums: Array) -> None:
         sums[row] = total
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _take(
     body: NDArray[np.float32],
     spool: NDArray[np.float32],

@@ -1,7 +1,7 @@
 """The compiled step of :mod:`spool_sim.motion`: smooth Runge-Kutta pieces between located events."""
 
 # A kernel takes numbers and arrays, in one piece:
-# ruff: noqa: PLR0912, PLR0917
+# ruff: noqa: PLR0912
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-
-from .compiled import compiled
+from spool_stream.compiled import compiled
 
 Array = NDArray[np.float64]
 

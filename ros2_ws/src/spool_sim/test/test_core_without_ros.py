@@ -43,7 +43,7 @@ def test_the_core_imports_no_ros() -> None:
 def test_without_numba_the_kernel_gives_the_same_and_says_what_it_costs() -> None:
     code = """
 import numpy as np
-from spool_sim.compiled import COMPILED, notice
+from spool_stream.compiled import COMPILED, notice
 from spool_sim.excitation import SteadySine
 from spool_sim.motion import MotionState, advance, half_step_times
 t = half_step_times(0, 300, 2000.0, 2)

@@ -9,6 +9,12 @@ import numpy as np
 
 from .block import Block
 
+#: s, sample periods that a source can have; the lower one bounds what consumers set aside per second.
+SHORTEST_PERIOD, LONGEST_PERIOD = 1.0e-6, 10.0
+
+#: m/s^2, beyond what any accelerometer reads: a broken word, which integrals would carry on.
+LARGEST_SAMPLE = 1.0e6
+
 
 class Verdict(enum.Enum):
     """What a consumer does with a block."""
@@ -22,8 +28,8 @@ class Fault(enum.Enum):
     """Why a block was refused or a stream restarted; the value is the text people read."""
 
     LENGTHS_DIFFER = "body and spool differ in length or are empty"
-    BAD_PERIOD = "sample_period is not a finite number > 0"
-    NOT_FINITE = "samples are NaN or infinite"
+    BAD_PERIOD = "sample_period is not a number from 1e-6 s to 10 s"
+    NOT_FINITE = "samples are NaN, infinite or beyond 1e6 m/s^2"
     TIME_BACK = "stamp goes back"
     NO_TIME = "stamp is 0"
     LOST = "blocks lost (jump in sequence)"
@@ -101,10 +107,11 @@ def malformed(block: Block) -> Fault | None:
     """Return what is wrong with ``block`` by itself, or ``None``."""
     if block.body.size != block.spool.size or block.body.size == 0:
         return Fault.LENGTHS_DIFFER
-    if not (np.isfinite(block.sample_period) and block.sample_period > 0.0):
+    if not SHORTEST_PERIOD <= block.sample_period <= LONGEST_PERIOD:
         return Fault.BAD_PERIOD
     if block.stamp <= 0:
         return Fault.NO_TIME
-    if not (np.isfinite(block.body).all() and np.isfinite(block.spool).all()):
-        return Fault.NOT_FINITE
+    for samples in (block.body, block.spool):
+        if not (np.abs(samples) <= LARGEST_SAMPLE).all():  # NaN compares false
+            return Fault.NOT_FINITE
     return None

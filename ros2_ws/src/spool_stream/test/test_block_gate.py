@@ -48,6 +48,10 @@ CASES = {
     "period negative": Case(block(3, sample_period=-PERIOD), Verdict.REFUSED, Fault.BAD_PERIOD),
     "period NaN": Case(block(3, sample_period=float("nan")), Verdict.REFUSED, Fault.BAD_PERIOD),
     "period infinite": Case(block(3, sample_period=float("inf")), Verdict.REFUSED, Fault.BAD_PERIOD),
+    "period of 1e300 s": Case(block(3, sample_period=1e300), Verdict.REFUSED, Fault.BAD_PERIOD),
+    "period denormal": Case(block(3, sample_period=5e-324), Verdict.REFUSED, Fault.BAD_PERIOD),
+    "broken word": Case(block(3, body=with_value(1e30)), Verdict.REFUSED, Fault.NOT_FINITE),
+    "denormal samples": Case(block(3, body=with_value(1e-42)), Verdict.CONTINUES, None),
     "NaN in body": Case(block(3, body=with_value(np.nan)), Verdict.REFUSED, Fault.NOT_FINITE),
     "infinite in spool": Case(block(3, spool=with_value(-np.inf)), Verdict.REFUSED, Fault.NOT_FINITE),
     "stamp 0": Case(block(3, stamp=0), Verdict.REFUSED, Fault.NO_TIME),
@@ -114,14 +118,14 @@ def test_end_of_a_block_is_where_the_next_is_due() -> None:
     assert block(0).end == START + LENGTH
 
 
-MAYBE_BAD = st.sampled_from([0.0, 1.0, -3.5, float("nan"), float("inf")])
+MAYBE_BAD = st.sampled_from([0.0, 1.0, -3.5, 3e38, float("nan"), float("inf")])
 ANY_BLOCK = st.builds(
     lambda stamp, sequence, period, body, spool: Block(
         stamp, sequence, period, np.array(body, dtype=np.float32), np.array(spool, dtype=np.float32)
     ),
     st.one_of(st.integers(-10, 10), st.integers(START, START + 20 * LENGTH)),
     st.integers(0, 30),
-    st.sampled_from([PERIOD, PERIOD, PERIOD, 1e-3, 0.0, -1.0, float("nan")]),
+    st.sampled_from([PERIOD, PERIOD, PERIOD, 1e-3, 0.0, -1.0, float("nan"), 1e300, 5e-324]),
     st.lists(MAYBE_BAD, max_size=3),
     st.lists(MAYBE_BAD, max_size=3),
 )

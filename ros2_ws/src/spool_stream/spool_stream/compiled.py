@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import logging
 from collections.abc import Callable
 from types import ModuleType
 from typing import TypeVar, cast
@@ -29,7 +30,11 @@ def compiled(function: Function) -> Function:
 
 
 def notice() -> str | None:
-    """Return the line to log at start when the kernels run uncompiled, else ``None``."""
+    """Return what running uncompiled costs, in one line, or ``None`` where the kernels are compiled."""
     if COMPILED:
         return None
-    return "numba is not installed: the kernels run uncompiled, 100 times slower"
+    return "numba is not installed: the kernels run uncompiled, 100 times slower; install numba"
+
+
+if not COMPILED:  # imported once per process, so said once
+    logging.getLogger(__name__).warning(notice())
