@@ -15,7 +15,7 @@ setup(
     zip_safe=True,
     maintainer="Spool suite maintainers",
     maintainer_email="maintainers@spool-suite.org",
-    description="How the suite is started: launch file, configuration, the command line, the demonstration and its report.",
+    description="How the suite is started.",
     license="Apache-2.0",
     entry_points={"console_scripts": ["spool = spool_bringup.cli:main"]},
 )

@@ -17,6 +17,10 @@ from .resonance import ResonanceDetector
 from .spectrum import Line, LineTracker
 
 
+#: s, an estimator that starts with the data needs this long for its first estimate.
+FIRST_ESTIMATE = 2.0
+
+
 class Level(enum.IntEnum):
     """The numbers are those of ``spool_msgs/msg/ValveHealth``."""
 
@@ -159,10 +163,13 @@ class Monitor:
     def idle(self, without_blocks: float, without_estimates: float) -> list[Event]:
         """Say how long (s, on a steady clock) nothing has arrived; return what follows from it."""
         events: list[Event] = []
+        if self.gate.accepted == 0:
+            return events
+        patience = self.settings.stale_after + (FIRST_ESTIMATE if self.estimate is None else 0.0)
         if without_blocks > self.settings.stale_after:
             events += self._silence("acceleration", self._stamp + round(without_blocks * 1e9), without_blocks)
         # Without blocks there can be no estimates: only silence beyond that is the estimator's.
-        elif without_estimates - without_blocks > self.settings.stale_after:
+        elif without_estimates - without_blocks > patience:
             events += self._silence("estimate", self._stamp, without_estimates)
         return events
 
@@ -218,6 +225,8 @@ class Monitor:
                 one.kind.replace("_", " ") + (f" ({one.cause.replace('_', ' ')})" if one.cause else "")
                 for one in active
             )
+        if self.gate.accepted == 0:
+            return "waiting for data"
         if self.estimate is None:
             return "waiting for estimates"
         state = self.estimate.state.name.lower().replace("_", " ")

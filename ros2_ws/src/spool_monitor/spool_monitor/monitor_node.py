@@ -101,10 +101,13 @@ class MonitorNode(ManagedNode):
 
     def _take_block(self, message: AccelerationBlock) -> None:
         assert self._core is not None
-        refused = self._core.gate.refused
+        gate = self._core.gate
+        accepted = gate.accepted
         events = self._core.update(to_block(message))
-        if self._core.gate.refused == refused:
+        if gate.accepted > accepted:
             self._block_arrival = time.monotonic()
+        if accepted == 0:
+            self._estimate_arrival = self._block_arrival
         self._publish(events)
 
     def _take_estimate(self, message: ModelEstimate) -> None:

@@ -1,0 +1,194 @@
+"""The command line: parsing and one line of help for each command; the work is done elsewhere."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from spool_stream.errors import InputError
+
+from . import commands
+
+app = typer.Typer(
+    name="spool",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    help="Watch hydraulic spool valves: simulate, estimate, monitor, record and replay.\n\n"
+    "Example: [bold]./spool demo --seconds 60 --out demo_output[/bold]",
+)
+
+JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the result as JSON, SI units.")]
+ValveFile = Annotated[str, typer.Option("--valve", help="YAML file of the valve, or a shipped one's name.")]
+BagArgument = Annotated[Path, typer.Argument(help="rosbag2 directory or .mcap file.", metavar="BAG")]
+
+
+@app.command()
+def demo(
+    seconds: Annotated[float, typer.Option(help="Length of the run, s; at least 30.")] = 60.0,
+    out: Annotated[Path, typer.Option(help="Folder for bag, analysis and report.")] = Path("spool_demo"),
+) -> None:
+    """Run the main job live: two valves simulated, estimated, monitored and recorded by ROS 2 nodes.
+
+    Example: ./spool demo --seconds 60 --out my_demo
+    """
+    from .demo import run_demo  # noqa: PLC0415 - rclpy is needed here only
+
+    raise typer.Exit(run_demo(seconds, out))
+
+
+@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+def run(
+    context: typer.Context,
+    package: Annotated[str, typer.Argument(metavar="PACKAGE", help="e.g. spool_sim")],
+    executable: Annotated[str, typer.Argument(metavar="EXECUTABLE", help="e.g. simulator")],
+) -> None:
+    """Start a node as `ros2 run` does; what follows is passed on.
+
+    Example: ./spool run spool_sim simulator --ros-args -r __ns:=/valve_1 -p excitation:=sweep
+    """
+    from .processes import replace_by_node  # noqa: PLC0415
+
+    replace_by_node(package, executable, context.args)
+
+
+@app.command()
+def simulate(
+    out: Annotated[Path, typer.Option(help="Bag to be made.", metavar="BAG")],
+    valve: ValveFile = "4weh10_soft",
+    model: Annotated[str, typer.Option(help="Model: its name or a YAML file.")] = "coulomb",
+    excitation: Annotated[str, typer.Option(help="Body acceleration: a preset or a YAML file.")] = "sweep",
+    seconds: Annotated[float, typer.Option(help="Length of the record, s.")] = 40.0,
+    sample_rate: Annotated[float, typer.Option(help="Hz")] = 2000.0,
+    block_rate: Annotated[float, typer.Option(help="Blocks a second.")] = 50.0,
+    coulomb_force: Annotated[float | None, typer.Option(help="N; default: the model's.")] = None,
+    noise: Annotated[float, typer.Option(help="Sensor noise, rms, m/s^2.")] = 0.05,
+    seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
+    name: Annotated[str, typer.Option(help="Namespace of the valve in the bag.")] = "valve_1",
+) -> None:
+    """Write a bag from the simulator, faster than real time and without DDS.
+
+    Example: ./spool simulate --valve 4weh10_soft --excitation sweep --seconds 40 --out sweep_bag
+    """
+    commands.simulate(
+        out, valve, model, excitation, seconds,
+        sample_rate=sample_rate, block_rate=block_rate, coulomb_force=coulomb_force, noise=noise, seed=seed,
+        name=name,
+    )  # fmt: skip
+
+
+@app.command("import")
+def import_(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="CSV file, may be gzipped.")],
+    out: Annotated[Path, typer.Option(help="Bag to be made.", metavar="BAG")],
+    name: Annotated[str, typer.Option(help="Namespace of the valve in the bag.")] = "valve_1",
+    columns: Annotated[
+        str | None, typer.Option(help="Names in the file, e.g. time_s=t,body_m_s2=ch1,spool_m_s2=ch2")
+    ] = None,
+    start: Annotated[str, typer.Option(help="Time of time_s = 0, ISO 8601, UTC.")] = "2025-01-01T00:00:00",
+) -> None:
+    """Turn a data logger's CSV file into a bag.
+
+    Example: ./spool import record.csv.gz --out record_bag
+    """
+    commands.import_record(file, out, name, columns, start)
+
+
+@app.command("export")
+def export(
+    bag: BagArgument,
+    out: Annotated[Path, typer.Option(help="FILE.parquet, FILE.csv or FILE.csv.gz", metavar="FILE")],
+    valve: Annotated[list[str] | None, typer.Option(help="Valve in the bag; default: all.")] = None,
+) -> None:
+    """Write a bag's samples as a table.
+
+    Example: ./spool export record_bag --out record.parquet
+    """
+    commands.export(bag, out, valve)
+
+
+@app.command()
+def info(bag: BagArgument, json: JsonFile = None) -> None:
+    """Say what is in a bag and what was lost on the way into it; exit 1 where something was.
+
+    Example: ./spool info record_bag
+    """
+    raise typer.Exit(commands.info(bag, json))
+
+
+@app.command()
+def recover(
+    bag: BagArgument, out: Annotated[Path, typer.Option(help="Bag to be made.", metavar="BAG")]
+) -> None:
+    """Make a damaged bag readable and count what was saved; exit 1 where something was lost.
+
+    Example: ./spool recover killed_bag --out saved_bag
+    """
+    raise typer.Exit(commands.recover_bag(bag, out))
+
+
+@app.command()
+def replay(
+    bag: BagArgument,
+    valve: Annotated[
+        list[str] | None,
+        typer.Option("--valve", help="YAML file of a valve; once for all, or once for each in order of name."),
+    ] = None,
+    json: JsonFile = None,
+) -> None:
+    """Run estimator and monitor over a bag, as fast as the machine can.
+
+    Example: ./spool replay bags/practice_03 --valve 4weh10_soft --json result.json
+    """
+    commands.replay(bag, valve or [], json)
+
+
+@app.command()
+def bench(
+    what: Annotated[str | None, typer.Argument(help="Which one; default: all there are.")] = None,
+    json: JsonFile = None,
+) -> None:
+    """Time the suite beside its peers, on the same work in one run.
+
+    Example: ./spool bench bag --json bench.json
+    """
+    from .bench import run_bench  # noqa: PLC0415
+
+    run_bench(what, json)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; return the exit code: 0 done, 1 found a problem, 2 bad input or usage."""
+    usage_error = typer.BadParameter.__mro__[2]
+    arguments = sys.argv[1:] if arguments is None else arguments
+    try:
+        result = app(arguments, prog_name="spool", standalone_mode=False)
+    except InputError as error:
+        return _fail(str(error))
+    except OSError as error:
+        return _fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+    except KeyboardInterrupt:
+        return _fail("interrupted", 130)
+    except typer.Exit as stop:
+        return stop.exit_code
+    except typer.Abort:
+        return _fail("interrupted", 130)
+    except usage_error as error:
+        command = next((word for word in arguments if not word.startswith("-")), "")
+        text = error.format_message()  # type: ignore[attr-defined]
+        if not text:  # no arguments: the help has been shown
+            return 2
+        return _fail(f"{text} See: ./spool {command} --help".replace("  ", " "))
+    return result if isinstance(result, int) else 0
+
+
+def _fail(text: str, code: int = 2) -> int:
+    print("spool: " + " ".join(text.split()), file=sys.stderr)
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

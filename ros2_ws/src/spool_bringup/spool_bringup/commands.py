@@ -1,0 +1,203 @@
+"""What the commands do, short of those with a module of their own."""
+
+from __future__ import annotations
+
+import json as json_module
+import math
+from collections.abc import Mapping, Sequence
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+from spool_bag.cdr import encode_block
+from spool_bag.csv_import import import_csv
+from spool_bag.definitions import ACCELERATION_BLOCK
+from spool_bag.export import export_bag
+from spool_bag.information import BagInformation, describe
+from spool_bag.names import check_valve
+from spool_bag.recovery import recover
+from spool_bag.writer import BagWriter
+from spool_sim.excitation import load_excitation
+from spool_sim.sensors import Sensor
+from spool_sim.simulator import Simulator
+from spool_sim.valve import find_valve
+from spool_stream.errors import InputError
+
+from .progress import progress
+from .replaying import replay_bag
+from .valve_record import VALVE_DESCRIPTION, encode_valve
+
+#: 2025-01-01 UTC: a simulated record has no time of its own.
+SIMULATION_START = 1_735_689_600_000_000_000
+
+
+def simulate(
+    out: Path,
+    valve: str,
+    model: str,
+    excitation: str,
+    seconds: float,
+    *,
+    sample_rate: float,
+    block_rate: float,
+    coulomb_force: float | None,
+    noise: float,
+    seed: int,
+    name: str,
+) -> None:
+    """Write a simulated record of one valve, with the valve's description, as a bag."""
+    check_valve(name)
+    if not block_rate > 0.0 or round(sample_rate / block_rate) < 1:
+        raise InputError(f"--block-rate {block_rate:g} Hz: use a number above 0 and below --sample-rate")
+    sensor = Sensor(noise=noise)
+    simulator = Simulator(
+        find_valve(valve),
+        load_excitation(excitation),
+        model=model,
+        coulomb_force=coulomb_force,
+        sample_rate=sample_rate,
+        block_size=round(sample_rate / block_rate),
+        seed=seed,
+        start_stamp=SIMULATION_START,
+        body_sensor=sensor,
+        spool_sensor=sensor,
+    )
+    blocks = simulator.records(seconds)
+    valve_id = simulator.valve.id
+    count = 0
+    with BagWriter(out) as writer, progress("simulating", seconds) as advance:
+        description = writer.add_topic(f"/{name}/valve", VALVE_DESCRIPTION)
+        channel = writer.add_topic(f"/{name}/acceleration", ACCELERATION_BLOCK)
+        writer.write(description, SIMULATION_START, encode_valve(simulator.valve, SIMULATION_START))
+        for block in blocks:
+            writer.write(channel, block.stamp, encode_block(block, valve_id), sequence=block.sequence)
+            count += 1
+            advance(block.body.size * block.sample_period)
+    print(f"{out}: {count} blocks of {valve_id} in /{name}, {seconds:g} s at {sample_rate:g} Hz")
+
+
+def import_record(file: Path, out: Path, name: str, columns: str | None, start: str) -> None:
+    """Turn a CSV record into a bag and say what went into it."""
+    try:
+        time = datetime.fromisoformat(start.replace("Z", "+00:00"))
+    except ValueError as error:
+        raise InputError(f"--start {start!r}: write it like 2025-01-31T12:00:00") from error
+    zoned = time if time.tzinfo else time.replace(tzinfo=timezone.utc)
+    result = import_csv(
+        file, out, valve=name, columns=_columns(columns), start=round(zoned.timestamp()) * 1_000_000_000
+    )
+    for warning in result.warnings:
+        Console(stderr=True).print(f"warning: {warning}", style="yellow", markup=False, highlight=False)
+    lost = f", {result.lost_blocks} blocks lost in gaps" if result.lost_blocks else ""
+    print(
+        f"{out}: {result.samples} samples in {result.blocks} blocks of /{name}, "
+        f"{result.duration:.1f} s at {1.0 / result.period:g} Hz{lost}"
+    )
+
+
+def _columns(text: str | None) -> Mapping[str, str] | None:
+    if text is None:
+        return None
+    pairs = [pair.partition("=") for pair in text.split(",")]
+    for wanted, mark, found in pairs:
+        if not (wanted and mark and found):
+            raise InputError(f"--columns {text!r}: write it like time_s=t,body_m_s2=ch1,spool_m_s2=ch2")
+    return {wanted.strip(): found.strip() for wanted, _, found in pairs}
+
+
+def export(bag: Path, out: Path, valves: Sequence[str] | None) -> None:
+    """Write a bag's samples as a table and say how many."""
+    with progress("exporting") as advance:
+        result = export_bag(bag, out, valves=valves, progress=advance)
+    print(f"{out}: {result.rows} rows of {', '.join(result.valves)}")
+
+
+def info(bag: Path, json: Path | None) -> int:
+    """Show what is in a bag; return 1 where something was lost or is damaged."""
+    with progress("reading"):
+        found = describe(bag)
+    if json is not None:
+        write_json(json, found.to_dict())
+    _show(found)
+    broken = not found.closed or found.damages or any(v.lost_blocks or v.refused_blocks for v in found.valves)
+    return 1 if broken else 0
+
+
+def _show(found: BagInformation) -> None:
+    console = Console()
+    duration = "?" if found.duration is None else f"{found.duration:.1f} s"
+    state = "closed properly" if found.closed else "not closed properly: see ./spool recover"
+    console.print(f"{found.path}: {duration}, {found.size / 1e6:.1f} MB, {state}", highlight=False)
+    topics = Table("topic", "type", "messages", "per second", box=None, pad_edge=False)
+    for topic in found.topics:
+        rate = "" if topic.rate is None else f"{topic.rate:.1f}"
+        topics.add_row(topic.name, topic.type, str(topic.messages), rate)
+    console.print(topics)
+    valves = Table("valve", "blocks", "samples", "Hz", "lost", "refused", box=None, pad_edge=False)
+    for valve in found.valves:
+        rate = "?" if valve.sample_rate is None else f"{valve.sample_rate:g}"
+        cells = (valve.blocks, valve.samples, rate, valve.lost_blocks, valve.refused_blocks)
+        valves.add_row(valve.name, *map(str, cells))
+    console.print(valves)
+    for warning in found.warnings:
+        console.print(f"warning: {warning}", style="yellow", markup=False, highlight=False)
+
+
+def recover_bag(bag: Path, out: Path) -> int:
+    """Copy what is readable into a new bag; return 1 where something was lost."""
+    with progress("recovering"):
+        result = recover(bag, out)
+    kept = sum(result.messages.values())
+    lost = "an unknown number" if result.lost is None else str(result.lost)
+    bad = sum(result.undecodable.values())
+    print(f"{out}: {kept} messages saved, {lost} lost, {bad} not decodable, {len(result.damages)} damaged places")
+    for damage in result.damages:
+        print(f"  at byte {damage.offset}: {damage.reason}")
+    return 1 if result.lost or bad or result.damages else 0
+
+
+def replay(bag: Path, valves: Sequence[str], json: Path | None) -> None:
+    """Run estimator and monitor over a bag; show the result and write it as JSON."""
+    result = replay_bag(bag, valves)
+    if json is not None:
+        write_json(json, result)
+    console = Console()
+    for name, valve in result["valves"].items():
+        losses = f"{valve['lost_blocks']} lost" if valve["lost_blocks"] else "none lost"
+        console.print(f"[bold]{name}[/bold]: {valve['blocks']} blocks, {losses}", highlight=False)
+        for parameter, quantity in valve["estimate"]["parameters"].items():
+            console.print(f"  {parameter.replace('_', ' '):22} {_number(quantity)}", highlight=False)
+        for event in valve["events"]:
+            cause = f" ({event['cause'].replace('_', ' ')})" if event["cause"] else ""
+            text = f"{event['kind'].replace('_', ' ')}{cause} {event['state']}: {event['message']}"
+            console.print(f"  {event['t_s']:8.1f} s  {text}", markup=False, highlight=False)
+
+
+def _number(quantity: Mapping[str, Any]) -> str:
+    if quantity["value"] is None:
+        return "not known"
+    return f"{quantity['value']:.5g} ± {quantity['std']:.2g} {quantity['unit']}"
+
+
+def write_json(path: Path, value: object) -> None:
+    """Write ``value`` as JSON with null for numbers that are not finite.
+
+    Raises:
+        InputError: the file can't be written.
+    """
+    try:
+        path.write_text(json_module.dumps(_finite(value), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _finite(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(entry) for entry in value]
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    return value

@@ -1,0 +1,124 @@
+"""Estimator and monitor over a bag: the cores of the live nodes, driven by the recorded blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from spool_bag.reader import BagReader
+from spool_estimator.estimate import Estimate
+from spool_estimator.estimator import Estimator, settings_for
+from spool_monitor.event import Event
+from spool_monitor.monitor import Monitor, MonitorSettings
+from spool_monitor.replay import Replay
+from spool_sim.valve import Valve, find_valve
+from spool_stream.block import Block
+from spool_stream.errors import InputError
+from spool_stream.quantity import Quantity
+
+from .progress import progress
+from .valve_record import recorded_valve
+
+DEFAULT_VALVE = "4weh10_soft"
+
+
+def replay_bag(path: Path, valve_files: Sequence[str], *, baseline_time: float | None = None) -> dict[str, Any]:
+    """Replay every valve of the bag ``path``; return the contract's ``replay --json`` as a dictionary.
+
+    Raises:
+        InputError: no valve in the bag, or the number of valve files fits neither one nor each.
+    """
+    reader = BagReader(path)
+    names = reader.valves
+    if not names:
+        raise InputError(f"{path}: no acceleration topic in it, so there is nothing to replay")
+    valves = _valves(reader, names, valve_files)
+    result: dict[str, Any] = {"bag": str(path), "duration_s": None, "valves": {}}
+    first = last = None
+    for name in names:
+        one = replay_valve(reader, name, valves[name], baseline_time=baseline_time)
+        if one.first_stamp is not None and one.last_stamp is not None:
+            first = one.first_stamp if first is None else min(first, one.first_stamp)
+            last = one.last_stamp if last is None else max(last, one.last_stamp)
+        result["valves"][name] = one
+    for name, one in result["valves"].items():
+        result["valves"][name] = _valve_result(one, first or 0)
+    if first is not None and last is not None:
+        result["duration_s"] = (last - first) * 1e-9
+    return result
+
+
+def replay_valve(
+    reader: BagReader, name: str, valve: Valve, *, baseline_time: float | None = None, keep: bool = False
+) -> Replay:
+    """Replay one valve of a bag through fresh cores with the live nodes' default settings."""
+    settings = MonitorSettings(natural_frequency=valve.natural_frequency)
+    if baseline_time is not None:
+        settings = MonitorSettings(natural_frequency=valve.natural_frequency, baseline_time=baseline_time)
+    one = Replay(Estimator(settings_for(valve)), Monitor(settings), keep=keep)
+    expected = reader.topics[f"/{name}/acceleration"].messages
+    with progress(f"replaying {name}", expected) as advance:
+
+        def count(_block: Block) -> None:
+            advance(1)
+
+        one.run(reader.blocks(name), count)
+    return one
+
+
+def _valves(reader: BagReader, names: Sequence[str], files: Sequence[str]) -> dict[str, Valve]:
+    given = [find_valve(file) for file in files]
+    if len(given) == len(names):
+        return dict(zip(names, given, strict=True))
+    if len(given) == 1:
+        return dict.fromkeys(names, given[0])
+    if given:
+        raise InputError(
+            f"--valve was given {len(given)} times, the bag holds {', '.join(names)}: "
+            "give it once for all or once for each"
+        )
+    return {name: recorded_valve(reader, name) or find_valve(DEFAULT_VALVE) for name in names}
+
+
+def _valve_result(one: Replay, start: int) -> dict[str, Any]:
+    gate = one.estimator.gate
+    return {
+        "blocks": gate.accepted,
+        "lost_blocks": gate.lost,
+        "samples": one.samples,
+        "estimate": _estimate(one.estimator.latest),
+        "events": [_event(event, start) for event in one.events],
+    }
+
+
+def _estimate(estimate: Estimate | None) -> dict[str, Any]:
+    if estimate is None:
+        return {
+            "model": None, "parameters": {}, "natural_frequency_Hz": None, "damping_ratio": None, "nrmse": None
+        }  # fmt: skip
+    return {
+        "model": estimate.model,
+        "state": estimate.state.name.lower(),
+        "parameters": {quantity.name: _quantity(quantity) for quantity in estimate.parameters},
+        "natural_frequency_Hz": estimate.natural_frequency.value,
+        "damping_ratio": estimate.damping_ratio.value,
+        "nrmse": estimate.residual.value,
+    }
+
+
+def _quantity(quantity: Quantity) -> dict[str, Any]:
+    return {"value": quantity.value, "std": quantity.standard_deviation, "unit": quantity.unit}
+
+
+def _event(event: Event, start: int) -> dict[str, Any]:
+    return {
+        "t_s": (event.stamp - start) * 1e-9,
+        "kind": event.kind,
+        "state": event.state.name.lower(),
+        "severity": event.severity.name.lower(),
+        "cause": event.cause or None,
+        "value": event.quantity.value,
+        "unit": event.quantity.unit,
+        "message": event.message,
+    }
