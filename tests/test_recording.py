@@ -258,12 +258,14 @@ def test_named_valves_are_heard_from_their_first_block(
     # Best effort is less than the recorder asked for before anybody offered anything.
     source.offer(topic, AccelerationBlock, qos.samples_wanted())
     source.offer("/valve_1/acceleration", AccelerationBlock, qos.samples_offered(50))
+    source.offer("/valve_2/events", HealthEvent, qos.state(depth=10))
+    source.publish("/valve_2/events", HealthEvent(kind="resonance", message="before anybody was met"))
     source.heard(topic)
     for sequence in range(20):
         source.publish(topic, from_block(block(sequence), "valve_2"))
         source.publish("/valve_1/acceleration", from_block(block(sequence), "valve_1"))
         source.executor.spin_once(timeout_sec=0.005)
-    source.until(lambda: written(recorder.bag, topic) == 20)
+    source.until(lambda: written(recorder.bag, topic) == 20 and written(recorder.bag, "/valve_2/events") == 1)
     assert recorder.end(signal.SIGTERM) == 0
     assert BagReader(recorder.bag).valves == ["valve_2"]
 

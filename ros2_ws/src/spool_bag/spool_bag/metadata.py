@@ -104,6 +104,16 @@ def write_metadata(folder: Path, bag: BagMetadata) -> None:
         stream.flush()
         os.fsync(stream.fileno())
     temporary.replace(folder / FILE_NAME)
+    sync_folder(folder)
+
+
+def sync_folder(folder: Path) -> None:
+    """Bring the names in ``folder`` to the disk; synced files can be lost with their name otherwise."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def storage_files(folder: Path) -> tuple[list[Path], list[str]]:

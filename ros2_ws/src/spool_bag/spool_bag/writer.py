@@ -14,7 +14,7 @@ from rosbags.interfaces import Qos
 from spool_stream.errors import InputError
 
 from .definitions import Definition, definition
-from .metadata import BagMetadata, TopicCount, qos_text, write_metadata
+from .metadata import BagMetadata, TopicCount, qos_text, sync_folder, write_metadata
 
 CHUNK_SIZE = 1 << 20
 METADATA_INTERVAL = 5.0
@@ -98,6 +98,7 @@ class BagWriter:
             self._writer = Writer(self._output, chunk_size, CompressionType.ZSTD)  # type: ignore[arg-type]
             self._writer.start(profile="ros2", library="spool_bag")
             self._write_metadata()
+            sync_folder(self.path.absolute().parent)
         except OSError as error:
             raise RecordingError(f"{self.file}: {error.strerror}") from error
         self._open = True
