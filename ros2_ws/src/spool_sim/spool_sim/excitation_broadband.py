@@ -143,9 +143,10 @@ def _low_crest_phases(frequencies: tuple[float, ...], period: float, seed: int) 
     samples = int(2 ** np.ceil(np.log2(8 * number[-1])))
     generator = np.random.default_rng(seed)
     line = np.arange(count)
-    best_peak, best = np.inf, np.zeros(count)
+    best_peak = np.inf
+    best: Array = np.zeros(count)
     for start in (generator.random() - line * (line + 1) / (2.0 * count), generator.random(count)):
-        phases = np.asarray(start)
+        phases: Array = np.asarray(start, dtype=np.float64)
         for _ in range(40):
             spectrum = np.zeros(samples // 2 + 1, dtype=np.complex128)
             spectrum[number] = np.exp(2j * np.pi * (phases - 0.25))
@@ -154,5 +155,6 @@ def _low_crest_phases(frequencies: tuple[float, ...], period: float, seed: int) 
             if peak < best_peak:
                 best_peak, best = peak, phases
             clipped = np.fft.rfft(np.clip(signal, -0.8 * peak, 0.8 * peak))
-            phases = np.angle(clipped[number]) / (2.0 * np.pi) + 0.25
+            turns = np.angle(clipped[number]) / (2.0 * np.pi)
+            phases = np.asarray(turns + 0.25, dtype=np.float64)
     return tuple(np.mod(best, 1.0).tolist())
