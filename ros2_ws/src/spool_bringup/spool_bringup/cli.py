@@ -135,7 +135,9 @@ def replay(
     bag: BagArgument,
     valve: Annotated[
         list[str] | None,
-        typer.Option("--valve", help="YAML file of a valve; once for all, or once for each in order of name."),
+        typer.Option(
+            "--valve", help="YAML file of a valve; once for all, or once for each in order of name."
+        ),
     ] = None,
     json: JsonFile = None,
 ) -> None:

@@ -19,9 +19,13 @@ def find_executable(package: str, executable: str) -> Path:
     Raises:
         InputError: package or executable is not installed; what there is is named.
     """
-    prefixes = [Path(prefix) for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix]
+    prefixes = [
+        Path(prefix) for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix
+    ]
     owners = [
-        prefix for prefix in prefixes if (prefix / "share/ament_index/resource_index/packages" / package).exists()
+        prefix
+        for prefix in prefixes
+        if (prefix / "share/ament_index/resource_index/packages" / package).exists()
     ]
     if not owners:
         raise InputError(f"package {package} is not installed; is the workspace built and sourced?")
@@ -30,7 +34,9 @@ def find_executable(package: str, executable: str) -> Path:
         if os.access(folder / executable, os.X_OK):
             return folder / executable
     found = sorted(path.name for path in (owners[0] / "lib" / package).glob("*") if os.access(path, os.X_OK))
-    raise InputError(f"package {package} has no executable {executable}; it has: {', '.join(found) or 'none'}")
+    raise InputError(
+        f"package {package} has no executable {executable}; it has: {', '.join(found) or 'none'}"
+    )
 
 
 def replace_by_node(package: str, executable: str, arguments: Sequence[str]) -> None:

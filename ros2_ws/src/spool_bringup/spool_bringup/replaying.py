@@ -23,7 +23,9 @@ from .valve_record import recorded_valve
 DEFAULT_VALVE = "4weh10_soft"
 
 
-def replay_bag(path: Path, valve_files: Sequence[str], *, baseline_time: float | None = None) -> dict[str, Any]:
+def replay_bag(
+    path: Path, valve_files: Sequence[str], *, baseline_time: float | None = None
+) -> dict[str, Any]:
     """Replay every valve of the bag ``path``; return the contract's ``replay --json`` as a dictionary.
 
     Raises:

@@ -6,7 +6,8 @@ the chunk brings, so that a parameter that the machine does not excite is held w
 (Cao and Schwartz, Automatica 36 (2000) 1725, extended from a sample to a chunk).
 
 The covariance is the sandwich form for dependent residuals, carried through the same recursion
-(Liang and Zeger, Biometrika 73 (1986) 13, a chunk being a cluster).
+(Liang and Zeger, Biometrika 73 (1986) 13, a chunk being a cluster). The first chunks are solved as one batch:
+before there is a fit, a residual is the signal itself and says nothing of the uncertainty.
 """
 
 from __future__ import annotations
@@ -17,6 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+
+#: Chunks that are solved together before the recursion begins.
+BATCH = 10
 
 
 @dataclass(slots=True)
@@ -37,6 +42,7 @@ class RecursiveLeastSquares:
     information: Array = field(init=False)
     covariance: Array = field(init=False)
     chunks: int = field(default=0, init=False)
+    _first: list[tuple[Array, Array]] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
         self.parameters = np.zeros(self.scale.size)
@@ -48,18 +54,39 @@ class RecursiveLeastSquares:
         """Take a chunk: ``rows`` of shape (n, p), ``target`` of shape (n,)."""
         scaled = rows * self.scale
         gram = scaled.T @ scaled
+        product = scaled.T @ target
+        self.chunks += 1
+        if self.chunks <= BATCH:
+            self._solve_batch(gram, product)
+        else:
+            self._step(gram, product)
+
+    def _step(self, gram: Array, product: Array) -> None:
         current = self.parameters / self.scale
-        score = scaled.T @ (target - scaled @ current)
+        score = product - gram @ current
         kept = self._forget(gram)
         inverse = np.linalg.inv(kept + gram)
         shrink = inverse @ kept
-        current = current + inverse @ score
-        # The part of the score that the fit could not explain, between before and after the step.
-        left = inverse @ score
-        self.covariance = shrink @ self.covariance @ shrink.T + np.outer(left, left)
+        change = inverse @ score
+        self.covariance = shrink @ self.covariance @ shrink.T + np.outer(change, change)
         self.information = kept + gram
-        self.parameters = current * self.scale
-        self.chunks += 1
+        self.parameters = (current + change) * self.scale
+
+    def _solve_batch(self, gram: Array, product: Array) -> None:
+        """Solve for all chunks so far; the covariance comes from their residual scores."""
+        self._first.append((gram, product))
+        prior = np.eye(self.scale.size) * self.noise**2
+        self.information = prior + sum((one for one, _ in self._first), np.zeros_like(prior))
+        inverse = np.linalg.inv(self.information)
+        solution = inverse @ sum((one for _, one in self._first), np.zeros(self.scale.size))
+        scores = np.array([product - gram @ solution for gram, product in self._first])
+        count, size = scores.shape
+        if count > size:
+            meat = scores.T @ scores * (count / (count - size)) + prior
+            self.covariance = inverse @ meat @ inverse
+        self.parameters = solution * self.scale
+        if count == BATCH:
+            self._first.clear()
 
     @property
     def standard_deviations(self) -> Array:

@@ -1,0 +1,131 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from spool_estimator.recursive import RecursiveLeastSquares
+
+Array = NDArray[np.float64]
+
+SCALE = np.array([3000.0, 5.0, 0.5])
+TRUTH = np.array([1632.0, 4.0, 0.3])
+#: Typical displacement (m), velocity (m/s) and direction (1) of a row.
+SIZES = np.array([1e-3, 0.1, 0.7])
+
+
+def regression(forgetting: float) -> RecursiveLeastSquares:
+    return RecursiveLeastSquares(SCALE, forgetting, noise=0.05)
+
+
+def chunks(count: int, length: int = 100, seed: int = 0) -> list[tuple[Array, Array]]:
+    generator = np.random.default_rng(seed)
+    pairs = []
+    for _ in range(count):
+        rows = generator.standard_normal((length, 3)) * SIZES
+        pairs.append((rows, rows @ TRUTH + 0.1 * generator.standard_normal(length)))
+    return pairs
+
+
+def weighted_least_squares(pairs: list[tuple[Array, Array]], weights: Array, prior: float) -> Array:
+    """Return the solution of all chunks at once, in units of the scale where the prior is the unit matrix."""
+    gram = np.eye(3) * 0.05**2 * prior
+    score = np.zeros(3)
+    for (rows, target), weight in zip(pairs, weights, strict=True):
+        gram += weight * (rows * SCALE).T @ (rows * SCALE)
+        score += weight * (rows * SCALE).T @ target
+    return np.asarray(np.linalg.solve(gram, score) * SCALE)
+
+
+def test_without_forgetting_it_is_least_squares_over_all() -> None:
+    fit = regression(0.0)
+    pairs = chunks(80)
+    for pair in pairs:
+        fit.update(*pair)
+    np.testing.assert_allclose(
+        fit.parameters, weighted_least_squares(pairs, np.ones(80), prior=1.0), rtol=1e-9
+    )
+    assert fit.chunks == 80
+
+
+@pytest.mark.parametrize("forgetting", [0.01, 0.1, 0.5])
+def test_with_every_direction_excited_it_forgets_exponentially(forgetting: float) -> None:
+    fit = regression(forgetting)
+    rows, _ = chunks(1)[0]
+    generator = np.random.default_rng(1)
+    pairs = [(rows, rows @ (TRUTH * generator.uniform(0.5, 2.0, 3))) for _ in range(60)]
+    for pair in pairs:
+        fit.update(*pair)
+    weights = (1.0 - forgetting) ** np.arange(59, -1, -1.0)
+    expected = weighted_least_squares(pairs, weights, prior=(1.0 - forgetting) ** 60)
+    np.testing.assert_allclose(fit.parameters, expected, rtol=1e-7)
+
+
+def test_follows_a_change_of_all_parameters_within_the_memory() -> None:
+    fit = regression(0.1)
+    for rows, _ in chunks(50):
+        fit.update(rows, rows @ TRUTH)
+    for rows, _ in chunks(10, seed=2):
+        fit.update(rows, rows @ (2.0 * TRUTH))
+    # Ten chunks at a share of 0.1 each: 1 - 0.9^10 of the step.
+    np.testing.assert_allclose(fit.parameters / TRUTH - 1.0, 1.0 - 0.9**10, atol=0.05)
+
+
+def test_a_direction_that_is_not_excited_is_held_with_its_certainty() -> None:
+    fit = regression(0.025)
+    # Orthogonal columns: nothing of the third parameter can be told from the other two.
+    rows = np.kron(np.array([[1, 1, 1], [1, -1, 1], [-1, 1, 1], [-1, -1, 1.0]]), np.ones((25, 1))) * SIZES
+    generator = np.random.default_rng(7)
+    for _ in range(100):
+        fit.update(rows, rows @ TRUTH + 0.1 * generator.standard_normal(100))
+    held, certainty = fit.parameters[2], fit.standard_deviations[2]
+    still = rows * np.array([1.0, 1.0, 0.0])
+    for _ in range(1000):
+        fit.update(still, still @ (1.5 * TRUTH) + 0.1 * generator.standard_normal(100))
+    assert fit.parameters[2] == pytest.approx(held, rel=1e-6)
+    assert fit.standard_deviations[2] == pytest.approx(certainty, rel=1e-6)
+    np.testing.assert_allclose(fit.parameters[:2], 1.5 * TRUTH[:2], rtol=0.01)
+
+
+def test_standstill_changes_nothing_for_1000_chunks() -> None:
+    fit = regression(0.025)
+    for pair in chunks(100):
+        fit.update(*pair)
+    before = (fit.parameters.copy(), fit.information.copy(), fit.covariance.copy())
+    for _ in range(1000):
+        fit.update(np.zeros((100, 3)), np.zeros(100))
+    for old, new in zip(before, (fit.parameters, fit.information, fit.covariance), strict=True):
+        np.testing.assert_allclose(new, old, rtol=1e-9, atol=1e-12 * np.abs(old).max())
+
+
+def noise(kind: str, shape: tuple[int, int], generator: np.random.Generator) -> Array:
+    """Return white noise, or first-order coloured noise with correlation 0.9 from sample to sample."""
+    white = generator.standard_normal(shape)
+    if kind == "white":
+        return white
+    coloured = np.empty(shape)
+    coloured[:, 0] = white[:, 0]
+    for n in range(1, shape[1]):
+        coloured[:, n] = 0.9 * coloured[:, n - 1] + np.sqrt(1.0 - 0.81) * white[:, n]
+    return coloured
+
+
+@pytest.mark.parametrize("kind", ["white", "coloured"])
+def test_two_standard_deviations_cover_the_truth_as_often_as_they_should(kind: str) -> None:
+    runs, count, length = 400, 100, 100
+    generator = np.random.default_rng(11)
+    # Columns as coloured as the noise: there ordinary least squares would claim far too much certainty.
+    times = np.arange(count * length)
+    drive = np.stack(
+        [np.sin(0.031 * times + 1e-6 * times**2), np.cos(0.047 * times), np.sign(np.sin(0.0531 * times))],
+        axis=1,
+    )
+    rows = (drive * SIZES).reshape(count, length, 3)
+    disturbance = 0.3 * noise(kind, (runs, count * length), generator)
+    covered = np.zeros(3)
+    for run in range(runs):
+        fit = regression(0.025)
+        for n in range(count):
+            fit.update(rows[n], rows[n] @ TRUTH + disturbance[run, n * length : (n + 1) * length])
+        covered += np.abs(fit.parameters - TRUTH) < 2.0 * fit.standard_deviations
+    share = covered / runs
+    assert ((share >= 0.90) & (share <= 0.98)).all(), share
