@@ -11,6 +11,8 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
+        (f"share/{PACKAGE}/launch", ["launch/valve.launch.py"]),
+        (f"share/{PACKAGE}/config", ["config/valve.yaml", "config/valves.yaml"]),
     ],
     zip_safe=True,
     maintainer="Spool suite maintainers",

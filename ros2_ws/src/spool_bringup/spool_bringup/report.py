@@ -1,0 +1,181 @@
+"""The report of a recording: a page of pictures and tables that stands by itself."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from spool_bag.reader import BagReader
+
+Array = NDArray[np.float64]
+
+#: Okabe and Ito's colours: apart for the colour-blind and in print.
+BODY, SPOOL, ESTIMATE, EVENT = "#0072B2", "#D55E00", "#009E73", "#E69F00"
+
+_PAGE = Template("""<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>$title</title><style>
+body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#222}
+img{width:100%}table{border-collapse:collapse;margin:1rem 0}td,th{padding:.25rem .8rem;text-align:left;
+border-bottom:1px solid #ccc}td.n{text-align:right;font-variant-numeric:tabular-nums}h2{margin-top:2.5rem}
+@media print{h2{break-before:page}}</style></head><body>
+<h1>$title</h1><p>$summary</p>$sections</body></html>
+""")
+
+
+def write_report(folder: Path, reader: BagReader, analysis: dict[str, Any]) -> Path:
+    """Write ``report.html`` and one PNG per valve into ``folder``; return the page's path.
+
+    ``analysis`` is what ``replay --json`` writes for the bag of ``reader``.
+    """
+    sections = []
+    for name, valve in analysis["valves"].items():
+        figure = draw_valve(reader, name, valve["events"])
+        picture = io.BytesIO()
+        figure.savefig(picture, format="png", dpi=150)
+        plt.close(figure)
+        (folder / f"{name}.png").write_bytes(picture.getvalue())
+        sections.append(_section(name, valve, picture.getvalue()))
+    lost = sum(valve["lost_blocks"] for valve in analysis["valves"].values())
+    page = _PAGE.substitute(
+        title="Spool valves: what the recording shows",
+        summary=html.escape(
+            f"{len(analysis['valves'])} valves, {analysis['duration_s']:.0f} s, {lost} blocks lost. "
+            "Estimates are given with two standard deviations; shaded stretches are events."
+        ),
+        sections="".join(sections),
+    )
+    path = folder / "report.html"
+    path.write_text(page, encoding="utf-8")
+    return path
+
+
+def draw_valve(reader: BagReader, name: str, events: list[dict[str, Any]]) -> Figure:
+    """Return the picture of one valve: accelerations, frequencies, friction over time, events shaded."""
+    time, body, spool = _envelopes(reader, name)
+    start = time[0] if time.size else 0.0
+    estimates = list(reader.messages(f"/{name}/estimate")) if f"/{name}/estimate" in reader.topics else []
+    health = list(reader.messages(f"/{name}/health")) if f"/{name}/health" in reader.topics else []
+    figure, axes = plt.subplots(4, 1, figsize=(9, 9.5), sharex=True, layout="constrained")
+    relative = time - start
+    axes[0].fill_between(relative, -spool, spool, color=SPOOL, alpha=0.7, lw=0, label="spool")
+    axes[0].fill_between(relative, -body, body, color=BODY, alpha=0.8, lw=0, label="body")
+    axes[0].set_ylabel("peak acceleration\nm/s²")
+    at = _stamps(health) - start
+    axes[1].plot(at, _values(health, "dominant_frequency"), color=BODY, label="body shakes at")
+    axes[1].plot(at, _values(health, "natural_frequency"), color=ESTIMATE, ls="--", label="natural frequency")
+    axes[1].set_ylabel("frequency\nHz")
+    at = _stamps(estimates) - start
+    _band(axes[2], at, estimates, "viscous_coefficient", "viscous coefficient\nN·s/m")
+    _band(axes[3], at, estimates, "coulomb_force", "Coulomb force\nN")
+    axes[3].set_xlabel("time, s")
+    for axis in axes:
+        axis.grid(alpha=0.3)
+        _shade(axis, events, float(relative[-1]) if relative.size else 0.0)
+    axes[0].legend(loc="upper right", ncols=2)
+    axes[1].legend(loc="upper right", ncols=2)
+    _name_events(axes[0], events)
+    figure.suptitle(name)
+    return figure
+
+
+def _envelopes(reader: BagReader, name: str) -> tuple[Array, Array, Array]:
+    """Return time (s) and peak accelerations of body and spool by block, shapes (n,)."""
+    peaks = [
+        (block.stamp * 1e-9, float(np.abs(block.body).max()), float(np.abs(block.spool).max()))
+        for block in reader.blocks(name)
+        if block.body.size and block.spool.size
+    ]
+    table = np.array(peaks).reshape(-1, 3)
+    return table[:, 0], table[:, 1], table[:, 2]
+
+
+def _stamps(messages: list[Any]) -> Array:
+    return np.array([message.header.stamp.sec + message.header.stamp.nanosec * 1e-9 for message in messages])
+
+
+def _values(messages: list[Any], name: str) -> Array:
+    return np.array([getattr(message, name).value for message in messages])
+
+
+def _band(axis: Axes, at: Array, estimates: list[Any], name: str, label: str) -> None:
+    rows = []
+    for estimate in estimates:
+        found = [quantity for quantity in estimate.parameters if quantity.name == name]
+        known = bool(found) and found[0].validity in (1, 2)
+        rows.append((found[0].value, found[0].standard_deviation) if known else (np.nan, np.nan))
+    table = np.array(rows).reshape(-1, 2)
+    axis.plot(at, table[:, 0], color=ESTIMATE, marker=".", ms=4)
+    low, high = table[:, 0] - 2.0 * table[:, 1], table[:, 0] + 2.0 * table[:, 1]
+    axis.fill_between(at, low, high, color=ESTIMATE, alpha=0.25, lw=0)
+    axis.set_ylabel(label)
+
+
+def _spans(events: list[dict[str, Any]], end: float) -> list[tuple[str, float, float]]:
+    """Return kind, begin and end (s) of each event; those that go on last to the end."""
+    spans = []
+    begun: dict[tuple[str, str | None], float] = {}
+    for event in events:
+        key = (event["kind"], event["cause"])
+        if event["state"] == "raised":
+            begun.setdefault(key, event["t_s"])
+        elif key in begun:
+            spans.append((_label(*key), begun.pop(key), event["t_s"]))
+    return spans + [(_label(*key), since, end) for key, since in begun.items()]
+
+
+def _label(kind: str, cause: str | None) -> str:
+    return (kind + (f"\n({cause})" if cause else "")).replace("_", " ")
+
+
+def _shade(axis: Axes, events: list[dict[str, Any]], end: float) -> None:
+    for _, begin, until in _spans(events, end):
+        axis.axvspan(begin, until, color=EVENT, alpha=0.18, lw=0)
+
+
+def _name_events(axis: Axes, events: list[dict[str, Any]]) -> None:
+    for label, begin, _ in _spans(events, 0.0):
+        axis.annotate(
+            label, (begin, 0.02), xycoords=("data", "axes fraction"), fontsize=8, va="bottom",
+            xytext=(2, 0), textcoords="offset points",
+        )  # fmt: skip
+
+
+def _section(name: str, valve: dict[str, Any], picture: bytes) -> str:
+    encoded = base64.b64encode(picture).decode()
+    parameters = "".join(
+        f"<tr><td>{html.escape(key.replace('_', ' '))}</td><td class=n>{_number(value['value'])}</td>"
+        f"<td class=n>± {_number(_doubled(value['std']))}</td><td>{html.escape(value['unit'])}</td></tr>"
+        for key, value in valve["estimate"]["parameters"].items()
+    )
+    events = "".join(
+        f"<tr><td class=n>{event['t_s']:.1f} s</td><td>{html.escape(event['kind'].replace('_', ' '))}</td>"
+        f"<td>{html.escape((event['cause'] or '').replace('_', ' '))}</td><td>{event['state']}</td>"
+        f"<td>{html.escape(event['message'])}</td></tr>"
+        for event in valve["events"]
+    )
+    return (
+        f"<h2>{html.escape(name)}</h2><img alt='{html.escape(name)} over time' "
+        f"src='data:image/png;base64,{encoded}'>"
+        f"<table><tr><th>parameter</th><th>at the end</th><th></th><th></th></tr>{parameters}</table>"
+        f"<table><tr><th>time</th><th>event</th><th>cause</th><th></th><th></th></tr>{events}</table>"
+    )
+
+
+def _doubled(value: float | None) -> float | None:
+    return None if value is None else 2.0 * value
+
+
+def _number(value: float | None) -> str:
+    return "not known" if value is None or not np.isfinite(value) else f"{value:.4g}"
