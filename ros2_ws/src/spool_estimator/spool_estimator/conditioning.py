@@ -139,9 +139,11 @@ def _take(
     # Fourth-order centred integration: error (2 pi f period)^4 11/720 of the amplitude.
     inner, outer = 13.0 * period / 24.0, period / 24.0
     for n in range(body.size):
-        relative = _triangle(low_rings, low_sums, 0, low_place, float(spool[n]) - float(body[n]))
-        target = _triangle(low_rings, low_sums, 2, low_place, float(spool[n]))
-        excitation = _triangle(low_rings, low_sums, 4, low_place, float(body[n]))
+        # float() of numba keeps single precision.
+        of_spool, of_body = np.float64(spool[n]), np.float64(body[n])
+        relative = _triangle(low_rings, low_sums, 0, low_place, of_spool - of_body)
+        target = _triangle(low_rings, low_sums, 2, low_place, of_spool)
+        excitation = _triangle(low_rings, low_sums, 4, low_place, of_body)
 
         value = _high_pass(rings, sums, 0, place, relative)
         scalars[0] += inner * (scalars[3] + scalars[4]) - outer * (scalars[2] + value)

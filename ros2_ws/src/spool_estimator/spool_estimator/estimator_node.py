@@ -26,7 +26,7 @@ class EstimatorNode(ManagedNode):
 
     PARAMETERS: ClassVar = (
         Parameter(
-            "valve_file", "4weh10_soft", "Valve: path of a YAML file or a shipped one's name.", read_only=True,
+            "valve_file", "4weh10_soft", "Path of a YAML file or name of a shipped valve.", read_only=True,
         ),
         Parameter("memory", 4.0, "Time constant of forgetting.", "s", 0.2, 3600.0, read_only=True),
         Parameter("low_cut", 4.0, "Lower edge of the band.", "Hz", 0.1, 100.0, read_only=True),

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-
 #: Chunks that are solved together before the recursion begins.
 BATCH = 10
 
@@ -87,6 +86,8 @@ class RecursiveLeastSquares:
         self.parameters = solution * self.scale
         if count == BATCH:
             self._first.clear()
+            # No more than forgetting would have left, else a memory shorter than the batch is never reached.
+            self.information *= min(1.0, 1.0 / (BATCH * self.forgetting)) if self.forgetting > 0.0 else 1.0
 
     @property
     def standard_deviations(self) -> Array:

@@ -1,0 +1,289 @@
+from __future__ import annotations
+
+import math
+import pickle
+from collections.abc import Iterable
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from spool_estimator.estimate import Estimate, State
+from spool_estimator.estimator import Estimator, EstimatorSettings, settings_for
+from spool_sim.excitation import Excitation, MachineOrders, Multisine, Part, Sequence, Standstill
+from spool_sim.presets import PRESETS
+from spool_sim.sensors import Sensor
+from spool_sim.simulator import Simulator
+from spool_sim.valve import find_valve
+from spool_stream.block import Block
+from spool_stream.block_gate import Fault
+from spool_stream.quantity import Validity
+
+NOISE = 0.03
+SETTINGS = EstimatorSettings(0.18)
+
+
+def simulator(
+    valve: str = "4weh10_soft",
+    drive: str | Excitation = "multisine",
+    coulomb_force: float = 0.3,
+    rate: float = 2000.0,
+    bias: float = 9.81,
+) -> Simulator:
+    return Simulator(
+        find_valve(valve),
+        PRESETS[drive] if isinstance(drive, str) else drive,
+        coulomb_force=coulomb_force,
+        sample_rate=rate,
+        block_size=round(rate / 50),
+        seed=1,
+        body_sensor=Sensor(noise=NOISE),
+        spool_sensor=Sensor(noise=NOISE, bias=bias),
+    )
+
+
+@lru_cache(maxsize=1)
+def record() -> tuple[Block, ...]:
+    """Return 12 s of a valve with dry friction."""
+    return tuple(simulator().records(12.0))
+
+
+def estimates_of(blocks: Iterable[Block], estimator: Estimator | None = None) -> list[Estimate]:
+    estimator = estimator or Estimator(SETTINGS)
+    return [estimate for block in blocks for estimate in estimator.update(block)]
+
+
+def exactly(estimates: Iterable[Estimate], **same: int) -> list[str]:
+    """Return text in which every bit of every number shows (NaN included), ``same`` made equal."""
+    return [repr(replace(estimate, **same)) for estimate in estimates]
+
+
+@pytest.mark.parametrize("coulomb_force", [0.0, 0.3])
+@pytest.mark.parametrize("drive", ["stepped", "sweep", "multisine", "orders"])
+@pytest.mark.parametrize("valve", ["4weh10_soft", "4weh10_stiff"])
+def test_recovers_what_was_simulated(valve: str, drive: str, coulomb_force: float) -> None:
+    source = simulator(valve, drive, coulomb_force)
+    last = estimates_of(source.records(40.0), Estimator(settings_for(source.valve)))[-1]
+    truth = source.truth
+    assert last.state is State.TRACKING
+    assert all(quantity.validity is Validity.VALID for quantity in last.parameters)
+    assert last.parameter("spring_stiffness").value == pytest.approx(truth.spring_stiffness, rel=0.01)
+    assert last.parameter("viscous_coefficient").value == pytest.approx(truth.viscous_coefficient, rel=0.05)
+    if coulomb_force > 0.0:
+        assert last.parameter("coulomb_force").value == pytest.approx(coulomb_force, rel=0.06)
+    else:
+        assert abs(last.parameter("coulomb_force").value) < 0.02
+    assert last.natural_frequency.value == pytest.approx(truth.natural_frequency, rel=0.005)
+    assert last.damping_ratio.value == pytest.approx(truth.damping_ratio, rel=0.055)
+    assert last.residual.value < 0.12
+    assert len(last.parameters) == 3
+
+
+@pytest.mark.parametrize("rate", [1000.0, 5000.0, 10000.0])
+def test_recovers_at_other_sample_rates(rate: float) -> None:
+    source = simulator(rate=rate)
+    last = estimates_of(source.records(15.0), Estimator(settings_for(source.valve)))[-1]
+    assert last.parameter("spring_stiffness").value == pytest.approx(source.truth.spring_stiffness, rel=0.01)
+    assert last.parameter("viscous_coefficient").value == pytest.approx(
+        source.truth.viscous_coefficient, rel=0.05
+    )
+    assert last.parameter("coulomb_force").value == pytest.approx(0.3, rel=0.06)
+
+
+def test_one_estimate_a_second_stamped_with_the_newest_sample() -> None:
+    blocks = record()
+    estimates = estimates_of(blocks)
+    assert len(estimates) == 12
+    for number, estimate in enumerate(estimates, start=1):
+        assert estimate.stamp == blocks[0].stamp + number * 1_000_000_000 - 500_000
+        assert estimate.last_sequence == 50 * number - 1
+    # Linear phase: half of each filter's length, in all about 3 / (2 low_cut).
+    assert estimates[-1].delay == pytest.approx(1.5 / SETTINGS.low_cut, rel=0.02)
+    assert estimates[-1].samples < 12 * 2000
+
+
+def test_nothing_is_claimed_before_it_is_known() -> None:
+    first = estimates_of(record()[:50])[0]
+    assert first.state in (State.LEARNING, State.NOT_EXCITED)
+    for quantity in (*first.parameters, first.natural_frequency, first.damping_ratio, first.residual):
+        assert quantity.validity is Validity.UNKNOWN
+        assert math.isnan(quantity.value)
+        assert math.isnan(quantity.standard_deviation)
+
+
+def test_follows_a_drift_of_friction() -> None:
+    source = simulator()
+    estimator = Estimator(settings_for(source.valve))
+    before = estimates_of(source.records(15.0), estimator)[-1]
+    source.set_drift("coulomb_force", 0.6)
+    after = estimates_of(source.records(20.0), estimator)[-1]
+    assert before.parameter("coulomb_force").value == pytest.approx(0.3, rel=0.06)
+    assert after.parameter("coulomb_force").value == pytest.approx(0.6, rel=0.06)
+
+
+def split(blocks: Iterable[Block], sizes: list[int]) -> list[Block]:
+    """Return the same samples in blocks of ``sizes``, over and over."""
+    blocks = list(blocks)
+    body = np.concatenate([block.body for block in blocks])
+    spool = np.concatenate([block.spool for block in blocks])
+    again, start = [], 0
+    while start < body.size:
+        size = sizes[len(again) % len(sizes)]
+        part = slice(start, start + size)
+        stamp = blocks[0].stamp + start * 500_000
+        again.append(Block(stamp, len(again), blocks[0].sample_period, body[part], spool[part]))
+        start += size
+    return again
+
+
+@settings(max_examples=15, deadline=None)
+@given(sizes=st.lists(st.integers(1, 700), min_size=1, max_size=12))
+def test_how_a_stream_is_split_into_blocks_changes_nothing(sizes: list[int]) -> None:
+    blocks = record()[:200]
+    expected = exactly(estimates_of(blocks), last_sequence=0)
+    assert len(expected) == 4
+    assert exactly(estimates_of(split(blocks, sizes)), last_sequence=0) == expected
+
+
+def malformed(block: Block, kind: str) -> Block:
+    samples = block.body.copy()
+    samples[3] = {"NaN": np.nan, "infinite": np.inf, "1e30": 1e30}.get(kind, 0.0)
+    return {
+        "lengths": replace(block, body=block.body[:-1]),
+        "empty": replace(block, body=block.body[:0], spool=block.spool[:0]),
+        "period 0": replace(block, sample_period=0.0),
+        "period NaN": replace(block, sample_period=math.nan),
+        "period 1e-300": replace(block, sample_period=1e-300),
+        "period 1e300": replace(block, sample_period=1e300),
+        "no stamp": replace(block, stamp=0),
+        "stamp back": replace(block, stamp=block.stamp - 100_000_000),
+    }.get(kind, replace(block, body=samples))
+
+
+KINDS = ("lengths", "empty", "period 0", "period NaN", "period 1e-300", "period 1e300", "no stamp")
+KINDS = (*KINDS, "stamp back", "NaN", "infinite", "1e30")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_malformed_blocks_never_reach_the_estimate(kind: str) -> None:
+    blocks = record()[:300]
+    disturbed = []
+    for number, block in enumerate(blocks):
+        if number % 60 == 59:
+            disturbed.append(malformed(block, kind))
+        disturbed.append(block)
+    estimator = Estimator(SETTINGS)
+    estimates = estimates_of(disturbed, estimator)
+    assert estimates[-1].refused_blocks == 5
+    assert estimator.gate.refused == 5
+    assert exactly(estimates, refused_blocks=0) == exactly(estimates_of(blocks))
+
+
+def test_goes_on_after_a_gap_and_counts_what_was_lost() -> None:
+    blocks = record()
+    estimator = Estimator(SETTINGS)
+    estimates = estimates_of((*blocks[:350], *blocks[360:]), estimator)
+    assert [estimate.lost_blocks for estimate in estimates][-1] == 10
+    assert estimator.gate.faults == {Fault.LOST: 1}
+    whole = estimates_of(blocks)[-1]
+    last = estimates[-1]
+    assert last.state is State.TRACKING
+    for name in ("spring_stiffness", "viscous_coefficient", "coulomb_force"):
+        with_gap, without = last.parameter(name), whole.parameter(name)
+        assert abs(with_gap.value - without.value) < 3.0 * without.standard_deviation
+    assert last.samples < whole.samples
+
+
+def test_a_standstill_of_8_s_moves_nothing() -> None:
+    drive = Sequence(
+        parts=(
+            Part(duration=12.0, excitation=Multisine(low_frequency=10.0, high_frequency=100.0, rms=7.0)),
+            Part(duration=8.0, excitation=Standstill()),
+            Part(duration=6.0, excitation=Multisine(low_frequency=10.0, high_frequency=100.0, rms=7.0)),
+        )
+    )
+    estimates = estimates_of(simulator(drive=drive).records(26.0))
+    before, during, after = estimates[10], estimates[14:19], estimates[-1]
+    assert before.state is State.TRACKING
+    for estimate in during:
+        assert estimate.state is State.NOT_EXCITED
+        for old, new in zip(before.parameters, estimate.parameters, strict=True):
+            assert new.validity is Validity.HELD
+            assert new.value == pytest.approx(old.value, rel=0.01)
+            assert new.standard_deviation < 1.5 * old.standard_deviation
+    assert after.state is State.TRACKING
+
+
+def constant(value: float, count: int, first: Block) -> list[Block]:
+    samples = np.full(40, value, dtype=np.float32)
+    length = 20_000_000
+    return [
+        Block(first.stamp + n * length, first.sequence + n, first.sample_period, samples, samples)
+        for n in range(count)
+    ]
+
+
+@pytest.mark.parametrize("value", [0.0, 1e-42, -1e-38, 9.81, 1e7, 1e30, math.nan, math.inf])
+def test_survives_any_number(value: float) -> None:
+    estimator = Estimator(SETTINGS)
+    # No bias here: one that sets in with the record would be a jolt to the regression.
+    blocks = list(simulator(bias=0.0).records(12.0))
+    for estimate in estimates_of(constant(value, 100, blocks[0]), estimator):
+        assert not any(quantity.known for quantity in estimate.parameters)
+    shift = 100 * 20_000_000
+    following = [replace(block, stamp=block.stamp + shift, sequence=block.sequence + 100) for block in blocks]
+    last = estimates_of(following, estimator)[-1]
+    assert last.state is State.TRACKING
+    assert last.parameter("spring_stiffness").value == pytest.approx(1632.0, rel=0.01)
+    assert last.parameter("coulomb_force").value == pytest.approx(0.3, rel=0.06)
+
+
+@pytest.mark.parametrize("after", [3, 77, 333])
+def test_a_pickled_estimator_goes_on_bit_for_bit(after: int) -> None:
+    blocks = record()
+    estimator = Estimator(SETTINGS)
+    estimates_of(blocks[:after], estimator)
+    copy = pickle.loads(pickle.dumps(estimator))
+    assert exactly(estimates_of(blocks[after:], copy)) == exactly(estimates_of(blocks[after:], estimator))
+
+
+def test_two_valves_never_mix() -> None:
+    soft, stiff = simulator(), simulator("4weh10_stiff")
+    alone = [estimates_of(simulator(name).records(6.0)) for name in ("4weh10_soft", "4weh10_stiff")]
+    estimators = (Estimator(SETTINGS), Estimator(SETTINGS))
+    together: tuple[list[Estimate], list[Estimate]] = ([], [])
+    for pair in zip(soft.records(6.0), stiff.records(6.0), strict=True):
+        for which, block in enumerate(pair):
+            together[which].extend(estimators[which].update(block))
+    assert [exactly(each) for each in together] == [exactly(each) for each in alone]
+
+
+def test_a_stale_estimate_is_held_and_claims_no_signal() -> None:
+    estimator = Estimator(SETTINGS)
+    assert estimator.stale() is None
+    last = estimates_of(record(), estimator)[-1]
+    stale = estimator.stale()
+    assert stale is not None
+    assert stale.state is State.STALE
+    for old, new in zip(last.parameters, stale.parameters, strict=True):
+        assert (new.value, new.standard_deviation) == (old.value, old.standard_deviation)
+        assert new.validity is Validity.HELD
+    for quantity in (stale.residual, stale.excitation, stale.relative_displacement):
+        assert math.isnan(quantity.value)
+        assert quantity.validity is Validity.UNKNOWN
+
+
+def test_signals_are_reported_as_they_are() -> None:
+    drive = MachineOrders(speed_profile=((0.0, 1200.0),), orders=((1.0, 10.0),))
+    last = estimates_of(simulator(drive=drive, coulomb_force=0.0).records(8.0))[-1]
+    # At 2.5 / (length of the running mean) each of two high-passes lets 1 - (2 / (5 pi))^2 through.
+    passed = (1.0 - (2.0 / (5.0 * math.pi)) ** 2) ** 2
+    assert last.excitation.value == pytest.approx(passed * 10.0 / math.sqrt(2.0), rel=0.003)
+    assert last.relative_displacement.value > 0.0
+
+
+def test_an_unknown_parameter_is_a_key_error() -> None:
+    with pytest.raises(KeyError, match="mass"):
+        estimates_of(record()[:50])[0].parameter("mass")
