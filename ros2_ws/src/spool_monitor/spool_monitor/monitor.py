@@ -6,7 +6,7 @@ import enum
 import math
 from dataclasses import dataclass, field, replace
 
-from spool_estimator.estimate import Estimate
+from spool_estimator.estimate import Estimate, State
 from spool_stream.block import Block
 from spool_stream.block_gate import BlockGate, Verdict
 from spool_stream.quantity import Quantity, Validity
@@ -184,7 +184,9 @@ class Monitor:
         conditions = [self.resonance.condition, self._data_fault, *(drift.condition for drift in self.drifts)]
         active = [condition for condition in conditions if condition.active is not None]
         stale = [source for source, condition in self._stale.items() if condition.active is not None]
-        if stale:
+        # Who joins a dead valve late hears the held estimate and no silence that could be timed.
+        held = self.estimate is not None and self.estimate.state is State.STALE
+        if stale or held:
             level = Level.STALE
         elif active:
             worst = max(condition.active for condition in active if condition.active is not None)
