@@ -95,7 +95,7 @@ class MonitorNode(ManagedNode):
 
     def _take_description(self, message: ValveDescription) -> None:
         assert self._core is not None
-        self._valve_id = message.header.frame_id
+        self._valve_id = self._diagnostics.hardware_id = message.header.frame_id
         if self.value("natural_frequency") == 0.0 and message.moving_mass > 0.0:
             self._core.set_natural_frequency(message.spring_stiffness, message.moving_mass)
 

@@ -32,11 +32,14 @@ class Status:
 
 
 class DiagnosticPublisher:
-    """Publish the tasks of one node on ``/diagnostics``; names are ``namespace/node: task``."""
+    """Publish the tasks of one node on ``/diagnostics``; names are ``namespace/node: task``.
+
+    ``hardware_id`` may change when the node learns which valve it is for.
+    """
 
     def __init__(self, node: Node, hardware_id: str) -> None:
         self._node = node
-        self._hardware_id = hardware_id
+        self.hardware_id = hardware_id
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", qos.diagnostics())
 
     def publish(self, *tasks: Status) -> None:
@@ -49,7 +52,7 @@ class DiagnosticPublisher:
                 level=task.level.value,
                 name=f"{prefix}: {task.task}",
                 message=task.message,
-                hardware_id=self._hardware_id,
+                hardware_id=self.hardware_id,
                 values=[KeyValue(key=key, value=_text(value)) for key, value in task.values.items()],
             )
             for task in tasks
