@@ -63,6 +63,7 @@ class SimulatorNode(ManagedNode):
         super().__init__("simulator")
         self._simulator: Simulator | None = None
         self._started: int | None = None
+        self._last_turn = 0
         self._sent = 0
         self._skipped = 0
 
@@ -77,9 +78,10 @@ class SimulatorNode(ManagedNode):
     def activate(self) -> None:
         """Start at time zero of the excitation, stamped with the node's clock."""
         self._started = None
+        self._last_turn = 0
         self._sent = self._skipped = 0
         self.every(0.5 / self.value("block_rate"), self._turn)
-        self.every(1.0, self._report)
+        self.every(1.0, self._report, steady=True)
 
     def cleanup(self) -> None:
         """Let go of publisher and valve."""
@@ -136,7 +138,9 @@ class SimulatorNode(ManagedNode):
         now = self.get_clock().now().nanoseconds
         if now == 0:  # simulated time has not begun
             return
-        if self._started is None or now < self._started:
+        back, self._last_turn = now < self._last_turn, now
+        if self._started is None or back:
+            self._started = None
             if self._publisher.get_subscription_count() < self.value("wait_for_subscribers"):
                 return
             self._started = now
