@@ -1,0 +1,284 @@
+"""Real nodes as processes of their own, and a node of the test's own that watches and drives them."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from spool_bringup.processes import find_executable
+
+LOCALHOST = "LOCALHOST"
+PACKAGES = {
+    "simulator": "spool_sim",
+    "estimator": "spool_estimator",
+    "monitor": "spool_monitor",
+    "recorder": "spool_bag",
+}
+TRANSITIONS = {
+    "configure": Transition.TRANSITION_CONFIGURE,
+    "activate": Transition.TRANSITION_ACTIVATE,
+    "deactivate": Transition.TRANSITION_DEACTIVATE,
+    "cleanup": Transition.TRANSITION_CLEANUP,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """A message and when it arrived, s on the monotonic clock."""
+
+    arrival: float
+    message: Any
+
+
+@dataclass(slots=True)
+class Topic:
+    """What was heard on one topic so far."""
+
+    heard: list[Heard] = field(default_factory=list)
+
+    @property
+    def messages(self) -> list[Any]:
+        return [one.message for one in self.heard]
+
+    @property
+    def last(self) -> Any:
+        return self.heard[-1].message
+
+    def first(self, wanted: Callable[[Any], bool], *, after: float = 0.0) -> Heard | None:
+        """Return the first message that arrived ``after`` and is ``wanted``."""
+        fitting = (one for one in self.heard if one.arrival >= after and wanted(one.message))
+        return next(fitting, None)
+
+
+@dataclass(slots=True)
+class Process:
+    """One node."""
+
+    name: str
+    popen: subprocess.Popen[bytes]
+    log: Path
+
+    @property
+    def alive(self) -> bool:
+        return self.popen.poll() is None
+
+    @property
+    def said(self) -> str:
+        return self.log.read_text(errors="replace")
+
+    def end(self, number: int = signal.SIGINT) -> int:
+        """Send a signal and return the exit code."""
+        self.popen.send_signal(number)
+        return self.popen.wait(timeout=20)
+
+    def kill(self) -> float:
+        """End the node as a crash does; return when."""
+        now = time.monotonic()
+        self.popen.kill()
+        self.popen.wait(timeout=20)
+        return now
+
+
+class System:
+    """Nodes on a domain of their own."""
+
+    def __init__(self, domain_id: int, folder: Path) -> None:
+        self.domain_id = domain_id
+        self.folder = folder
+        self.processes: list[Process] = []
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain_id)
+        self.node = Node("observer", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self._diagnostics: Topic | None = None
+
+    # Processes.
+
+    def start(self, executable: str, namespace: str = "valve_1", **parameters: object) -> Process:
+        """Start a node as `ros2 run` does."""
+        arguments = ["--ros-args", "-r", f"__ns:=/{namespace}"]
+        for name, value in parameters.items():
+            text = str(value).lower() if isinstance(value, bool) else str(value)
+            arguments += ["-p", f"{name}:={text}"]
+        log = self.folder / f"{len(self.processes)}_{executable}.log"
+        with log.open("wb") as output:
+            popen = subprocess.Popen(
+                [str(find_executable(PACKAGES[executable], executable)), *arguments],
+                env={**os.environ, "ROS_DOMAIN_ID": str(self.domain_id)},
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+            )
+        process = Process(f"/{namespace}/{executable}".replace("//", "/"), popen, log)
+        self.processes.append(process)
+        return process
+
+    # What is heard.
+
+    def listen(self, kind: type, topic: str, *, latched: bool = False) -> Topic:
+        """Subscribe reliably and remember every message."""
+        durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+        profile = QoSProfile(depth=2000, reliability=ReliabilityPolicy.RELIABLE, durability=durability)
+        found = Topic()
+        self.node.create_subscription(
+            kind, topic, lambda message: found.heard.append(Heard(time.monotonic(), message)), profile
+        )
+        return found
+
+    @property
+    def diagnostics(self) -> Topic:
+        """Everything on ``/diagnostics`` since this was first asked for."""
+        if self._diagnostics is None:
+            self._diagnostics = self.listen(DiagnosticArray, "/diagnostics")
+        return self._diagnostics
+
+    def statuses(self, task: str, *, after: float = 0.0) -> list[tuple[float, DiagnosticStatus]]:
+        """Return the states of one task, each with its arrival."""
+        return [
+            (one.arrival, status)
+            for one in self.diagnostics.heard
+            if one.arrival >= after
+            for status in one.message.status
+            if status.name == task
+        ]
+
+    def numbers(self, task: str) -> dict[str, str]:
+        """Return the newest values of one task, empty before the first."""
+        statuses = self.statuses(task)
+        return {value.key: value.value for value in statuses[-1][1].values} if statuses else {}
+
+    def until(self, met: Callable[[], object], what: str, timeout: float = 30.0) -> None:
+        """Let messages come in until ``met``; fail with what the nodes said."""
+        end = time.monotonic() + timeout
+        while not met():
+            if time.monotonic() > end:
+                said = "\n".join(f"--- {process.name}:\n{process.said}" for process in self.processes)
+                pytest.fail(f"waited {timeout:g} s in vain: {what}\n{said}")
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def watch(self, seconds: float) -> None:
+        """Let messages come in for so long, to see that something does not."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=0.05)
+
+    # What is asked for.
+
+    def call(self, kind: Any, service: str, request: Any) -> Any:
+        """Call a service and return its response."""
+        client = self.node.create_client(kind, service)
+        try:
+            self.until(client.service_is_ready, f"{service} is offered")
+            future = client.call_async(request)
+            self.until(future.done, f"{service} answers")
+            return future.result()
+        finally:
+            self.node.destroy_client(client)
+
+    def change(self, node: str, *transitions: str) -> None:
+        """Take a managed node through ``transitions``; each must succeed."""
+        for name in transitions:
+            request = ChangeState.Request(transition=Transition(id=TRANSITIONS[name]))
+            assert self.call(ChangeState, f"{node}/change_state", request).success, f"{node}: {name}"
+
+    def state(self, node: str) -> str:
+        """Return the label of a managed node's state."""
+        return str(self.call(GetState, f"{node}/get_state", GetState.Request()).current_state.label)
+
+    def set_parameters(self, node: str, **values: object) -> list[SetParametersResult]:
+        """Set parameters one after the other, in this order."""
+        parameters = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+        request = SetParameters.Request(parameters=parameters)
+        return list(self.call(SetParameters, f"{node}/set_parameters", request).results)
+
+    def close(self) -> None:
+        for process in self.processes:
+            if process.alive:
+                process.popen.send_signal(signal.SIGINT)
+        for process in self.processes:
+            try:
+                process.popen.wait(timeout=10)
+            except subprocess.TimeoutExpired:
+                process.popen.kill()
+                process.popen.wait()
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+
+@contextlib.contextmanager
+def claimed_domain() -> Iterator[int]:
+    """Claim a ROS domain that no other test on this machine uses now; ports of 1 to 100 are nobody else's."""
+    folder = Path(tempfile.gettempdir()) / f"spool_test_domains_{os.getuid()}"
+    folder.mkdir(exist_ok=True)
+    for number in range(1, 101):
+        with (folder / str(number)).open("w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            yield number
+            return
+    raise RuntimeError(f"all 100 domains are in use, see {folder}")
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _on_this_machine_only() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", LOCALHOST)
+        yield
+
+
+@pytest.fixture
+def domain_id() -> Iterator[int]:
+    """A ROS domain of the test's own."""
+    with claimed_domain() as number:
+        yield number
+
+
+@pytest.fixture(scope="session")
+def make_system() -> Callable[[Path], AbstractContextManager[System]]:
+    """Return what makes a system, for fixtures that several tests share."""
+
+    @contextlib.contextmanager
+    def make(folder: Path) -> Iterator[System]:
+        with claimed_domain() as number:
+            system = System(number, folder)
+            try:
+                yield system
+            finally:
+                system.close()
+
+    return make
+
+
+@pytest.fixture
+def system(
+    make_system: Callable[[Path], AbstractContextManager[System]], tmp_path: Path
+) -> Iterator[System]:
+    """Nodes and an observer on a domain of their own."""
+    with make_system(tmp_path) as made:
+        yield made

@@ -1,0 +1,175 @@
+"""kill -9 of any one node: the others live on and say what they miss, and what comes back is taken up again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from spool_bag.reader import BagReader
+from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate, ValveHealth
+
+if TYPE_CHECKING:
+    from .conftest import Process, System, Topic
+
+#: s, what depends on a dead node says so within this time.
+STALE_WITHIN = 2.0
+
+
+@dataclass
+class Chain:
+    """All four nodes, learned and recorded."""
+
+    system: System
+    bag: Path
+    simulator: Process
+    estimator: Process
+    monitor: Process
+    recorder: Process
+    acceleration: Topic
+    estimate: Topic
+    health: Topic
+    events: Topic
+
+    def delay(self, killed: float, topic: Topic, wanted: Callable[..., bool], what: str) -> float:
+        """Return how long after the kill the first ``wanted`` message came."""
+        self.system.until(lambda: topic.first(wanted, after=killed), what)
+        found = topic.first(wanted, after=killed)
+        assert found is not None
+        print(f"{what}: {found.arrival - killed:.2f} s")
+        return found.arrival - killed
+
+    def goes_on(self, *topics: Topic, count: int = 2) -> None:
+        """Wait until each of ``topics`` brought more."""
+        before = [len(topic.heard) for topic in topics]
+        self.system.until(
+            lambda: all(
+                len(topic.heard) >= seen + count for topic, seen in zip(topics, before, strict=True)
+            ),
+            "the others go on publishing",
+        )
+
+    def others_live(self, killed: Process) -> None:
+        nodes = (self.simulator, self.estimator, self.monitor, self.recorder)
+        assert [node.name for node in nodes if not node.alive] == [killed.name]
+
+
+@pytest.fixture(name="chain")
+def _chain(
+    make_system: Callable[[Path], AbstractContextManager[System]], tmp_path: Path
+) -> Iterator[Chain]:
+    with make_system(tmp_path) as system:
+        bag = tmp_path / "bag"
+        acceleration = system.listen(AccelerationBlock, "/valve_1/acceleration")
+        estimate = system.listen(ModelEstimate, "/valve_1/estimate", latched=True)
+        health = system.listen(ValveHealth, "/valve_1/health", latched=True)
+        events = system.listen(HealthEvent, "/valve_1/events", latched=True)
+        recorder = system.start("recorder", "", output=bag)
+        estimator = system.start("estimator")
+        monitor = system.start("monitor")
+        simulator = system.start("simulator", excitation="multisine", wait_for_subscribers=4)
+        chain = Chain(
+            system, bag, simulator, estimator, monitor, recorder, acceleration, estimate, health, events
+        )
+        system.until(
+            lambda: (
+                len(estimate.heard) >= 2
+                and health.heard
+                and health.last.level not in (ValveHealth.LEVEL_UNKNOWN, ValveHealth.LEVEL_STALE)
+            ),
+            "the chain works",
+        )
+        yield chain
+
+
+def is_stale(message: ModelEstimate | ValveHealth) -> bool:
+    if isinstance(message, ModelEstimate):
+        return bool(message.state == ModelEstimate.STATE_STALE)
+    return bool(message.level == ValveHealth.LEVEL_STALE)
+
+
+def raised(cause: str) -> Callable[[HealthEvent], bool]:
+    return lambda event: (
+        event.kind == "stale" and event.cause == cause and event.state == HealthEvent.STATE_RAISED
+    )
+
+
+def cleared(event: HealthEvent) -> bool:
+    return bool(event.kind == "stale" and event.state == HealthEvent.STATE_CLEARED)
+
+
+def test_simulator_killed(chain: Chain) -> None:
+    killed = chain.simulator.kill()
+    assert chain.delay(killed, chain.estimate, is_stale, "estimate stale") < STALE_WITHIN
+    assert chain.delay(killed, chain.events, raised("acceleration"), "event stale") < STALE_WITHIN
+    assert chain.delay(killed, chain.health, is_stale, "health stale") < STALE_WITHIN
+    chain.others_live(chain.simulator)
+    # A held estimate is no new one: its time is that of the last sample.
+    assert chain.estimate.last.samples == chain.estimate.messages[-2].samples
+    assert chain.estimate.last.header.stamp == chain.estimate.messages[-2].header.stamp
+
+    chain.simulator = chain.system.start("simulator", excitation="multisine")
+    again = chain.delay(killed, chain.events, cleared, "event cleared")
+    chain.delay(
+        killed + again, chain.estimate, lambda estimate: not is_stale(estimate), "estimates after a restart"
+    )
+    chain.delay(killed + again, chain.health, lambda health: not is_stale(health), "health after a restart")
+
+
+def test_estimator_killed(chain: Chain) -> None:
+    killed = chain.estimator.kill()
+    assert chain.delay(killed, chain.events, raised("estimate"), "event stale") < STALE_WITHIN
+    assert chain.delay(killed, chain.health, is_stale, "health stale") < STALE_WITHIN
+    chain.goes_on(chain.acceleration, chain.health)
+    chain.others_live(chain.estimator)
+
+    chain.estimator = chain.system.start("estimator")
+    chain.delay(killed, chain.events, cleared, "event cleared")
+    chain.system.until(lambda: not is_stale(chain.health.last), "health after a restart")
+
+
+def test_monitor_killed(chain: Chain) -> None:
+    chain.monitor.kill()
+    chain.goes_on(chain.acceleration, chain.estimate)
+    chain.others_live(chain.monitor)
+    before = len(chain.health.heard)
+    chain.monitor = chain.system.start("monitor")
+    chain.system.until(
+        lambda: len(chain.health.heard) > before and chain.health.last.level == ValveHealth.LEVEL_OK,
+        "health after a restart",
+    )
+
+
+def test_recorder_killed(chain: Chain, tmp_path: Path) -> None:
+    killed = chain.recorder.kill()
+    chain.goes_on(chain.acceleration, chain.estimate, chain.health)
+    chain.others_live(chain.recorder)
+    reader = BagReader(chain.bag)
+    assert not reader.closed
+    kept = [block.sequence for block in reader.blocks("valve_1")]
+    assert kept == list(range(len(kept)))
+    before = [one.message.sequence for one in chain.acceleration.heard if one.arrival <= killed - 1.0]
+    assert kept[-1] >= before[-1]
+    last = max(one.arrival for one in chain.acceleration.heard if one.message.sequence == kept[-1])
+    print(f"recorded up to {killed - last:.2f} s before the kill")
+    assert reader.topics["/valve_1/estimate"].messages >= 1
+
+    second = tmp_path / "second"
+    chain.recorder = chain.system.start("recorder", "", output=second)
+    chain.system.until(
+        lambda: any(
+            status.level == DiagnosticStatus.OK for _, status in chain.system.statuses("recorder: recording")
+        ),
+        "a new recorder records",
+    )
+    chain.goes_on(chain.estimate)
+    assert chain.recorder.end() == 0
+    found = BagReader(second)
+    assert found.closed
+    assert found.topics["/valve_1/acceleration"].messages > 0
+    # Latched, so in every bag.
+    assert found.topics["/valve_1/valve"].messages == 1
