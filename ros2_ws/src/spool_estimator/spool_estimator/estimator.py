@@ -15,9 +15,20 @@ from spool_stream.quantity import Quantity, Validity
 from .conditioning import BODY, COLUMNS, DIRECTION, DISPLACEMENT, SPOOL, VELOCITY, Conditioning
 from .estimate import Estimate, State
 from .recursive import RecursiveLeastSquares
+from .window import ChunkWindow
 
 #: s, samples are taken into the regression in chunks of this length.
 CHUNK = 0.1
+
+#: N, force noise that the prior is weighed with, and the least that a record is believed to have.
+NOISE, SMALLEST_NOISE = 0.05, 1.0e-3
+
+#: The valve has changed when the parameters leave this many times the residual power of the last second's own
+#: best fit; then each chunk takes the share DOUBT of the old information away.
+CHANGED, DOUBT = 1.25, 0.3
+
+#: More than that is asked for in proportion to the square of the velocity's relative uncertainty.
+UNCERTAIN = 40.0
 
 #: Relative standard deviation of the stiffness at which learning ends.
 LEARNED = 0.02
@@ -68,6 +79,7 @@ class Estimator:
     settings: EstimatorSettings
     gate: BlockGate = field(default_factory=BlockGate)
     regression: RecursiveLeastSquares = field(init=False)
+    _window: ChunkWindow = field(init=False)
     latest: Estimate | None = field(default=None, init=False)
     _conditioning: Conditioning | None = field(default=None, init=False)
     _chunk: _Chunk = field(init=False)
@@ -80,7 +92,8 @@ class Estimator:
     def __post_init__(self) -> None:
         settings = self.settings
         scale = [settings.spring_stiffness, settings.viscous_coefficient, settings.coulomb_force]
-        self.regression = RecursiveLeastSquares(np.array(scale), CHUNK / settings.memory, noise=0.05)
+        self.regression = RecursiveLeastSquares(np.array(scale), CHUNK / settings.memory, noise=NOISE)
+        self._window = ChunkWindow(np.array(scale))
         self._chunk = _Chunk(np.empty((0, COLUMNS)))
         self._powers = np.full(4, math.nan)
 
@@ -129,6 +142,7 @@ class Estimator:
             self._chunk = _Chunk(np.empty((max(8, round(CHUNK / period)), COLUMNS)))
         self._conditioning.reset()
         self._chunk.filled = 0
+        self._window.clear()
         self._since_restart = 0
 
     def _close_chunk(self, chunk: _Chunk) -> None:
@@ -146,12 +160,35 @@ class Estimator:
         self._excited = bool(moving and body > self.settings.minimum_excitation**2)
         displacement = float(np.mean(rows[:, DISPLACEMENT] ** 2))
         if self._excited:
-            self.regression.update(rows[:, : DIRECTION + 1], target)
+            self._regress(np.ascontiguousarray(rows[:, : DIRECTION + 1]), target)
             self._samples += len(rows)
         residual = target - rows[:, : DIRECTION + 1] @ self.regression.parameters
         new = np.array([np.mean(residual**2), np.mean(target**2), body, displacement])
         share = CHUNK / self.settings.period
         self._powers = np.where(np.isnan(self._powers), new, (1.0 - share) * self._powers + share * new)
+
+    def _regress(self, rows: NDArray[np.float64], target: NDArray[np.float64]) -> None:
+        """Weigh the chunk by how well any parameters fit there; doubt the past where it fits far worse."""
+        self._window.add(rows, target)
+        present, own = self._window.variances(self.regression.parameters)
+        threshold = CHANGED + UNCERTAIN * self._velocity_uncertainty(rows[:, VELOCITY]) ** 2
+        if self._window.full and present > threshold * own:
+            self.regression.discount(DOUBT)
+        self.regression.update(rows, target, NOISE**2 / (own + SMALLEST_NOISE**2))
+
+    def _velocity_uncertainty(self, velocity: NDArray[np.float64]) -> float:
+        """Return the relative error of the integrated velocity that dry friction causes, 1.
+
+        At a reversal the acceleration jumps by 2 F_c / m somewhere between two samples; its integral is off by
+        up to half that jump times the sample period, and the high-pass forgets it only after a while.
+        """
+        assert self._conditioning is not None
+        period = self._conditioning.sample_period
+        jump = 2.0 * abs(self.regression.parameters[DIRECTION]) / self.settings.moving_mass
+        reversals = np.count_nonzero(np.diff(np.signbit(velocity))) / (velocity.size * period)
+        remembered = max(1.0, reversals / (3.0 * self.settings.low_cut))
+        error = jump * period / math.sqrt(12.0) * math.sqrt(remembered)
+        return error / max(float(np.sqrt(np.mean(velocity**2))), 1.0e-9)
 
     def _estimate(self, stamp: int, sequence: int) -> Estimate:
         values, deviations = self.regression.parameters, self.regression.standard_deviations

@@ -49,11 +49,11 @@ class RecursiveLeastSquares:
         self.information = np.eye(self.scale.size) * self.noise**2
         self.covariance = np.eye(self.scale.size)
 
-    def update(self, rows: Array, target: Array) -> None:
-        """Take a chunk: ``rows`` of shape (n, p), ``target`` of shape (n,)."""
+    def update(self, rows: Array, target: Array, weight: float = 1.0) -> None:
+        """Take a chunk: ``rows`` of shape (n, p), ``target`` of shape (n,), its samples count ``weight`` each."""
         scaled = rows * self.scale
-        gram = scaled.T @ scaled
-        product = scaled.T @ target
+        gram = scaled.T @ scaled * weight
+        product = scaled.T @ target * weight
         self.chunks += 1
         if self.chunks <= BATCH:
             self._solve_batch(gram, product)
@@ -89,6 +89,11 @@ class RecursiveLeastSquares:
             # No more than forgetting would have left, else a memory shorter than the batch is never reached.
             self.information *= min(1.0, 1.0 / (BATCH * self.forgetting)) if self.forgetting > 0.0 else 1.0
 
+    def discount(self, share: float) -> None:
+        """Take ``share`` of the information away in every direction: the past has become less true."""
+        self.information *= 1.0 - share
+        self.covariance /= 1.0 - share
+
     @property
     def standard_deviations(self) -> Array:
         """Standard deviations of the parameters, shape (p,)."""
@@ -101,4 +106,4 @@ class RecursiveLeastSquares:
         shares, directions = np.linalg.eigh(inverse @ gram @ inverse.T)
         forgotten = np.clip(shares, 0.0, self.forgetting)
         basis = factor @ directions
-        return (basis * (1.0 - forgotten)) @ basis.T
+        return np.asarray((basis * (1.0 - forgotten)) @ basis.T)
