@@ -90,9 +90,10 @@ class Conditioning:
 
 @compiled
 def _mean(rings: Array, sums: Array, row: int, place: int, value: float) -> float:
-    sums[row] += value - rings[row, place]
+    total: float = sums[row] + value - rings[row, place]
+    sums[row] = total
     rings[row, place] = value
-    return sums[row] / rings.shape[1]
+    return total / rings.shape[1]
 
 
 @compiled
@@ -106,7 +107,8 @@ def _high_pass(rings: Array, sums: Array, row: int, place: int, value: float) ->
     following = place + 1
     if following == rings.shape[1]:
         following = 0
-    return rings[row, following] - mean
+    oldest: float = rings[row, following]
+    return oldest - mean
 
 
 @compiled

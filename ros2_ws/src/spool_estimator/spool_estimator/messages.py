@@ -31,5 +31,9 @@ def from_message(message: ModelEstimate) -> Estimate:
         state=State(message.state) if message.state in set(State) else State.UNKNOWN,
         parameters=tuple(from_quantity(quantity) for quantity in message.parameters),
         **{name: getattr(message, name) for name in _NUMBERS},
-        **{name: from_quantity(getattr(message, name)) for name in _QUANTITIES},
+        natural_frequency=from_quantity(message.natural_frequency),
+        damping_ratio=from_quantity(message.damping_ratio),
+        residual=from_quantity(message.residual),
+        excitation=from_quantity(message.excitation),
+        relative_displacement=from_quantity(message.relative_displacement),
     )

@@ -17,7 +17,7 @@ def warm_up() -> None:
     motion.warm_up()
     advance(
         MotionState(),
-        np.linspace(0.0, 10.0, 9),
+        np.asarray(np.arange(9.0), dtype=np.float64),
         sample_period=1e-3,
         substeps=1,
         mass=0.18,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import rclpy
 from rclpy.executors import Executor
@@ -19,7 +19,7 @@ from .managed_node import ManagedNode
 SIGNAL_LATENCY = 0.2
 
 
-def run(node_class: type[ManagedNode], arguments: Sequence[str] | None = None) -> int:
+def run(node_class: Callable[[], ManagedNode], arguments: Sequence[str] | None = None) -> int:
     """Start ``node_class``, spin until SIGINT or SIGTERM, leave it cleaned up; return the exit code.
 
     With ``autostart`` a node that can't be configured ends with 2 and the reason as its last line.

@@ -1,0 +1,140 @@
+from __future__ import annotations
+
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+Start = Callable[..., "subprocess.Popen[str]"]
+
+
+def end(process: subprocess.Popen[str]) -> tuple[list[str], str]:
+    """End the node; return what its hooks said and its log."""
+    process.terminate()
+    stdout, stderr = process.communicate(timeout=30)
+    assert process.returncode == 0, stderr
+    return stdout.split(), stderr
+
+
+def test_starts_itself(probe: Start, observer: Any) -> None:
+    process = probe()
+    observer.until(lambda: "tick" in observer.heard, "a tick")
+    assert observer.state() == "active"
+    assert end(process)[0] == ["configure", "activate", "deactivate", "cleanup"]
+
+
+def test_without_autostart_it_waits_and_is_silent(probe: Start, observer: Any) -> None:
+    process = probe(autostart="false")
+    assert observer.state() == "unconfigured"
+    observer.spin(0.5)
+    assert observer.heard == []
+    assert end(process)[0] == []
+
+
+def test_the_whole_life_cycle_by_its_services(probe: Start, observer: Any) -> None:
+    process = probe(autostart="false")
+    for _ in range(2):
+        assert observer.change("configure")
+        assert observer.state() == "inactive"
+        observer.heard.clear()
+        observer.spin(0.4)
+        assert observer.heard == []
+        assert observer.change("activate")
+        assert observer.state() == "active"
+        observer.until(lambda: observer.heard.count("tick") > 3, "ticks")
+        observer.tell("something")
+        observer.until(lambda: "heard something" in observer.heard, "the echo")
+        assert observer.change("deactivate")
+        assert observer.state() == "inactive"
+        observer.spin(0.2)
+        observer.heard.clear()
+        observer.spin(0.4)
+        assert observer.heard == []
+        assert observer.change("cleanup")
+        assert observer.state() == "unconfigured"
+    assert end(process)[0] == ["configure", "activate", "deactivate", "cleanup"] * 2
+
+
+def test_a_configure_that_raises_fails_and_can_be_tried_again(probe: Start, observer: Any) -> None:
+    process = probe(autostart="false", failing="configure")
+    assert not observer.change("configure")
+    assert observer.state() == "unconfigured"
+    assert observer.set(failing="")[0]
+    assert observer.change("configure")
+    assert observer.change("activate")
+    observer.until(lambda: "tick" in observer.heard, "a tick")
+    words, log = end(process)
+    assert "can't configure: Traceback" in log
+    assert "RuntimeError: configure broke" in log
+    assert words[:2] == ["configure", "cleanup"]
+
+
+def test_an_activate_that_raises_fails_and_leaves_silence(probe: Start, observer: Any) -> None:
+    process = probe(autostart="false", failing="activate!")
+    assert observer.change("configure")
+    assert not observer.change("activate")
+    assert observer.state() == "inactive"
+    observer.spin(0.4)
+    assert observer.heard == []
+    assert observer.set(failing="")[0]
+    assert observer.change("activate")
+    observer.until(lambda: "tick" in observer.heard, "a tick")
+    _, log = end(process)
+    assert "can't activate: activate: mend this" in log
+    assert "Traceback" not in log
+
+
+def test_a_deactivate_that_raises_leaves_the_node_alive(probe: Start, observer: Any) -> None:
+    process = probe(failing="deactivate")
+    observer.until(lambda: "tick" in observer.heard, "a tick")
+    assert not observer.change("deactivate")
+    observer.spin(0.2)
+    observer.heard.clear()
+    observer.spin(0.3)
+    assert observer.heard == []
+    assert process.poll() is None
+    assert "deactivate broke" in end(process)[1]
+
+
+@pytest.mark.parametrize("hook", ["configure!", "activate!"])
+def test_an_autostart_that_fails_ends_with_2_and_the_reason(probe: Start, hook: str) -> None:
+    process = probe(failing=hook)
+    _, stderr = process.communicate(timeout=30)
+    assert process.returncode == 2
+    assert stderr.splitlines()[-1].endswith(f"{hook[:-1]}: mend this")
+    assert "Traceback" not in stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ends_on_a_signal_in_order_and_soon(probe: Start, observer: Any, number: signal.Signals) -> None:
+    process = probe()
+    observer.until(lambda: "tick" in observer.heard, "a tick")
+    sent = time.monotonic()
+    process.send_signal(number)
+    stdout, stderr = process.communicate(timeout=30)
+    assert time.monotonic() - sent < 2.0
+    assert process.returncode == 0, stderr
+    assert stdout.split() == ["configure", "activate", "deactivate", "cleanup"]
+    assert "Traceback" not in stderr
+
+
+def test_ends_on_a_signal_while_it_waits_to_be_configured(probe: Start, observer: Any) -> None:
+    process = probe(autostart="false")
+    assert observer.state() == "unconfigured"
+    process.send_signal(signal.SIGINT)
+    stdout, _ = process.communicate(timeout=30)
+    assert (process.returncode, stdout) == (0, "")
+
+
+def test_an_exception_in_a_callback_is_logged_and_the_node_lives(probe: Start, observer: Any) -> None:
+    process = probe()
+    observer.tell("raise")
+    observer.tell("on")
+    observer.until(lambda: "heard on" in observer.heard, "the echo")
+    assert observer.state() == "active"
+    log = end(process)[1]
+    assert "RuntimeError: heard a word that breaks" in log
+    assert log.count("a message could not be handled") == 1

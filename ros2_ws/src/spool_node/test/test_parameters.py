@@ -1,0 +1,87 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rcl_interfaces.msg import ParameterType
+
+PROBE = Path(__file__).with_name("probe_node.py")
+
+
+@pytest.mark.parametrize(
+    ("given", "named"),
+    [
+        ("gian:=2.0", "parameter gian is unknown; this node has: autostart, count"),
+        ("gain:=high", "parameter gain must be of type float"),
+        ("gain:=3", "parameter gain must be of type float"),
+        ("count:=2.5", "parameter count must be of type int"),
+        ("gain:=11.0", "parameter gain = 11.0 is out of range (from 0.0 to 10.0 N)"),
+        ("gain:=-0.1", "parameter gain = -0.1 is out of range (from 0.0 to 10.0 N)"),
+        ("count:=6", "parameter count = 6 is out of range (from 1 to 5)"),
+        ("mode:=quick", "parameter mode: 'quick' is not one of slow, fast"),
+        ("autostart:=1", "parameter autostart must be of type bool"),
+    ],
+)
+def test_wrong_parameters_are_refused_at_start(given: str, named: str, environment: dict[str, str]) -> None:
+    done = subprocess.run(
+        [sys.executable, str(PROBE), "--ros-args", "-p", given],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+    assert done.stderr.startswith(f"/probe: {named}")
+
+
+def test_values_given_at_start_hold(probe: Callable[..., Any], observer: Any) -> None:
+    probe(gain=2.5, count=4, mode="fast", label="mine", use_sim_time="false")
+    assert observer.get("gain").double_value == 2.5
+    assert observer.get("count").integer_value == 4
+    assert observer.get("mode").string_value == "fast"
+    assert observer.get("label").string_value == "mine"
+
+
+def test_each_parameter_describes_itself(probe: Callable[..., Any], observer: Any) -> None:
+    probe()
+    gain, count, mode, label = observer.describe(["gain", "count", "mode", "label"])
+    assert gain.type == ParameterType.PARAMETER_DOUBLE
+    assert gain.description == "A number that may change while running. [N]"
+    assert (gain.floating_point_range[0].from_value, gain.floating_point_range[0].to_value) == (0.0, 10.0)
+    assert count.type == ParameterType.PARAMETER_INTEGER
+    assert (count.integer_range[0].from_value, count.integer_range[0].to_value) == (1, 5)
+    assert mode.additional_constraints == "one of: slow, fast"
+    assert label.read_only
+    assert not gain.read_only
+
+
+def test_changes_while_running_are_judged(probe: Callable[..., Any], observer: Any) -> None:
+    process = probe()
+    refused: list[tuple[dict[str, object], str]] = [
+        ({"gain": 10.5}, "gain"),
+        ({"gain": "high"}, "Wrong parameter type"),  # in rclpy's words
+        ({"count": 0}, "count"),
+        ({"mode": "quick"}, "mode: 'quick' is not one of slow, fast"),
+        ({"label": "other"}, "label"),
+        ({"autostart": False}, "autostart"),
+        ({"gain": 6.0}, "gain: 6.0 is above limit (5.0)"),
+    ]
+    for changes, reason in refused:
+        successful, text = observer.set(**changes)
+        assert not successful, changes
+        assert reason in text
+    assert observer.get("gain").double_value == 1.0
+    assert observer.set(gain=6.0, limit=7.0) == (True, "")
+    assert observer.get("gain").double_value == 6.0
+    process.terminate()
+    stdout, _ = process.communicate(timeout=30)
+    assert [line for line in stdout.splitlines() if line.startswith("applied")] == [
+        "applied ['gain', 'limit']"
+    ]
