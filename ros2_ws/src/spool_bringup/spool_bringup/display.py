@@ -60,7 +60,7 @@ class Display:
         style = "yellow" if raised and event.severity == HealthEvent.SEVERITY_WARNING else "red"
         kind = event.kind.replace("_", " ") + (f" ({event.cause.replace('_', ' ')})" if event.cause else "")
         line = Text(f"{elapsed:5.1f} s  {mark} {name}  {kind} ", style=style if raised else "green")
-        line.append("" if raised else "over ", style="green").append(event.message, style="default")
+        line.append(event.message, style="default")
         self.console.print(line, soft_wrap=True)
 
     def say(self, text: str) -> None:

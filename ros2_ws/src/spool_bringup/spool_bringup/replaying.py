@@ -96,9 +96,8 @@ def _valve_result(one: Replay, start: int) -> dict[str, Any]:
 
 def _estimate(estimate: Estimate | None) -> dict[str, Any]:
     if estimate is None:
-        return {
-            "model": None, "parameters": {}, "natural_frequency_Hz": None, "damping_ratio": None, "nrmse": None
-        }  # fmt: skip
+        nothing = dict.fromkeys(("model", "state", "natural_frequency_Hz", "damping_ratio", "nrmse"))
+        return {**nothing, "parameters": {}}
     return {
         "model": estimate.model,
         "state": estimate.state.name.lower(),

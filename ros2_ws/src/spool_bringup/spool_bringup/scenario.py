@@ -43,7 +43,7 @@ class DemoValve:
         return {
             "kind": "machine_orders",
             "speed_profile": profile,
-            "orders": [[1.0, 5.0], [2.0, 1.5]],
+            "orders": [[1.0, 8.0], [2.0, 2.0]],
             "broadband_rms": 1.5,
         }
 
@@ -64,8 +64,8 @@ VALVES = (
         steady_speed=1500.0,
         resonant_speed=900.0,
         drift="coulomb_force",
-        drift_target=0.45,
-        story="dirty oil: Coulomb friction rises from 0.10 to 0.45 N",
+        drift_target=0.35,
+        story="dirty oil: Coulomb friction rises from 0.10 to 0.35 N",
     ),
     DemoValve(
         name="valve_2",
