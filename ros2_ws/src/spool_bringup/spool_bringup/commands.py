@@ -152,9 +152,8 @@ def recover_bag(bag: Path, out: Path) -> int:
     kept = sum(result.messages.values())
     lost = "an unknown number" if result.lost is None else str(result.lost)
     bad = sum(result.undecodable.values())
-    print(
-        f"{out}: {kept} messages saved, {lost} lost, {bad} not decodable, {len(result.damages)} damaged places"
-    )
+    places = len(result.damages)
+    print(f"{out}: {kept} messages saved, {lost} lost, {bad} not decodable, {places} damaged places")
     for damage in result.damages:
         print(f"  at byte {damage.offset}: {damage.reason}")
     return 1 if result.lost or bad or result.damages else 0

@@ -80,6 +80,7 @@ def draw_valve(reader: BagReader, name: str, events: list[dict[str, Any]]) -> Fi
     _band(axes[2], at, estimates, "viscous_coefficient", "viscous coefficient\nN·s/m")
     _band(axes[3], at, estimates, "coulomb_force", "Coulomb force\nN")
     axes[3].set_xlabel("time, s")
+    axes[3].set_xlim(0.0, float(relative[-1]) if relative.size else None)
     for axis in axes:
         axis.grid(alpha=0.3)
         _shade(axis, events, float(relative[-1]) if relative.size else 0.0)
@@ -136,7 +137,7 @@ def _spans(events: list[dict[str, Any]], end: float) -> list[tuple[str, float, f
 
 
 def _label(kind: str, cause: str | None) -> str:
-    return (kind + (f"\n({cause})" if cause else "")).replace("_", " ")
+    return (kind + (f": {cause}" if cause else "")).replace("_", " ")
 
 
 def _shade(axis: Axes, events: list[dict[str, Any]], end: float) -> None:
@@ -145,10 +146,11 @@ def _shade(axis: Axes, events: list[dict[str, Any]], end: float) -> None:
 
 
 def _name_events(axis: Axes, events: list[dict[str, Any]]) -> None:
-    for label, begin, _ in _spans(events, 0.0):
+    for number, (label, begin, _) in enumerate(sorted(_spans(events, 0.0), key=lambda span: span[1])):
+        # Two heights in turn, so that neighbours stay apart.
         axis.annotate(
-            label, (begin, 0.02), xycoords=("data", "axes fraction"), fontsize=8, va="bottom",
-            xytext=(2, 0), textcoords="offset points",
+            label, (begin, 0.02 + 0.13 * (number % 2)), xycoords=("data", "axes fraction"), fontsize=8,
+            va="bottom", xytext=(2, 0), textcoords="offset points",
         )  # fmt: skip
 
 

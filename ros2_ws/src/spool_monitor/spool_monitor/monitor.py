@@ -16,7 +16,6 @@ from .event import Condition, Event, EventState, Severity
 from .resonance import ResonanceDetector
 from .spectrum import Line, LineTracker
 
-
 #: s, an estimator that starts with the data needs this long for its first estimate.
 FIRST_ESTIMATE = 2.0
 
@@ -51,8 +50,8 @@ class MonitorSettings:
 
     natural_frequency: float = 15.0
     resonance_band: float = 0.2
-    amplification_on: float = 2.0
-    amplification_off: float = 1.6
+    amplification_on: float = 1.8
+    amplification_off: float = 1.5
     minimum_body: float = 0.5
     viscous_change: float = 0.2
     coulomb_change: float = 0.1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from dataclasses import replace
 from typing import ClassVar
 
 from spool_estimator.messages import from_message
@@ -26,12 +27,13 @@ _SETTINGS = (
         "Hz", 0.0, 1e3, read_only=True,
     ),
     Parameter(
-        "resonance_band", 0.2, "Relative distance that counts as near resonance.", "1", 0.01, 1.0, read_only=True,
+        "resonance_band", 0.2, "Relative distance that counts as near resonance.",
+        "1", 0.01, 1.0, read_only=True,
     ),
     Parameter(
-        "amplification_on", 2.0, "Spool over body that raises resonance.", "1", 1.0, 100.0, read_only=True,
+        "amplification_on", 1.8, "Spool over body that raises resonance.", "1", 1.0, 100.0, read_only=True,
     ),
-    Parameter("amplification_off", 1.6, "Spool over body that clears it.", "1", 0.5, 100.0, read_only=True),
+    Parameter("amplification_off", 1.5, "Spool over body that clears it.", "1", 0.5, 100.0, read_only=True),
     Parameter(
         "minimum_body", 0.5, "Peak body acceleration that is judged.", "m/s^2", 0.0, 1e3, read_only=True,
     ),
@@ -131,6 +133,8 @@ class MonitorNode(ManagedNode):
     def _report(self) -> None:
         assert self._core is not None
         health = self._core.health
+        if health.stamp == 0:  # before the first block the node's clock is all there is
+            health = replace(health, stamp=self.get_clock().now().nanoseconds)
         self._level = health.level
         self._health_publisher.publish(to_health_message(health, self._valve_id))
         gate = self._core.gate

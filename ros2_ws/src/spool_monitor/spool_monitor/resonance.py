@@ -20,8 +20,8 @@ class ResonanceDetector:
     """
 
     band: float = 0.2
-    amplification_on: float = 2.0
-    amplification_off: float = 1.6
+    amplification_on: float = 1.8
+    amplification_off: float = 1.5
     minimum_body: float = 0.5
     condition: Condition = field(default_factory=lambda: Condition("resonance", on_delay=0.5, off_delay=1.0))
 

@@ -1,0 +1,51 @@
+"""Reading a bag: ours beside rosbags, block for block; and replaying it beside real time."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from rosbags.highlevel import AnyReader
+from spool_bag.reader import BagReader
+from spool_sim.valve import find_valve
+
+from ..commands import simulate
+from ..replaying import DEFAULT_VALVE, replay_valve
+from .timing import Timing, best_of
+
+SECONDS = 120.0
+
+
+def run() -> Iterator[Timing]:
+    """Yield the rows: reading every block, and the whole replay."""
+    with tempfile.TemporaryDirectory() as folder:
+        bag = Path(folder) / "bag"
+        simulate(
+            bag, DEFAULT_VALVE, "coulomb", "sweep", SECONDS,
+            sample_rate=2000.0, block_rate=50.0, coulomb_force=0.2, noise=0.05, seed=0, name="valve_1",
+        )  # fmt: skip
+        yield _reading(bag)
+        reader = BagReader(bag)
+        valve = find_valve(DEFAULT_VALVE)
+        ours = best_of(2, lambda: replay_valve(reader, "valve_1", valve))
+        yield Timing(f"replay {SECONDS:g} s of one valve at 2 kHz", "real time", ours, SECONDS)
+
+
+def _reading(bag: Path) -> Timing:
+    def ours() -> float:
+        return sum(float(np.sum(block.spool)) for block in BagReader(bag).blocks("valve_1"))
+
+    def peer() -> float:
+        with AnyReader([bag]) as reader:
+            chosen = [entry for entry in reader.connections if entry.topic == "/valve_1/acceleration"]
+            return sum(
+                float(np.sum(reader.deserialize(data, connection.msgtype).spool))
+                for connection, _, data in reader.messages(chosen)
+            )
+
+    wanted = peer()
+    difference = abs(ours() - wanted)
+    work = f"read {SECONDS:g} s of one valve at 2 kHz, 50 blocks a second"
+    return Timing(work, "rosbags AnyReader", best_of(3, ours), best_of(3, peer), difference, 0.0)

@@ -1,0 +1,46 @@
+"""One row of a comparison."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """``work`` done by us in ``ours_s`` and by ``peer`` in ``peer_s``; errors where both are comparable."""
+
+    work: str
+    peer: str
+    ours_s: float
+    peer_s: float
+    ours_error: float | None = None
+    peer_error: float | None = None
+
+    @property
+    def ratio(self) -> float:
+        """How many times as fast as the peer."""
+        return self.peer_s / self.ours_s
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what ``--json`` writes."""
+        return {
+            "work": self.work,
+            "peer": self.peer,
+            "ours_s": self.ours_s,
+            "peer_s": self.peer_s,
+            "ratio": self.ratio,
+            "ours_error": self.ours_error,
+            "peer_error": self.peer_error,
+        }
+
+
+def best_of(count: int, work: Callable[[], object]) -> float:
+    """Return the shortest of ``count`` runs of ``work``, s."""
+    times = []
+    for _ in range(count):
+        begin = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - begin)
+    return min(times)
