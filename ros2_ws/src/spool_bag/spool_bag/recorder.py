@@ -19,10 +19,11 @@ TOPICS = {
     "estimate": "spool_msgs/msg/ModelEstimate",
     "health": "spool_msgs/msg/ValveHealth",
     "events": "spool_msgs/msg/HealthEvent",
+    "valve": "spool_msgs/msg/ValveDescription",
     "oil_temperature": TEMPERATURE,
 }
 #: Topics that the suite's nodes offer latched.
-LATCHED = ("estimate", "health", "events")
+LATCHED = ("estimate", "health", "events", "valve")
 #: What makes a namespace a valve; an oil temperature alone may be anybody's.
 MARKS = ("acceleration", "estimate", "health", "events")
 

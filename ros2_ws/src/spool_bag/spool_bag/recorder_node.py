@@ -19,7 +19,7 @@ from spool_stream.errors import InputError
 from .cdr import CdrError, header_stamp
 from .definitions import ACCELERATION_BLOCK, starts_with_header
 from .names import check_valve
-from .recorder import LATCHED, LossCount, free_space, new_bag, select_topics
+from .recorder import LATCHED, TOPICS, LossCount, free_space, new_bag, select_topics
 from .writer import BagWriter, RecordingError
 
 DISCOVERY_PERIOD = 0.5
@@ -119,6 +119,8 @@ class RecorderNode(ManagedNode):
             if topic in self._left_out:
                 continue
             offered = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
+            if not offered and topic.rpartition("/")[2] not in TOPICS:
+                continue  # whether it is latched is its publisher's to say
             known = self._subscriptions_by_topic.get(topic)
             if known is not None and _compatible(known[1], offered):
                 continue
