@@ -110,7 +110,7 @@ class System:
         self.processes: list[Process] = []
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain_id)
-        self.node = Node("observer", context=self.context)
+        self.node = Node(f"observer_{domain_id}", context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
         self._diagnostics: Topic | None = None
@@ -276,9 +276,7 @@ def make_system() -> Callable[[Path], AbstractContextManager[System]]:
 
 
 @pytest.fixture
-def system(
-    make_system: Callable[[Path], AbstractContextManager[System]], tmp_path: Path
-) -> Iterator[System]:
+def system(make_system: Callable[[Path], AbstractContextManager[System]], tmp_path: Path) -> Iterator[System]:
     """Nodes and an observer on a domain of their own."""
     with make_system(tmp_path) as made:
         yield made

@@ -1,4 +1,4 @@
-"""kill -9 of any one node: the others live on and say what they miss, and what comes back is taken up again."""
+"""kill -9 of any one node: the others live on and say what they miss; what comes back is taken up again."""
 
 from __future__ import annotations
 
@@ -47,9 +47,7 @@ class Chain:
         """Wait until each of ``topics`` brought more."""
         before = [len(topic.heard) for topic in topics]
         self.system.until(
-            lambda: all(
-                len(topic.heard) >= seen + count for topic, seen in zip(topics, before, strict=True)
-            ),
+            lambda: all(len(topic.heard) >= seen + count for topic, seen in zip(topics, before, strict=True)),
             "the others go on publishing",
         )
 
@@ -59,9 +57,7 @@ class Chain:
 
 
 @pytest.fixture(name="chain")
-def _chain(
-    make_system: Callable[[Path], AbstractContextManager[System]], tmp_path: Path
-) -> Iterator[Chain]:
+def _chain(make_system: Callable[[Path], AbstractContextManager[System]], tmp_path: Path) -> Iterator[Chain]:
     with make_system(tmp_path) as system:
         bag = tmp_path / "bag"
         acceleration = system.listen(AccelerationBlock, "/valve_1/acceleration")

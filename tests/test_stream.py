@@ -1,0 +1,241 @@
+"""From simulator to bag: nothing is lost, a replay is the run itself, bad blocks change nothing."""
+
+from __future__ import annotations
+
+import math
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from spool_bag.reader import BagReader
+from spool_bringup.replaying import replay_valve
+from spool_bringup.valve_record import recorded_valve
+from spool_estimator.estimate import Estimate, State
+from spool_estimator.messages import from_message
+from spool_monitor.replay import Replay
+from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate
+from spool_node import qos
+from spool_node.messages import from_block, nanoseconds
+from spool_sim.excitation import load_excitation
+from spool_sim.simulator import Simulator
+from spool_sim.valve import find_valve
+from spool_stream.block import Block
+from spool_stream.block_gate import Fault
+
+if TYPE_CHECKING:
+    from .conftest import System
+
+SECONDS = 10
+BLOCK_RATE = 50
+
+
+@dataclass
+class Run:
+    """A run at 10 kHz that is over, and what its nodes said last."""
+
+    reader: BagReader
+    estimator: dict[str, str]
+    monitor: dict[str, str]
+    recorder: dict[str, str]
+    live: Replay
+
+
+@pytest.fixture(scope="module", name="run_10_khz")
+def _run_10_khz(
+    make_system: Callable[[Path], AbstractContextManager[System]], tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Run]:
+    """Ten seconds of a sweep through resonance, 10 kHz in blocks of 200, heard by three nodes."""
+    folder = tmp_path_factory.mktemp("run")
+    with make_system(folder) as system:
+        blocks = system.listen(AccelerationBlock, "/valve_1/acceleration")
+        _ = system.diagnostics
+        recorder = system.start("recorder", "", output=folder / "bag")
+        system.start("estimator")
+        system.start("monitor")
+        # The fourth is the test itself.
+        simulator = system.start(
+            "simulator",
+            sample_rate=10000.0,
+            block_rate=float(BLOCK_RATE),
+            excitation="sweep",
+            wait_for_subscribers=4,
+        )
+        system.until(
+            lambda: blocks.heard and blocks.last.sequence >= SECONDS * BLOCK_RATE, "ten seconds of data", 60.0
+        )
+        assert simulator.end(signal.SIGINT) == 0
+        stale = time.monotonic()
+        tasks = ("valve_1/estimator: estimate", "valve_1/monitor: data")
+        system.until(
+            lambda: all(
+                system.statuses(task, after=stale)
+                and system.statuses(task, after=stale)[-1][1].level == DiagnosticStatus.STALE
+                for task in tasks
+            ),
+            "the nodes have had everything",
+        )
+        told = [system.numbers(task) for task in (*tasks, "recorder: recording")]
+        assert recorder.end(signal.SIGINT) == 0
+        reader = BagReader(folder / "bag")
+        valve = recorded_valve(reader, "valve_1")
+        assert valve is not None
+        yield Run(reader, told[0], told[1], told[2], replay_valve(reader, "valve_1", valve, keep=True))
+
+
+def test_10_khz_arrive_without_loss(run_10_khz: Run) -> None:
+    blocks = list(run_10_khz.reader.blocks("valve_1"))
+    print(f"{len(blocks)} blocks of 200 samples at 10 kHz")
+    assert len(blocks) > SECONDS * BLOCK_RATE
+    assert [block.sequence for block in blocks] == list(range(len(blocks)))
+    assert {block.body.size for block in blocks} == {200}
+    assert {block.sample_period for block in blocks} == {1e-4}
+    assert run_10_khz.recorder["lost blocks /valve_1 [1]"] == "0"
+    for told in (run_10_khz.estimator, run_10_khz.monitor):
+        assert told["blocks lost"] == "0"
+        assert told["blocks refused"] == "0"
+        assert told["blocks used"] == str(len(blocks))
+
+
+def test_replay_is_the_run_bit_for_bit(run_10_khz: Run) -> None:
+    recorded = [from_message(decoded) for decoded in run_10_khz.reader.messages("/valve_1/estimate")]
+    live = [estimate for estimate in recorded if estimate.state is not State.STALE]
+    assert len(live) >= SECONDS
+    assert any(estimate.state is State.TRACKING for estimate in live)
+    assert [bits(estimate) for estimate in live] == [bits(estimate) for estimate in run_10_khz.live.estimates]
+
+
+def test_replay_finds_the_events_of_the_run(run_10_khz: Run) -> None:
+    live = [
+        (event.kind, event.state, nanoseconds_of(event))
+        for event in run_10_khz.reader.messages("/valve_1/events")
+        if event.kind != "stale"
+    ]
+    replayed = [(event.kind, int(event.state), event.stamp) for event in run_10_khz.live.events]
+    assert live == replayed
+    assert ("resonance", HealthEvent.STATE_RAISED) in [event[:2] for event in live]
+
+
+def nanoseconds_of(message: Any) -> int:
+    return nanoseconds(message.header.stamp)
+
+
+def bits(estimate: Estimate) -> tuple[object, ...]:
+    """Return everything an estimate says, numbers as their bits: NaN equals NaN, and -0 is not 0."""
+    quantities = [
+        *estimate.parameters,
+        estimate.natural_frequency,
+        estimate.damping_ratio,
+        estimate.residual,
+        estimate.excitation,
+        estimate.relative_displacement,
+    ]
+    numbers = [quantity.value for quantity in quantities]
+    numbers += [quantity.standard_deviation for quantity in quantities]
+    return (
+        estimate.stamp,
+        estimate.state,
+        estimate.samples,
+        estimate.last_sequence,
+        [quantity.validity for quantity in quantities],
+        np.array([*numbers, estimate.delay, estimate.memory]).tobytes(),
+    )
+
+
+def bad_blocks(good: Block) -> list[tuple[Fault, AccelerationBlock]]:
+    """Return blocks that stand where ``good`` would, each with one thing wrong."""
+    not_a_number = good.spool.copy()
+    not_a_number[3] = math.nan
+    infinite = good.body.copy()
+    infinite[0] = math.inf
+    changed = [
+        (Fault.LENGTHS_DIFFER, replace(good, spool=good.spool[:-1])),
+        (Fault.LENGTHS_DIFFER, replace(good, body=good.body[:0], spool=good.spool[:0])),
+        (Fault.BAD_PERIOD, replace(good, sample_period=0.0)),
+        (Fault.BAD_PERIOD, replace(good, sample_period=-good.sample_period)),
+        (Fault.BAD_PERIOD, replace(good, sample_period=math.nan)),
+        (Fault.NOT_FINITE, replace(good, spool=not_a_number)),
+        (Fault.NOT_FINITE, replace(good, body=infinite)),
+        (Fault.TIME_BACK, replace(good, stamp=good.stamp - 1_000_000_000)),
+        (Fault.TIME_BACK, replace(good, stamp=good.stamp - 40_000_000, sequence=good.sequence - 2)),
+        (Fault.NO_TIME, replace(good, stamp=0)),
+    ]
+    return [(fault, from_block(block, "4weh10_soft")) for fault, block in changed]
+
+
+def test_malformed_blocks_are_told_and_change_nothing(system: System) -> None:
+    estimates = {
+        name: system.listen(ModelEstimate, f"/{name}/estimate", latched=True) for name in ("clean", "dirty")
+    }
+    events = system.listen(HealthEvent, "/dirty/events", latched=True)
+    _ = system.diagnostics
+    for name in estimates:
+        system.start("estimator", name)
+    system.start("monitor", "dirty")
+    offered = {
+        name: system.node.create_publisher(
+            AccelerationBlock, f"/{name}/acceleration", qos.samples_offered(1000)
+        )
+        for name in estimates
+    }
+    system.until(
+        lambda: [publisher.get_subscription_count() for publisher in offered.values()] == [1, 2],
+        "all three listen",
+    )
+
+    simulator = Simulator(find_valve("4weh10_soft"), load_excitation("multisine"), block_size=40)
+    blocks = list(simulator.records(8.0))
+    sent: dict[Fault, int] = {}
+    told: list[float] = []
+    begin = time.monotonic()
+    for number, block in enumerate(blocks):
+        if 200 <= number < 203:  # the jump in sequence, of both
+            continue
+        # Twice as fast as real time, so that nobody's queue runs over.
+        system.until(lambda due=begin + 0.01 * number: time.monotonic() >= due, "the next block is due")
+        if number % 100 == 50:
+            for fault, message in bad_blocks(block):
+                sent[fault] = sent.get(fault, 0) + 1
+                offered["dirty"].publish(message)
+            told.append(time.monotonic())
+        message = from_block(block, "4weh10_soft")
+        for publisher in offered.values():
+            publisher.publish(message)
+
+    refused = sum(sent.values())
+    tasks = {name: f"{name}/estimator: estimate" for name in estimates}
+    used = str(len(blocks) - 3)
+    system.until(
+        lambda: all(system.numbers(task).get("blocks used") == used for task in tasks.values()),
+        "both estimators have had every good block",
+    )
+    for name, faults in (("clean", {}), ("dirty", sent)):
+        numbers = system.numbers(tasks[name])
+        assert numbers["blocks lost"] == "3"
+        assert numbers["blocks refused"] == str(refused if faults else 0)
+        expected = {f"fault: {fault.value}": str(count) for fault, count in {**faults, Fault.LOST: 1}.items()}
+        assert {key: value for key, value in numbers.items() if key.startswith("fault")} == expected
+    warned = next(
+        arrival
+        for arrival, status in system.statuses(tasks["dirty"])
+        if status.level == DiagnosticStatus.WARN
+    )
+    print(f"warned {warned - told[0]:.2f} s after the first bad block")
+    assert 0.0 < warned - told[0] < 0.75
+    assert events.first(lambda event: event.kind == "data_fault" and event.header.frame_id == "4weh10_soft")
+
+    clean, dirty = (
+        [from_message(message) for message in estimates[name].messages if message.state != State.STALE]
+        for name in ("clean", "dirty")
+    )
+    assert len(clean) >= 7
+    assert clean[-1].state is State.TRACKING
+    assert [bits(estimate) for estimate in dirty] == [bits(estimate) for estimate in clean]
+    assert dirty[-1].refused_blocks > 0
+    assert clean[-1].refused_blocks == 0
