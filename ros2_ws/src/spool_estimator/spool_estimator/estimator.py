@@ -221,7 +221,7 @@ class Estimator:
     def _derived(self, validity: Validity) -> dict[str, Quantity]:
         """Return what follows from the parameters and what the signals themselves show."""
         mass = self.settings.moving_mass
-        stiffness, viscous, _ = self.regression.parameters
+        stiffness, viscous, _ = (float(value) for value in self.regression.parameters)
         covariance = self.regression.covariance * np.outer(self.regression.scale, self.regression.scale)
         frequency = Quantity("natural_frequency", "Hz")
         damping = Quantity("damping_ratio", "1")
