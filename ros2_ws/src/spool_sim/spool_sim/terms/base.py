@@ -9,8 +9,8 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_stream.errors import InputError
 
-from ..errors import InputError
 from ..valve import Valve
 
 Array = NDArray[np.float64]

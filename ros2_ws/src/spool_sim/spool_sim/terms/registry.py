@@ -5,7 +5,8 @@ from __future__ import annotations
 import importlib
 import pkgutil
 
-from ..errors import InputError
+from spool_stream.errors import InputError
+
 from .base import Term
 
 

@@ -1,1 +1,0 @@
-from spool_stream.block import Block as Block

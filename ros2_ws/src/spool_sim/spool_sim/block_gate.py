@@ -1,1 +1,0 @@
-from spool_stream.block_gate import *  # noqa: F403

@@ -1,1 +1,0 @@
-from spool_stream.errors import InputError as InputError
