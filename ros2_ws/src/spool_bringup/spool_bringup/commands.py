@@ -177,7 +177,7 @@ def replay(bag: Path, valves: Sequence[str], json: Path | None) -> None:
 
 
 def _number(quantity: Mapping[str, Any]) -> str:
-    if quantity["value"] is None:
+    if not math.isfinite(quantity["value"]):
         return "not known"
     return f"{quantity['value']:.5g} ± {quantity['std']:.2g} {quantity['unit']}"
 
