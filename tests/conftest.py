@@ -182,8 +182,8 @@ class System:
     def watch(self, seconds: float) -> None:
         """Let messages come in for so long, to see that something does not."""
         end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            self.executor.spin_once(timeout_sec=0.05)
+        while (left := end - time.monotonic()) > 0.0:
+            self.executor.spin_once(timeout_sec=min(0.05, left))
 
     # What is asked for.
 

@@ -1,0 +1,162 @@
+"""The command line through the door: what scripts rely on."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pyarrow.parquet
+import pytest
+from spool_msgs.msg import AccelerationBlock
+
+if TYPE_CHECKING:
+    from .conftest import System
+
+ROOT = Path(__file__).resolve().parent.parent
+SECONDS = 20
+
+
+def spool(*arguments: object, folder: Path | None = None) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [ROOT / "spool", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        cwd=folder,
+    )
+
+
+def read_json(path: Path) -> Any:
+    """Return what ``path`` holds; NaN and infinities, which are no JSON, are refused."""
+
+    def refuse(text: str) -> None:
+        raise AssertionError(f"{text} is no JSON")
+
+    return json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
+
+
+@pytest.fixture(scope="module", name="bag")
+def _bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    bag = tmp_path_factory.mktemp("simulated") / "bag"
+    done = spool(
+        *("simulate", "--valve", "4weh10_stiff", "--model", "coulomb", "--excitation", "multisine"),
+        *("--seconds", SECONDS, "--out", bag),
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    return bag
+
+
+def test_info_tells_what_is_in_a_bag(bag: Path, tmp_path: Path) -> None:
+    done = spool("info", bag, "--json", tmp_path / "info.json")
+    assert done.returncode == 0, done.stderr
+    assert "/valve_1/acceleration" in done.stdout
+    assert done.stderr == ""
+    assert isinstance(read_json(tmp_path / "info.json"), dict)
+
+
+def test_replay_writes_the_contract_s_json(bag: Path, tmp_path: Path) -> None:
+    done = spool("replay", bag, "--json", tmp_path / "replay.json")
+    assert done.returncode == 0, done.stderr
+    result = read_json(tmp_path / "replay.json")
+    assert set(result) >= {"bag", "duration_s", "valves"}
+    assert result["duration_s"] == pytest.approx(SECONDS)
+    valve = result["valves"]["valve_1"]
+    assert valve["blocks"] == SECONDS * 50
+    assert valve["lost_blocks"] == 0
+    assert valve["samples"] == SECONDS * 2000
+    # The valve's own description is in the bag, so it need not be named.
+    stiffness = valve["estimate"]["parameters"]["spring_stiffness"]
+    assert stiffness["value"] == pytest.approx(5846.0, rel=0.01)
+    assert stiffness["unit"] == "N/m"
+    assert 0.0 < stiffness["std"] < 58.0
+    assert valve["estimate"]["natural_frequency_Hz"] == pytest.approx(28.68, rel=0.01)
+
+
+def test_what_is_not_known_is_null(tmp_path: Path) -> None:
+    bag = tmp_path / "still"
+    done = spool("simulate", "--excitation", "standstill", "--seconds", 3, "--out", bag)
+    assert done.returncode == 0, done.stderr
+    done = spool("replay", bag, "--json", tmp_path / "replay.json")
+    assert done.returncode == 0, done.stderr
+    assert "not known" in done.stdout
+    estimate = read_json(tmp_path / "replay.json")["valves"]["valve_1"]["estimate"]
+    assert estimate["natural_frequency_Hz"] is None
+    assert estimate["parameters"]["spring_stiffness"] == {"value": None, "std": None, "unit": "N/m"}
+
+
+def test_export_writes_every_sample(bag: Path, tmp_path: Path) -> None:
+    done = spool("export", bag, "--out", tmp_path / "samples.parquet")
+    assert done.returncode == 0, done.stderr
+    table = pyarrow.parquet.read_table(tmp_path / "samples.parquet")
+    assert table.num_rows == SECONDS * 2000
+    assert {"time_s", "body_m_s2", "spool_m_s2"} <= set(table.column_names)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("info", "missing"), "missing: no such bag"),
+        (("replay", "missing"), "missing: no such bag"),
+        (("import", "missing.csv", "--out", "bag"), "missing.csv"),
+        (("simulate", "--out", "here"), "here"),
+        (("simulate", "--excitation", "dance", "--out", "new"), "dance: no such excitation"),
+        (("simulate", "--valve", "4weh11", "--out", "new"), "4weh11: no such valve"),
+        (("simulate", "--model", "magic", "--out", "new"), "magic"),
+        (("simulate", "--seconds", "-1", "--out", "new"), "-1"),
+        (("simulate", "--noise", "much", "--out", "new"), "'--noise'"),
+        (("info", "missing", "--colour", "red"), "--colour"),
+        (("dance",), "dance"),
+        (("simulate",), "--out"),
+        (("run", "spool_sim", "dancer"), "it has: simulator"),
+        (("run", "spool_dance", "dancer"), "package spool_dance is not installed"),
+    ],
+    ids=lambda value: "_".join(value) if isinstance(value, tuple) else "",
+)
+def test_wrong_input_ends_in_one_line_and_2(
+    tmp_path: Path, arguments: tuple[str, ...], expected: str
+) -> None:
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here" / "kept").write_text("mine")
+    done = spool(*arguments, folder=tmp_path)
+    assert done.returncode == 2
+    assert expected in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert (tmp_path / "here" / "kept").read_text() == "mine"
+    assert not (tmp_path / "new").exists()
+
+
+def test_every_command_shows_an_example() -> None:
+    for command in ("simulate", "import", "export", "info", "recover", "replay", "run", "demo", "bench"):
+        done = spool(command, "--help")
+        assert done.returncode == 0, done.stderr
+        assert f"./spool {command}" in done.stdout
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_run_starts_a_node_that_ends_by_a_signal(system: System, tmp_path: Path, number: int) -> None:
+    blocks = system.listen(AccelerationBlock, "/valve_9/acceleration")
+    with (tmp_path / "log").open("wb") as log:
+        process = subprocess.Popen(
+            [
+                *(ROOT / "spool", "run", "spool_sim", "simulator", "--ros-args"),
+                *("-r", "__ns:=/valve_9", "-p", "valve_file:=4weh10_stiff"),
+            ],
+            env={**os.environ, "ROS_DOMAIN_ID": str(system.domain_id)},
+            stdout=log,
+            stderr=subprocess.STDOUT,
+        )
+    try:
+        system.until(lambda: len(blocks.heard) > 10, "the node publishes")
+        assert blocks.last.header.frame_id == "4weh10_stiff"
+        process.send_signal(number)
+        assert process.wait(timeout=20) == 0
+    finally:
+        process.kill()
+        process.wait()
+    assert "Traceback" not in (tmp_path / "log").read_text()

@@ -1,0 +1,172 @@
+"""The nodes from outside: life cycle services, simulated time, parameters."""
+
+from __future__ import annotations
+
+import itertools
+import signal
+from typing import TYPE_CHECKING
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from rosgraph_msgs.msg import Clock
+from spool_msgs.msg import AccelerationBlock, ModelEstimate, ValveHealth
+from spool_node.messages import nanoseconds, to_time
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from .conftest import System, Topic
+
+NANOSECONDS = 1_000_000_000
+
+
+def test_the_nodes_are_managed_from_outside(system: System, tmp_path: Path) -> None:
+    blocks = system.listen(AccelerationBlock, "/valve_1/acceleration")
+    estimates = system.listen(ModelEstimate, "/valve_1/estimate", latched=True)
+    health = system.listen(ValveHealth, "/valve_1/health", latched=True)
+    topics = (blocks, estimates, health)
+    _ = system.diagnostics
+    own: dict[str, dict[str, object]] = {
+        "simulator": {"excitation": "multisine"},
+        "recorder": {"output": tmp_path / "bag"},
+    }
+    nodes = {
+        name: system.start(name, autostart=False, **own.get(name, {})).name
+        for name in ("recorder", "monitor", "estimator", "simulator")
+    }
+
+    for node in nodes.values():
+        assert system.state(node) == "unconfigured"
+    assert silent(system, *topics)
+    assert not (tmp_path / "bag").exists()
+    for node in nodes.values():
+        system.change(node, "configure")
+        assert system.state(node) == "inactive"
+    assert silent(system, *topics)
+    assert not (tmp_path / "bag").exists()
+    for node in nodes.values():
+        system.change(node, "activate")
+        assert system.state(node) == "active"
+    system.until(
+        lambda: estimates.heard and estimates.last.state == ModelEstimate.STATE_TRACKING and health.heard,
+        "the active nodes work",
+    )
+    assert (tmp_path / "bag").is_dir()
+
+    for node in nodes.values():
+        system.change(node, "deactivate")
+    before = estimates.last
+    assert silent(system, *topics)
+    for node in nodes.values():
+        system.change(node, "activate")
+    count = len(estimates.heard)
+    system.until(lambda: len(estimates.heard) > count and health.heard, "the nodes work again")
+    after = estimates.heard[count].message
+    # The estimator kept what it had learned, over a source that began anew.
+    assert after.state == ModelEstimate.STATE_TRACKING
+    assert after.samples >= before.samples
+
+    for node in nodes.values():
+        system.change(node, "deactivate", "cleanup")
+        assert system.state(node) == "unconfigured"
+    assert silent(system, *topics)
+    for node in (nodes["estimator"], nodes["simulator"]):
+        system.change(node, "configure", "activate")
+    system.until(
+        lambda: estimates.heard and estimates.last.samples < before.samples, "a fresh estimator works"
+    )
+    assert [process.end(signal.SIGTERM) for process in system.processes] == [0, 0, 0, 0]
+
+
+def silent(system: System, *topics: Topic) -> bool:
+    """Return whether nothing comes on ``topics`` and nobody reports for a second; they are emptied."""
+    # What was on its way when a service answered still arrives.
+    system.watch(0.3)
+    for topic in (*topics, system.diagnostics):
+        topic.heard.clear()
+    system.watch(1.2)
+    return not any(topic.heard for topic in (*topics, system.diagnostics))
+
+
+class SimulatedTime:
+    """Publishes ``/clock``."""
+
+    def __init__(self, system: System) -> None:
+        self._system = system
+        self._publisher = system.node.create_publisher(Clock, "/clock", 10)
+
+    def heard(self) -> None:
+        self._system.until(lambda: self._publisher.get_subscription_count() > 0, "somebody hears /clock")
+
+    def run(self, begin: float, seconds: float) -> None:
+        """Let time go on from ``begin`` s, about as fast as real time."""
+        for step in range(round(seconds * 100)):
+            self._publisher.publish(Clock(clock=to_time(round((begin + 0.01 * step) * NANOSECONDS))))
+            self._system.watch(0.01)
+
+
+def test_simulated_time_drives_the_simulator(system: System) -> None:
+    blocks = system.listen(AccelerationBlock, "/valve_1/acceleration")
+    clock = SimulatedTime(system)
+    system.start("simulator", use_sim_time=True)
+    clock.heard()
+    system.until(lambda: system.statuses("valve_1/simulator: simulation"), "the simulator is active")
+    assert system.statuses("valve_1/simulator: simulation")[-1][1].level == DiagnosticStatus.WARN
+    system.watch(1.0)
+    assert not blocks.heard
+
+    for begin in (1000.0, 500.0):
+        count = len(blocks.heard)
+        clock.run(begin, 2.0)
+        system.watch(0.2)
+        seen = blocks.messages[count:]
+        assert len(seen) > 50
+        assert [block.sequence for block in seen] == list(range(len(seen)))
+        stamps = [nanoseconds(block.header.stamp) for block in seen]
+        assert begin * NANOSECONDS <= stamps[0] < (begin + 0.5) * NANOSECONDS
+        assert {later - earlier for earlier, later in itertools.pairwise(stamps)} == {20_000_000}
+        assert stamps[-1] <= (begin + 2.0) * NANOSECONDS
+        # Time that stands still sends nothing.
+        count = len(blocks.heard)
+        system.watch(0.5)
+        assert len(blocks.heard) == count
+    # Back, but not before the start.
+    count = len(blocks.heard)
+    clock.run(501.0, 0.5)
+    system.watch(0.2)
+    assert blocks.heard[count].message.sequence == 0
+    assert nanoseconds(blocks.heard[count].message.header.stamp) >= 501 * NANOSECONDS
+
+
+@pytest.mark.parametrize(
+    ("node", "parameters", "expected"),
+    [
+        ("estimator", {"memry": 3.0}, "/valve_1/estimator: parameter memry is unknown"),
+        (
+            "estimator",
+            {"memory": -1.0},
+            "/valve_1/estimator: parameter memory = -1.0 is out of range (from 0.2 to 3600.0 s)",
+        ),
+        ("estimator", {"memory": "long"}, "/valve_1/estimator: parameter memory must be of type float"),
+        ("estimator", {"valve_file": "4weh11"}, "4weh11: no such valve"),
+        ("simulator", {"excitation": "dance"}, "dance: no such excitation"),
+        (
+            "simulator",
+            {"drift_quantity": "colour"},
+            "drift_quantity: 'colour' is not one of none, viscous_coefficient",
+        ),
+        (
+            "monitor",
+            {"baseline_time": 0.5},
+            "/valve_1/monitor: parameter baseline_time = 0.5 is out of range",
+        ),
+    ],
+)
+def test_wrong_parameters_end_a_node_in_one_line(
+    system: System, node: str, parameters: dict[str, object], expected: str
+) -> None:
+    process = system.start(node, **parameters)
+    assert process.popen.wait(timeout=20) == 2
+    assert expected in process.said
+    assert "Traceback" not in process.said
+    assert len(process.said.strip().splitlines()) == 1
