@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 from spool_stream.errors import InputError
+from typer.exceptions import TyperException
 
 from . import commands
 
@@ -164,7 +165,6 @@ def bench(
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; return the exit code: 0 done, 1 found a problem, 2 bad input or usage."""
-    usage_error = typer.BadParameter.__mro__[2]
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
         result = app(arguments, prog_name="spool", standalone_mode=False)
@@ -178,9 +178,9 @@ def main(arguments: list[str] | None = None) -> int:
         return stop.exit_code
     except typer.Abort:
         return _fail("interrupted", 130)
-    except usage_error as error:
+    except TyperException as error:
         command = next((word for word in arguments if not word.startswith("-")), "")
-        text = error.format_message()  # type: ignore[attr-defined]
+        text = error.format_message()
         if not text:  # no arguments: the help has been shown
             return 2
         return _fail(f"{text} See: ./spool {command} --help".replace("  ", " "))

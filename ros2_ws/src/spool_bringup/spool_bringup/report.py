@@ -67,6 +67,7 @@ def draw_valve(reader: BagReader, name: str, events: list[dict[str, Any]]) -> Fi
     start = time[0] if time.size else 0.0
     estimates = list(reader.messages(f"/{name}/estimate")) if f"/{name}/estimate" in reader.topics else []
     health = list(reader.messages(f"/{name}/health")) if f"/{name}/health" in reader.topics else []
+    figure: Figure
     figure, axes = plt.subplots(4, 1, figsize=(9, 9.5), sharex=True, layout="constrained")
     relative = time - start
     axes[0].fill_between(relative, -spool, spool, color=SPOOL, alpha=0.7, lw=0, label="spool")

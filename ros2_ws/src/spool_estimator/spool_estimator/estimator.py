@@ -179,8 +179,8 @@ class Estimator:
     def _velocity_uncertainty(self, velocity: NDArray[np.float64]) -> float:
         """Return the relative error of the integrated velocity that dry friction causes, 1.
 
-        At a reversal the acceleration jumps by 2 F_c / m somewhere between two samples; its integral is off by
-        up to half that jump times the sample period, and the high-pass forgets it only after a while.
+        At a reversal the acceleration jumps by 2 F_c / m somewhere between two samples; its integral is
+        off by up to half that jump times the sample period, and the high-pass forgets it only after a while.
         """
         assert self._conditioning is not None
         period = self._conditioning.sample_period
@@ -188,7 +188,7 @@ class Estimator:
         reversals = np.count_nonzero(np.diff(np.signbit(velocity))) / (velocity.size * period)
         remembered = max(1.0, reversals / (3.0 * self.settings.low_cut))
         error = jump * period / math.sqrt(12.0) * math.sqrt(remembered)
-        return error / max(float(np.sqrt(np.mean(velocity**2))), 1.0e-9)
+        return float(error / max(float(np.sqrt(np.mean(velocity**2))), 1.0e-9))
 
     def _estimate(self, stamp: int, sequence: int) -> Estimate:
         values, deviations = self.regression.parameters, self.regression.standard_deviations

@@ -50,7 +50,7 @@ class RecursiveLeastSquares:
         self.covariance = np.eye(self.scale.size)
 
     def update(self, rows: Array, target: Array, weight: float = 1.0) -> None:
-        """Take a chunk: ``rows`` of shape (n, p), ``target`` of shape (n,), its samples count ``weight`` each."""
+        """Take a chunk: ``rows`` of shape (n, p), ``target`` of shape (n,); a sample counts ``weight``."""
         scaled = rows * self.scale
         gram = scaled.T @ scaled * weight
         product = scaled.T @ target * weight

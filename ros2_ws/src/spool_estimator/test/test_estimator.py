@@ -114,13 +114,13 @@ def test_nothing_is_claimed_before_it_is_known() -> None:
 
 
 def test_follows_a_drift_of_friction() -> None:
-    source = simulator()
+    source = simulator(coulomb_force=0.2)
     estimator = Estimator(settings_for(source.valve))
     before = estimates_of(source.records(15.0), estimator)[-1]
-    source.set_drift("coulomb_force", 0.6)
+    source.set_drift("coulomb_force", 0.4)
     after = estimates_of(source.records(20.0), estimator)[-1]
-    assert before.parameter("coulomb_force").value == pytest.approx(0.3, rel=0.06)
-    assert after.parameter("coulomb_force").value == pytest.approx(0.6, rel=0.06)
+    assert before.parameter("coulomb_force").value == pytest.approx(0.2, rel=0.06)
+    assert after.parameter("coulomb_force").value == pytest.approx(0.4, rel=0.06)
 
 
 def split(blocks: Iterable[Block], sizes: list[int]) -> list[Block]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rosbags.highlevel import AnyReader
@@ -38,12 +39,13 @@ def _reading(bag: Path) -> Timing:
         return sum(float(np.sum(block.spool)) for block in BagReader(bag).blocks("valve_1"))
 
     def peer() -> float:
+        total = 0.0
         with AnyReader([bag]) as reader:
             chosen = [entry for entry in reader.connections if entry.topic == "/valve_1/acceleration"]
-            return sum(
-                float(np.sum(reader.deserialize(data, connection.msgtype).spool))
-                for connection, _, data in reader.messages(chosen)
-            )
+            for connection, _, data in reader.messages(chosen):
+                message: Any = reader.deserialize(data, connection.msgtype)
+                total += float(np.sum(message.spool))
+        return total
 
     wanted = peer()
     difference = abs(ours() - wanted)

@@ -1,0 +1,38 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from spool_estimator.window import ChunkWindow
+
+SCALE = np.array([3000.0, 5.0, 0.5])
+TRUTH = np.array([1632.0, 4.0, 0.3])
+SIZES = np.array([1e-3, 0.1, 0.7])
+
+
+def test_variances_are_those_of_the_last_chunks_alone() -> None:
+    generator = np.random.default_rng(0)
+    window = ChunkWindow(SCALE, length=4)
+    rows = generator.standard_normal((7, 100, 3)) * SIZES
+    targets = rows @ TRUTH + 0.1 * generator.standard_normal((7, 100))
+    for number in range(7):
+        assert window.full == (number >= 4)
+        window.add(rows[number], targets[number])
+    stacked, target = rows[3:].reshape(-1, 3), targets[3:].ravel()
+    given = 1.2 * TRUTH
+    best, *_ = np.linalg.lstsq(stacked / SIZES, target, rcond=None)
+    expected = [np.mean((target - stacked @ one) ** 2) for one in (given, best / SIZES)]
+    assert window.variances(given) == pytest.approx(expected, rel=1e-9)
+
+
+def test_cleared_it_is_empty() -> None:
+    window = ChunkWindow(SCALE, length=1)
+    window.add(np.ones((5, 3)), np.ones(5))
+    assert window.full
+    window.clear()
+    assert not window.full
+
+
+def test_a_window_without_motion_is_fitted_by_nothing() -> None:
+    window = ChunkWindow(SCALE, length=1)
+    window.add(np.zeros((5, 3)), np.full(5, 2.0))
+    assert window.variances(TRUTH) == pytest.approx((4.0, 4.0))
