@@ -50,7 +50,9 @@ def test_two_valves_never_mix(system: System) -> None:
     system.until(
         lambda: events["valve_1"].first(lambda event: event.kind == "stale"), "valve_1 says that it is stale"
     )
-    system.until(lambda: health["valve_1"].last.level == ValveHealth.LEVEL_STALE, "health of valve_1 is stale")
+    system.until(
+        lambda: health["valve_1"].last.level == ValveHealth.LEVEL_STALE, "health of valve_1 is stale"
+    )
     at_stop = len(health["valve_2"].heard)
     system.until(lambda: len(health["valve_2"].heard) > at_stop + 1, "valve_2 goes on")
     assert health["valve_2"].last.level != ValveHealth.LEVEL_STALE
