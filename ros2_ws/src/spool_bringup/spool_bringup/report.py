@@ -85,8 +85,8 @@ def draw_valve(reader: BagReader, name: str, events: list[dict[str, Any]]) -> Fi
     for axis in axes:
         axis.grid(alpha=0.3)
         _shade(axis, events, float(relative[-1]) if relative.size else 0.0)
-    axes[0].legend(loc="upper right", ncols=2)
-    axes[1].legend(loc="upper right", ncols=2)
+    for axis in axes[:2]:
+        axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, borderpad=0.0)
     _name_events(axes[0], events)
     figure.suptitle(name)
     return figure
