@@ -1,0 +1,137 @@
+"""The demonstration as a newcomer runs it: what it promises is in its bag, read by others' libraries."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+from spool_bag.reader import BagReader
+from spool_bringup.replaying import replay_valve
+from spool_bringup.valve_record import recorded_valve
+from spool_estimator.estimate import State
+from spool_msgs.msg import HealthEvent
+
+if TYPE_CHECKING:
+    from .conftest import System
+
+ROOT = Path(__file__).resolve().parent.parent
+SECONDS = 40
+VALVES = ("valve_1", "valve_2")
+TOPICS = ("acceleration", "estimate", "health", "events", "valve")
+
+
+@dataclass
+class Demo:
+    """A finished demonstration."""
+
+    done: subprocess.CompletedProcess[str]
+    folder: Path
+
+    @property
+    def bag(self) -> Path:
+        return self.folder / "bag"
+
+    def messages(self, topic: str) -> list[Any]:
+        """Return the messages of ``topic`` as `rosbags` decodes them."""
+        with AnyReader([self.bag]) as reader:
+            chosen = [connection for connection in reader.connections if connection.topic == topic]
+            return [
+                reader.deserialize(data, connection.msgtype)
+                for connection, _, data in reader.messages(connections=chosen)
+            ]
+
+
+@pytest.fixture(scope="module", name="demo")
+def _demo(
+    make_system: Callable[[Path], AbstractContextManager[System]], tmp_path_factory: pytest.TempPathFactory
+) -> Demo:
+    folder = tmp_path_factory.mktemp("demo") / "out"
+    with make_system(folder.parent) as system:
+        done = subprocess.run(
+            [ROOT / "spool", "demo", "--seconds", str(SECONDS), "--out", folder],
+            env={**os.environ, "ROS_DOMAIN_ID": str(system.domain_id)},
+            capture_output=True,
+            text=True,
+            timeout=4 * SECONDS,
+            check=False,
+        )
+    return Demo(done, folder)
+
+
+pytestmark = pytest.mark.slow
+
+
+def test_it_ends_well(demo: Demo) -> None:
+    assert demo.done.returncode == 0, demo.done.stdout + demo.done.stderr
+    assert "Traceback" not in demo.done.stderr
+    reports = [path for path in demo.folder.iterdir() if path.suffix in (".html", ".svg", ".png")]
+    assert reports
+    assert all(path.stat().st_size > 1000 for path in reports)
+
+
+def test_mcap_opens_its_bag(demo: Demo) -> None:
+    (file,) = demo.bag.glob("*.mcap")
+    with file.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        count = sum(1 for _ in reader.iter_messages())
+    assert summary.statistics.message_count == count
+    held = {channel.topic for channel in summary.channels.values()}
+    assert held >= {f"/{valve}/{topic}" for valve in VALVES for topic in TOPICS} | {"/diagnostics"}
+
+
+@pytest.mark.parametrize("valve", VALVES)
+def test_no_block_is_lost(demo: Demo, valve: str) -> None:
+    blocks = demo.messages(f"/{valve}/acceleration")
+    assert len(blocks) >= SECONDS * 50
+    assert [block.sequence for block in blocks] == list(range(len(blocks)))
+    estimates = demo.messages(f"/{valve}/estimate")
+    assert len(estimates) >= SECONDS - 2
+    assert estimates[-1].lost_blocks == 0
+    assert estimates[-1].refused_blocks == 0
+    assert len(demo.messages(f"/{valve}/health")) >= SECONDS - 2
+
+
+@pytest.mark.parametrize("valve", VALVES)
+@pytest.mark.parametrize("kind", ["resonance", "friction_drift"])
+def test_it_raises_what_happens(demo: Demo, valve: str, kind: str) -> None:
+    events = demo.messages(f"/{valve}/events")
+    raised = [event for event in events if event.kind == kind and event.state == HealthEvent.STATE_RAISED]
+    assert raised
+    frames = {event.header.frame_id for event in events}
+    assert len(frames) == 1
+
+
+def test_each_valve_has_its_own_frame(demo: Demo) -> None:
+    frames = [
+        {block.header.frame_id for block in demo.messages(f"/{valve}/acceleration")} for valve in VALVES
+    ]
+    assert frames == [{"4weh10_soft"}, {"4weh10_stiff"}]
+
+
+@pytest.mark.parametrize("valve", VALVES)
+def test_its_replay_is_the_run(demo: Demo, valve: str) -> None:
+    reader = BagReader(demo.bag)
+    description = recorded_valve(reader, valve)
+    assert description is not None
+    replayed = replay_valve(reader, valve, description, keep=True).estimates
+    live = [estimate for estimate in demo.messages(f"/{valve}/estimate") if estimate.state != State.STALE]
+    assert [
+        [quantity.value for quantity in estimate.parameters]
+        for estimate in live
+        if estimate.state != State.LEARNING
+    ] == [
+        [quantity.value for quantity in estimate.parameters]
+        for estimate in replayed
+        if estimate.state is not State.LEARNING
+    ]
