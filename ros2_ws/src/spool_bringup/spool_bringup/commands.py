@@ -173,7 +173,7 @@ def replay(bag: Path, valves: Sequence[str], json: Path | None) -> None:
         for event in valve["events"]:
             cause = f" ({event['cause'].replace('_', ' ')})" if event["cause"] else ""
             text = f"{event['kind'].replace('_', ' ')}{cause} {event['state']}: {event['message']}"
-            console.print(f"  {event['t_s']:8.1f} s  {text}", markup=False, highlight=False)
+            console.print(f"  {event['t_s']:8.1f} s  {text}", markup=False, highlight=False, soft_wrap=True)
 
 
 def _number(quantity: Mapping[str, Any]) -> str:
