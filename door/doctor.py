@@ -128,7 +128,7 @@ def _ros_variables(environment: Mapping[str, str]) -> Iterator[Finding]:
         )
     else:
         yield Finding(
-            "ok", f"discovery range {reach or 'SUBNET (the default; demo, test and bench use LOCALHOST)'}"
+            "ok", f"discovery range {reach or 'SUBNET (the default; ./spool itself uses LOCALHOST)'}"
         )
     middleware = environment.get("RMW_IMPLEMENTATION", "")
     if middleware not in ("", "rmw_fastrtps_cpp"):

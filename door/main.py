@@ -15,7 +15,7 @@ from door.layout import Layout, find_underlay
 from door.steps import say
 
 ROOT = Path(__file__).resolve().parent.parent
-LOCAL_BY_DEFAULT = ("demo", "test", "bench")
+LOCAL_BY_DEFAULT = ("demo", "test", "bench", "run")
 HELP = """Usage: ./spool COMMAND [arguments]       ./spool COMMAND --help says more, with an example
 
   demo      the main job, live: two valves simulated, estimated, monitored, recorded, reported
@@ -27,9 +27,6 @@ HELP = """Usage: ./spool COMMAND [arguments]       ./spool COMMAND --help says m
   info      what is in a bag and what was lost
   recover   a damaged bag made readable
   replay    estimator and monitor over a recorded bag
-  fit       one model's parameters from a bag
-  compare   all models side by side
-  gap       where model and measurement differ, and which effect explains it
   bench     timings against the peers
   doctor    what is wrong with this machine or installation, and what to do
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 import signal
 import subprocess
@@ -34,14 +33,6 @@ from spool_stream.block import Block
 PERIOD = 0.0005
 SIZE = 40
 START = 1_700_000_000_000_000_000
-
-
-@pytest.fixture(name="domain")
-def _domain() -> int:
-    return next(DOMAINS)
-
-
-DOMAINS = itertools.count(101 + os.getpid() % 80)
 
 
 def block(sequence: int, *, size: int = SIZE) -> Block:
@@ -94,8 +85,8 @@ class Source:
 
 
 @pytest.fixture(name="source")
-def _source(domain: int) -> Iterator[Source]:
-    source = Source(domain)
+def _source(domain_id: int) -> Iterator[Source]:
+    source = Source(domain_id)
     yield source
     source.close()
 
@@ -128,11 +119,11 @@ class Recorder:
 
 
 @pytest.fixture(name="record")
-def _record(domain: int, tmp_path: Path) -> Iterator[Callable[..., Recorder]]:
+def _record(domain_id: int, tmp_path: Path) -> Iterator[Callable[..., Recorder]]:
     running: list[Recorder] = []
 
     def start(**parameters: object) -> Recorder:
-        running.append(Recorder(domain, tmp_path, **parameters))
+        running.append(Recorder(domain_id, tmp_path, **parameters))
         return running[-1]
 
     yield start

@@ -62,7 +62,7 @@ class Condition:
         quantity: Quantity,
         message: str,
     ) -> list[Event]:
-        """Return the event that follows, if any; ``stamp`` in ns must not go back."""
+        """Return the event that follows, if any; where ``stamp`` (ns) goes back, the delay starts anew."""
         wanted = indicated is not None if self.active is None else released
         if self.active is not None and indicated is not None:
             self._since = None
@@ -73,7 +73,7 @@ class Condition:
         if not wanted:
             self._since = None
             return []
-        if self._since is None:
+        if self._since is None or stamp < self._since:
             self._since = stamp
         if stamp - self._since < round((self.on_delay if self.active is None else self.off_delay) * 1e9):
             return []

@@ -148,6 +148,9 @@ class Monitor:
         for line in self.lines.update(block):
             self.line = line
             events += self.resonance.update(line, self._natural_frequency.value)
+        if self.lines.silent_at is not None:
+            self.line = None
+            events += self.resonance.silent(self.lines.silent_at)
         return events
 
     def update_estimate(self, estimate: Estimate) -> list[Event]:

@@ -43,3 +43,14 @@ class ResonanceDetector:
         return self.condition.judge(
             line.stamp, indicated, released=released, cause="", quantity=quantity, message=message
         )
+
+    def silent(self, stamp: int) -> list[Event]:
+        """Take note that nothing shakes at ``stamp`` (ns); return the event that follows, if any."""
+        return self.condition.judge(
+            stamp,
+            None,
+            released=True,
+            cause="",
+            quantity=Quantity("amplification", "1"),
+            message="the body is at rest",
+        )

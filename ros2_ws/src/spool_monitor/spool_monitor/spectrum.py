@@ -33,10 +33,15 @@ class Line:
 
 @dataclass(slots=True)
 class LineTracker:
-    """Look for the dominant line in the last ``window`` s, every ``hop`` s of data."""
+    """Look for the dominant line in the last ``window`` s, every ``hop`` s of data.
+
+    ``silent_at`` (ns) is the stamp of the last look if that found no vibration at all,
+    ``None`` if it found a line.
+    """
 
     window: float = 1.0
     hop: float = 0.25
+    silent_at: int | None = field(default=None, init=False)
     _body: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32), init=False)
     _spool: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32), init=False)
     _taper: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0), init=False)
@@ -71,6 +76,7 @@ class LineTracker:
                 if self._filled == self._body.size:
                     stamp = block.stamp + round((taken - 1) * block.sample_period * 1e9)
                     line = self._find(stamp)
+                    self.silent_at = stamp if line is None else None
                     if line is not None:
                         lines.append(line)
         return lines
