@@ -30,6 +30,9 @@ CHANGED, DOUBT = 1.25, 0.3
 #: More than that is asked for in proportion to the square of the velocity's relative uncertainty.
 UNCERTAIN = 40.0
 
+#: Relative change of the stiffness up to which a second of data is believed to show a changed valve.
+SPRING_CHANGE = 0.5
+
 #: Relative standard deviation of the stiffness at which learning ends.
 LEARNED = 0.02
 
@@ -172,9 +175,18 @@ class Estimator:
         self._window.add(rows, target)
         present, own = self._window.variances(self.regression.parameters)
         threshold = CHANGED + UNCERTAIN * self._velocity_uncertainty(rows[:, VELOCITY]) ** 2
-        if self._window.full and present > threshold * own:
+        if self._window.full and present > threshold * own and self._plausible(self._window.best()):
             self.regression.discount(DOUBT)
         self.regression.update(rows, target, NOISE**2 / (own + SMALLEST_NOISE**2))
+
+    def _plausible(self, best: NDArray[np.float64]) -> bool:
+        """Return whether the window's own fit can be a changed valve.
+
+        One tone far above resonance can't tell a spring from errors of the integration: there the fit takes
+        the spring away. A spring changes by less.
+        """
+        stiffness = float(self.regression.parameters[DISPLACEMENT])
+        return bool(abs(best[DISPLACEMENT] - stiffness) < SPRING_CHANGE * abs(stiffness))
 
     def _velocity_uncertainty(self, velocity: NDArray[np.float64]) -> float:
         """Return the relative error of the integrated velocity that dry friction causes, 1.

@@ -46,6 +46,12 @@ class ChunkWindow:
         """Whether as many chunks as the window is long have been seen since it was cleared."""
         return len(self._chunks) == self.length
 
+    def best(self) -> Array:
+        """Return the parameters that fit the window best, shape (p,); the smallest where several do."""
+        gram = sum((one.gram for one in self._chunks), np.zeros((self.scale.size, self.scale.size)))
+        product = sum((one.product for one in self._chunks), np.zeros(self.scale.size))
+        return np.asarray(np.linalg.pinv(gram, hermitian=True) @ product * self.scale)
+
     def variances(self, parameters: Array) -> tuple[float, float]:
         """Return the residual variances of ``parameters`` and of the window's own best fit."""
         gram = sum((one.gram for one in self._chunks), np.zeros((self.scale.size, self.scale.size)))

@@ -36,3 +36,11 @@ def test_a_window_without_motion_is_fitted_by_nothing() -> None:
     window = ChunkWindow(SCALE, length=1)
     window.add(np.zeros((5, 3)), np.full(5, 2.0))
     assert window.variances(TRUTH) == pytest.approx((4.0, 4.0))
+
+
+def test_the_best_fit_is_least_squares_over_the_window() -> None:
+    generator = np.random.default_rng(1)
+    window = ChunkWindow(SCALE)
+    rows = generator.standard_normal((100, 3)) * SIZES
+    window.add(rows, rows @ TRUTH)
+    assert window.best() == pytest.approx(TRUTH, rel=1e-9)
