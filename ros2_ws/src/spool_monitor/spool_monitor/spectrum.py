@@ -58,6 +58,7 @@ class LineTracker:
             self._taper = np.hanning(size).astype(np.float64)
             self._period = period
         self._filled = self._fresh = 0
+        self.silent_at = None
 
     def update(self, block: Block) -> list[Line]:
         """Take a block; return the lines that fell due, the same for any split into blocks."""
