@@ -1,0 +1,162 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from spool_monitor.event import Condition, Event, EventState, Severity
+from spool_stream.quantity import Quantity
+
+SECOND = 1_000_000_000
+NOTHING = Quantity("amplification", "1")
+RAISED, CLEARED = EventState.RAISED, EventState.CLEARED
+WARNING, ALARM = Severity.WARNING, Severity.ALARM
+
+#: What is indicated: quiet, between both thresholds, warning, alarm; with whether it counts as released.
+QUIET, BETWEEN, WARN, ALARMING = (None, True), (None, False), (WARNING, False), (ALARM, False)
+
+
+def judge(
+    condition: Condition, seconds: float, what: tuple[Severity | None, bool], cause: str = ""
+) -> list[Event]:
+    indicated, released = what
+    return condition.judge(
+        round(seconds * SECOND), indicated, released=released, cause=cause, quantity=NOTHING, message="m"
+    )
+
+
+def course(*steps: tuple[float, tuple[Severity | None, bool]]) -> list[tuple[float, EventState, Severity]]:
+    condition = Condition("resonance", on_delay=0.5, off_delay=1.0)
+    events = [event for seconds, what in steps for event in judge(condition, seconds, what)]
+    return [(event.stamp / SECOND, event.state, event.severity) for event in events]
+
+
+@pytest.mark.parametrize(
+    ("steps", "expected"),
+    [
+        pytest.param([(0.0, QUIET), (9.0, QUIET)], [], id="quiet"),
+        pytest.param([(0.0, WARN), (0.49, WARN)], [], id="shorter than the on delay"),
+        pytest.param([(0.0, WARN), (0.5, WARN), (9.0, WARN)], [(0.5, RAISED, WARNING)], id="on delay"),
+        pytest.param([(0.0, WARN), (0.4, QUIET), (0.5, WARN), (0.9, WARN)], [], id="interrupted by quiet"),
+        pytest.param(
+            [(0.0, WARN), (0.4, BETWEEN), (0.5, WARN), (0.9, WARN)], [], id="interrupted by between"
+        ),
+        pytest.param([(0.0, BETWEEN), (9.0, BETWEEN)], [], id="between never raises"),
+        pytest.param(
+            [(0.0, WARN), (0.5, WARN), (1.0, BETWEEN), (9.0, BETWEEN)],
+            [(0.5, RAISED, WARNING)],
+            id="between never clears",
+        ),
+        pytest.param(
+            [(0.0, WARN), (0.5, WARN), (1.0, QUIET), (1.9, QUIET)],
+            [(0.5, RAISED, WARNING)],
+            id="off too short",
+        ),
+        pytest.param(
+            [(0.0, WARN), (0.5, WARN), (1.0, QUIET), (2.0, QUIET), (9.0, QUIET)],
+            [(0.5, RAISED, WARNING), (2.0, CLEARED, WARNING)],
+            id="off delay",
+        ),
+        pytest.param(
+            [(0.0, WARN), (0.5, WARN), (1.0, QUIET), (1.5, BETWEEN), (2.0, QUIET), (2.9, QUIET)],
+            [(0.5, RAISED, WARNING)],
+            id="the off delay starts anew after between",
+        ),
+        pytest.param(
+            [(0.0, WARN), (0.5, WARN), (1.0, QUIET), (1.5, WARN), (2.0, QUIET), (2.9, QUIET)],
+            [(0.5, RAISED, WARNING)],
+            id="the off delay starts anew after an indication",
+        ),
+        pytest.param(
+            [(0.0, WARN), (0.5, WARN), (0.6, ALARMING), (0.7, WARN), (0.8, ALARMING)],
+            [(0.5, RAISED, WARNING), (0.6, RAISED, ALARM)],
+            id="a higher severity at once and once",
+        ),
+        pytest.param(
+            [(0.0, ALARMING), (0.5, ALARMING), (1.0, WARN), (2.0, QUIET), (3.0, QUIET)],
+            [(0.5, RAISED, ALARM), (3.0, CLEARED, ALARM)],
+            id="an alarm that weakens stays one",
+        ),
+        pytest.param(
+            [(9.0, WARN), (1.0, WARN), (1.4, WARN), (1.5, WARN)],
+            [(1.5, RAISED, WARNING)],
+            id="a clock set back starts the delay anew",
+        ),
+        pytest.param(
+            [(9.0, WARN), (9.5, WARN), (20.0, QUIET), (1.0, QUIET), (1.9, QUIET), (2.0, QUIET)],
+            [(9.5, RAISED, WARNING), (2.0, CLEARED, WARNING)],
+            id="a clock set back does not hold an event",
+        ),
+    ],
+)
+def test_course(
+    steps: list[tuple[float, tuple[Severity | None, bool]]],
+    expected: list[tuple[float, EventState, Severity]],
+) -> None:
+    assert course(*steps) == expected
+
+
+def test_without_delays_it_follows_at_once() -> None:
+    condition = Condition("stale", 0.0, 0.0)
+    (raised,) = judge(condition, 1.0, ALARMING, "acceleration")
+    (cleared,) = judge(condition, 2.0, QUIET)
+    assert (raised.kind, raised.state, raised.cause) == ("stale", RAISED, "acceleration")
+    assert (cleared.state, cleared.severity, cleared.cause) == (CLEARED, ALARM, "acceleration")
+
+
+def test_clear_ends_what_is_active_and_only_that() -> None:
+    condition = Condition("stale", 0.0, 5.0)
+    assert condition.clear(0, NOTHING, "over") == []
+    judge(condition, 1.0, WARN, "estimate")
+    (event,) = condition.clear(2 * SECOND, NOTHING, "over")
+    assert (event.state, event.severity, event.cause, event.message) == (CLEARED, WARNING, "estimate", "over")
+    assert condition.active is None
+    assert condition.cause == ""
+    assert condition.clear(3 * SECOND, NOTHING, "over") == []
+
+
+def test_the_event_carries_what_was_judged() -> None:
+    condition = Condition("friction_drift", 0.0, 0.0)
+    quantity = Quantity("coulomb_force_change", "N", 0.3)
+    (event,) = condition.judge(
+        7, WARNING, released=False, cause="oil_contamination", quantity=quantity, message="text"
+    )
+    assert event == Event(7, "friction_drift", RAISED, WARNING, "oil_contamination", quantity, "text")
+    assert math.isnan(event.quantity.standard_deviation)
+
+
+@given(
+    on_delay=st.floats(0.0, 3.0),
+    off_delay=st.floats(0.0, 3.0),
+    steps=st.lists(
+        st.tuples(st.floats(0.01, 2.0), st.sampled_from([QUIET, BETWEEN, WARN, ALARMING])), max_size=80
+    ),
+)
+def test_raised_and_cleared_alternate_whatever_is_indicated(
+    on_delay: float, off_delay: float, steps: list[tuple[float, tuple[Severity | None, bool]]]
+) -> None:
+    condition = Condition("resonance", on_delay, off_delay)
+    now, active, last_stamp = 0.0, None, -1
+    indicated_since: float | None = None
+    for wait, what in steps:
+        now += wait
+        if what[0] is None:
+            indicated_since = None
+        elif indicated_since is None:
+            indicated_since = now
+        events = judge(condition, now, what)
+        assert len(events) <= 1
+        for event in events:
+            assert event.stamp > last_stamp
+            last_stamp = event.stamp
+            if event.state is CLEARED:
+                assert active is event.severity
+                active = None
+            else:
+                assert active is None or event.severity > active
+                if active is None:
+                    assert indicated_since is not None
+                    assert now - indicated_since >= on_delay - 2e-9
+                active = event.severity
+        assert condition.active is active
