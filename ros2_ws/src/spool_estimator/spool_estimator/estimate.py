@@ -16,6 +16,7 @@ class State(enum.IntEnum):
     TRACKING = 2
     NOT_EXCITED = 3
     STALE = 4
+    SETTLING = 5
 
 
 @dataclass(frozen=True, slots=True)

@@ -90,6 +90,7 @@ class Estimator:
     _samples: int = field(default=0, init=False)
     _chunks: int = field(default=0, init=False)
     _excited: bool = field(default=False, init=False)
+    _settling: bool = field(default=True, init=False)
     _powers: NDArray[np.float64] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -154,7 +155,8 @@ class Estimator:
         chunk.filled = 0
         self._chunks += 1
         self._since_restart += len(rows)
-        if self._since_restart - len(rows) < self._conditioning.settling:
+        self._settling = self._since_restart - len(rows) < self._conditioning.settling
+        if self._settling:
             self._excited = False
             return
         target = -self.settings.moving_mass * rows[:, SPOOL]
@@ -205,10 +207,12 @@ class Estimator:
     def _estimate(self, stamp: int, sequence: int) -> Estimate:
         values, deviations = self.regression.parameters, self.regression.standard_deviations
         learned = bool(values[0] > 0.0 and deviations[0] < LEARNED * values[0])
-        if not learned:
-            state = State.LEARNING if self._excited or self._samples else State.NOT_EXCITED
+        if self._settling:
+            state = State.SETTLING
+        elif not self._excited:
+            state = State.NOT_EXCITED
         else:
-            state = State.TRACKING if self._excited else State.NOT_EXCITED
+            state = State.TRACKING if learned else State.LEARNING
         validity = Validity.UNKNOWN
         if learned:
             validity = Validity.VALID if self._excited else Validity.HELD
