@@ -1,0 +1,103 @@
+from __future__ import annotations
+
+import math
+from dataclasses import fields
+from enum import IntEnum
+
+import pytest
+from rclpy.serialization import deserialize_message, serialize_message
+from spool_monitor.event import Event, EventState, Severity
+from spool_monitor.messages import to_event_message, to_health_message
+from spool_monitor.monitor import BaselineState, Health, Level, Monitor, MonitorSettings
+from spool_monitor.monitor_node import MonitorNode
+from spool_msgs.msg import HealthEvent, ValveHealth
+from spool_stream.quantity import Quantity, Validity
+
+
+def constants(message: type, prefix: str) -> dict[str, int]:
+    """Return the constants of ``message`` that begin with ``prefix``, without it."""
+    names = [name for name in dir(type(message)) if name.startswith(prefix)]
+    return {name.removeprefix(prefix): getattr(message, name) for name in names}
+
+
+@pytest.mark.parametrize(
+    ("enumeration", "message", "prefix"),
+    [
+        (Level, ValveHealth, "LEVEL_"),
+        (BaselineState, ValveHealth, "BASELINE_"),
+        (EventState, HealthEvent, "STATE_"),
+        (Severity, HealthEvent, "SEVERITY_"),
+    ],
+)
+def test_numbers_are_those_of_the_message(enumeration: type[IntEnum], message: type, prefix: str) -> None:
+    found = constants(message, prefix)
+    assert len(found) == len(enumeration)
+    assert found == {member.name: int(member) for member in enumeration}
+
+
+def test_an_event_goes_through_its_message() -> None:
+    event = Event(
+        1_700_000_000_123_456_789,
+        "friction_drift",
+        EventState.RAISED,
+        Severity.ALARM,
+        "oil_contamination",
+        Quantity("coulomb_force_change", "N", 0.25, 0.01, Validity.VALID),
+        "coulomb force 0.35 N, was 0.1",
+    )
+    message = deserialize_message(serialize_message(to_event_message(event, "4weh10_soft")), HealthEvent)
+    assert message.header.frame_id == "4weh10_soft"
+    assert message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == event.stamp
+    assert (message.kind, message.cause, message.message) == (event.kind, event.cause, event.message)
+    assert message.state == HealthEvent.STATE_RAISED
+    assert message.severity == HealthEvent.SEVERITY_ALARM
+    assert (message.quantity.name, message.quantity.unit, message.quantity.value) == (
+        "coulomb_force_change",
+        "N",
+        0.25,
+    )
+
+
+def test_health_goes_through_its_message_with_every_field() -> None:
+    quantities = {
+        name: Quantity(name, "1", float(number), 0.1, Validity.VALID)
+        for number, name in enumerate(
+            ("dominant_frequency", "amplification", "natural_frequency", "viscous_drift", "coulomb_drift")
+        )
+    }
+    health = Health(
+        stamp=1_700_000_000_000_000_001,
+        level=Level.WARNING,
+        baseline=BaselineState.FROZEN,
+        summary="resonance",
+        active=("resonance", "friction_drift"),
+        **quantities,
+    )
+    message = deserialize_message(serialize_message(to_health_message(health, "valve")), ValveHealth)
+    assert message.level == ValveHealth.LEVEL_WARNING
+    assert message.baseline == ValveHealth.BASELINE_FROZEN
+    assert (message.summary, list(message.active)) == ("resonance", ["resonance", "friction_drift"])
+    for name, quantity in quantities.items():
+        assert getattr(message, name).value == quantity.value
+        assert getattr(message, name).name == name
+    assert set(ValveHealth.get_fields_and_field_types()) == {
+        "header",
+        *(field.name for field in fields(Health) if field.name != "stamp"),
+    }
+
+
+def test_what_is_not_known_stays_so() -> None:
+    message = to_health_message(Monitor().health, "valve")
+    assert message.level == ValveHealth.LEVEL_UNKNOWN
+    assert math.isnan(message.viscous_drift.value)
+    assert message.viscous_drift.validity == Validity.UNKNOWN
+
+
+def test_the_nodes_parameters_are_the_cores_settings_with_their_defaults() -> None:
+    core = {field.name: field.default for field in fields(MonitorSettings)}
+    node = {parameter.name: parameter.default for parameter in MonitorNode.PARAMETERS}
+    assert list(node) == list(core)
+    # 0 Hz asks for the value from the valve's description.
+    assert node.pop("natural_frequency") == 0.0
+    del core["natural_frequency"]
+    assert node == core

@@ -1,0 +1,448 @@
+"""The monitor over simulated valves whose truth is known."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import islice
+
+import numpy as np
+import pytest
+from spool_estimator.estimate import State
+from spool_estimator.estimator import Estimator, settings_for
+from spool_monitor.event import Event, EventState, Severity
+from spool_monitor.monitor import FIRST_ESTIMATE, BaselineState, Level, Monitor, MonitorSettings
+from spool_monitor.replay import Replay
+from spool_sim.excitation import Excitation, from_mapping
+from spool_sim.presets import PRESETS
+from spool_sim.sensors import Sensor
+from spool_sim.simulator import Simulator
+from spool_sim.valve import find_valve
+from spool_stream.block import Block
+from spool_stream.quantity import Validity
+
+NOISY = Sensor(noise=0.05)
+START = 1_700_000_000_000_000_000
+
+
+def machine(*speeds: tuple[float, float]) -> Excitation:
+    """Return a shaft's vibration whose speed runs through (s, rpm)."""
+    return from_mapping(
+        {
+            "kind": "machine_orders",
+            "speed_profile": [list(speed) for speed in speeds],
+            "orders": [[1.0, 8.0], [2.0, 2.0]],
+            "broadband_rms": 1.5,
+        }
+    )
+
+
+STEADY = machine((0.0, 1500.0), (1000.0, 1500.0))
+
+
+@dataclass
+class Run:
+    """A simulated valve with its estimator and monitor."""
+
+    simulator: Simulator
+    replay: Replay
+
+    def go(self, seconds: float) -> list[Event]:
+        """Run on; return what happened meanwhile."""
+        before = len(self.replay.events)
+        self.replay.run(self.simulator.records(seconds))
+        return self.replay.events[before:]
+
+    @property
+    def monitor(self) -> Monitor:
+        return self.replay.monitor
+
+    def at(self, event: Event) -> float:
+        assert self.replay.first_stamp is not None
+        return (event.stamp - self.replay.first_stamp) * 1e-9
+
+
+def run(
+    excitation: Excitation,
+    valve: str = "4weh10_soft",
+    *,
+    seed: int = 1,
+    sensor: Sensor = NOISY,
+    block_size: int = 40,
+) -> Run:
+    found = find_valve(valve)
+    simulator = Simulator(
+        found,
+        excitation,
+        coulomb_force=0.1,
+        seed=seed,
+        block_size=block_size,
+        body_sensor=sensor,
+        spool_sensor=sensor,
+        start_stamp=START,
+    )
+    monitor = Monitor(MonitorSettings(natural_frequency=found.natural_frequency))
+    return Run(simulator, Replay(Estimator(settings_for(found)), monitor))
+
+
+def kinds(events: list[Event]) -> list[tuple[str, str, EventState]]:
+    return [(event.kind, event.cause, event.state) for event in events]
+
+
+def blocks(seconds: float, excitation: Excitation = STEADY, seed: int = 1) -> Iterator[Block]:
+    return run(excitation, seed=seed).simulator.records(seconds)
+
+
+# What the machine does.
+
+
+def test_a_resonance_passage_is_raised_in_time_and_cleared_after() -> None:
+    """25 Hz, through 15.15 Hz down to 10 Hz at 1.5 Hz/s."""
+    one = run(machine((0.0, 1500.0), (20.0, 1500.0), (30.0, 600.0), (40.0, 600.0)))
+    natural = one.simulator.truth.natural_frequency
+    passing = 20.0 + 10.0 * (25.0 - natural) / 15.0
+    events = one.go(40.0)
+    assert [(event.kind, event.state) for event in events] == [
+        ("resonance", EventState.RAISED),
+        ("resonance", EventState.CLEARED),
+    ]
+    raised, cleared = events
+    assert passing - 2.0 < one.at(raised) < passing + 3.0
+    assert one.at(cleared) < 30.0 + 3.0
+    assert raised.quantity.name == "amplification"
+    assert raised.quantity.value >= 1.8
+
+
+def test_a_machine_that_stays_in_resonance_stays_raised() -> None:
+    one = run(machine((0.0, 920.0), (100.0, 920.0)))
+    events = one.go(20.0)
+    assert [(event.kind, event.state) for event in events] == [("resonance", EventState.RAISED)]
+    assert one.monitor.health.level >= Level.WARNING
+    assert "resonance" in one.monitor.health.active
+
+
+def test_a_resonance_that_ends_in_a_standstill_is_cleared() -> None:
+    one = run(machine((0.0, 920.0), (100.0, 920.0)), sensor=Sensor())
+    assert len(one.go(10.0)) == 1
+    last = one.simulator.next_block()
+    zeros = np.zeros_like(last.body)
+    events: list[Event] = []
+    for number in range(150):  # 3 s of exact zeros
+        stamp = last.stamp + number * 20_000_000
+        events += one.monitor.update(Block(stamp, last.sequence + number, last.sample_period, zeros, zeros))
+    assert [(event.kind, event.state) for event in events] == [("resonance", EventState.CLEARED)]
+    assert one.monitor.health.dominant_frequency.validity is Validity.UNKNOWN
+
+
+@pytest.mark.parametrize(
+    ("valve", "speed", "quantity", "target", "cause"),
+    [
+        ("4weh10_soft", 1500.0, "coulomb_force", 0.35, "oil_contamination"),
+        ("4weh10_stiff", 1080.0, "viscous_coefficient", 1.6, "wear"),
+        ("4weh10_stiff", 1080.0, "viscous_coefficient", 4.0, "oil_viscosity"),
+    ],
+)
+def test_a_friction_drift_is_raised_with_its_cause(
+    valve: str, speed: float, quantity: str, target: float, cause: str
+) -> None:
+    one = run(machine((0.0, speed), (1000.0, speed)), valve)
+    assert one.go(30.0) == []
+    before = getattr(one.simulator.truth, quantity)
+    one.simulator.set_drift(quantity, target, 5.0)
+    events = one.go(30.0)
+    assert {kind[:2] for kind in kinds(events)} == {("friction_drift", cause)}
+    assert {event.state for event in events} == {EventState.RAISED}
+    assert one.at(events[0]) < 30.0 + 5.0 + 4.0 + 3.0  # drift, memory, delay of the condition
+    assert events[-1].severity is Severity.ALARM
+    health = one.monitor.health
+    assert health.level is Level.ALARM
+    assert health.active == ("friction_drift",)
+    assert cause.replace("_", " ") in health.summary
+    change = target - before
+    if quantity == "coulomb_force":
+        assert health.coulomb_drift.value == pytest.approx(change, abs=0.02)
+        assert health.coulomb_drift.unit == "N"
+    else:
+        assert health.viscous_drift.value == pytest.approx(change / before, abs=0.05)
+        assert health.viscous_drift.unit == "1"
+
+
+def test_a_weaker_spring_is_no_friction_drift() -> None:
+    one = run(STEADY)
+    assert one.go(30.0) == []
+    one.simulator.set_drift("spring_stiffness", 0.8 * one.simulator.truth.spring_stiffness, 5.0)
+    events = one.go(30.0)
+    assert ("spring_change", "softer", EventState.RAISED) in kinds(events)
+    assert all(event.kind == "spring_change" for event in events)
+    assert one.monitor.health.natural_frequency.value == pytest.approx(
+        one.simulator.truth.natural_frequency, rel=0.01
+    )
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_healthy_machine_raises_nothing(seed: int) -> None:
+    one = run(STEADY, seed=seed)
+    assert one.go(120.0) == []
+    health = one.monitor.health
+    assert (health.level, health.baseline, health.active) == (Level.OK, BaselineState.FROZEN, ())
+    assert health.dominant_frequency.value == pytest.approx(25.0, abs=0.2)
+    assert health.stamp == START + 120_000_000_000
+
+
+@pytest.mark.parametrize("sensor", [NOISY, Sensor()], ids=["noisy", "exact zeros"])
+def test_a_standstill_raises_nothing(sensor: Sensor) -> None:
+    one = run(PRESETS["standstill"], sensor=sensor)
+    assert one.go(60.0) == []
+    assert one.monitor.health.level in (Level.OK, Level.UNKNOWN)
+    assert one.monitor.health.baseline is not BaselineState.FROZEN
+
+
+def test_how_the_stream_is_split_changes_no_event_and_no_health() -> None:
+    excitation = machine((0.0, 1500.0), (5.0, 1500.0), (15.0, 600.0), (20.0, 600.0))
+    fine, coarse = (run(excitation, sensor=Sensor(), block_size=size) for size in (20, 200))
+    assert [(e.kind, e.state, e.severity) for e in fine.go(20.0)] == [
+        (e.kind, e.state, e.severity) for e in coarse.go(20.0)
+    ]
+    assert fine.replay.events
+    for one, other in zip(fine.replay.events, coarse.replay.events, strict=True):
+        assert abs(one.stamp - other.stamp) <= 2
+    assert fine.monitor.health == coarse.monitor.health
+
+
+# Faults of the data.
+
+
+def test_lost_blocks_are_a_data_fault_that_clears() -> None:
+    monitor = Monitor()
+    events: list[Event] = []
+    for block in blocks(20.0):
+        if block.sequence not in (200, 201, 202):
+            events += monitor.update(block)
+    assert kinds(events) == [
+        ("data_fault", "blocks lost (jump in sequence)", EventState.RAISED),
+        ("data_fault", "blocks lost (jump in sequence)", EventState.CLEARED),
+    ]
+    assert events[0].stamp == START + 203 * 20_000_000
+    assert events[1].stamp - events[0].stamp == pytest.approx(5e9, abs=3e7)
+    assert events[0].quantity.value == 3.0
+    assert "3 blocks lost, 0 refused" in events[0].message
+
+
+def test_refused_blocks_are_a_data_fault_and_nothing_is_computed_from_them() -> None:
+    hurt, whole = Monitor(), Monitor()
+    events: list[Event] = []
+    for block in blocks(4.0):
+        whole.update(block)
+        if block.sequence == 60:
+            broken = replace(block, body=np.full_like(block.body, np.nan))
+            events += hurt.update(broken)
+            events += hurt.update(replace(block, spool=block.spool[:-1]))
+            events += hurt.update(replace(block, stamp=0))
+        events += hurt.update(block)
+    (event,) = events
+    assert (event.kind, event.severity, event.stamp) == (
+        "data_fault",
+        Severity.WARNING,
+        START + 60 * 20_000_000,
+    )
+    assert hurt.gate.refused == 3
+    assert hurt.line == whole.line
+    assert hurt.health.level is Level.WARNING
+
+
+def test_a_fault_before_any_data_is_reported_without_harm() -> None:
+    monitor = Monitor()
+    first = next(blocks(1.0))
+    (event,) = monitor.update(replace(first, sample_period=math.nan))
+    assert event.kind == "data_fault"
+    assert monitor.idle(60.0, 60.0) == []
+    assert monitor.update(first) == []
+    assert monitor.health.stamp == first.end
+
+
+# Silence.
+
+
+def test_before_any_data_silence_is_nothing() -> None:
+    monitor = Monitor()
+    assert monitor.idle(1e6, 1e6) == []
+    health = monitor.health
+    assert (health.level, health.baseline) == (Level.UNKNOWN, BaselineState.UNKNOWN)
+    assert health.summary == "waiting for data"
+    assert health.dominant_frequency.validity is Validity.UNKNOWN
+    assert math.isnan(health.viscous_drift.value)
+
+
+def test_idle_raises_silence_of_the_accelerometers_once_and_data_clear_it() -> None:
+    one = run(STEADY)
+    one.go(5.0)
+    monitor = one.monitor
+    assert monitor.idle(1.4, 1.9) == []
+    (event,) = monitor.idle(1.6, 2.1)
+    assert (event.kind, event.cause, event.severity) == ("stale", "acceleration", Severity.ALARM)
+    assert event.stamp == START + 6_600_000_000
+    assert monitor.idle(9.0, 9.5) == []
+    health = monitor.health
+    assert (health.level, health.active, health.summary) == (Level.STALE, ("stale",), "no acceleration")
+    assert health.dominant_frequency.validity is Validity.UNKNOWN
+    events = one.go(1.0)
+    assert kinds(events[:1]) == [("stale", "acceleration", EventState.CLEARED)]
+    assert monitor.health.level is Level.OK
+
+
+def test_idle_raises_silence_of_the_estimator_only_where_data_go_on() -> None:
+    one = run(STEADY)
+    one.go(5.0)
+    monitor = one.monitor
+    assert monitor.idle(0.02, 1.5) == []
+    (event,) = monitor.idle(0.02, 1.6)
+    assert (event.kind, event.cause) == ("stale", "estimate")
+    assert monitor.health.summary == "no estimate"
+    assert one.replay.estimator.latest is not None
+    (cleared,) = monitor.update_estimate(one.replay.estimator.latest)
+    assert (cleared.cause, cleared.state) == ("estimate", EventState.CLEARED)
+
+
+def test_the_first_estimate_may_take_longer() -> None:
+    monitor = Monitor()
+    for block in blocks(0.5):
+        monitor.update(block)
+    patience = monitor.settings.stale_after + FIRST_ESTIMATE
+    assert monitor.idle(0.0, patience) == []
+    (event,) = monitor.idle(0.0, patience + 0.1)
+    assert (event.kind, event.cause) == ("stale", "estimate")
+
+
+def test_a_gap_in_the_stamps_says_when_silence_was_due_and_when_it_ended() -> None:
+    monitor = Monitor()
+    all_blocks = list(blocks(10.0))
+    events = [event for block in all_blocks[:200] + all_blocks[400:] for event in monitor.update(block)]
+    stale = [event for event in events if event.kind == "stale"]
+    assert [(event.state, (event.stamp - START) * 1e-9) for event in stale] == [
+        (EventState.RAISED, pytest.approx(4.0 + 1.5)),
+        (EventState.CLEARED, pytest.approx(8.0)),
+    ]
+    assert stale[0].quantity.value == pytest.approx(4.0)
+
+
+def test_a_gap_shorter_than_that_is_no_silence() -> None:
+    monitor = Monitor()
+    all_blocks = list(blocks(6.0))
+    events = [event for block in all_blocks[:100] + all_blocks[170:] for event in monitor.update(block)]
+    assert {event.kind for event in events} == {"data_fault"}
+
+
+def test_a_record_played_again_is_watched_as_before() -> None:
+    """The stamps go back by a minute: neither lines nor events hang on the old time."""
+    passage = machine((0.0, 1500.0), (2.0, 1500.0), (12.0, 600.0), (60.0, 600.0))
+    monitor = Monitor()
+    rounds = [[e for block in blocks(60.0, passage) for e in monitor.update(block)] for _ in range(2)]
+    resonances = [[(e.stamp, e.state) for e in events if e.kind == "resonance"] for events in rounds]
+    assert len(resonances[0]) == 2
+    assert resonances[1] == resonances[0]
+
+
+def test_a_held_estimate_alone_makes_a_valve_stale() -> None:
+    one = run(STEADY)
+    one.go(5.0)
+    held = one.replay.estimator.stale()
+    assert held is not None
+    assert held.state is State.STALE
+    late = Monitor()
+    late.update_estimate(held)
+    assert late.health.level is Level.STALE
+
+
+# Settings, copies, memory.
+
+
+def test_the_start_value_of_the_natural_frequency_holds_until_it_is_estimated() -> None:
+    one = run(STEADY)
+    one.monitor.set_natural_frequency(1632.0, 0.18)
+    before = one.monitor.health.natural_frequency
+    assert before.value == pytest.approx(math.sqrt(1632.0 / 0.18) / (2.0 * math.pi))
+    assert before.validity is Validity.HELD
+    one.go(10.0)
+    after = one.monitor.health.natural_frequency
+    assert after.validity is Validity.VALID
+    assert after.standard_deviation > 0.0
+
+
+def test_settings_reach_their_detectors() -> None:
+    strict = MonitorSettings(viscous_change=0.03, baseline_time=5.0, amplification_on=50.0)
+    found = find_valve("4weh10_stiff")
+    simulator = Simulator(
+        found,
+        machine((0.0, 1080.0), (99.0, 1080.0)),
+        coulomb_force=0.1,
+        body_sensor=NOISY,
+        spool_sensor=NOISY,
+    )
+    replay = Replay(Estimator(settings_for(found)), Monitor(strict))
+    replay.run(simulator.records(15.0))
+    assert replay.monitor.health.baseline is BaselineState.FROZEN
+    simulator.set_drift("viscous_coefficient", 0.88 * found.viscous_coefficient)
+    replay.run(simulator.records(20.0))
+    assert {event.cause for event in replay.events} == {"wear"}
+
+
+def test_a_pickled_monitor_goes_on_equally() -> None:
+    passage = machine((0.0, 1500.0), (8.0, 1500.0), (18.0, 600.0), (30.0, 600.0))
+    one = run(passage)
+    one.go(14.0)
+    copy = pickle.loads(pickle.dumps(one.replay))
+    rest = list(one.simulator.records(16.0))
+    for replay in (one.replay, copy):
+        replay.run(rest)
+    assert one.replay.events
+    assert repr(copy.events) == repr(one.replay.events)
+    assert repr(copy.monitor.health) == repr(one.monitor.health)
+    assert repr(copy.estimator.latest) == repr(one.replay.estimator.latest)
+
+
+def test_an_hour_needs_no_more_memory_than_a_minute() -> None:
+    """An hour at 200 Hz with a lost and a refused block every minute."""
+    monitor = Monitor()
+    estimator = Estimator(settings_for(find_valve("4weh10_soft")))
+    rate, size = 200.0, 50
+    wave = 8.0 * np.sin(2.0 * math.pi * 25.0 * np.arange(size) / rate)
+    sizes = []
+    sequence = 0
+    for number in range(round(3600 * rate / size)):
+        if number % 240 == 60:
+            sequence += 1
+        block = Block(
+            START + number * 250_000_000,
+            sequence,
+            1.0 / rate,
+            wave.astype(np.float32),
+            (0.7 * wave).astype(np.float32),
+        )
+        sequence += 1
+        if number % 240 == 120:
+            monitor.update(replace(block, spool=block.spool[:3]))
+        monitor.update(block)
+        for estimate in estimator.update(block):
+            monitor.update_estimate(estimate)
+        if number in (240, 14_000):
+            sizes.append((len(pickle.dumps(monitor)), len(monitor.gate.faults)))
+    assert sizes[1][1] == sizes[0][1] == 2
+    # Counters grow by a byte or two as numbers do.
+    assert abs(sizes[1][0] - sizes[0][0]) < 200
+
+
+def test_replay_counts_and_keeps_only_what_is_asked_for() -> None:
+    one = run(STEADY)
+    seen: list[int] = []
+    one.replay.run(one.simulator.records(5.0), lambda block: seen.append(block.sequence))
+    assert seen == list(range(250))
+    assert one.replay.samples == 10_000
+    assert one.replay.first_stamp == START
+    assert one.replay.last_stamp == START + 5_000_000_000
+    assert one.replay.estimates == []
+    keeping = replace(run(STEADY).replay, keep=True)
+    keeping.run(islice(blocks(5.0), 250))
+    assert len(keeping.estimates) == 5
+    assert keeping.estimates[-1] == keeping.estimator.latest
