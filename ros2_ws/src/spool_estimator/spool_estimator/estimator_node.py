@@ -19,6 +19,7 @@ from .estimate import Estimate, State
 from .estimator import Estimator, settings_for
 from .messages import to_message
 from .valve_messages import to_description
+from .warm_up import warm_up_estimator
 
 
 class EstimatorNode(ManagedNode):
@@ -49,6 +50,8 @@ class EstimatorNode(ManagedNode):
 
     def configure(self) -> None:
         """Build the core and say which valve it is for."""
+        # Compiling takes seconds where the cache is old or can't be written: blocks would be lost meanwhile.
+        warm_up_estimator()
         valve = find_valve(self.value("valve_file"))
         names = ("memory", "low_cut", "high_cut", "minimum_excitation", "period")
         self._core = Estimator(settings_for(valve, **{name: self.value(name) for name in names}))

@@ -25,6 +25,11 @@ def warm_up() -> None:
         spring_stiffness=1632.0,
         coulomb_force=0.1,
     )
+    warm_up_estimator()
+
+
+def warm_up_estimator() -> None:
+    """Run every kernel of the estimator once."""
     samples = np.ones(4, dtype=np.float32)
     Conditioning(1e-3).take(samples, samples, np.empty((4, COLUMNS)))
     # Blocks of messages are read-only views of their bytes: numba compiles those apart.
