@@ -18,6 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from spool_bag.reader import BagReader
+from spool_stream.block_gate import malformed
 
 Array = NDArray[np.float64]
 
@@ -40,18 +41,20 @@ def write_report(folder: Path, reader: BagReader, analysis: dict[str, Any]) -> P
     ``analysis`` is what ``replay --json`` writes for the bag of ``reader``.
     """
     sections = []
+    peaks = {name: _peaks(reader, name) for name in analysis["valves"]}
+    start = min((float(table[0, 0]) for table in peaks.values() if table.size), default=0.0)
     for name, valve in analysis["valves"].items():
-        figure = draw_valve(reader, name, valve["events"])
+        figure = draw_valve(reader, name, peaks[name], start, valve["events"])
         picture = io.BytesIO()
         figure.savefig(picture, format="png", dpi=150)
         plt.close(figure)
-        (folder / f"{name}.png").write_bytes(picture.getvalue())
+        (folder / f"{name.replace('/', '_')}.png").write_bytes(picture.getvalue())
         sections.append(_section(name, valve, picture.getvalue()))
     lost = sum(valve["lost_blocks"] for valve in analysis["valves"].values())
     page = _PAGE.substitute(
         title="Spool valves: what the recording shows",
         summary=html.escape(
-            f"{len(analysis['valves'])} valves, {analysis['duration_s']:.0f} s, {lost} blocks lost. "
+            f"{len(analysis['valves'])} valves, {analysis['duration_s'] or 0.0:.0f} s, {lost} blocks lost. "
             "Estimates are given with two standard deviations; shaded stretches are events."
         ),
         sections="".join(sections),
@@ -61,10 +64,15 @@ def write_report(folder: Path, reader: BagReader, analysis: dict[str, Any]) -> P
     return path
 
 
-def draw_valve(reader: BagReader, name: str, events: list[dict[str, Any]]) -> Figure:
-    """Return the picture of one valve: accelerations, frequencies, friction over time, events shaded."""
-    time, body, spool = _envelopes(reader, name)
-    start = time[0] if time.size else 0.0
+def draw_valve(
+    reader: BagReader, name: str, peaks: Array, start: float, events: list[dict[str, Any]]
+) -> Figure:
+    """Return the picture of one valve: accelerations, frequencies, friction over time, events shaded.
+
+    ``peaks`` has the columns time (s) and peak accelerations of body and spool; ``start`` (s) is where the
+    time axis and the events of all valves count from.
+    """
+    time, body, spool = peaks.T
     estimates = list(reader.messages(f"/{name}/estimate")) if f"/{name}/estimate" in reader.topics else []
     health = list(reader.messages(f"/{name}/health")) if f"/{name}/health" in reader.topics else []
     figure: Figure
@@ -92,15 +100,14 @@ def draw_valve(reader: BagReader, name: str, events: list[dict[str, Any]]) -> Fi
     return figure
 
 
-def _envelopes(reader: BagReader, name: str) -> tuple[Array, Array, Array]:
-    """Return time (s) and peak accelerations of body and spool by block, shapes (n,)."""
+def _peaks(reader: BagReader, name: str) -> Array:
+    """Return time (s) and peak accelerations of body and spool by well-formed block, shape (n, 3)."""
     peaks = [
         (block.stamp * 1e-9, float(np.abs(block.body).max()), float(np.abs(block.spool).max()))
         for block in reader.blocks(name)
-        if block.body.size and block.spool.size
+        if malformed(block) is None
     ]
-    table = np.array(peaks).reshape(-1, 3)
-    return table[:, 0], table[:, 1], table[:, 2]
+    return np.array(peaks).reshape(-1, 3)
 
 
 def _stamps(messages: list[Any]) -> Array:
