@@ -120,7 +120,7 @@ def _read(path: str) -> list:
         unknown = set(entry) - {"namespace", "valve_file"}
         if unknown:
             raise ValueError(f"{path}: entry {number}: unknown key {sorted(unknown)[0]}")
-    names = [entry["namespace"] for entry in entries]
+    names = [str(entry["namespace"]).strip("/") for entry in entries]
     if len(set(names)) < len(names):
         raise ValueError(f"{path}: a namespace stands twice, valves must not mix")
     return entries
