@@ -1,0 +1,203 @@
+"""The launch file, run with stand-ins for what it builds.
+
+`launch` and `launch_ros` are no Python packages that an index offers; a ROS 2 installation brings them. The stand-ins
+below only keep what the file hands over, so that its own decisions can be looked at anywhere.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+import yaml
+
+PACKAGE = Path(__file__).resolve().parent.parent
+LAUNCH_FILE = PACKAGE / "launch" / "valve.launch.py"
+
+
+@dataclass(frozen=True)
+class LaunchConfiguration:
+    name: str
+
+    def perform(self, context: Mapping[str, str]) -> str:
+        return context[self.name]
+
+
+@dataclass
+class DeclareLaunchArgument:
+    name: str
+    default_value: str
+    description: str
+    choices: list[str] | None = None
+
+
+@dataclass
+class OpaqueFunction:
+    function: Callable[[Mapping[str, str]], list[Any]]
+
+
+@dataclass
+class IfCondition:
+    predicate: LaunchConfiguration
+
+
+@dataclass
+class ParameterValue:
+    value: LaunchConfiguration
+    value_type: type
+
+
+@dataclass
+class LaunchDescription:
+    entities: list[Any]
+
+
+@dataclass
+class LifecycleNode:
+    """Takes keywords only, as the real one does; name and namespace are required."""
+
+    package: str
+    executable: str
+    name: str
+    namespace: str
+    parameters: list[Any]
+    output: str = "log"
+    condition: IfCondition | None = field(default=None)
+
+
+@pytest.fixture(name="description")
+def _description(monkeypatch: pytest.MonkeyPatch) -> LaunchDescription:
+    def module(name: str, **contents: object) -> None:
+        made = ModuleType(name)
+        made.__dict__.update(contents)
+        monkeypatch.setitem(sys.modules, name, made)
+
+    module("launch", LaunchDescription=LaunchDescription)
+    module("launch.actions", DeclareLaunchArgument=DeclareLaunchArgument, OpaqueFunction=OpaqueFunction)
+    module("launch.conditions", IfCondition=IfCondition)
+    module("launch.substitutions", LaunchConfiguration=LaunchConfiguration)
+    module("launch_ros")
+    module("launch_ros.actions", LifecycleNode=LifecycleNode)
+    module("launch_ros.parameter_descriptions", ParameterValue=ParameterValue)
+    contents: dict[str, Any] = {"__file__": str(LAUNCH_FILE)}
+    exec(compile(LAUNCH_FILE.read_text(encoding="utf-8"), LAUNCH_FILE, "exec"), contents)
+    made: LaunchDescription = contents["generate_launch_description"]()
+    return made
+
+
+def nodes(description: LaunchDescription, valves_file: Path) -> list[LifecycleNode]:
+    (function,) = (one.function for one in description.entities if isinstance(one, OpaqueFunction))
+    return function({"valves_file": str(valves_file)})
+
+
+def write(path: Path, valves: object) -> Path:
+    path.write_text(yaml.safe_dump(valves), encoding="utf-8")
+    return path
+
+
+def test_it_uses_only_what_the_stand_ins_offer() -> None:
+    """A name that a stand-in lacks would hide behind them."""
+    imported = {
+        f"{node.module}.{alias.name}"
+        for node in ast.walk(ast.parse(LAUNCH_FILE.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+        if node.module and node.module.startswith("launch")
+    }
+    assert imported == {
+        "launch.LaunchDescription",
+        "launch.actions.DeclareLaunchArgument",
+        "launch.actions.OpaqueFunction",
+        "launch.conditions.IfCondition",
+        "launch.substitutions.LaunchConfiguration",
+        "launch_ros.actions.LifecycleNode",
+        "launch_ros.parameter_descriptions.ParameterValue",
+    }
+
+
+def test_every_argument_is_described_and_defaults_exist(description: LaunchDescription) -> None:
+    arguments = {one.name: one for one in description.entities if isinstance(one, DeclareLaunchArgument)}
+    assert set(arguments) == {
+        "valves_file",
+        "params_file",
+        "simulate",
+        "record",
+        "output",
+        "use_sim_time",
+        "autostart",
+    }
+    assert all(argument.description.endswith(".") for argument in arguments.values())
+    for name in ("valves_file", "params_file"):
+        assert Path(arguments[name].default_value).is_file()
+    for name in ("simulate", "record", "use_sim_time", "autostart"):
+        assert arguments[name].choices == ["true", "false"]
+    assert arguments["simulate"].default_value == "false"
+    assert arguments["autostart"].default_value == "true"
+
+
+def test_two_valves_have_a_namespace_and_three_nodes_each_and_share_a_recorder(
+    description: LaunchDescription, tmp_path: Path
+) -> None:
+    file = write(
+        tmp_path / "valves.yaml",
+        [{"namespace": "left", "valve_file": "4weh10_stiff"}, {"namespace": "plant/right"}],
+    )
+    made = nodes(description, file)
+    assert [(one.package, one.executable, one.name, one.namespace) for one in made] == [
+        ("spool_estimator", "estimator", "estimator", "left"),
+        ("spool_monitor", "monitor", "monitor", "left"),
+        ("spool_sim", "simulator", "simulator", "left"),
+        ("spool_estimator", "estimator", "estimator", "plant/right"),
+        ("spool_monitor", "monitor", "monitor", "plant/right"),
+        ("spool_sim", "simulator", "simulator", "plant/right"),
+        ("spool_bag", "recorder", "recorder", ""),
+    ]
+    conditions = [one.condition.predicate.name if one.condition else None for one in made]
+    assert conditions == [None, None, "simulate", None, None, "simulate", "record"]
+    common = {name: ParameterValue(LaunchConfiguration(name), bool) for name in ("use_sim_time", "autostart")}
+    for one in made:
+        assert one.parameters[:2] == [LaunchConfiguration("params_file"), common]
+    assert [one.parameters[2] for one in made[:6]] == [
+        {"valve_file": "4weh10_stiff"},
+        {},
+        {"valve_file": "4weh10_stiff"},
+        {},
+        {},
+        {},
+    ]
+    assert made[6].parameters[2] == {
+        "valves": ["left", "plant/right"],
+        "output": ParameterValue(LaunchConfiguration("output"), str),
+    }
+
+
+def test_the_shipped_list_is_taken(description: LaunchDescription) -> None:
+    assert len(nodes(description, PACKAGE / "config" / "valves.yaml")) == 7
+
+
+@pytest.mark.parametrize(
+    ("valves", "said"),
+    [
+        ([{"namespace": "a", "colour": "red"}], "entry 1: unknown key colour"),
+        ([{"namespace": "a"}, {"valve_file": "4weh10_soft"}], "entry 2 has no namespace"),
+        ([{"namespace": "a"}, {"namespace": "a"}], "a namespace stands twice"),
+        ([{"namespace": "a"}, {"namespace": "/a"}], "a namespace stands twice"),
+        (["a"], "entry 1 has no namespace"),
+        ([], "give a list of valves"),
+        ({"namespace": "a"}, "give a list of valves"),
+        (None, "give a list of valves"),
+    ],
+)
+def test_a_wrong_list_is_refused_with_file_and_entry(
+    description: LaunchDescription, tmp_path: Path, valves: object, said: str
+) -> None:
+    file = write(tmp_path / "wrong.yaml", valves)
+    with pytest.raises(ValueError, match=said) as caught:
+        nodes(description, file)
+    assert str(caught.value).startswith(f"{file}: ")
