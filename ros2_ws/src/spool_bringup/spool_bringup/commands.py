@@ -49,8 +49,15 @@ def simulate(
 ) -> None:
     """Write a simulated record of one valve, with the valve's description, as a bag."""
     check_valve(name)
-    if not block_rate > 0.0 or round(sample_rate / block_rate) < 1:
-        raise InputError(f"--block-rate {block_rate:g} Hz: use a number above 0 and below --sample-rate")
+    if not (block_rate > 0.0 and 0.5 < sample_rate / block_rate < math.inf):
+        raise InputError(
+            f"--block-rate {block_rate:g} Hz at --sample-rate {sample_rate:g} Hz: "
+            "use a number above 0 and not above the sample rate"
+        )
+    if not 0.0 <= noise < math.inf:
+        raise InputError(f"--noise {noise:g} m/s^2: use a number of at least 0")
+    if seed < 0:
+        raise InputError(f"--seed {seed}: use a whole number of at least 0")
     sensor = Sensor(noise=noise)
     simulator = Simulator(
         find_valve(valve),
