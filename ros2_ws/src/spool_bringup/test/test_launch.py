@@ -1,7 +1,7 @@
 """The launch file, run with stand-ins for what it builds.
 
-`launch` and `launch_ros` are no Python packages that an index offers; a ROS 2 installation brings them. The stand-ins
-below only keep what the file hands over, so that its own decisions can be looked at anywhere.
+`launch` and `launch_ros` are not on PyPI; a ROS 2 installation brings them. The stand-ins below keep what
+the file hands over, so that its own decisions can be looked at anywhere.
 """
 
 from __future__ import annotations

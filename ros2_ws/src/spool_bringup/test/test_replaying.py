@@ -1,0 +1,156 @@
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from spool_bag.reader import BagReader
+from spool_bag.writer import BagWriter
+from spool_bringup.commands import write_json
+from spool_bringup.replaying import replay_bag, replay_valve
+from spool_sim.valve import find_valve
+from spool_stream.errors import InputError
+
+if TYPE_CHECKING:
+    from .conftest import MakeBag, Recorded
+
+SOFT, STIFF = (find_valve(name) for name in ("4weh10_soft", "4weh10_stiff"))
+
+
+def stiffness(result: dict[str, Any], valve: str) -> float:
+    return float(result["valves"][valve]["estimate"]["parameters"]["spring_stiffness"]["value"])
+
+
+def test_the_result_has_the_keys_that_scripts_rely_on(
+    tmp_path: Path, make_bag: MakeBag, recorded: type[Recorded]
+) -> None:
+    bag = make_bag(tmp_path / "bag", {"valve_1": recorded(seconds=6.0, lost=(50, 51))})
+    file = tmp_path / "result.json"
+    write_json(file, replay_bag(bag, []))
+    result = json.loads(file.read_text())
+    assert set(result) == {"bag", "duration_s", "valves"}
+    assert result["bag"] == str(bag)
+    assert result["duration_s"] == pytest.approx(6.0)
+    valve = result["valves"]["valve_1"]
+    assert set(valve) == {"blocks", "lost_blocks", "samples", "estimate", "events"}
+    assert (valve["blocks"], valve["lost_blocks"], valve["samples"]) == (298, 2, 298 * 40)
+    estimate = valve["estimate"]
+    # "state" is said beyond what was agreed on.
+    assert set(estimate) - {"state"} == {
+        "model",
+        "parameters",
+        "natural_frequency_Hz",
+        "damping_ratio",
+        "nrmse",
+    }
+    assert estimate["model"] == "coulomb"
+    parameters = estimate["parameters"]
+    assert {name: parameter["unit"] for name, parameter in parameters.items()} == {
+        "spring_stiffness": "N/m",
+        "viscous_coefficient": "N s/m",
+        "coulomb_force": "N",
+    }
+    for parameter in parameters.values():
+        assert set(parameter) == {"value", "std", "unit"}
+        assert parameter["std"] > 0.0
+    assert parameters["coulomb_force"]["value"] == pytest.approx(0.3, rel=0.1)
+    assert estimate["natural_frequency_Hz"] == pytest.approx(SOFT.natural_frequency, rel=0.02)
+    assert 0.0 < estimate["nrmse"] < 0.1
+    event = valve["events"][0]
+    assert set(event) == {"t_s", "kind", "state", "severity", "cause", "value", "unit", "message"}
+    assert (event["kind"], event["state"], event["severity"]) == ("data_fault", "raised", "warning")
+    assert event["t_s"] == pytest.approx(52 * 0.02)
+
+
+def test_the_valves_description_is_taken_from_the_bag(
+    tmp_path: Path, make_bag: MakeBag, recorded: type[Recorded]
+) -> None:
+    """The moving mass of the description sets the scale, so a wrong one shows."""
+    bag = make_bag(tmp_path / "bag", {"a": recorded(), "b": recorded("4weh10_stiff")})
+    result = replay_bag(bag, [])
+    assert stiffness(result, "a") == pytest.approx(SOFT.spring_stiffness, rel=0.02)
+    assert stiffness(result, "b") == pytest.approx(STIFF.spring_stiffness, rel=0.02)
+
+
+def heavier(folder: Path, name: str, factor: float) -> str:
+    """Write a description whose mass is ``factor`` times the soft valve's; return its path."""
+    path = folder / f"{name}.yaml"
+    described = SOFT.model_dump(exclude_none=True) | {"id": name, "moving_mass": factor * SOFT.moving_mass}
+    path.write_text("".join(f"{key}: {value}\n" for key, value in described.items()))
+    return str(path)
+
+
+@pytest.mark.parametrize(("factors", "expected"), [((2.0,), (2.0, 2.0)), ((2.0, 3.0), (2.0, 3.0))])
+def test_valves_are_given_once_for_all_or_once_for_each_in_order_of_name(
+    tmp_path: Path,
+    make_bag: MakeBag,
+    recorded: type[Recorded],
+    factors: tuple[float, ...],
+    expected: tuple[float, float],
+) -> None:
+    bag = make_bag(tmp_path / "bag", {"b": recorded(), "a": recorded()})
+    files = [heavier(tmp_path, f"file_{factor:g}", factor) for factor in factors]
+    result = replay_bag(bag, files)
+    assert list(result["valves"]) == ["a", "b"]
+    for name, factor in zip("ab", expected, strict=True):
+        assert stiffness(result, name) == pytest.approx(factor * SOFT.spring_stiffness, rel=0.02)
+
+
+def test_another_number_of_valves_is_refused_with_the_bags_valves(
+    tmp_path: Path, make_bag: MakeBag, recorded: type[Recorded]
+) -> None:
+    bag = make_bag(tmp_path / "bag", {"a": recorded(seconds=0.1), "b": recorded(seconds=0.1)})
+    with pytest.raises(InputError, match=r"given 3 times, the bag holds a, b: give it once for all or once"):
+        replay_bag(bag, ["4weh10_soft"] * 3)
+    with pytest.raises(InputError, match="no_such_valve"):
+        replay_bag(bag, ["no_such_valve"])
+
+
+def test_without_any_description_the_default_valve_is_taken(
+    tmp_path: Path, make_bag: MakeBag, recorded: type[Recorded]
+) -> None:
+    described = make_bag(tmp_path / "one", {"a": recorded()})
+    bare = make_bag(tmp_path / "two", {"a": recorded(described=False)})
+    assert replay_bag(bare, [])["valves"] == replay_bag(described, [])["valves"]
+
+
+def test_times_of_all_valves_count_from_the_bags_first_stamp(
+    tmp_path: Path, make_bag: MakeBag, recorded: type[Recorded]
+) -> None:
+    bag = make_bag(
+        tmp_path / "bag", {"a": recorded(begin=3.0, seconds=1.0, lost=(10,)), "b": recorded(seconds=2.0)}
+    )
+    result = replay_bag(bag, [])
+    assert result["duration_s"] == pytest.approx(4.0)
+    assert result["valves"]["a"]["events"][0]["t_s"] == pytest.approx(3.0 + 11 * 0.02)
+
+
+def test_too_little_data_give_unknowns_and_no_numbers(
+    tmp_path: Path, make_bag: MakeBag, recorded: type[Recorded]
+) -> None:
+    bag = make_bag(tmp_path / "bag", {"a": recorded(seconds=0.4)})
+    file = tmp_path / "result.json"
+    write_json(file, replay_bag(bag, []))
+    estimate = json.loads(file.read_text())["valves"]["a"]["estimate"]
+    assert estimate["natural_frequency_Hz"] is None
+    assert estimate["nrmse"] is None
+    assert all(one["value"] is None for one in estimate["parameters"].values())
+
+
+def test_a_bag_without_accelerations_is_refused(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/valve_1/health", "spool_msgs/msg/ValveHealth")
+    with pytest.raises(InputError, match=r"bag: no acceleration topic in it"):
+        replay_bag(tmp_path / "bag", [])
+
+
+def test_the_time_of_the_baseline_reaches_the_monitor(
+    tmp_path: Path, make_bag: MakeBag, recorded: type[Recorded]
+) -> None:
+    reader = BagReader(make_bag(tmp_path / "bag", {"a": recorded(seconds=8.0)}))
+    short, long = (replay_valve(reader, "a", SOFT, baseline_time=time) for time in (3.0, None))
+    assert short.monitor.drifts[0].baseline.frozen
+    assert not long.monitor.drifts[0].baseline.frozen
+    assert math.isfinite(short.monitor.health.viscous_drift.value)
