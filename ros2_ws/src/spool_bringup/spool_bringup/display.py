@@ -84,7 +84,7 @@ class Display:
         values = {quantity.name: quantity for quantity in estimate.parameters}
         level, style = _LEVELS.get(health.level, ("?", "dim"))
         return [
-            Text(f"{health.dominant_frequency.value:5.1f} Hz"),
+            Text(_frequency(health.dominant_frequency)),
             Text(_with_uncertainty(estimate.natural_frequency, ".2f")),
             Text(_with_uncertainty(values.get("spring_stiffness"), ".0f")),
             Text(_with_uncertainty(values.get("viscous_coefficient"), ".2f")),
@@ -94,6 +94,11 @@ class Display:
 
     def _line(self, name: str) -> str:
         return "  ".join(cell.plain for cell in self._cells(name))
+
+
+def _frequency(quantity: Quantity) -> str:
+    known = quantity.validity == Quantity.VALIDITY_VALID
+    return f"{quantity.value:5.1f} Hz" if known else "no line "
 
 
 def _with_uncertainty(quantity: Quantity | None, digits: str) -> str:

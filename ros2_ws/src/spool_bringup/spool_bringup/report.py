@@ -82,6 +82,9 @@ def draw_valve(
     axes[0].fill_between(relative, -body, body, color=BODY, alpha=0.8, lw=0, label="body")
     axes[0].set_ylabel("peak acceleration\nm/s²")
     at = _stamps(health) - start
+    # What a monitor says before the first block is stamped by its own clock and comes from its settings.
+    health = [message for message, seconds in zip(health, at, strict=True) if seconds > 0.0]
+    at = at[at > 0.0]
     axes[1].plot(at, _values(health, "dominant_frequency"), color=BODY, label="body shakes at")
     axes[1].plot(at, _values(health, "natural_frequency"), color=ESTIMATE, ls="--", label="natural frequency")
     axes[1].set_ylabel("frequency\nHz")
