@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
@@ -54,6 +54,9 @@ def _make_bag(path: Path, valves: Mapping[str, Recorded]) -> Path:
             if recorded.analysed:
                 estimate_topic = writer.add_topic(f"/{name}/estimate", "spool_msgs/msg/ModelEstimate")
                 health_topic = writer.add_topic(f"/{name}/health", "spool_msgs/msg/ValveHealth")
+                # A monitor that waits for data reports by its own clock.
+                early = replace(Monitor().health, stamp=START - 500_000_000)
+                writer.write(health_topic, START, serialize_message(to_health_message(early, valve.id)))
             estimator = Estimator(settings_for(valve))
             monitor = Monitor(MonitorSettings(natural_frequency=valve.natural_frequency))
             for block in simulator.records(recorded.seconds):

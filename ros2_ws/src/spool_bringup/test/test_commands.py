@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -15,9 +16,11 @@ from spool_bag.definitions import typestore
 from spool_bag.reader import BagReader
 from spool_bringup import commands
 from spool_bringup.cli import app, main
+from spool_bringup.display import Display
 from spool_bringup.processes import Nodes
 from spool_bringup.scenario import DRIFT, PASSAGE, VALVES
 from spool_bringup.valve_record import VALVE_DESCRIPTION, encode_valve, recorded_valve
+from spool_msgs.msg import ModelEstimate, ValveHealth
 from spool_sim.excitation import load_excitation
 from spool_sim.presets import PRESETS
 from spool_sim.sensors import Sensor
@@ -172,6 +175,21 @@ def test_every_command_has_help_with_an_example_that_it_parses() -> None:
         command.make_context(name, words[1:])
 
 
+def test_the_readme_shows_every_command_as_it_is_parsed() -> None:
+    """The README's commands and the table below them name what there is, with options that exist."""
+    group: Any = get_command(app)
+    text = (Path(__file__).resolve().parent.parent / "README.md").read_text(encoding="utf-8")
+    lines = [line.split()[1:] for line in text.splitlines() if line.startswith("./spool ")]
+    assert {words[0] for words in lines} == set(group.commands)
+    for words in lines:
+        group.commands[words[0]].make_context(words[0], words[1:])
+    rows = [line.split(" | ") for line in text.splitlines() if line.startswith("| `") and "--" in line]
+    for row in rows:
+        command = group.commands[row[0].removeprefix("| `").split("`")[0].split()[0]]
+        options = {option for parameter in command.params for option in parameter.opts if option[:2] == "--"}
+        assert set(re.findall(r"--[a-z-]+", row[2])) == options
+
+
 def test_wrong_usage_is_one_line_on_stderr_and_2(capsys: pytest.CaptureFixture[str]) -> None:
     for arguments in (["no_such_command"], ["info"], ["replay", "x", "--colour"], ["info", "no_such_bag"]):
         assert main(arguments) == 2
@@ -179,6 +197,19 @@ def test_wrong_usage_is_one_line_on_stderr_and_2(capsys: pytest.CaptureFixture[s
         assert said.out == ""
         assert said.err.startswith("spool: ")
         assert said.err.count("\n") == 1
+
+
+# What the demonstration shows.
+
+
+def test_what_is_not_known_yet_is_shown_as_words() -> None:
+    display = Display(30.0, ("a", "b"))
+    display.health["a"] = ValveHealth(summary="waiting for estimates")
+    display.health["a"].dominant_frequency.value = math.nan
+    display.estimates["a"] = ModelEstimate()
+    assert "nan" not in display._line("a")
+    assert "learning" in display._line("a")
+    assert display._line("b") == "waiting"
 
 
 # The demonstration's scenario and its processes.

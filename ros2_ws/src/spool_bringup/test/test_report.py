@@ -113,7 +113,8 @@ def test_the_time_axis_starts_at_0_and_is_that_of_the_events(
             left, right = axis.get_xlim()
             assert left == 0.0
             assert right == pytest.approx(6.98, abs=0.01)
-        times = frequency.lines[0].get_xdata()
+        times = frequency.lines[1].get_xdata()
+        assert all(times > 0.0)
         assert times[0] == pytest.approx((3.0 if name == "late" else 0.0) + 1.0, abs=0.01)
         assert coulomb.get_xlabel() == "time, s"
         for axis, unit in ((acceleration, "m/s²"), (frequency, "Hz"), (viscous, "N·s/m"), (coulomb, "N")):

@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 from dataclasses import fields
 from enum import IntEnum
+from pathlib import Path
 
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
@@ -11,6 +12,7 @@ from spool_monitor.messages import to_event_message, to_health_message
 from spool_monitor.monitor import BaselineState, Health, Level, Monitor, MonitorSettings
 from spool_monitor.monitor_node import MonitorNode
 from spool_msgs.msg import HealthEvent, ValveHealth
+from spool_node.managed_node import AUTOSTART
 from spool_stream.quantity import Quantity, Validity
 
 
@@ -101,3 +103,14 @@ def test_the_nodes_parameters_are_the_cores_settings_with_their_defaults() -> No
     assert node.pop("natural_frequency") == 0.0
     del core["natural_frequency"]
     assert node == core
+
+
+def test_the_readme_lists_the_parameters_with_default_and_unit() -> None:
+    text = (Path(__file__).resolve().parent.parent / "README.md").read_text(encoding="utf-8")
+    table = text.split("| parameter |")[1].split("\n\n")[0].splitlines()[2:]
+    rows = [[cell.strip().strip("`") for cell in line.split("|")[1:4]] for line in table]
+    expected = [
+        [one.name, str(one.default).lower() if isinstance(one.default, bool) else str(one.default), one.unit]
+        for one in (*MonitorNode.PARAMETERS, AUTOSTART)
+    ]
+    assert rows == expected
