@@ -14,30 +14,40 @@ from .event import Condition, Event, Severity
 #: Standard deviations that a change must exceed before its size is judged at all.
 SIGNIFICANCE = 4.0
 
+#: s, estimates do not come closer; it bounds how many are kept for a start value.
+SHORTEST_PERIOD = 0.1
+
 
 @dataclass(slots=True)
 class Baseline:
-    """Start value of one parameter: median of the first ``count`` valid estimates.
+    """Start value of one parameter: median of the valid estimates of ``duration`` s, three at least.
 
-    ``value`` and ``spread`` (robust standard deviation) are NaN while it is being learned.
+    Each estimate counts for the shortest time between two, so that standstills do not count. ``value`` and
+    ``spread`` (robust standard deviation) are NaN while it is being learned.
     """
 
-    count: int
+    duration: float
     value: float = field(default=math.nan, init=False)
     spread: float = field(default=math.nan, init=False)
     _seen: list[float] = field(default_factory=list, init=False)
+    _last: int | None = field(default=None, init=False)
+    _period: float = field(default=math.inf, init=False)
 
     @property
     def frozen(self) -> bool:
         """Whether the start value is fixed."""
         return not math.isnan(self.value)
 
-    def learn(self, value: float) -> None:
-        """Take one estimate in, until there are enough of them."""
+    def learn(self, stamp: int, value: float) -> None:
+        """Take the estimate at ``stamp`` (ns) in, until there are enough of them."""
         if self.frozen:
             return
+        if self._last is not None and stamp > self._last:
+            self._period = min(self._period, max(SHORTEST_PERIOD, (stamp - self._last) * 1e-9))
+        self._last = stamp
         self._seen.append(value)
-        if len(self._seen) >= self.count:
+        # Half a period less: stamps jitter.
+        if len(self._seen) >= 3 and (len(self._seen) + 0.5) * self._period >= self.duration:
             self.value = float(np.median(self._seen))
             # 1.4826: median absolute deviation to standard deviation of a normal distribution.
             self.spread = 1.4826 * float(np.median(np.abs(np.array(self._seen) - self.value)))
@@ -75,7 +85,7 @@ class DriftDetector:
         if estimate.state is not State.TRACKING or quantity.validity is not Validity.VALID:
             return []
         if not self.baseline.frozen:
-            self.baseline.learn(quantity.value)
+            self.baseline.learn(estimate.stamp, quantity.value)
             return []
         reference = self.baseline.value
         unit = "1" if self.relative else quantity.unit

@@ -104,7 +104,7 @@ class Monitor:
         def drift(
             parameter: str, kind: str, warning: float, relative: bool, causes: tuple[str, str]
         ) -> DriftDetector:
-            baseline = Baseline(max(3, round(settings.baseline_time)))
+            baseline = Baseline(settings.baseline_time)
             return DriftDetector(parameter, kind, warning, 2.0 * warning, relative, causes, baseline)
 
         self.drifts = (

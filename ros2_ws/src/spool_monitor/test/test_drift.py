@@ -44,7 +44,7 @@ def estimate(
 def detector(*, relative: bool = True, learn: float | None = 2.0) -> DriftDetector:
     """Return a detector that warns from 0.2 on; ``learn``: a start value it has learned already."""
     made = DriftDetector(
-        "viscous_coefficient", "friction_drift", 0.2, 0.4, relative, ("wear", "oil_viscosity"), Baseline(3)
+        "viscous_coefficient", "friction_drift", 0.2, 0.4, relative, ("wear", "oil_viscosity"), Baseline(3.0)
     )
     if learn is not None:
         for second in range(3):
@@ -65,27 +65,68 @@ def drive(made: DriftDetector, values: list[float], deviation: float = 0.001) ->
 
 @given(values=st.lists(st.floats(-1e6, 1e6), min_size=3, max_size=40))
 def test_the_baseline_is_the_median_of_the_first_and_then_fixed(values: list[float]) -> None:
-    baseline = Baseline(len(values))
-    for value in values[:-1]:
-        baseline.learn(value)
+    baseline = Baseline(float(len(values)))
+    for second, value in enumerate(values[:-1]):
+        baseline.learn(second * SECOND, value)
         assert not baseline.frozen
         assert math.isnan(baseline.value)
         assert math.isnan(baseline.spread)
-    baseline.learn(values[-1])
+    baseline.learn(len(values) * SECOND, values[-1])
     assert baseline.frozen
     assert baseline.value == np.median(values)
     before = (baseline.value, baseline.spread)
-    baseline.learn(1e9)
+    baseline.learn(10**6 * SECOND, 1e9)
     assert (baseline.value, baseline.spread) == before
 
 
 def test_the_spread_is_the_standard_deviation_and_one_outlier_does_not_count() -> None:
     values = np.random.default_rng(3).normal(5.0, 0.2, 2001)
-    baseline = Baseline(2001)
-    for value in [*values[:-1], 1e6]:
-        baseline.learn(float(value))
+    baseline = Baseline(2001.0)
+    for second, value in enumerate([*values[:-1], 1e6]):
+        baseline.learn(second * SECOND, float(value))
     assert baseline.value == pytest.approx(5.0, abs=0.02)
     assert baseline.spread == pytest.approx(0.2, rel=0.06)
+
+
+@pytest.mark.parametrize(
+    ("duration", "period", "count"),
+    [(15.0, 1.0, 15), (15.0, 0.1, 150), (15.0, 0.2, 75), (15.0, 60.0, 3), (3.0, 1.0, 3)],
+)
+def test_the_time_of_the_baseline_is_time_whatever_the_period(
+    duration: float, period: float, count: int
+) -> None:
+    generator = np.random.default_rng(1)
+    baseline = Baseline(duration)
+    taken = 0
+    while not baseline.frozen:
+        # Stamps that jitter by a thousandth of the period.
+        baseline.learn(round((taken + 1e-3 * generator.uniform()) * period * SECOND), 1.0)
+        taken += 1
+    assert taken == count
+
+
+def test_a_standstill_does_not_count_as_time_of_the_baseline() -> None:
+    baseline = Baseline(6.0)
+    for second in (0, 1, 2, 600, 601):
+        baseline.learn(second * SECOND, 1.0)
+    assert not baseline.frozen
+    baseline.learn(602 * SECOND, 1.0)
+    assert baseline.frozen
+
+
+def test_stamps_that_repeat_or_go_back_do_not_keep_it_from_ending() -> None:
+    baseline = Baseline(3.0)
+    taken = 0
+    for stamp in [
+        5 * SECOND,
+        5 * SECOND,
+        5 * SECOND + 1,
+        4 * SECOND,
+        *range(6 * SECOND, 99 * SECOND, SECOND),
+    ]:
+        baseline.learn(stamp, 1.0)
+        taken += not baseline.frozen
+    assert taken == 29  # 1 ns counts as the shortest period there is, 0.1 s
 
 
 # Detector.
@@ -201,6 +242,6 @@ def test_a_standstill_keeps_the_event() -> None:
 
 
 def test_a_model_without_the_parameter_is_refused_by_name() -> None:
-    made = DriftDetector("colour", "friction_drift", 0.1, 0.2, True, ("a", "b"), Baseline(3))
+    made = DriftDetector("colour", "friction_drift", 0.1, 0.2, True, ("a", "b"), Baseline(3.0))
     with pytest.raises(KeyError, match="colour"):
         made.update(estimate(0, 1.0))
