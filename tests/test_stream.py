@@ -164,6 +164,10 @@ def bad_blocks(good: Block) -> list[tuple[Fault, AccelerationBlock]]:
         (Fault.NOT_FINITE, replace(good, body=infinite)),
         (Fault.TIME_BACK, replace(good, stamp=good.stamp - 1_000_000_000)),
         (Fault.TIME_BACK, replace(good, stamp=good.stamp - 40_000_000, sequence=good.sequence - 2)),
+        (Fault.TIME_BACK, replace(good, stamp=good.stamp - 10_000_000_000)),
+        (Fault.GAP, replace(good, stamp=good.stamp + 3_000_000_000)),
+        (Fault.GAP, replace(good, stamp=good.stamp + 100_000_000_000)),
+        (Fault.SEQUENCE_BACK, replace(good, sequence=0)),
         (Fault.NO_TIME, replace(good, stamp=0)),
     ]
     return [(fault, from_block(block, "4weh10_soft")) for fault, block in changed]

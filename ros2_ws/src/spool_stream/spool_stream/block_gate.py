@@ -33,8 +33,9 @@ class Fault(enum.Enum):
     TIME_BACK = "stamp goes back"
     NO_TIME = "stamp is 0"
     LOST = "blocks lost (jump in sequence)"
-    GAP = "stamps leave a gap without a jump in sequence"
-    NEW_SOURCE = "source restarted (sequence went back, time went on)"
+    GAP = "stamp is ahead by more than was lost"
+    SEQUENCE_BACK = "sequence goes back"
+    NEW_SOURCE = "stream goes on from another place (source restarted, clock set)"
     NEW_PERIOD = "sample_period changed"
 
 
@@ -42,23 +43,24 @@ class Fault(enum.Enum):
 class BlockGate:
     """Judge the blocks of one stream in the order of their arrival and count the faults.
 
-    A stamp that goes back by more than ``reset_after`` seconds is taken for a new start of
-    time (a bag replayed again, a simulated clock set back), not for a fault of one block.
+    A block that neither continues the stream nor explains itself as the first after a loss is refused; only
+    if the next one continues it, the stream has really moved (a source that restarted, a clock set back, a
+    bag replayed again) and goes on from there. A single wrong stamp costs a block, never the stream.
 
     Attributes:
         accepted: blocks that may be used.
         refused: blocks that must not be used.
         lost: blocks that never arrived, from jumps in ``sequence``.
         faults: how often each fault was seen.
-        last: the last accepted block's stamp, end (ns) and sequence, ``None`` before the first.
+        last: the last accepted block's stamp, end (ns), sequence and period (s), ``None`` before the first.
     """
 
-    reset_after: float = 5.0
     accepted: int = 0
     refused: int = 0
     lost: int = 0
     faults: dict[Fault, int] = field(default_factory=dict)
     last: tuple[int, int, int, float] | None = None
+    _unconfirmed: tuple[int, int, int, float] | None = None
 
     def judge(self, block: Block) -> Verdict:
         """Return what to do with ``block``; never raises for what a message can hold."""
@@ -67,31 +69,23 @@ class BlockGate:
             return self._refuse(fault)
         if self.last is None:
             return self._accept(block, Verdict.RESTARTS)
-        stamp, end, sequence, period = self.last
-        if block.stamp <= stamp:
-            if stamp - block.stamp > self.reset_after * 1e9:
-                self._count(Fault.NEW_SOURCE)
-                return self._accept(block, Verdict.RESTARTS)
-            return self._refuse(Fault.TIME_BACK)
-        if block.sequence <= sequence:
-            self._count(Fault.NEW_SOURCE)
-            return self._accept(block, Verdict.RESTARTS)
-        if block.sequence > sequence + 1:
-            self.lost += block.sequence - sequence - 1
+        fault = _departure(self.last, block)
+        if fault is None:
+            return self._accept(block, Verdict.CONTINUES)
+        if fault is Fault.LOST:
+            self.lost += block.sequence - self.last[2] - 1
             self._count(Fault.LOST)
             return self._accept(block, Verdict.RESTARTS)
-        if abs(block.sample_period / period - 1.0) > 1e-6:
-            self._count(Fault.NEW_PERIOD)
+        if self._unconfirmed is not None and _departure(self._unconfirmed, block) is None:
+            self._count(Fault.NEW_SOURCE)
             return self._accept(block, Verdict.RESTARTS)
-        # Clocks of sources jitter: half a block is a gap, a few samples are not.
-        if abs(block.stamp - end) > max(2.0 * period, 0.5 * block.body.size * period) * 1e9:
-            self._count(Fault.GAP)
-            return self._accept(block, Verdict.RESTARTS)
-        return self._accept(block, Verdict.CONTINUES)
+        self._unconfirmed = _place(block)
+        return self._refuse(fault)
 
     def _accept(self, block: Block, verdict: Verdict) -> Verdict:
         self.accepted += 1
-        self.last = (block.stamp, block.end, block.sequence, block.sample_period)
+        self.last = _place(block)
+        self._unconfirmed = None
         return verdict
 
     def _refuse(self, fault: Fault) -> Verdict:
@@ -101,6 +95,30 @@ class BlockGate:
 
     def _count(self, fault: Fault) -> None:
         self.faults[fault] = self.faults.get(fault, 0) + 1
+
+
+def _place(block: Block) -> tuple[int, int, int, float]:
+    return (block.stamp, block.end, block.sequence, block.sample_period)
+
+
+def _departure(last: tuple[int, int, int, float], block: Block) -> Fault | None:
+    """Return how ``block`` departs from what was due after ``last``, or ``None`` where it continues."""
+    stamp, end, sequence, period = last
+    if block.stamp <= stamp:
+        return Fault.TIME_BACK
+    if block.sequence <= sequence:
+        return Fault.SEQUENCE_BACK
+    if abs(block.sample_period / period - 1.0) > 1e-6:
+        return Fault.NEW_PERIOD
+    duration = block.body.size * period * 1e9
+    missing = block.sequence - sequence - 1
+    if missing:
+        # Blocks may differ in length and clocks drift: only a stamp far ahead of the loss is not believed.
+        return Fault.LOST if block.stamp - end <= 2.0 * missing * duration + 1e9 else Fault.GAP
+    # Clocks of sources jitter: half a block is a gap, a few samples are not.
+    if abs(block.stamp - end) > max(2.0 * period * 1e9, 0.5 * duration):
+        return Fault.GAP
+    return None
 
 
 def malformed(block: Block) -> Fault | None:
