@@ -160,3 +160,14 @@ def test_raised_and_cleared_alternate_whatever_is_indicated(
                     assert now - indicated_since >= on_delay - 2e-9
                 active = event.severity
         assert condition.active is active
+
+
+def test_after_a_clear_the_on_delay_starts_anew() -> None:
+    condition = Condition("resonance", 0.5, 1.0)
+    judge(condition, 0.0, WARN)
+    judge(condition, 0.5, WARN)
+    judge(condition, 1.0, QUIET)
+    assert condition.clear(round(1.2 * SECOND), NOTHING, "over")
+    assert judge(condition, 1.3, WARN) == []
+    assert judge(condition, 1.7, WARN) == []
+    assert len(judge(condition, 1.8, WARN)) == 1
