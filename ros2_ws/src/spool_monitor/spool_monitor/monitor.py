@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import enum
-import math
 from dataclasses import dataclass, field, replace
 
 from spool_estimator.estimate import Estimate, State
@@ -175,9 +174,8 @@ class Monitor:
             events += self._silence("estimate", self._stamp, without_estimates)
         return events
 
-    def set_natural_frequency(self, spring_stiffness: float, moving_mass: float) -> None:
-        """Take the start value from a valve's data, N/m and kg; estimates replace it."""
-        frequency = math.sqrt(spring_stiffness / moving_mass) / (2.0 * math.pi)
+    def set_natural_frequency(self, frequency: float) -> None:
+        """Take the start value (Hz) from a valve's data; estimates replace it."""
         self.settings = replace(self.settings, natural_frequency=frequency)
 
     @property

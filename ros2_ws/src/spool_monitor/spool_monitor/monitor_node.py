@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import ClassVar
 
 from spool_estimator.messages import from_message
+from spool_estimator.valve_messages import from_description
 from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate, ValveDescription, ValveHealth
 from spool_node import qos
 from spool_node.diagnostics import DiagnosticPublisher, Level, Status
@@ -98,8 +99,8 @@ class MonitorNode(ManagedNode):
     def _take_description(self, message: ValveDescription) -> None:
         assert self._core is not None
         self._valve_id = self._diagnostics.hardware_id = message.header.frame_id
-        if self.value("natural_frequency") == 0.0 and message.moving_mass > 0.0:
-            self._core.set_natural_frequency(message.spring_stiffness, message.moving_mass)
+        if self.value("natural_frequency") == 0.0:
+            self._core.set_natural_frequency(from_description(message).natural_frequency)
 
     def _take_block(self, message: AccelerationBlock) -> None:
         assert self._core is not None

@@ -363,9 +363,9 @@ def test_a_held_estimate_alone_makes_a_valve_stale() -> None:
 
 def test_the_start_value_of_the_natural_frequency_holds_until_it_is_estimated() -> None:
     one = run(STEADY)
-    one.monitor.set_natural_frequency(1632.0, 0.18)
+    one.monitor.set_natural_frequency(17.25)
     before = one.monitor.health.natural_frequency
-    assert before.value == pytest.approx(math.sqrt(1632.0 / 0.18) / (2.0 * math.pi))
+    assert before.value == 17.25
     assert before.validity is Validity.HELD
     one.go(10.0)
     after = one.monitor.health.natural_frequency
