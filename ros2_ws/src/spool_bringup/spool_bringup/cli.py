@@ -41,7 +41,13 @@ def demo(
     raise typer.Exit(run_demo(seconds, out))
 
 
-@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+@app.command(
+    context_settings={
+        "allow_extra_args": True,
+        "ignore_unknown_options": True,
+        "allow_interspersed_args": False,  # what follows the node's name is the node's
+    }
+)
 def run(
     context: typer.Context,
     package: Annotated[str, typer.Argument(metavar="PACKAGE", help="e.g. spool_sim")],

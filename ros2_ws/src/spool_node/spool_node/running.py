@@ -13,7 +13,7 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 from spool_stream.errors import InputError
 
-from .managed_node import ManagedNode
+from .managed_node import AUTOSTART, ManagedNode
 
 #: s, how long a quiet node may take to notice SIGINT or SIGTERM.
 SIGNAL_LATENCY = 0.2
@@ -24,6 +24,9 @@ def run(node_class: Callable[[], ManagedNode], arguments: Sequence[str] | None =
 
     With ``autostart`` a node that can't be configured ends with 2 and the reason as its last line.
     """
+    if {"-h", "--help"} & set(sys.argv[1:] if arguments is None else arguments):
+        print(describe(node_class))
+        return 0
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -42,6 +45,24 @@ def run(node_class: Callable[[], ManagedNode], arguments: Sequence[str] | None =
     while not stop.is_set():
         executor.spin_once(timeout_sec=SIGNAL_LATENCY)
     return _end(node, executor, 0)
+
+
+def describe(node_class: type[ManagedNode]) -> str:
+    """Return what ``--help`` shows: what the node does, its parameters with default, unit and range."""
+    lines = [
+        (node_class.__doc__ or "").strip().splitlines()[0],
+        "",
+        "Parameters (--ros-args -p NAME:=VALUE):",
+    ]
+    for parameter in (AUTOSTART, *node_class.PARAMETERS):
+        low, high = parameter.minimum, parameter.maximum
+        limits = f", {low:g} to {high:g}" if low is not None and high is not None else ""
+        if parameter.choices:
+            limits = f", one of {', '.join(parameter.choices)}"
+        unit = f" {parameter.unit}" if parameter.unit else ""
+        lines.append(f"  {parameter.name} = {parameter.default!r}{unit}{limits}")
+        lines.append(f"      {parameter.description}")
+    return "\n".join(lines)
 
 
 def _executor() -> Executor:
