@@ -23,7 +23,7 @@ from .warm_up import warm_up_estimator
 
 
 class EstimatorNode(ManagedNode):
-    """Shell of :class:`~spool_estimator.estimator.Estimator`."""
+    """Identify the model of one valve from its acceleration blocks."""
 
     PARAMETERS: ClassVar = (
         Parameter(

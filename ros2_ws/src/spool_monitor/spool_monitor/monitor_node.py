@@ -59,7 +59,7 @@ _LEVELS = {
 
 
 class MonitorNode(ManagedNode):
-    """Shell of :class:`~spool_monitor.monitor.Monitor`."""
+    """Judge resonance, drift and silence of one valve from its blocks and estimates."""
 
     PARAMETERS: ClassVar = _SETTINGS
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import signal
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from typing import Protocol
 
 import rclpy
 from rclpy.executors import Executor
@@ -14,12 +15,21 @@ from rclpy.signals import SignalHandlerOptions
 from spool_stream.errors import InputError
 
 from .managed_node import AUTOSTART, ManagedNode
+from .parameters import Parameter
 
 #: s, how long a quiet node may take to notice SIGINT or SIGTERM.
 SIGNAL_LATENCY = 0.2
 
 
-def run(node_class: Callable[[], ManagedNode], arguments: Sequence[str] | None = None) -> int:
+class NodeClass(Protocol):
+    """A node's class: made without arguments, with its table of parameters."""
+
+    PARAMETERS: tuple[Parameter, ...]
+
+    def __call__(self) -> ManagedNode: ...
+
+
+def run(node_class: NodeClass, arguments: Sequence[str] | None = None) -> int:
     """Start ``node_class``, spin until SIGINT or SIGTERM, leave it cleaned up; return the exit code.
 
     With ``autostart`` a node that can't be configured ends with 2 and the reason as its last line.
@@ -47,7 +57,7 @@ def run(node_class: Callable[[], ManagedNode], arguments: Sequence[str] | None =
     return _end(node, executor, 0)
 
 
-def describe(node_class: type[ManagedNode]) -> str:
+def describe(node_class: NodeClass) -> str:
     """Return what ``--help`` shows: what the node does, its parameters with default, unit and range."""
     lines = [
         (node_class.__doc__ or "").strip().splitlines()[0],
@@ -59,7 +69,7 @@ def describe(node_class: type[ManagedNode]) -> str:
         limits = f", {low:g} to {high:g}" if low is not None and high is not None else ""
         if parameter.choices:
             limits = f", one of {', '.join(parameter.choices)}"
-        unit = f" {parameter.unit}" if parameter.unit else ""
+        unit = f" {parameter.unit}" if parameter.unit not in ("", "1") else ""
         lines.append(f"  {parameter.name} = {parameter.default!r}{unit}{limits}")
         lines.append(f"      {parameter.description}")
     return "\n".join(lines)
