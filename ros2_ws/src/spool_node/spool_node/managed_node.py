@@ -35,7 +35,7 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = ()
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str = "node") -> None:
         super().__init__(name)
         self._while_active: list[Callable[[], object]] = []
         self._table = {parameter.name: parameter for parameter in (AUTOSTART, *self.PARAMETERS)}

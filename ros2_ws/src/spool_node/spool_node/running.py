@@ -6,7 +6,6 @@ import signal
 import sys
 import threading
 from collections.abc import Sequence
-from typing import Protocol
 
 import rclpy
 from rclpy.executors import Executor
@@ -15,21 +14,12 @@ from rclpy.signals import SignalHandlerOptions
 from spool_stream.errors import InputError
 
 from .managed_node import AUTOSTART, ManagedNode
-from .parameters import Parameter
 
 #: s, how long a quiet node may take to notice SIGINT or SIGTERM.
 SIGNAL_LATENCY = 0.2
 
 
-class NodeClass(Protocol):
-    """A node's class: made without arguments, with its table of parameters."""
-
-    PARAMETERS: tuple[Parameter, ...]
-
-    def __call__(self) -> ManagedNode: ...
-
-
-def run(node_class: NodeClass, arguments: Sequence[str] | None = None) -> int:
+def run(node_class: type[ManagedNode], arguments: Sequence[str] | None = None) -> int:
     """Start ``node_class``, spin until SIGINT or SIGTERM, leave it cleaned up; return the exit code.
 
     With ``autostart`` a node that can't be configured ends with 2 and the reason as its last line.
@@ -57,7 +47,7 @@ def run(node_class: NodeClass, arguments: Sequence[str] | None = None) -> int:
     return _end(node, executor, 0)
 
 
-def describe(node_class: NodeClass) -> str:
+def describe(node_class: type[ManagedNode]) -> str:
     """Return what ``--help`` shows: what the node does, its parameters with default, unit and range."""
     lines = [
         (node_class.__doc__ or "").strip().splitlines()[0],
