@@ -30,6 +30,7 @@ HELP = """Usage: ./spool COMMAND [arguments]       ./spool COMMAND --help says m
   fit       one model's parameters from a bag
   compare   all models side by side
   gap       where model and measurement differ, and which effect explains it
+  paper     the paper's series, figures and tables, on made data
   bench     timings against the peers
   doctor    what is wrong with this machine or installation, and what to do
 

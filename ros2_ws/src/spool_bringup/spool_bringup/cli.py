@@ -154,6 +154,21 @@ def replay(
 
 
 @app.command()
+def paper(
+    out: Annotated[Path, typer.Option(help="Folder for page, pictures and tables.")] = Path("spool_paper"),
+) -> None:
+    """Run the paper's four series and four models; write figures and tables beside the printed numbers.
+
+    The authors' measurements are not published: the data are made by a stated truth.
+
+    Example: ./spool paper --out my_paper
+    """
+    from .paper import run_paper  # noqa: PLC0415 - scipy and matplotlib are needed here only
+
+    run_paper(out)
+
+
+@app.command()
 def bench(
     what: Annotated[str | None, typer.Argument(help="Which one; default: all there are.")] = None,
     json: JsonFile = None,
