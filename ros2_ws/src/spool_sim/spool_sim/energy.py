@@ -109,7 +109,7 @@ def composed_energy(
         first_sample: number of the first sample since the start.
     """
     z, v = trajectory.displacement, trajectory.velocity
-    time = (first_sample + np.arange(z.size)) * sample_period
+    time: Array = np.asarray((first_sample + np.arange(z.size)) * sample_period, dtype=np.float64)
 
     def work(force: Array) -> float:
         return float(sample_period * np.sum(0.5 * (force[1:] * v[1:] + force[:-1] * v[:-1])))
