@@ -2,57 +2,36 @@
 
 from __future__ import annotations
 
-import math
-import time
-import warnings
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
 from spool_sim.composed_motion import ComposedMotion, MotionState
 from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS
 from spool_sim.motion import half_step_times
 
+from . import sim_peer
+from .sim_peer import AMPLITUDE, DRAG, FRICTION, HIGH, LOW, MASS, RATE, SECONDS, SIGNS, STIFFNESS
 from .timing import Timing, best_of
 
 Array = NDArray[np.float64]
 
-SECONDS, RATE = 10.0, 2000.0
-MASS, DRAG, STIFFNESS, FRICTION = 0.18, 2.65, 1632.0, 0.5
-AMPLITUDE, LOW, HIGH = 10.0, 8.0, 110.0
 VALUES = {
     "mass": MASS,
     "spring_stiffness": STIFFNESS,
     "viscous_coefficient": DRAG,
     "coulomb_force": FRICTION,
 }
-#: s that a solver may take; one that needs more has given up, and its row holds this time and no error. One
-#: that stops with a failure is set going again from its last sample with half the largest step, until then.
+#: s that a solver may take; one that needs more has given up, and its row holds this time and no error.
 CAP = 6.0
 METHODS = ("LSODA", "Radau", "RK45", "BDF")
 TOLERANCES = (1e-3, 1e-6, 1e-9)
 BATCHES = (1, 64, 1024)
-
-
-@dataclass(frozen=True, slots=True)
-class Friction:
-    """How a solver without sets is given dry friction."""
-
-    name: str
-    sign: Callable[[float], float]
-
-
-FRICTIONS = (
-    Friction("sgn", lambda v: math.copysign(1.0, v) if v else 0.0),
-    Friction("tanh(v/1e-4)", lambda v: math.tanh(v / 1e-4)),
-)
-
-
-class _GaveUpError(Exception):
-    """The time allowed is over."""
 
 
 def run() -> Iterator[Timing]:
@@ -68,10 +47,10 @@ def run() -> Iterator[Timing]:
         taken = best_of(7, lambda forcing=forcing, n=substeps: _step(motion, forcing, n))
         runs.append((taken, _error(_ours(motion, sweep, substeps), reference)))
     for method in METHODS:
-        for friction in FRICTIONS:
+        for friction in SIGNS:
             for tolerance in TOLERANCES:
                 work = f"{SECONDS:g} s of sweep with Coulomb friction, rtol {tolerance:g}"
-                peer = f"solve_ivp {method}, {friction.name}"
+                peer = f"solve_ivp {method}, {friction}"
                 seconds, motion_found = _scipy(method, friction, tolerance)
                 if motion_found is None:
                     peer = f"{peer}: no result in {seconds:.0f} s"
@@ -99,46 +78,22 @@ def _error(found: Array, reference: Array) -> float:
     return float(np.sqrt(np.mean((found - reference) ** 2) / np.mean(reference**2)))
 
 
-def _scipy(method: str, friction: Friction, tolerance: float) -> tuple[float, Array | None]:
+def _scipy(method: str, friction: str, tolerance: float) -> tuple[float, Array | None]:
     """Return the time taken (s) and the displacement at the samples, or ``None`` where it gave up."""
-    begin = time.perf_counter()
-    rate = (HIGH - LOW) / SECONDS
-    calls = 0
-
-    def slope(t: float, y: Array) -> tuple[float, float]:
-        nonlocal calls
-        calls += 1
-        if calls % 256 == 0 and time.perf_counter() - begin > CAP:
-            raise _GaveUpError
-        z, v = float(y[0]), float(y[1])
-        body = AMPLITUDE * math.sin(2.0 * math.pi * (LOW + 0.5 * rate * t) * t)
-        return v, -body - (DRAG * v + STIFFNESS * z + FRICTION * friction.sign(v)) / MASS
-
-    times = np.arange(round(SECONDS * RATE)) / RATE
-    found = np.zeros((times.size, 2))
-    first, largest_step = 0, 0.25 / HIGH
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # LSODA warns at each failure; the row says so
-        while first < times.size:
-            try:
-                part = solve_ivp(
-                    slope,
-                    (times[first], SECONDS),
-                    found[first],
-                    method=method,
-                    t_eval=times[first:],
-                    rtol=tolerance,
-                    atol=1e-6 * tolerance,
-                    max_step=largest_step,
-                )
-            except _GaveUpError:
-                return time.perf_counter() - begin, None
-            found[first : first + part.t.size] = part.y.T
-            if part.success:
-                break
-            first += max(0, part.t.size - 1)
-            largest_step = max(1e-6, 0.5 * largest_step)
-    return time.perf_counter() - begin, found[:, 0]
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "found.npz"
+        words = [method, friction, str(tolerance), str(CAP), str(file)]
+        done = subprocess.run(
+            [sys.executable, "-m", sim_peer.__name__, *words],
+            check=False,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        if done.returncode:
+            raise RuntimeError(f"bench sim: {method} with {friction} failed: {done.stderr.strip()}")
+        with np.load(file) as found:
+            return float(found["seconds"]), found["displacement"] if found["displacement"].size else None
 
 
 def _batches(motion: ComposedMotion, sweep: SweptSine) -> Iterator[Timing]:
