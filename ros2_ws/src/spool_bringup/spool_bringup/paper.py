@@ -26,7 +26,7 @@ from .progress import progress
 Key = tuple[int, str]
 SEED = 1
 #: Table 4's friction falls so steeply with speed that time steps below 1 us are needed: a shorter plan.
-LOCK_PLAN = Plan(frequencies=(10.0, 40.0, 70.0, 100.0), dwell=0.4, window=0.2, sample_rate=4000.0)
+LOCK_PLAN = Plan(frequencies=(10.0, 40.0, 70.0, 100.0), dwell=0.2, window=0.1, sample_rate=4000.0)
 TITLE = "A spool in a vibrating body: the paper's models on made data"
 
 

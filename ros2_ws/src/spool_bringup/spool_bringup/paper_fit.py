@@ -184,7 +184,7 @@ def _descend(residuals: Callable[[Array], Array], start: Array, wanted: Sequence
         diff_step=STEP,
         xtol=1e-4,
         ftol=1e-6,
-        max_nfev=25,
+        max_nfev=12,
     )
     return np.asarray(found.x)
 

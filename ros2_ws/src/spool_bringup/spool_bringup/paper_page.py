@@ -17,7 +17,7 @@ _PAGE = Template("""<!doctype html>
 body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#222}
 img{width:100%}table{border-collapse:collapse;margin:1rem 0;font-size:.9rem}td,th{padding:.25rem .7rem;
 text-align:left;border-bottom:1px solid #ccc}td.n{text-align:right;font-variant-numeric:tabular-nums}
-h2{margin-top:2.5rem}</style></head><body>
+div.wide{overflow-x:auto}h2{margin-top:2.5rem}</style></head><body>
 <h1>$title</h1>$sections</body></html>
 """)
 
@@ -78,7 +78,7 @@ def table(columns: Sequence[str], rows: Sequence[Mapping[str, object]]) -> str:
     """Return a table; numbers are rounded to four digits."""
     head = "".join(f"<th>{html.escape(column)}</th>" for column in columns)
     body = "".join("<tr>" + "".join(_cell(row.get(column)) for column in columns) + "</tr>" for row in rows)
-    return f"<table><tr>{head}</tr>{body}</table>"
+    return f"<div class=wide><table><tr>{head}</tr>{body}</table></div>"
 
 
 def picture(figure: Figure, description: str) -> tuple[str, bytes]:

@@ -38,8 +38,8 @@ class Plan:
 
     frequencies: tuple[float, ...] = tuple(float(f) for f in range(10, 101, 5))
     amplitude: float = 5.0
-    dwell: float = 1.2
-    window: float = 0.6
+    dwell: float = 1.0
+    window: float = 0.4
     sample_rate: float = 2000.0
 
     @property
