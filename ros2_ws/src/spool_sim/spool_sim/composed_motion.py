@@ -8,8 +8,11 @@ at rest it takes up any force between its bounds. See :mod:`spool_sim.stepping` 
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +21,8 @@ from .composition import kernel_of, unique_parameters
 from .terms import Term
 
 Array = NDArray[np.float64]
+#: Valves below which another thread does not pay.
+SMALLEST_SHARE = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +56,14 @@ class Trajectory:
     acceleration: Array
     stuck: NDArray[np.bool_]
     memory: Array
+
+
+def _shares(count: int) -> list[slice]:
+    """Return the valves of each processor; few valves stay together."""
+    processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    shares = max(1, min(processors, count // SMALLEST_SHARE))
+    edges = [count * number // shares for number in range(shares + 1)]
+    return [slice(first, last) for first, last in pairwise(edges)]
 
 
 class ComposedMotion:
@@ -139,7 +152,7 @@ class ComposedMotion:
         substeps: int,
         first_sample: int = 0,
     ) -> tuple[Trajectory, list[MotionState]]:
-        """Advance b valves at once; every array of the result has b as its first axis.
+        """Advance b valves at once, on all processors; every array of the result has b as its first axis.
 
         Args:
             states: of the b valves at the first sample.
@@ -175,19 +188,30 @@ class ComposedMotion:
             np.empty((count, samples), dtype=np.bool_),
             np.empty((count, samples, self._memories)),
         )
-        self._kernel.advance_batch_kernel(
-            packed,
-            np.ascontiguousarray(body_acceleration, dtype=np.float64),
-            first_sample,
-            sample_period / substeps,
-            substeps,
-            np.ascontiguousarray(tables, dtype=np.float64),
-            result.displacement,
-            result.velocity,
-            result.acceleration,
-            result.memory,
-            result.stuck,
-        )
+        bodies = np.ascontiguousarray(body_acceleration, dtype=np.float64)
+        parameters = np.ascontiguousarray(tables, dtype=np.float64)
+
+        def advance_some(part: slice) -> None:
+            self._kernel.advance_batch_kernel(
+                packed[part],
+                bodies[part] if bodies.shape[0] > 1 else bodies,
+                first_sample,
+                sample_period / substeps,
+                substeps,
+                parameters[part] if parameters.shape[0] > 1 else parameters,
+                result.displacement[part],
+                result.velocity[part],
+                result.acceleration[part],
+                result.memory[part],
+                result.stuck[part],
+            )
+
+        parts = _shares(count)
+        if len(parts) == 1:
+            advance_some(parts[0])
+        else:  # the kernel runs without the interpreter lock, and no valve knows of another
+            with ThreadPoolExecutor(len(parts)) as pool:
+                list(pool.map(advance_some, parts))
         last = [
             MotionState(z, v, direction, tuple(memory[: self._memories]))
             for z, v, direction, *memory in packed.tolist()

@@ -96,6 +96,10 @@ def test_valves_together_move_as_each_alone() -> None:
         np.testing.assert_array_equal(together.displacement[n], alone.displacement)
         np.testing.assert_array_equal(together.memory[n], alone.memory)
         assert ends[n] == end
+    many, _ = motion.advance_batch(
+        start * 20, np.tile(bodies, (20, 1)), np.tile(tables, (20, 1, 1)), sample_period=5e-4, substeps=4
+    )
+    np.testing.assert_array_equal(many.displacement, np.tile(together.displacement, (20, 1)))
     shared, _ = motion.advance_batch(start, bodies[:1], tables[:1], sample_period=5e-4, substeps=4)
     np.testing.assert_array_equal(shared.displacement[0], together.displacement[0])
     assert not np.array_equal(shared.displacement[1], shared.displacement[0])
