@@ -229,6 +229,12 @@ def step_with_events(
         low, high = rest(z, q)
         need = needed_at_rest(z, u, x, t, h, a0, b, d, q)
         s = 0.0 if low <= need <= high else math.copysign(1.0, need - 0.5 * (low + high))
+    left = (1.0 - u) * h
+    if left > 0.0 and s != 0.0:
+        # Events crowd together (the spool comes to rest against a stop): the rest goes in one piece.
+        z1, v = slip(z, v, s, x, left, u, t, h, a0, b, d, q)
+        x = remembered(x, z1 - z, s, q)
+        z = z1
     return z, v, s, x
 
 
