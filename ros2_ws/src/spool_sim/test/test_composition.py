@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from spool_sim.composed_motion import ComposedMotion, MotionState, Trajectory
 from spool_sim.composition import kernel_of, laws_source
 from spool_sim.energy import composed_energy
-from spool_sim.excitation import SweptSine
+from spool_sim.excitation import SteadySine, SweptSine
 from spool_sim.model import MODELS, model_from_mapping
 from spool_sim.motion import half_step_times
 from spool_sim.simulator import Simulator
@@ -140,6 +140,49 @@ def test_everything_at_once_converges_and_keeps_its_energy() -> None:
     assert 0.0 < trajectory.stuck.mean() < 0.5
     energy = composed_energy(motion, values, trajectory, forcing[:-1:2], sample_period=1.0 / rate)
     assert abs(energy.residual) < 1e-4 * energy.supplied
+
+
+def decades(low: float, high: float) -> st.SearchStrategy[float]:
+    return st.floats(low, high).map(lambda power: float(10.0**power))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    changes=st.fixed_dictionaries(
+        {
+            "spring_stiffness": decades(1.0, 4.5),
+            "viscous_coefficient": st.just(0.0) | decades(-2.0, 1.5),
+            "coulomb_force": st.just(0.0) | decades(-3.0, 1.0),
+            "mixed_inverse_coefficient": st.just(0.0) | decades(-4.0, -1.0),
+            "dahl_force": decades(-3.0, 0.5),
+            "dahl_stiffness": decades(2.0, 6.0),
+            "stop_gap": decades(-4.5, -2.3),
+            "stop_stiffness": decades(3.0, 6.0),
+            "stop_dissipation": st.sampled_from((0.0, 0.5, 20.0)),
+            "damping_drift_rate": st.floats(-2.0, 1.0),
+        }
+    ),
+    amplitude=decades(-1.0, 2.0),
+    frequency=st.floats(3.0, 120.0),
+)
+def test_no_parameters_make_energy_appear(
+    changes: dict[str, float], amplitude: float, frequency: float
+) -> None:
+    motion, values = everything()
+    values = values | changes
+    rate, samples = 20_000.0, 2000
+    substeps = substeps_for(motion.terms, values, 1.0 / rate, frequency)
+    sine = SteadySine(frequency=frequency, amplitude=amplitude, soft_start=0.0)
+    forcing = sine.acceleration(half_step_times(0, samples, rate, substeps))
+    trajectory, _ = motion.advance(
+        MotionState(), forcing, motion.table(values, 1), sample_period=1.0 / rate, substeps=substeps
+    )
+    assert np.isfinite(trajectory.acceleration).all()
+    assert not trajectory.velocity[trajectory.stuck].any()
+    body = forcing[: -1 : 2 * substeps]
+    energy = composed_energy(motion, values, trajectory, body, sample_period=1.0 / rate)
+    turned_over = abs(energy.supplied) + sum(abs(work) for work in energy.taken.values())
+    assert abs(energy.residual) <= 0.01 * turned_over + 1e-12
 
 
 def test_stiffest_rate_follows_the_stiffest_term() -> None:
