@@ -125,23 +125,22 @@ def locked(results: Results) -> dict[str, bool]:
 
 def assumptions(plan: Plan) -> list[str]:
     """Return what the made data rest on, one line each."""
-    body, spool = sensors(SEED)
+    body, spool = (100.0 * sensor.gain_error for sensor in sensors(SEED))
+    static, kinetic = TRUTH["static_force"], TRUTH["coulomb_force"]
+    first, last = plan.frequencies[0], plan.frequencies[-1]
     return [
         "The authors' measurements are not published. Every 'measured' number here is simulated.",
         "Truth: fluid friction (12) with table 2, and dry friction that falls with speed (Stribeck), from "
-        f"{TRUTH['static_force']:g} N at rest to {TRUTH['coulomb_force']:g} N, by exp(-(v/v_s)^2) with v_s = "
+        f"{static:g} N at rest to {kinetic:g} N, by exp(-(v/v_s)^2) with v_s = "
         f"{TRUTH['stribeck_velocity']:g} m/s. It is none of the four models.",
-        f"Shaker: {len(plan.frequencies)} steps from {plan.frequencies[0]:g} to {plan.frequencies[-1]:g} Hz "
-        f"of "
-        f"{plan.dwell:g} s, {plan.amplitude:g} m/s^2 peak throughout; the last {plan.window:g} s of each "
-        f"count. The "
-        "paper does not print its amplitudes.",
-        "Measuring chain: (30) to (32) with 5 %; drawn gain errors "
-        f"{100.0 * body.gain_error:+.2f} % (body) and {100.0 * spool.gain_error:+.2f} % (spool), noise "
-        f"{NOISE:g} m/s^2.",
+        f"Shaker: {len(plan.frequencies)} steps from {first:g} to {last:g} Hz of {plan.dwell:g} s, "
+        f"{plan.amplitude:g} m/s^2 peak throughout; the last {plan.window:g} s of each count. The paper does "
+        "not print its amplitudes.",
+        f"Measuring chain: (30) to (32) with 5 %; drawn gain errors {body:+.2f} % (body) and {spool:+.2f} % "
+        f"(spool), noise {NOISE:g} m/s^2.",
         "Fits: free-run simulations driven by the measured body amplitude, waveforms compared, sigma_i from "
-        "the 5 % "
-        "(as even bounds) and the noise. The sum of squares is minimised; (33) as printed is only evaluated.",
+        "the 5 % (as even bounds) and the noise. The sum of squares is minimised; (33) as printed is only "
+        "evaluated.",
     ]
 
 
@@ -168,6 +167,10 @@ def _sections(out: Path, results: Results, tables: Mapping[str, list[dict[str, o
             html.table(list(rows[0]), rows),
         ]
     sections += [
+        html.paragraph(
+            "Standard deviations (std) come from the curvature of the objective: they say how sharp its least "
+            "value is, not how far a model that is not the truth may be off. 'Not known': the data do not tell."
+        ),
         html.heading("The objective: figure 12 and table 7"),
         drawn("figure_12", figures.objective_figure(results.fits), "objective by model and series"),
         html.table(list(tables["table_7"][0]), tables["table_7"]),
@@ -179,8 +182,7 @@ def _sections(out: Path, results: Results, tables: Mapping[str, list[dict[str, o
         html.heading("Why model 4 beats larger models in the print"),
         html.paragraph(
             "Models 1 to 3 contain model 4. They can lose to it only because it alone may choose h. "
-            "Objectives with h "
-            "held at 15 µm, as in the paper, and with h fitted:"
+            "Objectives with h held at 15 µm, as in the paper, and with h fitted:"
         ),
         html.table(
             list(tables["objective_with_h_fitted"][0]), tables["objective_with_h_fitted"]
@@ -193,19 +195,17 @@ def _lock(results: Results, drawn: Callable[[str, Any, str], str]) -> list[str]:
     series = SERIES[3]
     root, inverse = MODELS[1].values[series.number]
     weight = series.valve.spool_mass * 9.80665
-    speed = np.linspace(0.0, 1.0, 400)
+    speed = np.linspace(0.0, 3.0, 601)
     force = (root * np.sqrt(speed) + inverse / (speed + 0.01)) * weight
     followed = [label for label, same in locked(results).items() if same]
+    inertia = series.valve.moving_mass * results.plan.amplitude
+    loose = force[0] / series.valve.moving_mass
     say = (
         f"Equation (23) with table 4 takes up to {force[0]:.0f} N at rest and never less than "
-        f"{force.min():.0f} N at "
-        f"any speed, against an inertia force of {series.valve.moving_mass * results.plan.amplitude:.2g} N. "
-        f"Simulated, "
-        f"spool and body move as one, a_spool = a_body bit for bit, in {len(followed)} of {len(SERIES)} "
-        f"series. The body "
-        f"would have to be shaken with {force[0] / series.valve.moving_mass:.0f} m/s^2 to break the spool "
-        f"loose. The "
-        "printed figures show a spool that moves, so these values were not at work as (23) is printed."
+        f"{force.min():.0f} N at any speed, against an inertia force of {inertia:.2g} N. Simulated, spool "
+        f"and body move as one, a_spool = a_body bit for bit, in {len(followed)} of {len(SERIES)} series. The "
+        f"body would have to be shaken with {loose:.0f} m/s^2 to break the spool loose. The printed figures "
+        "show a spool that moves, so these values were not at work as (23) is printed."
     )
     figure = figures.lock_figure(
         series, results.data[4], results.printed[4, "mixed"], (speed.tolist(), force.tolist())
