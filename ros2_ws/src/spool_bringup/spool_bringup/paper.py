@@ -168,8 +168,9 @@ def _sections(out: Path, results: Results, tables: Mapping[str, list[dict[str, o
         ]
     sections += [
         html.paragraph(
-            "Standard deviations (std) come from the curvature of the objective: they say how sharp its least "
-            "value is, not how far a model that is not the truth may be off. 'Not known': the data do not tell."
+            "Standard deviations (std) come from the curvature of the objective: they say how sharp its "
+            "least value is, not how far a model that is not the truth may be off. 'Not known': the data do "
+            "not tell."
         ),
         html.heading("The objective: figure 12 and table 7"),
         drawn("figure_12", figures.objective_figure(results.fits), "objective by model and series"),
@@ -203,9 +204,9 @@ def _lock(results: Results, drawn: Callable[[str, Any, str], str]) -> list[str]:
     say = (
         f"Equation (23) with table 4 takes up to {force[0]:.0f} N at rest and never less than "
         f"{force.min():.0f} N at any speed, against an inertia force of {inertia:.2g} N. Simulated, spool "
-        f"and body move as one, a_spool = a_body bit for bit, in {len(followed)} of {len(SERIES)} series. The "
-        f"body would have to be shaken with {loose:.0f} m/s^2 to break the spool loose. The printed figures "
-        "show a spool that moves, so these values were not at work as (23) is printed."
+        f"and body move as one, a_spool = a_body bit for bit, in {len(followed)} of {len(SERIES)} series. "
+        f"The body would have to be shaken with {loose:.0f} m/s^2 to break the spool loose. The printed "
+        "figures show a spool that moves, so these values were not at work as (23) is printed."
     )
     figure = figures.lock_figure(
         series, results.data[4], results.printed[4, "mixed"], (speed.tolist(), force.tolist())
