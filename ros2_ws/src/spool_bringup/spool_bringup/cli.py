@@ -71,6 +71,9 @@ def simulate(
     coulomb_force: Annotated[float | None, typer.Option(help="N; default: the model's.")] = None,
     noise: Annotated[float, typer.Option(help="Sensor noise, rms, m/s^2.")] = 0.05,
     sensors: Annotated[Path | None, typer.Option(help="YAML file of the sensors, replaces --noise.")] = None,
+    oil_temperature: Annotated[
+        float | None, typer.Option(help="deg C; default: the valve file's. Sets the viscosity.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
     name: Annotated[str, typer.Option(help="Namespace of the valve in the bag.")] = "valve_1",
 ) -> None:
@@ -81,7 +84,7 @@ def simulate(
     commands.simulate(
         out, valve, model, excitation, seconds,
         sample_rate=sample_rate, block_rate=block_rate, coulomb_force=coulomb_force, noise=noise,
-        sensors=sensors, seed=seed, name=name,
+        sensors=sensors, oil_temperature=oil_temperature, seed=seed, name=name,
     )  # fmt: skip
 
 

@@ -47,13 +47,14 @@ def simulate(
     coulomb_force: float | None,
     noise: float,
     sensors: Path | None,
+    oil_temperature: float | None,
     seed: int,
     name: str,
 ) -> None:
     """Write a simulated record of one valve, with the valve's description, as a bag.
 
     ``seconds`` left out is the length of a recorded excitation, else ``SIMULATION_SECONDS``; ``sensors`` is
-    a YAML file that takes the place of ``noise``.
+    a YAML file that takes the place of ``noise``; ``oil_temperature`` (deg C) left out is the valve file's.
     """
     check_valve(name)
     if not block_rate > 0.0 or round(sample_rate / block_rate) < 1:
@@ -63,8 +64,9 @@ def simulate(
     drive = find_excitation(excitation)
     if seconds is None:
         seconds = drive.duration if isinstance(drive, Recorded) else SIMULATION_SECONDS
+    described = find_valve(valve)
     simulator = Simulator(
-        find_valve(valve),
+        described if oil_temperature is None else described.at(oil_temperature),
         drive,
         model=model,
         coulomb_force=coulomb_force,

@@ -11,6 +11,7 @@ from spool_bag.reader import BagReader
 from spool_bag.writer import BagWriter
 from spool_bringup.cli import main
 from spool_bringup.recorded import find_excitation
+from spool_bringup.valve_record import recorded_valve
 from spool_sim.excitation import Recorded
 from spool_sim.presets import PRESETS
 from spool_sim.simulator import Simulator
@@ -112,6 +113,22 @@ def test_wrong_yaml_of_a_record_is_refused_in_one_line(
     assert "drive.yaml: file: key is missing" in said
     assert "filee: unknown key" in said
     assert said.count("\n") == 1
+
+
+def test_oil_temperature_sets_the_viscosity_and_is_recorded(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    given = ["simulate", "--seconds", "1", "--oil-temperature", "60"]
+    assert main([*given, "--out", str(out)]) == 0
+    recorded = recorded_valve(BagReader(out), "valve_1")
+    assert recorded is not None
+    valve = find_valve("4weh10_soft")
+    assert recorded.oil_temperature == 60.0
+    assert recorded.viscous_coefficient == pytest.approx(valve.viscous_coefficient_at(60.0))
+    capsys.readouterr()
+    assert main([*given[:-1], "200", "--out", str(tmp_path / "hot")]) == 2
+    assert "oil temperature: 200 deg C is out of range for HL68" in capsys.readouterr().err
 
 
 def test_sensor_file_reaches_the_record(tmp_path: Path) -> None:

@@ -90,6 +90,15 @@ class Valve(BaseModel):
         """
         return self._drag_of(self.dynamic_viscosity_at(temperature))
 
+    def at(self, temperature: float) -> Valve:
+        """Return this valve with its oil at ``temperature`` (deg C).
+
+        Raises:
+            InputError: as :meth:`dynamic_viscosity_at`.
+        """
+        viscosity = self.dynamic_viscosity_at(temperature)
+        return self.model_copy(update={"dynamic_viscosity": viscosity, "oil_temperature": temperature})
+
     def _drag_of(self, dynamic_viscosity: float) -> float:
         area = math.pi * self.land_diameter * self.land_length
         return area * dynamic_viscosity / self.radial_clearance

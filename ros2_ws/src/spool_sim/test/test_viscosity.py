@@ -63,6 +63,14 @@ def test_valve_scales_the_law_to_its_own_point(
     assert valve.viscous_coefficient_at(at) == pytest.approx(valve.viscous_coefficient * ratio, rel=1e-12)
 
 
+def test_valve_with_warm_oil_leads_back_to_the_cold_one(valve: Valve) -> None:
+    warm = valve.at(60.0)
+    assert warm.oil_temperature == 60.0
+    assert warm.viscous_coefficient == valve.viscous_coefficient_at(60.0)
+    assert warm.viscous_coefficient < 0.2 * valve.viscous_coefficient
+    assert warm.at(20.0).viscous_coefficient == pytest.approx(valve.viscous_coefficient, rel=1e-12)
+
+
 def test_temperature_law_needs_an_oil(valve_mapping: dict[str, Any]) -> None:
     del valve_mapping["oil"]
     with pytest.raises(InputError, match=r"valve 'valve_soft': oil: key is missing.* add one of HL68"):
