@@ -46,10 +46,10 @@ def simulate(
     block_rate: float,
     coulomb_force: float | None,
     noise: float,
-    sensors: Path | None,
-    oil_temperature: float | None,
     seed: int,
     name: str,
+    sensors: Path | None = None,
+    oil_temperature: float | None = None,
 ) -> None:
     """Write a simulated record of one valve, with the valve's description, as a bag.
 
