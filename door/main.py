@@ -27,6 +27,7 @@ HELP = """Usage: ./spool COMMAND [arguments]       ./spool COMMAND --help says m
   info      what is in a bag and what was lost
   recover   a damaged bag made readable
   replay    estimator and monitor over a recorded bag
+  paper     the paper's series, figures and tables, on made data
   bench     timings against the peers
   doctor    what is wrong with this machine or installation, and what to do
 

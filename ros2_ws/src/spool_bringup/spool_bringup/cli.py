@@ -67,12 +67,20 @@ def simulate(
     out: Annotated[Path, typer.Option(help="Bag to be made.", metavar="BAG")],
     valve: ValveFile = "4weh10_soft",
     model: Annotated[str, typer.Option(help="Model: its name or a YAML file.")] = "coulomb",
-    excitation: Annotated[str, typer.Option(help="Body acceleration: a preset or a YAML file.")] = "sweep",
-    seconds: Annotated[float, typer.Option(help="Length of the record, s.")] = 40.0,
+    excitation: Annotated[
+        str, typer.Option(help="Body acceleration: a preset, a YAML file, or a record (bag or CSV file).")
+    ] = "sweep",
+    seconds: Annotated[
+        float | None, typer.Option(help="Length, s; default: the recorded excitation's, else 40.")
+    ] = None,
     sample_rate: Annotated[float, typer.Option(help="Hz")] = 2000.0,
     block_rate: Annotated[float, typer.Option(help="Blocks a second.")] = 50.0,
     coulomb_force: Annotated[float | None, typer.Option(help="N; default: the model's.")] = None,
     noise: Annotated[float, typer.Option(help="Sensor noise, rms, m/s^2.")] = 0.05,
+    sensors: Annotated[Path | None, typer.Option(help="YAML file of the sensors, replaces --noise.")] = None,
+    oil_temperature: Annotated[
+        float | None, typer.Option(help="deg C; default: the valve file's. Sets the viscosity.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
     name: Annotated[str, typer.Option(help="Namespace of the valve in the bag.")] = "valve_1",
 ) -> None:
@@ -82,8 +90,8 @@ def simulate(
     """
     commands.simulate(
         out, valve, model, excitation, seconds,
-        sample_rate=sample_rate, block_rate=block_rate, coulomb_force=coulomb_force, noise=noise, seed=seed,
-        name=name,
+        sample_rate=sample_rate, block_rate=block_rate, coulomb_force=coulomb_force, noise=noise,
+        sensors=sensors, oil_temperature=oil_temperature, seed=seed, name=name,
     )  # fmt: skip
 
 
@@ -153,6 +161,21 @@ def replay(
     Example: ./spool replay bags/practice_03 --valve 4weh10_soft --json result.json
     """
     commands.replay(bag, valve or [], json)
+
+
+@app.command()
+def paper(
+    out: Annotated[Path, typer.Option(help="Folder for page, pictures and tables.")] = Path("spool_paper"),
+) -> None:
+    """Run the paper's four series and four models; write figures and tables beside the printed numbers.
+
+    The authors' measurements are not published: the data are made by a stated truth.
+
+    Example: ./spool paper --out my_paper
+    """
+    from .paper import run_paper  # noqa: PLC0415 - scipy and matplotlib are needed here only
+
+    run_paper(out)
 
 
 @app.command()

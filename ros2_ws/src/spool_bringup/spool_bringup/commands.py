@@ -19,18 +19,20 @@ from spool_bag.information import BagInformation, describe
 from spool_bag.names import check_valve
 from spool_bag.recovery import recover
 from spool_bag.writer import BagWriter
-from spool_sim.excitation import load_excitation
-from spool_sim.sensors import Sensor
+from spool_sim.excitation import Recorded
+from spool_sim.sensors import Sensor, Sensors, load_sensors
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
 from spool_stream.errors import InputError
 
 from .progress import progress
+from .recorded import find_excitation
 from .replaying import replay_bag
 from .valve_record import VALVE_DESCRIPTION, encode_valve
 
 #: 2025-01-01 UTC: a simulated record has no time of its own.
 SIMULATION_START = 1_735_689_600_000_000_000
+SIMULATION_SECONDS = 40.0
 
 
 def simulate(
@@ -38,7 +40,7 @@ def simulate(
     valve: str,
     model: str,
     excitation: str,
-    seconds: float,
+    seconds: float | None,
     *,
     sample_rate: float,
     block_rate: float,
@@ -46,8 +48,14 @@ def simulate(
     noise: float,
     seed: int,
     name: str,
+    sensors: Path | None = None,
+    oil_temperature: float | None = None,
 ) -> None:
-    """Write a simulated record of one valve, with the valve's description, as a bag."""
+    """Write a simulated record of one valve, with the valve's description, as a bag.
+
+    ``seconds`` left out is the length of a recorded excitation, else ``SIMULATION_SECONDS``; ``sensors`` is
+    a YAML file that takes the place of ``noise``; ``oil_temperature`` (deg C) left out is the valve file's.
+    """
     check_valve(name)
     if not (block_rate > 0.0 and 0.5 < sample_rate / block_rate < math.inf):
         raise InputError(
@@ -58,18 +66,23 @@ def simulate(
         raise InputError(f"--noise {noise:g} m/s^2: use a number of at least 0")
     if seed < 0:
         raise InputError(f"--seed {seed}: use a whole number of at least 0")
-    sensor = Sensor(noise=noise)
+    plain = Sensor(noise=noise)
+    measured = Sensors(body=plain, spool=plain) if sensors is None else load_sensors(sensors)
+    drive = find_excitation(excitation)
+    if seconds is None:
+        seconds = drive.duration if isinstance(drive, Recorded) else SIMULATION_SECONDS
+    described = find_valve(valve)
     simulator = Simulator(
-        find_valve(valve),
-        load_excitation(excitation),
+        described if oil_temperature is None else described.at(oil_temperature),
+        drive,
         model=model,
         coulomb_force=coulomb_force,
         sample_rate=sample_rate,
         block_size=round(sample_rate / block_rate),
         seed=seed,
         start_stamp=SIMULATION_START,
-        body_sensor=sensor,
-        spool_sensor=sensor,
+        body_sensor=measured.body,
+        spool_sensor=measured.spool,
     )
     blocks = simulator.records(seconds)
     valve_id = simulator.valve.id

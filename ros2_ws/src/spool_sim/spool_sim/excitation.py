@@ -12,6 +12,7 @@ from spool_stream.errors import InputError
 
 from .excitation_base import Array, Excitation, rise
 from .excitation_broadband import MachineOrders, Multisine
+from .excitation_recorded import Recorded
 from .excitation_sines import Standstill, SteadySine, SteppedSine, SweptSine
 from .validation import NotNegative, Positive, one_line, read_mapping
 
@@ -20,6 +21,7 @@ __all__ = [
     "MachineOrders",
     "Multisine",
     "Part",
+    "Recorded",
     "Sequence",
     "Standstill",
     "SteadySine",
@@ -126,6 +128,10 @@ def from_mapping(mapping: Mapping[str, Any], where: str = "excitation") -> Excit
         InputError: unknown kind or key, missing key, value out of range; ``where`` and the key are named.
     """
     kind = mapping.get("kind")
+    if kind == "recorded":
+        raise InputError(
+            f"{where}: kind: 'recorded' needs a reader of records: use ./spool simulate --excitation with it"
+        )
     if kind not in KINDS:
         given = "key is missing" if kind is None else f"unknown kind {kind!r}"
         raise InputError(f"{where}: kind: {given}; use one of {', '.join(KINDS)}")

@@ -10,6 +10,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from spool_stream.errors import InputError
 
+from .composition import unique_parameters
 from .terms import Parameter, Term, term
 from .validation import Number, one_line, read_mapping
 from .valve import Valve
@@ -33,8 +34,8 @@ class Model:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Parameters of all terms, in their order."""
-        return tuple(parameter for entry in self.terms for parameter in entry.parameters)
+        """Parameters of all terms, in their order; one shared by two terms stands once."""
+        return unique_parameters(self.terms)
 
     def parameter(self, name: str, where: str = "model") -> Parameter:
         """Return the parameter called ``name``.
@@ -65,11 +66,45 @@ class Model:
         }
 
 
+FLUID: tuple[str, ...] = ("inertia", "spring", "viscous_friction")
+EFFECTS: tuple[str, ...] = (
+    "adhesion_friction",
+    "asymmetric_friction",
+    "constant_force",
+    "cubic_stiffness",
+    "damping_drift",
+    "detachment_friction",
+    "end_stop",
+    "hess_soom_friction",
+    "pavelescu_friction",
+    "periodic_force",
+    "presliding_friction",
+    "quadratic_damping",
+    "seal_friction",
+    "spring_backlash",
+    "spring_preload",
+    "tustin_friction",
+)
+
+
+def _model(name: str, *more: str) -> Model:
+    return Model(name, tuple(term(entry) for entry in (*FLUID, *more)))
+
+
+#: The paper's models 4, 1, 2 and 3, then the same with the printed laws where those run, then single effects.
 MODELS: dict[str, Model] = {
-    "fluid": Model("fluid", (term("inertia"), term("spring"), term("viscous_friction"))),
-    "coulomb": Model(
-        "coulomb", (term("inertia"), term("spring"), term("viscous_friction"), term("coulomb_friction"))
-    ),
+    model.name: model
+    for model in (
+        _model("fluid"),
+        _model("coulomb", "coulomb_friction"),
+        _model("stribeck", "stribeck_friction"),
+        _model("microwedge", "microwedge_friction"),
+        _model("mixed", "mixed_friction"),
+        _model("coulomb_hydrodynamic", "coulomb_hydrodynamic_friction"),
+        _model("microwedge_printed", "microwedge_friction_printed"),
+        _model("coulomb_hydrodynamic_printed", "coulomb_hydrodynamic_friction_printed"),
+        *(_model(f"fluid_{effect}", effect) for effect in EFFECTS),
+    )
 }
 
 
@@ -96,6 +131,7 @@ def model_from_mapping(mapping: Mapping[str, Any], where: str = "model") -> Mode
             raise InputError(f"{where}: terms: '{name}' must stand in the list exactly once")
     try:
         model = Model(content.name, tuple(term(name) for name in content.terms), content.parameters)
+        unique_parameters(model.terms)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
     for name, value in content.parameters.items():

@@ -12,48 +12,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from spool_stream.errors import InputError
 
-from .motion_kernel import advance_kernel
+from .composed_motion import Array, ComposedMotion, MotionState, Trajectory
+from .terms import term
 
-Array = NDArray[np.float64]
+__all__ = [
+    "Array",
+    "MotionState",
+    "Trajectory",
+    "advance",
+    "half_step_times",
+    "half_step_values",
+    "step_error",
+    "substeps_needed",
+]
 
 # Largest phase angle (rad) that motion or forcing may turn within one step.
 LARGEST_STEP_ANGLE = 0.25
 MOST_SUBSTEPS = 2000
-
-
-@dataclass(frozen=True, slots=True)
-class MotionState:
-    """State at one instant: relative displacement (m), velocity (m/s), direction of slip.
-
-    ``direction`` is +1 or -1 while slipping and 0 while sticking.
-    """
-
-    displacement: float = 0.0
-    velocity: float = 0.0
-    direction: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Trajectory:
-    """Motion at n sample instants.
-
-    Attributes:
-        displacement: relative to the body, m, shape (n,).
-        velocity: relative to the body, m/s, shape (n,).
-        acceleration: of the spool itself (z'' + w''), m/s^2, shape (n,).
-        stuck: True where the spool sticks, shape (n,).
-    """
-
-    displacement: Array
-    velocity: Array
-    acceleration: Array
-    stuck: NDArray[np.bool_]
 
 
 def advance(
@@ -85,45 +65,31 @@ def advance(
     Raises:
         ValueError: the length of ``body_acceleration`` does not fit ``substeps``.
     """
-    samples, rest = divmod(body_acceleration.size - 1, 2 * substeps)
-    if rest or samples < 1:
-        raise ValueError(f"body_acceleration holds {body_acceleration.size} values, not 2 n {substeps} + 1")
-    displacement, velocity, acceleration = np.empty(samples), np.empty(samples), np.empty(samples)
-    stuck = np.empty(samples, dtype=np.bool_)
-    end = advance_kernel(
-        state.displacement,
-        state.velocity,
-        state.direction,
-        np.ascontiguousarray(body_acceleration, dtype=np.float64),
-        sample_period / substeps,
-        substeps,
-        float(mass),
-        _per_sample(viscous_coefficient, samples),
-        _per_sample(spring_stiffness, samples),
-        _per_sample(coulomb_force, samples),
-        displacement,
-        velocity,
-        acceleration,
-        stuck,
+    samples = max(1, (body_acceleration.size - 1) // (2 * substeps))
+    motion = coulomb_motion()
+    table = motion.table(
+        {
+            "mass": mass,
+            "spring_stiffness": spring_stiffness,
+            "viscous_coefficient": viscous_coefficient,
+            "coulomb_force": coulomb_force,
+        },
+        samples,
     )
-    return Trajectory(displacement, velocity, acceleration, stuck), MotionState(*end)
+    return motion.advance(state, body_acceleration, table, sample_period=sample_period, substeps=substeps)
+
+
+@lru_cache(maxsize=1)
+def coulomb_motion() -> ComposedMotion:
+    """Return the motion with spring, viscous drag and Coulomb friction."""
+    return ComposedMotion(
+        [term(name) for name in ("inertia", "spring", "viscous_friction", "coulomb_friction")]
+    )
 
 
 def warm_up() -> None:
     """Compile the kernel, or load it from the disk, now instead of at the first sample."""
-    advance(
-        MotionState(),
-        np.zeros(3),
-        sample_period=1e-3,
-        substeps=1,
-        mass=1.0,
-        viscous_coefficient=0.0,
-        spring_stiffness=1.0,
-    )
-
-
-def _per_sample(value: float | Array, samples: int) -> Array:
-    return np.ascontiguousarray(np.broadcast_to(np.asarray(value, dtype=np.float64), (samples,)))
+    coulomb_motion().warm_up()
 
 
 def substeps_needed(

@@ -12,16 +12,20 @@ from numpy.typing import NDArray
 from spool_stream.block import Block, Samples
 from spool_stream.errors import InputError
 
+from .composed_motion import ComposedMotion, MotionState
 from .excitation import Excitation
 from .model import Model, load_model
-from .motion import MotionState, advance, half_step_times, substeps_needed, warm_up
+from .motion import half_step_times
 from .sensors import Sensor, SensorChannel
+from .step_size import checked_substeps, substeps_for
 from .valve import Valve
 
 DRIFTING: tuple[str, ...] = ("viscous_coefficient", "coulomb_force", "spring_stiffness")
 # 2020-01-01T00:00:00Z: a stamp of 0 means "no time" in ROS.
 DEFAULT_START_STAMP = 1_577_836_800_000_000_000
 _INNER_SAMPLES = 4096
+# Samples at the start over which the step size is checked by halving, 1 s of them at most.
+_TRIAL_SAMPLES = 4000
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,19 +133,24 @@ class Simulator:
         body_seed, spool_seed = np.random.SeedSequence(seed).spawn(2)
         self._body_channel = SensorChannel(body_sensor or Sensor(), body_seed)
         self._spool_channel = SensorChannel(spool_sensor or Sensor(), spool_seed)
-        self._substeps = self._needed(values.get("viscous_coefficient", 0.0), values["spring_stiffness"])
-        warm_up()
+        self._values = values
+        self._motion = ComposedMotion(self.model.terms)
+        self._motion.warm_up()
+        self._substeps, self._step_error = checked_substeps(
+            self._motion,
+            values,
+            excitation.acceleration,
+            seconds=min(1.0, _TRIAL_SAMPLES / self.sample_rate),
+            sample_rate=self.sample_rate,
+            highest_frequency=excitation.highest_frequency,
+        )
 
     def _has(self, name: str) -> bool:
         return any(parameter.name == name for parameter in self.model.parameters)
 
-    def _needed(self, viscous_coefficient: float, spring_stiffness: float) -> int:
-        return substeps_needed(
-            1.0 / self.sample_rate,
-            mass=self._mass,
-            viscous_coefficient=viscous_coefficient,
-            spring_stiffness=spring_stiffness,
-            highest_frequency=self.excitation.highest_frequency,
+    def _needed(self, values: Mapping[str, float]) -> int:
+        return substeps_for(
+            self.model.terms, values, 1.0 / self.sample_rate, self.excitation.highest_frequency
         )
 
     @property
@@ -151,8 +160,13 @@ class Simulator:
 
     @property
     def substeps(self) -> int:
-        """Steps per sample, chosen from the fastest rate of valve and excitation."""
+        """Steps per sample, chosen from the stiffest rate of model and excitation and checked by halving."""
         return self._substeps
+
+    @property
+    def step_error(self) -> float:
+        """Relative rms error of the displacement that halving the step showed over the first second."""
+        return self._step_error
 
     @property
     def time(self) -> float:
@@ -185,8 +199,7 @@ class Simulator:
         now = getattr(self.truth, quantity)
         # Fewer steps would do after a fall, but not before it is over: the number only rises.
         ends = {name: ramp.target for name, ramp in self._ramps.items()} | {quantity: target}
-        needed = self._needed(ends["viscous_coefficient"], ends["spring_stiffness"])
-        self._substeps = max(self._substeps, needed)
+        self._substeps = max(self._substeps, self._needed({**self._values, **ends}))
         self._ramps[quantity] = _Ramp(now, target, self._sample, round(duration * self.sample_rate))
 
     def next_block(self) -> Block:
@@ -229,15 +242,19 @@ class Simulator:
             half_step_times(self._sample, samples, self.sample_rate, self._substeps)
         )
         index = np.arange(self._sample, self._sample + samples)
-        trajectory, self._state = advance(
+        values: dict[str, float | NDArray[np.float64]] = dict(self._values)
+        for name, ramp in self._ramps.items():
+            if ramp.start != ramp.target or ramp.first > self._sample:
+                values[name] = ramp.at(index)
+            else:
+                values[name] = ramp.target
+        trajectory, self._state = self._motion.advance(
             self._state,
             forcing,
+            self._motion.table(values, samples),
             sample_period=self.sample_period,
             substeps=self._substeps,
-            mass=self._mass,
-            viscous_coefficient=self._ramps["viscous_coefficient"].at(index),
-            spring_stiffness=self._ramps["spring_stiffness"].at(index),
-            coulomb_force=self._ramps["coulomb_force"].at(index),
+            first_sample=self._sample,
         )
         self._sample += samples
         body = self._body_channel.read(forcing[: -1 : 2 * self._substeps])

@@ -31,7 +31,15 @@ class SimulatorNode(ManagedNode):
             "valve_file", "4weh10_soft", "Valve: path of a YAML file or a shipped one's name.", read_only=True
         ),
         Parameter("model", "coulomb", "Force terms: name of a model or path of a YAML file.", read_only=True),
-        Parameter("coulomb_force", 0.1, "Coulomb friction of the spool.", "N", 0.0, 1e4, read_only=True),
+        Parameter(
+            "coulomb_force",
+            0.1,
+            "Coulomb friction of the model 'coulomb'; other models bring their own values.",
+            "N",
+            0.0,
+            1e4,
+            read_only=True,
+        ),
         Parameter(
             "excitation", "orders", "Body acceleration: a preset's name or a YAML file.", read_only=True
         ),
@@ -124,7 +132,7 @@ class SimulatorNode(ManagedNode):
             find_valve(self.value("valve_file")),
             load_excitation(self.value("excitation")),
             model=self.value("model"),
-            coulomb_force=self.value("coulomb_force"),
+            coulomb_force=self.value("coulomb_force") if self.value("model") == "coulomb" else None,
             sample_rate=sample_rate,
             block_size=block_size,
             seed=self.value("seed"),

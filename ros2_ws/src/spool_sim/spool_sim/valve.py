@@ -10,8 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from spool_stream.errors import InputError
 
 from .validation import Number, Positive, one_line, read_mapping
-
-OILS: tuple[str, ...] = ("HL68", "Azolla ZS22")
+from .viscosity import OILS
 
 
 class Valve(BaseModel):
@@ -60,8 +59,49 @@ class Valve(BaseModel):
     @property
     def viscous_coefficient(self) -> float:
         """Newton's drag in the annular gap, N s/m: pi d l mu / h (the paper's equations 7 and 12)."""
+        return self._drag_of(self.dynamic_viscosity)
+
+    def dynamic_viscosity_at(self, temperature: float) -> float:
+        """Return the dynamic viscosity, Pa s, at ``temperature`` (deg C) of the oil.
+
+        ASTM D341 through the oil's catalogue points gives the ratio to the viscosity at ``oil_temperature``;
+        at that temperature the value is exactly ``dynamic_viscosity``. The density is taken as constant.
+
+        Raises:
+            InputError: the valve names no oil, or a temperature is out of the law's range.
+        """
+        if self.oil is None:
+            raise InputError(
+                f"valve '{self.id}': oil: key is missing, viscosity at {temperature:g} deg C needs it; "
+                f"add one of {', '.join(OILS)}"
+            )
+        oil = OILS[self.oil]
+        try:
+            ratio = oil.kinematic_viscosity(temperature) / oil.kinematic_viscosity(self.oil_temperature)
+        except InputError as error:
+            raise InputError(f"valve '{self.id}': {error}") from None
+        return self.dynamic_viscosity * ratio
+
+    def viscous_coefficient_at(self, temperature: float) -> float:
+        """Return Newton's drag in the annular gap, N s/m, at ``temperature`` (deg C) of the oil.
+
+        Raises:
+            InputError: as :meth:`dynamic_viscosity_at`.
+        """
+        return self._drag_of(self.dynamic_viscosity_at(temperature))
+
+    def at(self, temperature: float) -> Valve:
+        """Return this valve with its oil at ``temperature`` (deg C).
+
+        Raises:
+            InputError: as :meth:`dynamic_viscosity_at`.
+        """
+        viscosity = self.dynamic_viscosity_at(temperature)
+        return self.model_copy(update={"dynamic_viscosity": viscosity, "oil_temperature": temperature})
+
+    def _drag_of(self, dynamic_viscosity: float) -> float:
         area = math.pi * self.land_diameter * self.land_length
-        return area * self.dynamic_viscosity / self.radial_clearance
+        return area * dynamic_viscosity / self.radial_clearance
 
     @property
     def natural_frequency(self) -> float:

@@ -1,11 +1,27 @@
-"""What a force term tells about itself."""
+"""What a force term tells about itself.
+
+A term's file holds the class and its laws: module-level functions of plain numbers that the project compiles
+(:mod:`spool_stream.compiled`). After the arguments named here come the term's parameters, in their order.
+
+    force_law(z, v, t, ...) -> N                   a force that is continuous in the motion
+    sliding_law(z, speed, direction, ...) -> N     dry friction while slipping: what opposes, speed >= 0
+    rest_law(z, ...) -> (low, high)                N, what it takes up at rest; else sliding_law at speed 0
+    memory_law(force, slip, direction, ...) -> N   friction with memory: the force after slipping on, m
+    levels_law(...) -> (low, high)                 displacements (m) at which force_law has a kink
+
+z (m) and v (m/s) are relative to the body, t (s) runs since the start, direction is +1 or -1. Forces stand
+on the left side of the balance: all terms add up to zero, so friction has the sign of the velocity.
+"""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Mapping
+import importlib
+import inspect
+from abc import ABC
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from functools import cached_property
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +30,18 @@ from spool_stream.errors import InputError
 from ..valve import Valve
 
 Array = NDArray[np.float64]
+
+#: m/s^2, for the weight of the spool.
+STANDARD_GRAVITY = 9.80665
+
+#: Arguments of each law before the parameters.
+LAWS: dict[str, tuple[str, ...]] = {
+    "force_law": ("z", "v", "t"),
+    "sliding_law": ("z", "speed", "direction"),
+    "rest_law": ("z",),
+    "memory_law": ("force", "slip", "direction"),
+    "levels_law": (),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +55,7 @@ class Parameter:
         start: where a fit or a simulation starts when neither valve nor user says otherwise.
         meaning: one line.
         valve_attribute: attribute of :class:`Valve` that gives the start value, if any.
+        factor: the start value is ``factor`` times that attribute.
     """
 
     name: str
@@ -36,10 +65,13 @@ class Parameter:
     start: float
     meaning: str
     valve_attribute: str | None = None
+    factor: float = 1.0
 
     def start_for(self, valve: Valve) -> float:
         """Return the start value for ``valve``, in ``unit``."""
-        return self.start if self.valve_attribute is None else float(getattr(valve, self.valve_attribute))
+        if self.valve_attribute is None:
+            return self.start
+        return self.factor * float(getattr(valve, self.valve_attribute))
 
     def check(self, value: float, where: str = "parameter") -> float:
         """Return ``value`` if it lies within the bounds.
@@ -62,8 +94,13 @@ class Term(ABC):
         name: as in model files and reports.
         parameters: what the force depends on beside the motion.
         law: the force as text.
-        source: equation in the paper.
+        source: equation in the paper, and what was decided about the print.
         meaning: what it stands for on the machine.
+        check: what to look at on the machine when a fit finds it.
+        odd: the force at (-z, -v) is minus the force at (z, v).
+        dissipates: the force never does work on the spool, so that force times velocity >= 0.
+        dissipates_with: name of the term without which it may do work, if any.
+        conserves: the force has a potential.
     """
 
     name: ClassVar[str]
@@ -71,16 +108,73 @@ class Term(ABC):
     law: ClassVar[str]
     source: ClassVar[str]
     meaning: ClassVar[str]
+    check: ClassVar[str]
+    odd: ClassVar[bool] = True
+    dissipates: ClassVar[bool] = False
+    dissipates_with: ClassVar[str | None] = None
+    conserves: ClassVar[bool] = False
 
-    @abstractmethod
+    @cached_property
+    def laws(self) -> dict[str, Callable[..., Any]]:
+        """The laws that the term's file defines, by name.
+
+        Raises:
+            TypeError: the arguments of a law are not those that its name asks for.
+        """
+        module = importlib.import_module(type(self).__module__)
+        found = {name: getattr(module, name) for name in LAWS if hasattr(module, name)}
+        names = tuple(parameter.name for parameter in self.parameters)
+        for name, law in found.items():
+            given = tuple(inspect.signature(getattr(law, "py_func", law)).parameters)
+            if given != LAWS[name] + names:
+                raise TypeError(f"{self.name}.{name}{given}: must take {LAWS[name] + names}")
+        return found
+
+    def plain(self, law: str) -> Callable[..., Any] | None:
+        """Return a law uncompiled, for single values; ``None`` where the term has none of that name."""
+        found = self.laws.get(law)
+        return getattr(found, "py_func", found)
+
     def force(
-        self, displacement: Array, velocity: Array, acceleration: Array, values: Mapping[str, float]
+        self,
+        displacement: Array,
+        velocity: Array,
+        acceleration: Array,  # noqa: ARG002
+        values: Mapping[str, float],
+        time: Array | None = None,
     ) -> Array:
-        """Return the force, N, shape (n,).
+        """Return the force, N, shape (n,); dry friction at zero velocity counts as 0.
 
         Args:
             displacement: z, relative to the body, m, shape (n,).
             velocity: z', relative to the body, m/s, shape (n,).
             acceleration: of the spool itself, z'' + w'', m/s^2, shape (n,).
             values: parameter values by name, in their units.
+            time: s since the start, shape (n,); without it 0 throughout.
         """
+        given = [float(values[parameter.name]) for parameter in self.parameters]
+        z, v = displacement.tolist(), velocity.tolist()
+        total = np.zeros(displacement.size)
+        smooth, sliding = self.plain("force_law"), self.plain("sliding_law")
+        if smooth is not None:
+            t = [0.0] * len(z) if time is None else time.tolist()
+            total += [smooth(*point, *given) for point in zip(z, v, t, strict=True)]
+        if sliding is not None:
+            total += [
+                0.0 if speed == 0.0 else side * sliding(place, side * speed, side, *given)
+                for place, speed, side in zip(z, v, np.sign(velocity).tolist(), strict=True)
+            ]
+        return total
+
+    def at_rest(self, displacement: float, values: Mapping[str, float]) -> tuple[float, float]:
+        """Return the lowest and the highest force (N) that dry friction can take up at rest."""
+        given = [float(values[parameter.name]) for parameter in self.parameters]
+        rest, sliding = self.plain("rest_law"), self.plain("sliding_law")
+        if rest is not None:
+            low, high = rest(displacement, *given)
+            return float(low), float(high)
+        if sliding is None:
+            return 0.0, 0.0
+        return -float(sliding(displacement, 0.0, -1.0, *given)), float(
+            sliding(displacement, 0.0, 1.0, *given)
+        )

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from spool_stream.compiled import compiled
 
-import numpy as np
+from .base import Parameter, Term
 
-from .base import Array, Parameter, Term
+
+@compiled
+def sliding_law(
+    z: float,  # noqa: ARG001
+    speed: float,  # noqa: ARG001
+    direction: float,  # noqa: ARG001
+    coulomb_force: float,
+) -> float:
+    """Return the friction while slipping, N."""
+    return coulomb_force
 
 
 class CoulombFriction(Term):
@@ -21,13 +30,5 @@ class CoulombFriction(Term):
     law = "F = F_c Sgn(z'), Sgn(0) = [-1, 1]"
     source = "set-valued form of Coulomb's law; the constant part of equations (24) to (28)"
     meaning = "solid contact of spool and bore: wear, dirt, side load"
-
-    def force(
-        self,
-        displacement: Array,  # noqa: ARG002
-        velocity: Array,
-        acceleration: Array,  # noqa: ARG002
-        values: Mapping[str, float],
-    ) -> Array:
-        """Return the force, N, shape (n,)."""
-        return np.asarray(values["coulomb_force"] * np.sign(velocity))
+    check = "cleanliness of the oil, scoring of spool and bore, straightness and side load"
+    dissipates = True

@@ -17,8 +17,9 @@ class Inertia(Term):
         Parameter("mass", "kg", 1e-4, 1e3, 0.18, "spool + oil + 1/3 of the springs", "moving_mass"),
     )
     law = "F = m (z'' + w'')"
-    source = "equation (29), first term"
+    source = "equations (10) and (29), first term"
     meaning = "the spool with the oil and the part of the springs that move with it"
+    check = "the weight of the spool, and that nothing but it moves"
 
     def force(
         self,
@@ -26,6 +27,7 @@ class Inertia(Term):
         velocity: Array,  # noqa: ARG002
         acceleration: Array,
         values: Mapping[str, float],
+        time: Array | None = None,  # noqa: ARG002
     ) -> Array:
         """Return the force, N, shape (n,)."""
         return np.asarray(values["mass"] * acceleration)

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from spool_stream.compiled import compiled
 
-import numpy as np
+from .base import Parameter, Term
 
-from .base import Array, Parameter, Term
+
+@compiled
+def force_law(
+    z: float,
+    v: float,  # noqa: ARG001
+    t: float,  # noqa: ARG001
+    spring_stiffness: float,
+) -> float:
+    """Return the force, N."""
+    return spring_stiffness * z
 
 
 class Spring(Term):
@@ -25,15 +34,7 @@ class Spring(Term):
         ),
     )
     law = "F = k z"
-    source = "equation (29), third term: c_sz (x_su - w)"
+    source = "equations (11) and (29), third term: c_sz (x_su - w)"
     meaning = "both centring springs; a lower value is a tired or broken spring"
-
-    def force(
-        self,
-        displacement: Array,
-        velocity: Array,  # noqa: ARG002
-        acceleration: Array,  # noqa: ARG002
-        values: Mapping[str, float],
-    ) -> Array:
-        """Return the force, N, shape (n,)."""
-        return np.asarray(values["spring_stiffness"] * displacement)
+    check = "free length and rate of both springs, and that the right ones are fitted"
+    conserves = True

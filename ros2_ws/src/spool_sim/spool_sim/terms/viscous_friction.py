@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from spool_stream.compiled import compiled
 
-import numpy as np
+from .base import Parameter, Term
 
-from .base import Array, Parameter, Term
+
+@compiled
+def force_law(
+    z: float,  # noqa: ARG001
+    v: float,
+    t: float,  # noqa: ARG001
+    viscous_coefficient: float,
+) -> float:
+    """Return the force, N."""
+    return viscous_coefficient * v
 
 
 class ViscousFriction(Term):
@@ -16,16 +25,8 @@ class ViscousFriction(Term):
     parameters = (
         Parameter("viscous_coefficient", "N s/m", 0.0, 1e5, 8.2, "pi d l mu / h", "viscous_coefficient"),
     )
-    law = "F = c z'"
-    source = "equations (7), (10) to (12) and (29), second term"
+    law = "F = c z', c = pi d l mu / h"
+    source = "equations (4), (5), (7), (12) and (29), second term"
     meaning = "oil sheared in the annular gap; follows viscosity and temperature"
-
-    def force(
-        self,
-        displacement: Array,  # noqa: ARG002
-        velocity: Array,
-        acceleration: Array,  # noqa: ARG002
-        values: Mapping[str, float],
-    ) -> Array:
-        """Return the force, N, shape (n,)."""
-        return np.asarray(values["viscous_coefficient"] * velocity)
+    check = "oil temperature and grade, then the radial clearance"
+    dissipates = True

@@ -1,0 +1,79 @@
+"""Picture of how the error falls with the time step: python -m spool_bringup.convergence_picture docs/laws"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from numpy.typing import NDArray
+from spool_sim.composed_motion import ComposedMotion, MotionState
+from spool_sim.excitation import SweptSine
+from spool_sim.model import MODELS
+from spool_sim.motion import half_step_times
+from spool_sim.valve import find_valve
+
+#: Models with what differs from their start values, a colour and a marker each.
+SHOWN = {
+    "fluid": ({}, "#CC79A7", "D"),
+    "coulomb": ({}, "#000000", "v"),
+    "microwedge": ({}, "#E69F00", "o"),
+    "mixed": ({}, "#0072B2", "s"),
+    "coulomb_hydrodynamic": ({"film_coefficient": 0.3}, "#009E73", "^"),
+    "fluid_presliding_friction": ({}, "#D55E00", "P"),
+}
+SECONDS, SAMPLE_RATE = 2.0, 2000.0
+STEPS = (1, 2, 4, 8, 16, 32)
+REFERENCE = 128
+
+
+def displacement(name: str, values: dict[str, float], substeps: int) -> NDArray[np.float64]:
+    """Return the relative displacement (m) during a sweep from 8 to 110 Hz at 10 m/s^2."""
+    valve, model = find_valve("4weh10_soft"), MODELS[name]
+    drive = SweptSine(start_frequency=8.0, stop_frequency=110.0, duration=SECONDS, amplitude=10.0)
+    motion = ComposedMotion(model.terms)
+    samples = round(SECONDS * SAMPLE_RATE)
+    trajectory, _ = motion.advance(
+        MotionState(),
+        drive.acceleration(half_step_times(0, samples, SAMPLE_RATE, substeps)),
+        motion.table(model.values_for(valve, values), samples),
+        sample_period=1.0 / SAMPLE_RATE,
+        substeps=substeps,
+    )
+    return trajectory.displacement
+
+
+def errors(name: str, values: dict[str, float]) -> list[float]:
+    """Return the relative rms error of the displacement for each of ``STEPS``, against ``REFERENCE``."""
+    fine = displacement(name, values, REFERENCE)
+    return [
+        float(np.sqrt(np.mean((displacement(name, values, count) - fine) ** 2) / np.mean(fine**2)))
+        for count in STEPS
+    ]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Write ``convergence.png`` into the folder that is named and print order and errors."""
+    given = sys.argv[1:] if arguments is None else arguments
+    step = 1e6 / SAMPLE_RATE / np.array(STEPS)
+    figure, axis = plt.subplots(figsize=(6, 4), layout="constrained")
+    for name, (values, colour, marker) in SHOWN.items():
+        found = errors(name, values)
+        order = np.log2(found[0] / found[4]) / 4.0
+        axis.loglog(step, found, color=colour, marker=marker, ms=4, label=f"{name}: order {order:.1f}")
+        print(f"{name:28} order {order:.2f}  " + "  ".join(f"{error:.1e}" for error in found))
+    axis.set_xlabel("time step, µs")
+    axis.set_ylabel("displacement error, relative rms")
+    axis.grid(alpha=0.3)
+    axis.legend(fontsize=8)
+    figure.savefig(Path(given[0] if given else "docs/laws") / "convergence.png", dpi=90)
+    plt.close(figure)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

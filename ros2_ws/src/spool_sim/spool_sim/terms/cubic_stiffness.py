@@ -1,0 +1,34 @@
+"""Stiffness that rises with displacement."""
+
+from __future__ import annotations
+
+from spool_stream.compiled import compiled
+
+from .base import Parameter, Term
+
+
+@compiled
+def force_law(
+    z: float,
+    v: float,  # noqa: ARG001
+    t: float,  # noqa: ARG001
+    cubic_coefficient: float,
+) -> float:
+    """Return the force, N."""
+    return cubic_coefficient * z * z * z
+
+
+class CubicStiffness(Term):
+    """Hardening or softening of the springs."""
+
+    name = "cubic_stiffness"
+    parameters = (
+        Parameter(
+            "cubic_coefficient", "N/m^3", -1e12, 1e12, 1e7, "force over the third power of the displacement"
+        ),
+    )
+    law = "F = k3 z^3"
+    source = "Duffing's spring"
+    meaning = "coils that touch, conical springs, springs at an angle"
+    check = "coil clearance and seating of the springs"
+    conserves = True

@@ -1,0 +1,53 @@
+"""Total friction with a detachment force, as printed."""
+
+from __future__ import annotations
+
+from spool_stream.compiled import compiled
+
+from .base import Parameter, Term
+
+
+@compiled
+def force_law(
+    z: float,  # noqa: ARG001
+    v: float,
+    t: float,  # noqa: ARG001
+    detachment_force: float,
+    detachment_velocity: float,
+    detachment_drag: float,
+    detachment_dry_force: float,  # noqa: ARG001
+) -> float:
+    """Return the force, N."""
+    left = max(0.0, 1.0 - abs(v) / detachment_velocity)
+    return detachment_force * left**4 + detachment_drag * abs(v)
+
+
+@compiled
+def sliding_law(
+    z: float,  # noqa: ARG001
+    speed: float,  # noqa: ARG001
+    direction: float,  # noqa: ARG001
+    detachment_force: float,  # noqa: ARG001
+    detachment_velocity: float,  # noqa: ARG001
+    detachment_drag: float,  # noqa: ARG001
+    detachment_dry_force: float,
+) -> float:
+    """Return the friction while slipping, N."""
+    return detachment_dry_force
+
+
+class DetachmentFrictionPrinted(Term):
+    """Equation (9) to the letter, below v_p; above it the bracket counts as 0."""
+
+    name = "detachment_friction_printed"
+    parameters = (
+        Parameter("detachment_force", "N", 0.0, 1e4, 0.2, "F_od: force to detach, at speed 0"),
+        Parameter("detachment_velocity", "m/s", 1e-5, 10.0, 0.05, "v_p: start of semi-fluid friction"),
+        Parameter("detachment_drag", "N s/m", 0.0, 1e5, 2.0, "b: viscous part"),
+        Parameter("detachment_dry_force", "N", 0.0, 1e4, 0.4, "F_Ts: dry friction"),
+    )
+    law = "F = F_od (1 - abs(z')/v_p)^4 + b abs(z') + F_Ts Sgn(z')"
+    source = "equation (9) as printed, for comparison only"
+    meaning = "none: drag that does not know the direction of motion"
+    check = "use detachment_friction"
+    odd = False

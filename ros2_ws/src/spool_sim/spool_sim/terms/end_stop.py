@@ -1,0 +1,58 @@
+"""End stops."""
+
+from __future__ import annotations
+
+import math
+
+from spool_stream.compiled import compiled
+
+from .base import Parameter, Term
+
+
+@compiled
+def force_law(
+    z: float,
+    v: float,
+    t: float,  # noqa: ARG001
+    stop_gap: float,
+    stop_stiffness: float,
+    stop_dissipation: float,
+) -> float:
+    """Return the force, N."""
+    depth = abs(z) - stop_gap
+    if depth <= 0.0:
+        return 0.0
+    side = math.copysign(1.0, z)
+    return side * stop_stiffness * depth * max(0.0, 1.0 + stop_dissipation * side * v)
+
+
+@compiled
+def levels_law(
+    stop_gap: float,
+    stop_stiffness: float,  # noqa: ARG001
+    stop_dissipation: float,  # noqa: ARG001
+) -> tuple[float, float]:
+    """Return where the force has its kinks, m."""
+    return -stop_gap, stop_gap
+
+
+class EndStop(Term):
+    """Unilateral contact at both ends of the stroke."""
+
+    name = "end_stop"
+    parameters = (
+        Parameter("stop_gap", "m", 0.0, 0.1, 0.004, "travel from the centre to either stop"),
+        Parameter("stop_stiffness", "N/m", 0.0, 1e9, 1e6, "contact stiffness"),
+        Parameter(
+            "stop_dissipation",
+            "s/m",
+            0.0,
+            100.0,
+            0.5,
+            "loss of the contact: share of the force per m/s of approach",
+        ),
+    )
+    law = "F = sgn(z) K d max(0, 1 + chi d'), d = abs(z) - gap > 0"
+    source = "Hunt and Crossley's contact law: continuous, and never pulls"
+    meaning = "spool that reaches the end of its stroke"
+    check = "stroke, spring seating, amplitude of the vibration"

@@ -1,0 +1,62 @@
+"""Pavelescu's law as printed."""
+
+from __future__ import annotations
+
+import math
+
+from spool_stream.compiled import compiled
+
+from .base import Parameter, Term
+
+
+@compiled
+def force_law(
+    z: float,  # noqa: ARG001
+    v: float,
+    t: float,  # noqa: ARG001
+    pavelescu_drag: float,
+    pavelescu_minimum: float,
+    pavelescu_static: float,
+    pavelescu_velocity: float,
+    pavelescu_exponent: float,
+) -> float:
+    """Return the force, N."""
+    excess = pavelescu_static - pavelescu_minimum
+    return pavelescu_drag * v + excess * math.exp(-((abs(v) / pavelescu_velocity) ** pavelescu_exponent))
+
+
+@compiled
+def sliding_law(
+    z: float,  # noqa: ARG001
+    speed: float,  # noqa: ARG001
+    direction: float,  # noqa: ARG001
+    pavelescu_drag: float,  # noqa: ARG001
+    pavelescu_minimum: float,
+    pavelescu_static: float,  # noqa: ARG001
+    pavelescu_velocity: float,  # noqa: ARG001
+    pavelescu_exponent: float,  # noqa: ARG001
+) -> float:
+    """Return the friction while slipping, N."""
+    return pavelescu_minimum
+
+
+class PavelescuFrictionPrinted(Term):
+    """Equation (2) to the letter, but for abs(v) in the power, which has no value otherwise."""
+
+    name = "pavelescu_friction_printed"
+    parameters = (
+        Parameter("pavelescu_drag", "N s/m", 0.0, 1e5, 2.0, "viscous part b"),
+        Parameter(
+            "pavelescu_minimum", "N", 0.0, 1e4, 0.4, "F_min,k: friction at the minimum of the Stribeck curve"
+        ),
+        Parameter("pavelescu_static", "N", 0.0, 1e4, 0.6, "F_sp: static friction"),
+        Parameter(
+            "pavelescu_velocity", "m/s", 1e-5, 10.0, 0.02, "v_s: speed at which 1/e of the excess is left"
+        ),
+        Parameter("pavelescu_exponent", "1", 1.0, 10.0, 2.0, "p (beta in the text), from experiment"),
+    )
+    law = "F = b z' + F_min,k Sgn(z') + (F_sp - F_min,k) exp(-(abs(z')/v_s)^p)"
+    source = "equation (2) as printed, for comparison only"
+    meaning = "none: friction that does not know the direction of motion"
+    check = "use pavelescu_friction"
+    odd = False

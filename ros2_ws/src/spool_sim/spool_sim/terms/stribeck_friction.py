@@ -1,0 +1,39 @@
+"""Dry friction that falls with speed."""
+
+from __future__ import annotations
+
+import math
+
+from spool_stream.compiled import compiled
+
+from .base import Parameter, Term
+
+
+@compiled
+def sliding_law(
+    z: float,  # noqa: ARG001
+    speed: float,
+    direction: float,  # noqa: ARG001
+    coulomb_force: float,
+    static_force: float,
+    stribeck_velocity: float,
+) -> float:
+    """Return the friction while slipping, N."""
+    ratio = speed / stribeck_velocity
+    return coulomb_force + (static_force - coulomb_force) * math.exp(-ratio * ratio)
+
+
+class StribeckFriction(Term):
+    """Static friction that falls to Coulomb friction as the film builds up."""
+
+    name = "stribeck_friction"
+    parameters = (
+        Parameter("coulomb_force", "N", 0.0, 1e4, 0.4, "friction force at high speed"),
+        Parameter("static_force", "N", 0.0, 1e4, 0.6, "largest friction force at rest"),
+        Parameter("stribeck_velocity", "m/s", 1e-5, 10.0, 0.02, "speed at which 1/e of the excess is left"),
+    )
+    law = "F = [F_c + (F_s - F_c) exp(-(z'/v_s)^2)] Sgn(z')"
+    source = "Stribeck curve with exponent 2: equation (2) with p = 2, without its viscous part"
+    meaning = "mixed lubrication: the film carries more of the load the faster the spool moves"
+    check = "surface finish, oil viscosity at running temperature, time at rest under pressure"
+    dissipates = True

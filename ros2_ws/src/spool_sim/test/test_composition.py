@@ -1,0 +1,357 @@
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import spool_sim
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from spool_sim.composed_motion import ComposedMotion, MotionState, Trajectory
+from spool_sim.composition import kernel_of, laws_source
+from spool_sim.energy import composed_energy
+from spool_sim.excitation import SteadySine, SweptSine
+from spool_sim.model import MODELS, model_from_mapping
+from spool_sim.motion import half_step_times
+from spool_sim.simulator import Simulator
+from spool_sim.step_size import checked_substeps, halving_error, slopes, substeps_for
+from spool_sim.terms import TERMS, term
+from spool_sim.valve import Valve
+from spool_stream.errors import InputError
+
+SWEEP = SweptSine(start_frequency=8.0, stop_frequency=110.0, duration=3.0, amplitude=10.0, soft_start=0.0)
+# Several dry laws, memory, contacts and time at once.
+EVERYTHING = (
+    "inertia",
+    "spring",
+    "viscous_friction",
+    "coulomb_friction",
+    "mixed_friction",
+    "presliding_friction",
+    "end_stop",
+    "damping_drift",
+    "periodic_force",
+)
+VALUES = {
+    "coulomb_force": 0.2,
+    "mixed_inverse_coefficient": 0.001,
+    "dahl_force": 0.2,
+    "stop_gap": 3e-4,
+    "stop_stiffness": 1e5,
+    "damping_drift_rate": 0.5,
+    "force_amplitude": 0.5,
+    "viscous_coefficient": 2.65,
+}
+
+
+def everything() -> tuple[ComposedMotion, dict[str, float]]:
+    motion = ComposedMotion([term(name) for name in EVERYTHING])
+    return motion, {p.name: p.start for p in motion.parameters} | VALUES
+
+
+def test_the_laws_of_fluid_in_the_package_are_what_the_composer_writes() -> None:
+    text = (Path(spool_sim.__file__).parent / "fluid_laws.py").read_text(encoding="utf-8")
+    assert text.endswith(laws_source(MODELS["fluid"].terms))
+
+
+@settings(max_examples=20, deadline=None)
+@given(cuts=st.lists(st.integers(1, 399), max_size=8, unique=True))
+def test_any_split_gives_the_same_numbers(cuts: list[int]) -> None:
+    motion, values = everything()
+    given_values = {**values, "spring_stiffness": np.linspace(1632.0, 1200.0, 400)}
+    table = motion.table(given_values, 400)
+
+    def run(state: MotionState, first: int, last: int) -> tuple[Trajectory, MotionState]:
+        forcing = SWEEP.acceleration(half_step_times(first, last - first, 2000.0, 4))
+        return motion.advance(
+            state, forcing, table[first:last], sample_period=5e-4, substeps=4, first_sample=first
+        )
+
+    whole, end = run(MotionState(), 0, 400)
+    state, parts = MotionState(), []
+    for first, last in pairwise([0, *sorted(cuts), 400]):
+        part, state = run(state, first, last)
+        parts.append(part)
+    for name in ("displacement", "velocity", "acceleration", "stuck", "memory"):
+        joined = np.concatenate([getattr(part, name) for part in parts])
+        np.testing.assert_array_equal(joined, getattr(whole, name))
+    assert state == end
+    assert np.abs(whole.displacement).max() > 3e-4
+
+
+def test_valves_together_move_as_each_alone() -> None:
+    motion, values = everything()
+    tables = np.stack([motion.table({**values, "coulomb_force": 0.1 * n}, 500) for n in range(5)])
+    bodies = np.stack(
+        [(1.0 + 0.1 * n) * SWEEP.acceleration(half_step_times(0, 500, 2000.0, 4)) for n in range(5)]
+    )
+    start = [MotionState(1e-5 * n) for n in range(5)]
+    together, ends = motion.advance_batch(start, bodies, tables, sample_period=5e-4, substeps=4)
+    for n in range(5):
+        alone, end = motion.advance(start[n], bodies[n], tables[n], sample_period=5e-4, substeps=4)
+        np.testing.assert_array_equal(together.displacement[n], alone.displacement)
+        np.testing.assert_array_equal(together.memory[n], alone.memory)
+        assert ends[n] == end
+    many, _ = motion.advance_batch(
+        start * 20, np.tile(bodies, (20, 1)), np.tile(tables, (20, 1, 1)), sample_period=5e-4, substeps=4
+    )
+    np.testing.assert_array_equal(many.displacement, np.tile(together.displacement, (20, 1)))
+    shared, _ = motion.advance_batch(start, bodies[:1], tables[:1], sample_period=5e-4, substeps=4)
+    np.testing.assert_array_equal(shared.displacement[0], together.displacement[0])
+    assert not np.array_equal(shared.displacement[1], shared.displacement[0])
+
+
+@pytest.mark.parametrize("name", sorted(MODELS))
+def test_energy_of_any_composition(name: str, valve: Valve) -> None:
+    model = MODELS[name]
+    motion = ComposedMotion(model.terms)
+    values = model.values_for(valve, {"stop_gap": 3e-4} if name == "fluid_end_stop" else None)
+    rate = 40_000.0
+    forcing = SWEEP.acceleration(half_step_times(0, round(0.5 * rate), rate, 1))
+    trajectory, _ = motion.advance(
+        MotionState(), forcing, motion.table(values, 1), sample_period=1.0 / rate, substeps=1
+    )
+    energy = composed_energy(motion, values, trajectory, forcing[:-1:2], sample_period=1.0 / rate)
+    turned_over = abs(energy.supplied) + sum(abs(work) for work in energy.taken.values())
+    assert energy.supplied > 0.0
+    assert abs(energy.residual) < 1e-4 * turned_over
+    for entry in motion.terms:
+        if entry.dissipates and entry.dissipates_with is None:
+            assert energy.taken[entry.name] >= 0.0
+    assert set(energy.taken) == {entry.name for entry in motion.terms} - {"inertia"}
+
+
+def test_everything_at_once_converges_and_keeps_its_energy() -> None:
+    motion, values = everything()
+    substeps, error = checked_substeps(
+        motion, values, SWEEP.acceleration, seconds=0.5, sample_rate=2000.0, highest_frequency=110.0
+    )
+    assert error < 1e-3
+    assert substeps >= substeps_for(motion.terms, values, 5e-4, 110.0)
+    rate = 40_000.0
+    forcing = SWEEP.acceleration(half_step_times(0, round(0.5 * rate), rate, 1))
+    trajectory, _ = motion.advance(
+        MotionState(), forcing, motion.table(values, 1), sample_period=1.0 / rate, substeps=1
+    )
+    assert 0.0 < trajectory.stuck.mean() < 0.5
+    energy = composed_energy(motion, values, trajectory, forcing[:-1:2], sample_period=1.0 / rate)
+    assert abs(energy.residual) < 1e-4 * energy.supplied
+
+
+def decades(low: float, high: float) -> st.SearchStrategy[float]:
+    return st.floats(low, high).map(lambda power: float(10.0**power))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    changes=st.fixed_dictionaries(
+        {
+            "spring_stiffness": decades(1.0, 4.5),
+            "viscous_coefficient": st.just(0.0) | decades(-2.0, 1.5),
+            "coulomb_force": st.just(0.0) | decades(-3.0, 1.0),
+            "mixed_inverse_coefficient": st.just(0.0) | decades(-4.0, -1.0),
+            "dahl_force": decades(-3.0, 0.5),
+            "dahl_stiffness": decades(2.0, 6.0),
+            "stop_gap": decades(-4.5, -2.3),
+            "stop_stiffness": decades(3.0, 6.0),
+            "stop_dissipation": st.sampled_from((0.0, 0.5, 20.0)),
+            "damping_drift_rate": st.floats(-2.0, 1.0),
+        }
+    ),
+    amplitude=decades(-1.0, 2.0),
+    frequency=st.floats(3.0, 120.0),
+)
+def test_no_parameters_make_energy_appear(
+    changes: dict[str, float], amplitude: float, frequency: float
+) -> None:
+    motion, values = everything()
+    values = values | changes
+    rate, samples = 20_000.0, 2000
+    substeps = substeps_for(motion.terms, values, 1.0 / rate, frequency)
+    sine = SteadySine(frequency=frequency, amplitude=amplitude, soft_start=0.0)
+    forcing = sine.acceleration(half_step_times(0, samples, rate, substeps))
+    trajectory, _ = motion.advance(
+        MotionState(), forcing, motion.table(values, 1), sample_period=1.0 / rate, substeps=substeps
+    )
+    assert np.isfinite(trajectory.acceleration).all()
+    assert not trajectory.velocity[trajectory.stuck].any()
+    body = forcing[: -1 : 2 * substeps]
+    energy = composed_energy(motion, values, trajectory, body, sample_period=1.0 / rate)
+    turned_over = abs(energy.supplied) + sum(abs(work) for work in energy.taken.values())
+    assert abs(energy.residual) <= 0.01 * turned_over + 1e-12
+
+
+def test_stiffest_rate_follows_the_stiffest_term() -> None:
+    stop = {p.name: p.start for p in TERMS["end_stop"].parameters}
+    assert slopes(TERMS["end_stop"], stop)[0] == pytest.approx(1e6, rel=0.3)
+    far = {**stop, "stop_gap": 0.09}
+    assert slopes(TERMS["end_stop"], far)[0] == pytest.approx(1e6, rel=0.3)
+    dahl = {"dahl_force": 0.5, "dahl_stiffness": 5e4}
+    assert slopes(TERMS["presliding_friction"], dahl) == (pytest.approx(5e4, rel=1e-3), 0.0)
+    assert slopes(TERMS["viscous_friction"], {"viscous_coefficient": 8.0}) == (0.0, pytest.approx(8.0))
+    soft = {"mass": 0.18, "spring_stiffness": 1632.0, **stop}
+    terms = [TERMS["inertia"], TERMS["spring"], TERMS["end_stop"]]
+    stiff = {**soft, "stop_stiffness": 1e8}
+    assert substeps_for(terms, stiff, 5e-4) > 8 * substeps_for(terms, soft, 5e-4) > 8
+    with pytest.raises(InputError, match="at most"):
+        substeps_for(terms, {**stiff, "mass": 1e-4}, 0.1)
+
+
+def test_a_step_that_is_too_coarse_is_halved(valve: Valve) -> None:
+    model = MODELS["fluid_spring_backlash"]
+    motion, values = ComposedMotion(model.terms), model.values_for(valve)
+    options = {"seconds": 0.5, "sample_rate": 250.0}
+    coarse = substeps_for(model.terms, values, 1.0 / 250.0, 1.0)
+    error = halving_error(motion, values, SWEEP.acceleration, substeps=coarse, **options)
+    chosen, left = checked_substeps(
+        motion, values, SWEEP.acceleration, highest_frequency=1.0, tolerance=0.1 * error, **options
+    )
+    assert chosen > coarse
+    assert left <= 0.1 * error
+
+
+@pytest.mark.parametrize("name", ["mixed", "fluid_presliding_friction", "fluid_end_stop"])
+def test_simulator_runs_any_composition(name: str, valve: Valve) -> None:
+    source = Simulator(valve, SWEEP, model=name)
+    whole = np.concatenate([block.spool for block in source.records(1.0)])
+    assert source.step_error < 1e-3
+    parts = Simulator(valve, SWEEP, model=name, block_size=333)
+    again = np.concatenate([block.spool for block in parts.records(0.9)])
+    np.testing.assert_array_equal(again, whole[: again.size])
+
+
+def test_shapes_that_do_not_fit_are_refused() -> None:
+    motion, values = everything()
+    table = motion.table(values, 10)
+    for body, given_table in (
+        (np.zeros(20), table),
+        (np.zeros(21), table[:, :-1]),
+        (np.zeros(21), table[:0]),
+    ):
+        with pytest.raises(ValueError, match="not"):
+            motion.advance(MotionState(), body, given_table, sample_period=1e-3, substeps=1)
+    with pytest.raises(ValueError, match="2 states, but 3 bodies"):
+        motion.advance_batch(
+            [MotionState()] * 2, np.zeros((3, 21)), table[np.newaxis], sample_period=1e-3, substeps=1
+        )
+
+
+LOAD = """
+import time
+import numpy, numba
+from spool_sim.model import MODELS
+from spool_sim.composed_motion import ComposedMotion
+begin = time.process_time()
+motion = ComposedMotion(MODELS["mixed"].terms)
+motion.warm_up()
+print(time.process_time() - begin, getattr(motion._kernel, "__file__", "memory"))
+"""
+
+
+def load(**environment: str) -> tuple[float, str]:
+    done = subprocess.run(
+        [sys.executable, "-c", LOAD],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": ":".join(path for path in sys.path if path), **environment},
+    )
+    assert done.returncode == 0, done.stderr
+    seconds, place = done.stdout.split()
+    return float(seconds), place
+
+
+def test_first_use_compiles_and_later_processes_load(tmp_path: Path) -> None:
+    pytest.importorskip("numba")
+    first, place = load(NUMBA_CACHE_DIR=str(tmp_path))
+    later = min(load(NUMBA_CACHE_DIR=str(tmp_path))[0] for _ in range(3))
+    assert Path(place).parent.parent == tmp_path
+    assert later < 0.5
+    assert later < first
+
+
+def test_a_cache_folder_that_cannot_be_written_costs_only_time(tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("not a folder")
+    code = LOAD.replace("import numpy, numba", "import spool_sim.composition as c; c.cache_folder = lambda: "
+                        f"__import__('pathlib').Path({str(blocked / 'kernels')!r})")  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": ":".join(path for path in sys.path if path)},
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split()[1] == "memory"
+
+
+NEW_TERM = '''
+from spool_stream.compiled import compiled
+from spool_sim.terms.base import Parameter, Term
+
+@compiled
+def force_law(z: float, v: float, t: float, magnet_pull: float) -> float:
+    """Return the force, N."""
+    return magnet_pull * FACTOR
+
+class Magnet(Term):
+    """A magnet."""
+    name = "magnet"
+    parameters = (Parameter("magnet_pull", "N", 0.0, 10.0, 1.0, "pull"),)
+    law = source = meaning = check = "for the test"
+'''
+
+
+def test_a_new_term_is_one_new_file_and_a_changed_law_is_never_served_stale(tmp_path: Path) -> None:
+    folder = tmp_path / "more"
+    folder.mkdir()
+    code = f"""
+import spool_sim.terms as terms, importlib
+terms.__path__.append({str(folder)!r})
+from spool_sim.terms import registry
+registry.TERMS.update(registry._find())
+from spool_sim.model import model_from_mapping
+from spool_sim.composed_motion import ComposedMotion, MotionState
+import numpy as np
+model = model_from_mapping({{"name": "m", "terms": ["inertia", "spring", "magnet"]}})
+motion = ComposedMotion(model.terms)
+values = {{p.name: p.start for p in motion.parameters}}
+table = motion.table(values, 1)
+_, end = motion.advance(MotionState(), np.zeros(2001), table, sample_period=1e-4, substeps=1)
+print(end.displacement)
+"""
+    found = []
+    for factor in ("1.0", "2.0"):
+        (folder / "magnet.py").write_text(NEW_TERM.replace("FACTOR", factor))
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            capture_output=True,
+            text=True,
+            check=False,
+            env={
+                **os.environ,
+                "PYTHONPATH": ":".join(path for path in sys.path if path),
+                "NUMBA_CACHE_DIR": str(tmp_path),
+            },
+        )
+        assert done.returncode == 0, done.stderr
+        found.append(float(done.stdout))
+    assert found[0] < 0.0
+    assert found[1] == pytest.approx(2.0 * found[0])
+
+
+def test_the_same_list_is_the_same_kernel_and_another_order_another() -> None:
+    names = ("inertia", "spring", "viscous_friction")
+    assert kernel_of(names) is kernel_of(names)
+    other = kernel_of(("inertia", "viscous_friction", "spring"))
+    assert other.__name__ != kernel_of(names).__name__
+
+
+def test_models_from_files_take_any_list() -> None:
+    model = model_from_mapping({"name": "all", "terms": list(EVERYTHING), "parameters": {"dahl_force": 0.3}})
+    assert [p.name for p in model.parameters].count("viscous_coefficient") == 1

@@ -1,0 +1,143 @@
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from spool_sim.sensors import (
+    PAPER_CHAIN,
+    FractionalDelay,
+    MeasuringChain,
+    Sensor,
+    SensorChannel,
+    load_sensors,
+)
+from spool_stream.errors import InputError
+
+Array = NDArray[np.float64]
+SINE = 8.0 * np.sin(0.3 * np.arange(400))
+
+
+def in_pieces(channel: Any, signal: Array, borders: list[int]) -> Array:
+    cuts = sorted({0, *borders, signal.size})
+    take = channel.read if isinstance(channel, SensorChannel) else channel.apply
+    return np.concatenate([take(signal[a:b]) for a, b in pairwise(cuts)])
+
+
+SENSORS = st.builds(
+    Sensor,
+    delay_samples=st.one_of(st.floats(0.0, 60.0), st.integers(0, 60).map(float)),
+    gain_error=st.floats(-0.5, 0.5),
+    bias=st.floats(-2.0, 2.0),
+    noise=st.floats(0.0, 1.0),
+    resolution=st.one_of(st.just(0.0), st.floats(0.01, 1.0)),
+    full_scale=st.one_of(st.none(), st.floats(1.0, 12.0)),
+)
+
+
+@settings(max_examples=100, deadline=None)
+@given(sensor=SENSORS, borders=st.lists(st.integers(1, 399), max_size=20), seed=st.integers(0, 1000))
+def test_readings_do_not_depend_on_how_reads_are_split(sensor: Sensor, borders: list[int], seed: int) -> None:
+    whole = SensorChannel(sensor, seed).read(SINE)
+    np.testing.assert_array_equal(in_pieces(SensorChannel(sensor, seed), SINE, borders), whole)
+
+
+@settings(max_examples=60, deadline=None)
+@given(sensor=SENSORS, at=st.integers(0, 399))
+def test_no_reading_knows_the_future(sensor: Sensor, at: int) -> None:
+    changed = SINE.copy()
+    changed[at:] += 50.0
+    one, other = SensorChannel(sensor, 1).read(SINE), SensorChannel(sensor, 1).read(changed)
+    np.testing.assert_array_equal(one[:at], other[:at])
+
+
+@pytest.mark.parametrize("delay", [0.0, 1.0, 17.0])
+def test_whole_delay_shifts_exactly(delay: float) -> None:
+    delayed = FractionalDelay(delay).apply(SINE)
+    np.testing.assert_array_equal(delayed[int(delay) :], SINE[: SINE.size - int(delay)])
+    assert not delayed[: int(delay)].any()
+
+
+@settings(max_examples=60, deadline=None)
+@given(delay=st.floats(0.0, 40.0), frequency=st.floats(1.0, 100.0))
+def test_delayed_sine_is_the_sine_of_an_earlier_time(delay: float, frequency: float) -> None:
+    index = np.arange(600)
+    omega = 2.0 * np.pi * frequency / 2000.0
+    delayed = FractionalDelay(delay).apply(np.sin(omega * index))
+    settled = slice(50, None)
+    # 100 Hz at 2 kHz, at the first samples where only the past can be used: 5e-4.
+    np.testing.assert_allclose(delayed[settled], np.sin(omega * (index - delay))[settled], atol=5e-4)
+
+
+def test_reading_is_clipped_at_full_scale_after_all_else() -> None:
+    sensor = Sensor(gain_error=0.5, bias=1.0, noise=0.5, full_scale=5.0)
+    reading = SensorChannel(sensor, 0).read(SINE)
+    assert reading.max() == 5.0
+    assert reading.min() == -5.0
+    free = SensorChannel(sensor.model_copy(update={"full_scale": None}), 0).read(SINE)
+    inside = np.abs(free) < 5.0
+    assert 0.1 < inside.mean() < 0.9
+    np.testing.assert_array_equal(reading[inside], free[inside])
+
+
+def test_quantised_reading_stands_on_steps_and_errs_by_half_a_step_at_most() -> None:
+    reading = SensorChannel(Sensor(resolution=0.25), 0).read(SINE)
+    np.testing.assert_array_equal(reading, np.rint(reading / 0.25) * 0.25)
+    error = reading - SINE
+    assert np.abs(error).max() <= 0.125
+    assert error.std() == pytest.approx(0.25 / np.sqrt(12.0), rel=0.1)
+
+
+def test_chain_of_the_paper_is_uncertain_by_five_per_cent() -> None:
+    assert PAPER_CHAIN.relative_uncertainty == pytest.approx(0.05)
+    chain = MeasuringChain(
+        accelerometer=0.02, conditioner=0.01, oscilloscope=0.03, conditioner_gain=4.0, oscilloscope_gain=2.5
+    )
+    np.testing.assert_allclose(chain.reading(SINE), 10.0 * SINE)
+    # Equation (31) with the derivatives of (30) written out.
+    written_out = (10.0 * 0.02 + 2.5 * 4.0 * 0.01 + 4.0 * 2.5 * 0.03) * np.abs(SINE)
+    np.testing.assert_allclose(chain.uncertainty(SINE), written_out)
+    np.testing.assert_allclose(chain.uncertainty(SINE), chain.relative_uncertainty * np.abs(10.0 * SINE))
+
+
+def test_drawn_sensors_stay_within_the_chain_s_uncertainty_and_use_it() -> None:
+    generator = np.random.default_rng(1)
+    errors = np.array([PAPER_CHAIN.sensor(generator).gain_error for _ in range(2000)])
+    assert np.abs(errors).max() <= 0.05
+    assert np.abs(errors).max() > 0.04
+    assert abs(errors.mean()) < 0.002
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("delay_samples", -1.0),
+        ("delay_samples", 1e6),
+        ("gain_error", -1.0),
+        ("noise", -0.1),
+        ("resolution", -0.1),
+        ("full_scale", 0.0),
+        ("bias", float("nan")),
+        ("colour", 1.0),
+    ],
+)
+def test_wrong_sensor_file_is_refused_in_one_line(tmp_path: Path, key: str, value: float) -> None:
+    path = tmp_path / "sensors.yaml"
+    number = ".nan" if np.isnan(value) else f"{value:g}"
+    path.write_text(f"spool: {{{key}: {number}}}\n")
+    with pytest.raises(InputError, match=rf"sensors\.yaml: spool\.{key}: ") as caught:
+        load_sensors(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_sensor_file_gives_both_sensors(tmp_path: Path) -> None:
+    path = tmp_path / "sensors.yaml"
+    path.write_text("body: {noise: 0.1}\nspool: {delay_samples: 2.5, full_scale: 40}\n")
+    sensors = load_sensors(path)
+    assert sensors.body == Sensor(noise=0.1)
+    assert sensors.spool == Sensor(delay_samples=2.5, full_scale=40.0)

@@ -1,0 +1,257 @@
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from spool_sim.lubrication import (
+    LubricationRegime,
+    film_parameter,
+    fluid_friction_coefficient,
+    lubrication_regime,
+)
+from spool_sim.model import MODELS, model_from_mapping
+from spool_sim.terms import TERMS, Parameter, Term
+from spool_sim.valve import Valve
+from spool_stream.errors import InputError
+
+FRICTION = [entry for entry in TERMS.values() if entry.dissipates]
+SLIDING = [entry for entry in TERMS.values() if "sliding_law" in entry.laws]
+ODD = [entry for entry in TERMS.values() if entry.odd and "memory_law" not in entry.laws]
+# Exponents of kg, m, s in each unit that a parameter may have.
+UNITS = {
+    "1": (0, 0, 0),
+    "kg": (1, 0, 0),
+    "m": (0, 1, 0),
+    "rad": (0, 0, 0),
+    "Hz": (0, 0, -1),
+    "1/s": (0, 0, -1),
+    "m/s": (0, 1, -1),
+    "s/m": (0, -1, 1),
+    "sqrt(s/m)": (0, -0.5, 0.5),
+    "N": (1, 1, -2),
+    "N/m": (1, 0, -2),
+    "N/m^3": (1, -2, -2),
+    "N s/m": (1, 0, -1),
+    "N s/m^3": (1, -2, -1),
+    "N s^2/m^2": (1, -1, 0),
+    "Pa": (1, -1, -2),
+    "Pa s": (1, -1, -1),
+}
+# Printed as they stand, these do not have the unit of a force: that is what is wrong with them.
+WRONG_UNITS = {"coulomb_hydrodynamic_friction_printed", "microwedge_friction_printed"}
+
+
+def value_of(draw: st.DrawFn, parameter: Parameter) -> float:
+    low = max(parameter.low, -1e3 * max(abs(parameter.start), 1e-3))
+    high = min(parameter.high, 1e3 * max(abs(parameter.start), 1e-3))
+    return draw(st.floats(low, high, allow_nan=False))
+
+
+@st.composite
+def term_and_values(draw: st.DrawFn, entries: list[Term]) -> tuple[Term, dict[str, float]]:
+    entry = draw(st.sampled_from(entries))
+    parameters = list(entry.parameters)
+    if entry.dissipates_with is not None:
+        parameters += TERMS[entry.dissipates_with].parameters
+    return entry, {parameter.name: value_of(draw, parameter) for parameter in parameters}
+
+
+def at(entry: Term, values: dict[str, float], z: float, v: float, t: float) -> float:
+    one = np.ones(1)
+    return float(entry.force(z * one, v * one, 0.0 * one, values, t * one)[0])
+
+
+def in_excess(entry: Term, values: dict[str, float]) -> dict[str, float]:
+    """Let the static force be the larger one, as every law of mixed lubrication has it."""
+    for low, high in (
+        ("coulomb_force", "static_force"),
+        ("hess_soom_minimum", "hess_soom_static"),
+        ("pavelescu_minimum", "pavelescu_static"),
+    ):
+        if low in values and high in values:
+            values[low], values[high] = sorted((values[low], values[high]))
+    return values
+
+
+@settings(max_examples=400, deadline=None)
+@given(term_and_values(FRICTION), st.floats(-5e-3, 5e-3), st.floats(-2.0, 2.0), st.floats(0.0, 600.0))
+def test_friction_opposes_the_motion_and_dissipates(
+    case: tuple[Term, dict[str, float]], z: float, v: float, t: float
+) -> None:
+    entry, values = case
+    if entry.name == "coulomb_hydrodynamic_friction":
+        values["film_drag"] = values["viscous_coefficient"]
+    force = at(entry, values, z, v, t)
+    scale = abs(force)
+    if entry.dissipates_with is not None:
+        company = at(TERMS[entry.dissipates_with], values, z, v, t)
+        scale += abs(company)
+        force += company
+    assert math.isfinite(force)
+    assert force * v >= -1e-12 * scale * abs(v)
+
+
+@settings(max_examples=300, deadline=None)
+@given(term_and_values(ODD), st.floats(-5e-3, 5e-3), st.floats(-2.0, 2.0), st.floats(0.0, 600.0))
+def test_laws_are_odd_where_they_should_be(
+    case: tuple[Term, dict[str, float]], z: float, v: float, t: float
+) -> None:
+    entry, values = case
+    if entry.name == "inertia":
+        return
+    force = at(entry, values, z, v, t)
+    assert at(entry, values, -z, -v, t) == pytest.approx(-force, rel=1e-9, abs=1e-300)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    term_and_values([entry for entry in TERMS.values() if "sliding_law" in entry.laws]), st.floats(0.0, 2.0)
+)
+def test_friction_at_rest_can_take_up_what_it_takes_to_slip(
+    case: tuple[Term, dict[str, float]], speed: float
+) -> None:
+    entry, values = case
+    values = in_excess(entry, values)
+    low, high = entry.at_rest(0.0, values)
+    assert low <= 0.0 <= high
+    slipping = entry.plain("sliding_law")
+    assert slipping is not None
+    given_values = [values[parameter.name] for parameter in entry.parameters]
+    assert slipping(0.0, 0.0, 1.0, *given_values) <= high * (1.0 + 1e-12)
+    assert slipping(0.0, 0.0, -1.0, *given_values) <= -low * (1.0 + 1e-12)
+    if entry.name != "mixed_friction":  # whose drag part rises with speed
+        assert slipping(0.0, speed, 1.0, *given_values) <= high * (1.0 + 1e-12) + 1e-300
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    term_and_values([entry for entry in TERMS.values() if entry.name not in WRONG_UNITS]),
+    st.floats(-5e-3, 5e-3),
+    st.floats(-2.0, 2.0),
+    st.floats(0.0, 5.0),
+    st.tuples(*[st.sampled_from((0.25, 0.5, 2.0, 8.0))] * 3),
+)
+def test_every_law_gives_newtons_whatever_the_units_of_length_time_and_mass(
+    case: tuple[Term, dict[str, float]],
+    z: float,
+    v: float,
+    t: float,
+    units: tuple[float, float, float],
+) -> None:
+    entry, values = case
+    kilogram, metre, second = units
+
+    def scaled(value: float, unit: str) -> float:
+        mass, length, time = UNITS[unit]
+        return float(value * kilogram**mass * metre**length * second**time)
+
+    other = {p.name: scaled(values[p.name], p.unit) for p in entry.parameters}
+    ones = np.ones(2)
+    steps = np.array([0.0, 1.0])
+    force = entry.force(z * steps, v * ones, v * ones, values, t * ones)[-1]
+    again = entry.force(
+        scaled(z, "m") * steps,
+        scaled(v, "m/s") * ones,
+        scaled(v, "m") / second**2 * ones,
+        other,
+        t * second * ones,
+    )[-1]
+    assert again == pytest.approx(scaled(force, "N"), rel=1e-6, abs=1e-9 * abs(scaled(force, "N")) + 1e-250)
+
+
+@pytest.mark.parametrize("entry", TERMS.values(), ids=TERMS.keys())
+def test_every_term_says_what_to_check_and_refuses_what_is_out_of_range(entry: Term, valve: Valve) -> None:
+    assert entry.check.strip()
+    for parameter in entry.parameters:
+        assert parameter.unit in UNITS
+        assert parameter.low <= parameter.start_for(valve) <= parameter.high
+        names = ["inertia", "spring", *({entry.name} - {"inertia", "spring"})]
+        for value in (parameter.low - max(1.0, abs(parameter.low)), 2.0 * parameter.high + 1.0):
+            with pytest.raises(InputError) as refused:
+                model_from_mapping({"name": "mine", "terms": names, "parameters": {parameter.name: value}})
+            assert parameter.name in str(refused.value)
+            assert f"{value:g} {parameter.unit} is out of range" in str(refused.value)
+            assert f"{parameter.low:g} to {parameter.high:g}" in str(refused.value)
+
+
+def test_printed_variants_stand_beside_the_corrected_ones() -> None:
+    printed = {name for name in TERMS if name.endswith("_printed")}
+    assert len(printed) == 5
+    for name in printed:
+        assert name.removesuffix("_printed") in TERMS
+        assert re.search(r"as printed", TERMS[name].source)
+    still = {p.name: p.start for p in TERMS["hess_soom_friction_printed"].parameters}
+    push = [at(TERMS["hess_soom_friction_printed"], still, 0.0, v, 0.0) for v in (-1e-6, 1e-6)]
+    excess = still["hess_soom_static"] - still["hess_soom_minimum"]
+    assert sum(push) == pytest.approx(2.0 * excess, rel=1e-3)
+
+
+def test_laws_at_speeds_where_their_value_is_known() -> None:
+    def start(name: str, **changes: float) -> dict[str, float]:
+        return {p.name: p.start for p in TERMS[name].parameters} | changes
+
+    values = start("stribeck_friction", coulomb_force=0.4, static_force=0.6, stribeck_velocity=0.02)
+    assert at(TERMS["stribeck_friction"], values, 0.0, 0.02, 0.0) == pytest.approx(0.4 + 0.2 / math.e)
+    values = start("hess_soom_friction", hess_soom_drag=2.0)
+    assert at(TERMS["hess_soom_friction"], values, 0.0, -0.02, 0.0) == pytest.approx(-0.04 - 0.5)
+    values = start("tustin_friction", tustin_drag=0.0)
+    assert at(TERMS["tustin_friction"], values, 0.0, 0.02, 0.0) == pytest.approx(0.4 + 0.2 / math.e)
+    values = start("adhesion_friction", adhesion_drag=0.0, adhesion_decay=100.0)
+    assert at(TERMS["adhesion_friction"], values, 0.0, 0.01, 0.0) == pytest.approx(0.4 + 0.2 / math.e)
+    values = start("detachment_friction", detachment_drag=0.0)
+    assert at(TERMS["detachment_friction"], values, 0.0, 0.025, 0.0) == pytest.approx(0.4 + 0.2 / 16.0)
+    assert at(TERMS["detachment_friction"], values, 0.0, 0.5, 0.0) == pytest.approx(0.4)
+    values = start("microwedge_friction", contact_proportionality=46.86)
+    assert TERMS["microwedge_friction"].at_rest(0.0, values)[1] == pytest.approx(46.86 * 0.0021)
+    values = start("seal_friction")
+    area = math.pi * 0.02 * 0.002
+    drag = area * 0.0612 / 1e-6 * 0.1
+    ring = math.pi * 0.02 * 0.001 * 0.05 * 1e5
+    assert at(TERMS["seal_friction"], values, 0.0, 0.1, 0.0) == pytest.approx(drag + ring)
+    # Table 4: up to 1687 N at rest, the spool is locked.
+    table = start(
+        "mixed_friction",
+        mixed_root_coefficient=10.0536,
+        mixed_inverse_coefficient=10.0,
+        normal_load=0.172 * 9.80665,
+    )
+    assert TERMS["mixed_friction"].at_rest(0.0, table)[1] == pytest.approx(1687.0, rel=1e-3)
+
+
+def test_the_paper_s_models_are_compositions_by_name(valve: Valve) -> None:
+    assert {"fluid", "microwedge", "mixed", "coulomb_hydrodynamic", "coulomb", "stribeck"} <= set(MODELS)
+    values = MODELS["coulomb_hydrodynamic"].values_for(valve)
+    assert values["normal_load"] == pytest.approx(valve.spool_mass * 9.80665)
+    assert values["film_drag"] == valve.viscous_coefficient
+
+
+def test_two_terms_with_one_parameter_of_their_own_each_are_refused() -> None:
+    terms = ["inertia", "spring", "coulomb_friction", "stribeck_friction"]
+    with pytest.raises(InputError, match="both have a coulomb_force of their own"):
+        model_from_mapping({"name": "both", "terms": terms})
+
+
+def test_lubrication_quantities() -> None:
+    coefficient = fluid_friction_coefficient(
+        dynamic_viscosity=0.0612, speed=0.5, area=2e-3, normal_load=1.7, film_thickness=15e-6
+    )
+    assert coefficient * 1.7 == pytest.approx(0.0612 * 2e-3 / 15e-6 * 0.5)
+    with pytest.raises(ValueError, match="must be > 0"):
+        fluid_friction_coefficient(
+            dynamic_viscosity=1.0, speed=1.0, area=1.0, normal_load=0.0, film_thickness=1.0
+        )
+    assert film_parameter(15e-6, 3e-6, 4e-6) == pytest.approx(3.0)
+    with pytest.raises(ValueError, match="roughness"):
+        film_parameter(15e-6, 0.0)
+    regimes = [lubrication_regime(film) for film in (0.5, 1.0, 2.0, 3.0, 9.0)]
+    assert regimes == [
+        LubricationRegime.BOUNDARY,
+        LubricationRegime.BOUNDARY,
+        LubricationRegime.MIXED,
+        LubricationRegime.FLUID,
+        LubricationRegime.FLUID,
+    ]

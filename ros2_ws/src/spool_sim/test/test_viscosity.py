@@ -1,0 +1,89 @@
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from spool_sim.valve import Valve, valve_from_mapping
+from spool_sim.viscosity import HIGHEST_TEMPERATURE, LOWEST_TEMPERATURE, OILS
+from spool_stream.errors import InputError
+
+NAMES = st.sampled_from(sorted(OILS))
+TEMPERATURES = st.floats(LOWEST_TEMPERATURE, HIGHEST_TEMPERATURE)
+
+
+@pytest.mark.parametrize(("name", "at_40", "at_100"), [("HL68", 68.0, 8.7), ("Azolla ZS22", 22.0, 4.3)])
+def test_law_passes_through_both_catalogue_points(name: str, at_40: float, at_100: float) -> None:
+    assert OILS[name].kinematic_viscosity(40.0) == pytest.approx(at_40, rel=1e-12)
+    assert OILS[name].kinematic_viscosity(100.0) == pytest.approx(at_100, rel=1e-12)
+
+
+def test_law_is_a_straight_line_on_walther_paper() -> None:
+    for oil in OILS.values():
+        at = [
+            (math.log10(t + 273.15), math.log10(math.log10(oil.kinematic_viscosity(t) + 0.7)))
+            for t in (-20.0, 15.0, 40.0, 75.0, 120.0)
+        ]
+        slopes = [(y1 - y0) / (x1 - x0) for (x0, y0), (x1, y1) in pairwise(at)]
+        assert slopes == pytest.approx([slopes[0]] * len(slopes), rel=1e-9)
+        # Mineral oils have Walther slopes of about 3.2 to 4.2.
+        assert 3.0 < -slopes[0] < 4.5
+
+
+def test_oils_of_such_grades_have_about_three_times_the_viscosity_at_20_degrees() -> None:
+    for oil in OILS.values():
+        assert 2.0 < oil.kinematic_viscosity(20.0) / oil.kinematic_viscosity(40.0) < 3.5
+
+
+@given(name=NAMES, one=TEMPERATURES, other=TEMPERATURES)
+def test_warmer_oil_is_never_thicker(name: str, one: float, other: float) -> None:
+    cool, warm = sorted((one, other))
+    oil = OILS[name]
+    assert oil.kinematic_viscosity(warm) <= oil.kinematic_viscosity(cool)
+    if warm - cool > 1e-3:
+        assert oil.kinematic_viscosity(warm) < oil.kinematic_viscosity(cool)
+
+
+@given(name=NAMES, given_at=st.floats(-20.0, 120.0), viscosity=st.floats(1e-3, 10.0), at=TEMPERATURES)
+def test_valve_scales_the_law_to_its_own_point(
+    name: str, given_at: float, viscosity: float, at: float
+) -> None:
+    valve = Valve(
+        id="a", moving_mass=0.18, spool_mass=0.172, spring_stiffness=1632.0, land_diameter=0.02,
+        land_length=0.032, radial_clearance=15e-6, dynamic_viscosity=viscosity, oil=name,
+        oil_temperature=given_at,
+    )  # fmt: skip
+    assert valve.dynamic_viscosity_at(given_at) == viscosity
+    assert valve.viscous_coefficient_at(given_at) == valve.viscous_coefficient
+    ratio = OILS[name].kinematic_viscosity(at) / OILS[name].kinematic_viscosity(given_at)
+    assert valve.dynamic_viscosity_at(at) == pytest.approx(viscosity * ratio, rel=1e-12)
+    assert valve.viscous_coefficient_at(at) == pytest.approx(valve.viscous_coefficient * ratio, rel=1e-12)
+
+
+def test_valve_with_warm_oil_leads_back_to_the_cold_one(valve: Valve) -> None:
+    warm = valve.at(60.0)
+    assert warm.oil_temperature == 60.0
+    assert warm.viscous_coefficient == valve.viscous_coefficient_at(60.0)
+    assert warm.viscous_coefficient < 0.2 * valve.viscous_coefficient
+    assert warm.at(20.0).viscous_coefficient == pytest.approx(valve.viscous_coefficient, rel=1e-12)
+
+
+def test_temperature_law_needs_an_oil(valve_mapping: dict[str, Any]) -> None:
+    del valve_mapping["oil"]
+    with pytest.raises(InputError, match=r"valve 'valve_soft': oil: key is missing.* add one of HL68"):
+        valve_from_mapping(valve_mapping).viscous_coefficient_at(40.0)
+
+
+@pytest.mark.parametrize("temperature", [-41.0, 151.0, float("nan"), float("inf")])
+def test_temperatures_out_of_range_are_refused(valve: Valve, temperature: float) -> None:
+    with pytest.raises(InputError, match=r"valve 'valve_soft': oil temperature: .*out of range.*-40 to 150"):
+        valve.dynamic_viscosity_at(temperature)
+
+
+def test_point_of_the_valve_out_of_range_is_refused(valve_mapping: dict[str, Any]) -> None:
+    valve = valve_from_mapping({**valve_mapping, "oil_temperature": 200.0})
+    with pytest.raises(InputError, match="200 deg C is out of range"):
+        valve.dynamic_viscosity_at(40.0)
