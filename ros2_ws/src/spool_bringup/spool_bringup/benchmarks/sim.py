@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +45,7 @@ def run() -> Iterator[Timing]:
     runs = []
     for substeps in (1, 2, 4, 8):
         forcing = sweep.acceleration(half_step_times(0, round(SECONDS * RATE), RATE, substeps))
-        taken = best_of(7, lambda forcing=forcing, n=substeps: _step(motion, forcing, n))
+        taken = best_of(7, partial(_step, motion, forcing, substeps))
         runs.append((taken, _error(_ours(motion, sweep, substeps), reference)))
     for method in METHODS:
         for friction in SIGNS:
