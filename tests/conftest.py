@@ -188,13 +188,35 @@ class System:
     # What is asked for.
 
     def call(self, kind: Any, service: str, request: Any) -> Any:
-        """Call a service and return its response."""
+        """Call a service of a managed node and return its response."""
         client = self.node.create_client(kind, service)
         try:
             self.until(client.service_is_ready, f"{service} is offered")
+            self._meet(service.rpartition("/")[0])
             future = client.call_async(request)
             self.until(future.done, f"{service} answers")
             return future.result()
+        finally:
+            self.node.destroy_client(client)
+
+    def _meet(self, node: str) -> None:
+        """Ask until ``node`` answers: it drops answers to clients that it has not discovered yet.
+
+        Clients are discovered in the order they were made, so it knows all earlier ones then.
+        """
+        client = self.node.create_client(GetState, f"{node}/get_state")
+        futures: list[Any] = []
+        due = 0.0
+
+        def answered() -> bool:
+            nonlocal due
+            if time.monotonic() >= due and client.service_is_ready():
+                futures.append(client.call_async(GetState.Request()))
+                due = time.monotonic() + 2.0
+            return any(future.done() for future in futures)
+
+        try:
+            self.until(answered, f"{node} answers")
         finally:
             self.node.destroy_client(client)
 

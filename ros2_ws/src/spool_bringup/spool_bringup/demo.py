@@ -175,15 +175,19 @@ def _let_drift(node: Node, valve: DemoValve, duration: float) -> None:
     """Set the simulator's drift parameters through the standard parameter service."""
     client = AsyncParameterClient(node, f"/{valve.name}/simulator")
     client.wait_for_services(timeout_sec=5.0)
-    future = client.set_parameters_atomically(
-        [
-            Parameter("drift_target", value=valve.drift_target),
-            Parameter("drift_duration", value=duration),
-            Parameter("drift_quantity", value=valve.drift),
-        ]
-    )
-    rclpy.spin_until_future_complete(node, future, timeout_sec=5.0)
-    answer = future.result()
+    wanted = [
+        Parameter("drift_target", value=valve.drift_target),
+        Parameter("drift_duration", value=duration),
+        Parameter("drift_quantity", value=valve.drift),
+    ]
+    answer = None
+    # A node drops its answer to a client that it has not discovered yet; asking again changes nothing.
+    for _ in range(3):
+        future = client.set_parameters_atomically(wanted)
+        rclpy.spin_until_future_complete(node, future, timeout_sec=2.0)
+        answer = future.result() if future.done() else None
+        if answer is not None:
+            break
     result: SetParametersResult | None = answer.result if answer is not None else None
     if result is None or not result.successful:
         raise InputError(f"{valve.name}: the drift was refused: {result.reason if result else 'no answer'}")

@@ -47,6 +47,7 @@ def amplitude_figure(data: Mapping[int, Response]) -> Figure:
 
 def comparison_figure(data: Mapping[int, Response]) -> Figure:
     """Return figures 10 and 11: body and spool of all series."""
+    figure: Figure
     figure, axes = plt.subplots(1, 2, figsize=(9, 4), layout="constrained")
     for series in SERIES:
         response, (colour, marker) = data[series.number], SERIES_STYLES[series.number]
@@ -65,6 +66,7 @@ def comparison_figure(data: Mapping[int, Response]) -> Figure:
 
 def objective_figure(fits: Fits) -> Figure:
     """Return figure 12: the objective by model and series, ours beside the print; scales are their own."""
+    figure: Figure
     figure, axes = plt.subplots(1, 2, figsize=(9, 4), layout="constrained")
     for place, model in enumerate(MODELS):
         colour, _ = MODEL_STYLES[model.name]
@@ -124,6 +126,7 @@ def lock_figure(
 
     ``friction`` is the relative velocity (m/s) and the force (N) of the mixed friction as printed.
     """
+    figure: Figure
     figure, axes = plt.subplots(1, 2, figsize=(9, 4), layout="constrained")
     frequencies = printed.plan.frequencies
     axes[0].plot(
