@@ -14,6 +14,9 @@ def progress(what: str, total: float | None = None) -> Iterator[Callable[[float]
     """Show a bar on stderr while the block runs; yields a function that takes what has been done since."""
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    if not console.is_terminal:
+        yield lambda _done: None
+        return
+    with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task(what, total=total)
         yield lambda done: bar.advance(task, done)

@@ -141,7 +141,10 @@ class Monitor:
                 due = before[1] + round(self.settings.stale_after * 1e9)
                 events += self._silence("acceleration", due, silent)
         self._stamp = block.end
-        events += self._stale["acceleration"].clear(block.stamp, _seconds(0.0), "acceleration arrives again")
+        if self._stale["acceleration"].active is not None:
+            events += self._stale["acceleration"].clear(
+                block.stamp, _seconds(0.0), "acceleration arrives again"
+            )
         if verdict is Verdict.RESTARTS:
             self.lines.restart(block.sample_period)
         for line in self.lines.update(block):
@@ -244,6 +247,8 @@ class Monitor:
         faults = self.gate.lost + self.gate.refused
         new = faults > self._last_fault
         self._last_fault = faults
+        if not new and self._data_fault.active is None:
+            return []
         worst = max(self.gate.faults.items(), key=lambda item: item[1])[0].value if self.gate.faults else ""
         return self._data_fault.judge(
             max(stamp, self._stamp),

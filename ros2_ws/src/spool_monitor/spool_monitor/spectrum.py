@@ -42,8 +42,8 @@ class LineTracker:
     window: float = 1.0
     hop: float = 0.25
     silent_at: int | None = field(default=None, init=False)
-    _body: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32), init=False)
-    _spool: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32), init=False)
+    _last: NDArray[np.float32] = field(default_factory=lambda: np.zeros((2, 0), np.float32), init=False)
+    _hop: int = field(default=1, init=False)
     _taper: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0), init=False)
     _period: float = field(default=0.0, init=False)
     _filled: int = field(default=0, init=False)
@@ -52,9 +52,10 @@ class LineTracker:
     def restart(self, period: float) -> None:
         """Forget all samples; the next ones are ``period`` s apart."""
         size = max(16, round(self.window / period))
-        if size != self._body.size or period != self._period:
-            self._body = np.zeros(size, np.float32)
-            self._spool = np.zeros(size, np.float32)
+        if size != self._taper.size or period != self._period:
+            self._hop = max(1, round(self.hop / period))
+            # The samples since the last look follow those of the window, body and spool.
+            self._last = np.zeros((2, size + self._hop), np.float32)
             self._taper = np.hanning(size).astype(np.float64)
             self._period = period
         self._filled = self._fresh = 0
@@ -63,35 +64,34 @@ class LineTracker:
     def update(self, block: Block) -> list[Line]:
         """Take a block; return the lines that fell due, the same for any split into blocks."""
         lines = []
-        hop = max(1, round(self.hop / self._period))
+        body, spool = self._last
+        size, hop, total = self._taper.size, self._hop, block.body.size
         taken = 0
-        while taken < block.body.size:
-            count = min(hop - self._fresh, block.body.size - taken)
-            self._push(block.body[taken : taken + count], self._body)
-            self._push(block.spool[taken : taken + count], self._spool)
+        while taken < total:
+            count = min(hop - self._fresh, total - taken)
+            begin = size + self._fresh
+            body[begin : begin + count] = block.body[taken : taken + count]
+            spool[begin : begin + count] = block.spool[taken : taken + count]
             taken += count
             self._fresh += count
-            self._filled = min(self._body.size, self._filled + count)
-            if self._fresh == hop:
-                self._fresh = 0
-                if self._filled == self._body.size:
-                    stamp = block.stamp + round((taken - 1) * block.sample_period * 1e9)
-                    line = self._find(stamp)
-                    self.silent_at = stamp if line is None else None
-                    if line is not None:
-                        lines.append(line)
+            if self._fresh < hop:
+                break
+            self._fresh = 0
+            self._last[:, :size] = self._last[:, hop:]
+            self._filled = min(size, self._filled + hop)
+            if self._filled == size:
+                stamp = block.stamp + round((taken - 1) * block.sample_period * 1e9)
+                line = self._find(stamp)
+                self.silent_at = stamp if line is None else None
+                if line is not None:
+                    lines.append(line)
         return lines
 
-    @staticmethod
-    def _push(samples: NDArray[np.float32], window: NDArray[np.float32]) -> None:
-        count = min(samples.size, window.size)
-        window[: window.size - count] = window[count:]
-        window[window.size - count :] = samples[samples.size - count :]
-
     def _find(self, stamp: int) -> Line | None:
-        body = np.fft.rfft((self._body - self._body.mean()) * self._taper)
-        spool = np.fft.rfft((self._spool - self._spool.mean()) * self._taper)
-        step = 1.0 / (self._body.size * self._period)
+        size = self._taper.size
+        window = self._last[:, :size]
+        body, spool = np.fft.rfft((window - window.mean(axis=1, keepdims=True)) * self._taper)
+        step = 1.0 / (size * self._period)
         low = max(3, math.ceil(BAND[0] / step))
         high = min(body.size - 3, math.floor(BAND[1] / step))
         if high <= low:
