@@ -1,5 +1,4 @@
-"""`./spool paper`: the paper's four series and four models, as far as they can be had without its "
-"measurements."""
+"""`./spool paper`: the paper's four series and four models, without the authors' measurements."""
 
 from __future__ import annotations
 
@@ -14,11 +13,12 @@ from typing import Any
 import numpy as np
 from spool_stream.errors import InputError
 
+from . import page as html
 from . import paper_figures as figures
-from . import paper_page as html
 from .commands import write_json
 from .paper_data import MODELS, SERIES, printed_parameters
 from .paper_fit import Fit, fit_both
+from .paper_page import CAN, CANNOT
 from .paper_simulation import NOISE, TRUTH, Plan, Response, measure, respond, sensors
 from .paper_tables import amplitude_table, gap_table, mean_table, parameter_table, write_csv
 from .progress import progress
@@ -153,8 +153,8 @@ def _sections(out: Path, results: Results, tables: Mapping[str, list[dict[str, o
     series_4 = SERIES[3]
     sections = [
         html.heading("What the data are"), html.listing(assumptions(results.plan)),
-        html.heading("What can be reproduced without the authors' measurements"), html.listing(html.CAN),
-        html.heading("What cannot"), html.listing(html.CANNOT),
+        html.heading("What can be reproduced without the authors' measurements"), html.listing(CAN),
+        html.heading("What cannot"), html.listing(CANNOT),
         html.heading("Amplitude over frequency: figures 6 to 11"),
         drawn("figures_6_to_9", figures.amplitude_figure(results.data), "amplitudes of body and spool"),
         drawn("figures_10_and_11", figures.comparison_figure(results.data), "all series together"),

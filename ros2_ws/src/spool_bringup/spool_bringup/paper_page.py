@@ -1,25 +1,6 @@
-"""The page that `./spool paper` writes: pictures, tables, and what they can and cannot say."""
+"""What `./spool paper` can and cannot say."""
 
 from __future__ import annotations
-
-import base64
-import html
-import io
-import math
-from collections.abc import Iterable, Mapping, Sequence
-from string import Template
-
-import matplotlib.pyplot as plt
-from matplotlib.figure import Figure
-
-_PAGE = Template("""<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>$title</title><style>
-body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#222}
-img{width:100%}table{border-collapse:collapse;margin:1rem 0;font-size:.9rem}td,th{padding:.25rem .7rem;
-text-align:left;border-bottom:1px solid #ccc}td.n{text-align:right;font-variant-numeric:tabular-nums}
-div.wide{overflow-x:auto}h2{margin-top:2.5rem}</style></head><body>
-<h1>$title</h1>$sections</body></html>
-""")
 
 #: What the comparison can tell, and what only the authors' measurements could.
 CAN: tuple[str, ...] = (
@@ -47,50 +28,3 @@ CANNOT: tuple[str, ...] = (
     "The viscosities at 20 deg C: the printed ones are what these oils have at about 40 deg C. They are "
     "used as printed.",
 )
-
-
-def page(title: str, sections: Iterable[str]) -> str:
-    """Return the whole page; ``sections`` are HTML."""
-    return _PAGE.substitute(title=html.escape(title), sections="".join(sections))
-
-
-def heading(text: str) -> str:
-    """Return a heading."""
-    return f"<h2>{html.escape(text)}</h2>"
-
-
-def paragraph(text: str) -> str:
-    """Return a paragraph."""
-    return f"<p>{html.escape(text)}</p>"
-
-
-def listing(entries: Sequence[str]) -> str:
-    """Return a list of lines."""
-    return "<ul>" + "".join(f"<li>{html.escape(entry)}</li>" for entry in entries) + "</ul>"
-
-
-def table(columns: Sequence[str], rows: Sequence[Mapping[str, object]]) -> str:
-    """Return a table; numbers are rounded to four digits."""
-    head = "".join(f"<th>{html.escape(column)}</th>" for column in columns)
-    body = "".join("<tr>" + "".join(_cell(row.get(column)) for column in columns) + "</tr>" for row in rows)
-    return f"<div class=wide><table><tr>{head}</tr>{body}</table></div>"
-
-
-def picture(figure: Figure, description: str) -> tuple[str, bytes]:
-    """Return the figure as HTML with its bytes in it, and as PNG; the figure is closed."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=130)
-    plt.close(figure)
-    encoded = base64.b64encode(buffer.getvalue()).decode()
-    return (
-        f"<img alt='{html.escape(description)}' src='data:image/png;base64,{encoded}'>",
-        buffer.getvalue(),
-    )
-
-
-def _cell(value: object) -> str:
-    if isinstance(value, float):
-        return f"<td class=n>{value:.4g}</td>" if math.isfinite(value) else "<td class=n>not known</td>"
-    if value is None:
-        return "<td></td>"
-    return f"<td>{html.escape(str(value))}</td>"
