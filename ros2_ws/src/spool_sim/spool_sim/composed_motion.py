@@ -218,6 +218,37 @@ class ComposedMotion:
         ]
         return result, last
 
+    def forces(
+        self,
+        displacement: Array,
+        velocity: Array,
+        sets: Array,
+        *,
+        sample_period: float,
+        first_sample: int = 0,
+    ) -> Array:
+        """Return the force of all terms but inertia, N, shape (s, n), at given motion.
+
+        Dry friction at velocity 0 counts as 0; terms that remember start from 0 at the first sample.
+
+        Args:
+            displacement, velocity: relative to the body, m and m/s, shape (n,).
+            sets: parameters, shape (s, p).
+            sample_period: s between samples.
+            first_sample: number of the first sample since the start, for laws that depend on time.
+        """
+        out = np.empty((sets.shape[0], displacement.size))
+        self._kernel.force_kernel(
+            np.ascontiguousarray(displacement, dtype=np.float64),
+            np.ascontiguousarray(velocity, dtype=np.float64),
+            np.zeros(3 + max(1, self._memories)),
+            first_sample,
+            float(sample_period),
+            np.ascontiguousarray(sets, dtype=np.float64),
+            out,
+        )
+        return out
+
     def warm_up(self) -> None:
         """Compile the kernel, or load it from the disk, now instead of at the first sample."""
         table = np.array([[parameter.start for parameter in self.parameters]])

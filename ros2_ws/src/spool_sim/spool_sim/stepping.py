@@ -323,3 +323,24 @@ def advance_batch_kernel(
             out_memory[valve],
             out_stuck[valve],
         )
+
+
+@compiled
+def force_kernel(
+    z: Array, v: Array, start: Array, first_sample: int, period: float, parameters: Array, out: Array
+) -> None:
+    """Fill ``out`` (sets, samples) with the force at given motion from the memory in the state ``start``."""
+    for number in range(out.shape[0]):
+        q = given(parameters, number)
+        x = start_memory(start)
+        for n in range(z.size):
+            s = 0.0
+            if v[n] != 0.0:
+                s = math.copysign(1.0, v[n])
+            if n > 0:
+                moved = z[n] - z[n - 1]
+                x = remembered(x, moved, math.copysign(1.0, moved), q)
+            force = smooth(z[n], v[n], (first_sample + n) * period, x, q)
+            if s != 0.0:
+                force += s * sliding(z[n], s * v[n], s, q)
+            out[number, n] = force

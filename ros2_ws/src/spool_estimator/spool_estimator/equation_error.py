@@ -1,0 +1,216 @@
+"""Where a fit starts: the balance of forces at the measured motion, without simulating.
+
+Displacement and velocity come from both accelerations without phase; the forces of the model at that motion
+and the inertia force pass the same operator, and their sum is made small. Parameters in which the forces are
+linear come from a bounded regression, whatever the others are; those are tried from several places.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares, lsq_linear
+
+from .fit_result import SPOOL_DELAY, SPOOL_GAIN
+from .free_run import FreeRun
+from .residuals import Unknown
+from .zero_phase import ZeroPhase, relative_motion
+
+Array = NDArray[np.float64]
+
+#: s of data that the start is taken from.
+LONGEST = 20.0
+#: Random places from which parameters that are not linear are tried, and the decades they spread over.
+TRIALS, DECADES = 24, 1.0
+#: How many of them are followed by a descent.
+FOLLOWED = 3
+
+
+@dataclass(frozen=True, slots=True)
+class _Stretch:
+    displacement: Array
+    velocity: Array
+    inertia: Array
+    first_sample: int
+    sample_period: float
+    conditioning: ZeroPhase
+    inside: slice
+
+
+class EquationError:
+    """The balance of forces of a model at the measured motion.
+
+    Attributes:
+        blind: names of unknowns that change nothing here, such as friction at rest.
+    """
+
+    def __init__(self, run: FreeRun, unknowns: Sequence[Unknown], values: Array, low_cut: float) -> None:
+        """Condition the records.
+
+        Args:
+            run: gives records and model.
+            unknowns: what is fitted; a sensor's gain and delay are left as they are.
+            values: a full set of parameters, shape (1, p), with start values for the unknowns.
+            low_cut: Hz.
+        """
+        self._run = run
+        self._values = values
+        self._unknowns = tuple(unknowns)
+        own = [u for u in unknowns if u.name not in (SPOOL_GAIN, SPOOL_DELAY)]
+        self._own = own
+        self._columns = [run.names.index(unknown.name) for unknown in own]
+        self._low = np.array([unknown.low for unknown in own])
+        self._high = np.array([unknown.high for unknown in own])
+        self._scale = np.array([unknown.scale for unknown in own])
+        mass = float(values[0, run.names.index("mass")])
+        self._stretches = []
+        left = LONGEST
+        for number, entry in enumerate(run.records):
+            if left <= 0.0:
+                break
+            some = entry.part(0, min(entry.body.size, round(left / entry.sample_period)))
+            left -= some.duration
+            high = 1.5 * max(run.highest_frequency[number], 30.0)
+            both = ZeroPhase(some.sample_period, low_cut, high)
+            if some.body.size < 4 * both.settling:
+                continue
+            motion = relative_motion(some.body, some.spool, ZeroPhase(some.sample_period, low_cut))
+            inside = slice(both.settling, some.body.size - both.settling)
+            self._stretches.append(
+                _Stretch(
+                    motion.displacement,
+                    motion.velocity,
+                    mass * both.apply(motion.spool)[inside],
+                    some.first_sample,
+                    some.sample_period,
+                    both,
+                    inside,
+                )
+            )
+        self._find_kinds()
+
+    def _find_kinds(self) -> None:
+        """Find which unknowns change nothing, and which act linearly together."""
+        count = len(self._own)
+        start = self._values[0, self._columns]
+        step = np.where(start + 0.2 * self._scale <= self._high, 0.1, -0.1) * self._scale
+        places = [np.zeros(count)]
+        pairs = [(i, j) for i in range(count) for j in range(i, count)]
+        unit = np.diag(step)
+        places += [unit[i] for i in range(count)]
+        places += [unit[i] + unit[j] for i, j in pairs]
+        forces = self._forces(start + np.array(places)) if self._stretches else np.zeros((len(places), 1))
+        single = forces[1 : count + 1] - forces[0]
+        size = np.linalg.norm(single, axis=1)
+        largest = float(size.max(initial=0.0))
+        self.blind = tuple(u.name for u, norm in zip(self._own, size, strict=True) if norm <= 1e-9 * largest)
+        crossed = np.zeros((count, count), dtype=np.bool_)
+        for (i, j), together in zip(pairs, forces[count + 1 :], strict=True):
+            left = float(np.linalg.norm(together - forces[0] - single[i] - single[j]))
+            crossed[i, j] = crossed[j, i] = left > 1e-6 * min(size[i], size[j])
+        self._linear: list[int] = []
+        for i in range(count):
+            if self._own[i].name not in self.blind and not crossed[i][[*self._linear, i]].any():
+                self._linear.append(i)
+        self._others = [
+            i for i in range(count) if i not in self._linear and self._own[i].name not in self.blind
+        ]
+
+    def _forces(self, points: Array) -> Array:
+        """Return the conditioned forces at ``points`` (s, u), N, shape (s, all samples)."""
+        sets = np.repeat(self._values, points.shape[0], axis=0)
+        sets[:, self._columns] = points
+        return np.concatenate(
+            [
+                stretch.conditioning.apply(
+                    self._run.motion.forces(
+                        stretch.displacement,
+                        stretch.velocity,
+                        sets,
+                        sample_period=stretch.sample_period,
+                        first_sample=stretch.first_sample,
+                    )
+                )[:, stretch.inside]
+                for stretch in self._stretches
+            ],
+            axis=1,
+        )
+
+    @property
+    def _inertia(self) -> Array:
+        return np.concatenate([stretch.inertia for stretch in self._stretches])
+
+    def _solve_linear(self, point: Array) -> tuple[Array, float]:
+        """Return ``point`` with its linear unknowns from a regression, and the squared error left."""
+        count = len(self._linear)
+        base = point.copy()
+        base[self._linear] = np.maximum(self._low[self._linear], np.minimum(0.0, self._high[self._linear]))
+        step = self._scale[self._linear]
+        points = np.vstack([base, base + np.eye(base.size)[self._linear] * step[:, np.newaxis]])
+        forces = self._forces(points)
+        columns = (forces[1:] - forces[0]).T
+        target = -(self._inertia + forces[0])
+        # Normal equations scaled to unit columns: a few unknowns, many samples.
+        size = np.linalg.norm(columns, axis=0)
+        size[size == 0.0] = 1.0
+        triangle = np.asarray(np.linalg.qr(np.column_stack([columns / size, target]), mode="r"))
+        bounds = (
+            (self._low[self._linear] - base[self._linear]) / step * size,
+            (self._high[self._linear] - base[self._linear]) / step * size,
+        )
+        found = lsq_linear(triangle[:, :count], triangle[:, count], bounds, method="bvls")
+        solved = base.copy()
+        solved[self._linear] = np.clip(
+            base[self._linear] + found.x / size * step, self._low[self._linear], self._high[self._linear]
+        )
+        return solved, 2.0 * float(found.cost)
+
+    def starts(self) -> list[Array]:
+        """Return points (all unknowns) to start from, best first; the given start where nothing is told."""
+        given = self._values[0, self._columns]
+        if not self._stretches:
+            return [self._complete(given)]
+        if not self._linear:
+            return [self._complete(given)]
+        if not self._others:
+            return [self._complete(self._solve_linear(given)[0])]
+        generator = np.random.default_rng(1)
+        trials = np.repeat(given[np.newaxis], TRIALS + 1, axis=0)
+        spread = 10.0 ** generator.uniform(-DECADES, DECADES, (TRIALS, len(self._others)))
+        trials[1:, self._others] = np.clip(
+            np.where(given[self._others] != 0.0, given[self._others], self._scale[self._others]) * spread,
+            self._low[self._others],
+            self._high[self._others],
+        )
+        solved = sorted((self._solve_linear(trial) for trial in trials), key=lambda pair: pair[1])
+        followed = [self._descend(point) for point, _ in solved[:FOLLOWED]]
+        followed.sort(key=lambda pair: pair[1])
+        return [self._complete(point) for point, _ in followed]
+
+    def _descend(self, start: Array) -> tuple[Array, float]:
+        """Return the end of a descent in the unknowns that are not linear, the others solved each time."""
+        scale = self._scale[self._others]
+
+        def cost(shares: Array) -> Array:
+            point = start.copy()
+            point[self._others] = shares * scale
+            solved, _ = self._solve_linear(point)
+            return np.asarray(self._inertia + self._forces(solved[np.newaxis])[0])
+
+        low, high = self._low[self._others] / scale, self._high[self._others] / scale
+        first = np.clip(start[self._others] / scale, low, high)
+        found = least_squares(
+            cost, first, bounds=(low, high), diff_step=1e-2, max_nfev=8, ftol=1e-4, xtol=1e-3
+        )
+        point = start.copy()
+        point[self._others] = found.x * scale
+        solved, left = self._solve_linear(point)
+        return solved, left
+
+    def _complete(self, own: Array) -> Array:
+        """Return the point of all unknowns: sensors without error."""
+        place = {unknown.name: float(value) for unknown, value in zip(self._own, own, strict=True)}
+        return np.array([place.get(unknown.name, 0.0) for unknown in self._unknowns])
