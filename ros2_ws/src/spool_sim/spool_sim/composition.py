@@ -167,7 +167,11 @@ def kernel_of(names: tuple[str, ...]) -> ModuleType:
     for entry in terms:
         digest.update(inspect.getsource(importlib.import_module(type(entry).__module__)).encode())
     digest.update(f"{sys.version_info[:2]}{_version('numba')}{_version('numpy')}".encode())
-    name = f"spool_kernel_{digest.hexdigest()[:20]}"
+    return load_kernel(f"spool_kernel_{digest.hexdigest()[:20]}", source)
+
+
+def load_kernel(name: str, source: str) -> ModuleType:
+    """Return the kernel module ``name`` from the disk, written there first where it is missing."""
     try:
         return _from_disk(name, source)
     except (OSError, RuntimeError):  # not writable: numba says RuntimeError, "no locator available"
