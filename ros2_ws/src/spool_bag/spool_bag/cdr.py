@@ -22,10 +22,11 @@ class CdrError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class OilTemperature:
-    """Oil temperature: ``stamp`` in ns, ``celsius`` in deg C."""
+    """Oil temperature: ``stamp`` in ns, ``celsius`` in deg C, ``variance`` in deg C squared, 0: unknown."""
 
     stamp: int
     celsius: float
+    variance: float = 0.0
 
 
 class _Order:
@@ -108,8 +109,8 @@ def encode_block(block: Block, frame_id: str) -> bytes:
 
 
 def encode_temperature(item: OilTemperature, frame_id: str) -> bytes:
-    """Return ``item`` as little-endian CDR of a sensor_msgs/Temperature of unknown variance (0)."""
-    return _encode_header(item.stamp, frame_id) + struct.pack("<dd", item.celsius, 0.0)
+    """Return ``item`` as little-endian CDR of a sensor_msgs/Temperature."""
+    return _encode_header(item.stamp, frame_id) + struct.pack("<dd", item.celsius, item.variance)
 
 
 def decode_temperature(data: bytes) -> OilTemperature:
@@ -121,10 +122,10 @@ def decode_temperature(data: bytes) -> OilTemperature:
     order = _order(data)
     try:
         seconds, nanoseconds, length = order.head.unpack_from(data, 4)
-        celsius, _ = order.pair.unpack_from(data, ((12 + length + 7) & ~7) + 4)
+        celsius, variance = order.pair.unpack_from(data, ((12 + length + 7) & ~7) + 4)
     except struct.error as error:
         raise CdrError(f"not a Temperature: {error}") from error
-    return OilTemperature(seconds * NANOSECONDS + nanoseconds, celsius)
+    return OilTemperature(seconds * NANOSECONDS + nanoseconds, celsius, variance)
 
 
 def _encode_header(stamp: int, frame_id: str) -> bytes:

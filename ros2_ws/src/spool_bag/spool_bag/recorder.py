@@ -20,10 +20,11 @@ TOPICS = {
     "health": "spool_msgs/msg/ValveHealth",
     "events": "spool_msgs/msg/HealthEvent",
     "valve": "spool_msgs/msg/ValveDescription",
+    "refit": "spool_msgs/msg/WindowRefit",
     "oil_temperature": TEMPERATURE,
 }
 #: Topics that the suite's nodes offer latched.
-LATCHED = ("estimate", "health", "events", "valve")
+LATCHED = ("estimate", "health", "events", "valve", "refit")
 #: What makes a namespace a valve; an oil temperature alone may be anybody's.
 MARKS = ("acceleration", "estimate", "health", "events")
 

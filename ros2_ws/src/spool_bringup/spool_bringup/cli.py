@@ -79,7 +79,10 @@ def simulate(
     noise: Annotated[float, typer.Option(help="Sensor noise, rms, m/s^2.")] = 0.05,
     sensors: Annotated[Path | None, typer.Option(help="YAML file of the sensors, replaces --noise.")] = None,
     oil_temperature: Annotated[
-        float | None, typer.Option(help="deg C; default: the valve file's. Sets the viscosity.")
+        str | None,
+        typer.Option(
+            help="deg C, or 20:60 for oil that warms; default: the valve file's. Sets the viscosity."
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
     name: Annotated[str, typer.Option(help="Namespace of the valve in the bag.")] = "valve_1",

@@ -11,9 +11,9 @@ from typing import Any
 
 from rich.console import Console
 from rich.table import Table
-from spool_bag.cdr import encode_block
+from spool_bag.cdr import OilTemperature, encode_block, encode_temperature
 from spool_bag.csv_import import import_csv
-from spool_bag.definitions import ACCELERATION_BLOCK
+from spool_bag.definitions import ACCELERATION_BLOCK, TEMPERATURE
 from spool_bag.export import export_bag
 from spool_bag.information import BagInformation, describe
 from spool_bag.names import check_valve
@@ -49,12 +49,13 @@ def simulate(
     seed: int,
     name: str,
     sensors: Path | None = None,
-    oil_temperature: float | None = None,
+    oil_temperature: str | None = None,
 ) -> None:
     """Write a simulated record of one valve, with the valve's description, as a bag.
 
     ``seconds`` left out is the length of a recorded excitation, else ``SIMULATION_SECONDS``; ``sensors`` is
-    a YAML file that takes the place of ``noise``; ``oil_temperature`` (deg C) left out is the valve file's.
+    a YAML file that takes the place of ``noise``; ``oil_temperature`` (deg C) left out is the valve file's,
+    and ``"20:60"`` warms the oil over the record; where it is given it is recorded.
     """
     check_valve(name)
     if not (block_rate > 0.0 and 0.5 < sample_rate / block_rate < math.inf):
@@ -72,8 +73,9 @@ def simulate(
     if seconds is None:
         seconds = drive.duration if isinstance(drive, Recorded) else SIMULATION_SECONDS
     described = find_valve(valve)
+    temperatures = _temperatures(oil_temperature)
     simulator = Simulator(
-        described if oil_temperature is None else described.at(oil_temperature),
+        described.at(temperatures[0]) if len(temperatures) == 1 else described,
         drive,
         model=model,
         coulomb_force=coulomb_force,
@@ -84,6 +86,9 @@ def simulate(
         body_sensor=measured.body,
         spool_sensor=measured.spool,
     )
+    if len(temperatures) == 2:
+        simulator.set_drift("oil_temperature", temperatures[0])
+        simulator.set_drift("oil_temperature", temperatures[1], seconds)
     blocks = simulator.records(seconds)
     valve_id = simulator.valve.id
     count = 0
@@ -91,11 +96,29 @@ def simulate(
         description = writer.add_topic(f"/{name}/valve", VALVE_DESCRIPTION)
         channel = writer.add_topic(f"/{name}/acceleration", ACCELERATION_BLOCK)
         writer.write(description, SIMULATION_START, encode_valve(simulator.valve, SIMULATION_START))
+        thermal = writer.add_topic(f"/{name}/oil_temperature", TEMPERATURE) if temperatures else 0
         for block in blocks:
+            if temperatures and block.sequence % max(1, round(block_rate)) == 0:
+                share = (block.stamp - SIMULATION_START) * 1e-9 / seconds
+                celsius = temperatures[0] * (1.0 - share) + temperatures[-1] * share
+                item = OilTemperature(block.stamp, celsius)
+                writer.write(thermal, block.stamp, encode_temperature(item, valve_id))
             writer.write(channel, block.stamp, encode_block(block, valve_id), sequence=block.sequence)
             count += 1
             advance(block.body.size * block.sample_period)
     print(f"{out}: {count} blocks of {valve_id} in /{name}, {seconds:g} s at {sample_rate:g} Hz")
+
+
+def _temperatures(text: str | None) -> tuple[float, ...]:
+    if text is None:
+        return ()
+    try:
+        values = tuple(float(part) for part in text.split(":"))
+    except ValueError:
+        values = ()
+    if not 1 <= len(values) <= 2 or not all(map(math.isfinite, values)):
+        raise InputError(f"--oil-temperature {text!r}: write it like 40, or 20:60 for oil that warms")
+    return values
 
 
 def import_record(file: Path, out: Path, name: str, columns: str | None, start: str) -> None:

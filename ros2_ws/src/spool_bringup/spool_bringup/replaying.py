@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -61,11 +62,13 @@ def replay_valve(
     one = Replay(Estimator(settings_for(valve)), Monitor(settings), keep=keep)
     expected = reader.topics[f"/{name}/acceleration"].messages
     with progress(f"replaying {name}", expected) as advance:
-
-        def count(_block: Block) -> None:
-            advance(1)
-
-        one.run(reader.blocks(name), count)
+        for item in reader.stream(name):
+            if isinstance(item, Block):
+                one.update(item)
+                advance(1)
+            else:
+                deviation = math.sqrt(item.variance) if item.variance > 0.0 else math.nan
+                one.update_temperature(item.stamp, item.celsius, deviation)
     return one
 
 

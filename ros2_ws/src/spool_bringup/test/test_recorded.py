@@ -131,6 +131,21 @@ def test_oil_temperature_sets_the_viscosity_and_is_recorded(
     assert "oil temperature: 200 deg C is out of range for HL68" in capsys.readouterr().err
 
 
+def test_oil_that_warms_is_recorded_beside_the_valve(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    given = ["simulate", "--seconds", "4", "--out", str(out), "--oil-temperature"]
+    assert main([*given, "20:60"]) == 0
+    reader = BagReader(out)
+    recorded = recorded_valve(reader, "valve_1")
+    assert recorded == find_valve("4weh10_soft")
+    assert [round(celsius, 6) for _, celsius in reader.temperatures("valve_1")] == [20.0, 30.0, 40.0, 50.0]
+    capsys.readouterr()
+    assert main([*given, "warm"]) == 2
+    assert "write it like 40, or 20:60" in capsys.readouterr().err
+
+
 def test_sensor_file_reaches_the_record(tmp_path: Path) -> None:
     path = tmp_path / "sensors.yaml"
     path.write_text("spool: {full_scale: 4.0, delay_samples: 1.5}\n")

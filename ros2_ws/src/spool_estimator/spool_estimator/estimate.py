@@ -19,6 +19,10 @@ class State(enum.IntEnum):
     SETTLING = 5
 
 
+_NOT_REFERRED = Quantity("referred_viscous_coefficient", "N s/m")
+_NOT_MEASURED = Quantity("oil_temperature", "deg C")
+
+
 @dataclass(frozen=True, slots=True)
 class Estimate:
     """One valve's model at a time.
@@ -26,6 +30,7 @@ class Estimate:
     ``stamp`` (ns) is the acquisition time of the newest sample used, ``delay`` (s) how long before it the
     described motion was, ``memory`` (s) the time constant of forgetting. ``last_sequence`` is that of the
     block in which the newest sample came; ``samples`` counts those used since the start.
+    ``referred_viscous_coefficient`` is the viscous one at the reference temperature of the valve's data.
     """
 
     stamp: int
@@ -43,6 +48,8 @@ class Estimate:
     relative_displacement: Quantity
     lost_blocks: int = 0
     refused_blocks: int = 0
+    referred_viscous_coefficient: Quantity = _NOT_REFERRED
+    oil_temperature: Quantity = _NOT_MEASURED
 
     def parameter(self, name: str) -> Quantity:
         """Return a parameter by its name.

@@ -14,6 +14,7 @@ from spool_stream.quantity import Quantity, Validity
 
 from .conditioning import BODY, COLUMNS, DIRECTION, DISPLACEMENT, SPOOL, VELOCITY, Conditioning
 from .estimate import Estimate, State
+from .oil import OilLaw, OilReference, oil_law
 from .recursive import RecursiveLeastSquares
 from .window import ChunkWindow
 
@@ -48,7 +49,8 @@ class EstimatorSettings:
     ``spring_stiffness`` (N/m), ``viscous_coefficient`` (N s/m) and ``coulomb_force`` (N) are orders of
     magnitude for a weak prior. ``memory`` (s): time constant of forgetting. ``low_cut``, ``high_cut`` (Hz):
     the band. ``minimum_excitation`` (m/s^2): rms body acceleration in the band below which parameters are
-    held. ``period`` (s): one estimate in this time.
+    held. ``period`` (s): one estimate in this time. ``oil``: the law by which the viscous coefficient is
+    referred to one temperature, where it is known.
     """
 
     moving_mass: float
@@ -61,6 +63,7 @@ class EstimatorSettings:
     sliding_velocity: float = 1.0e-3
     minimum_excitation: float = 0.2
     period: float = 1.0
+    oil: OilLaw | None = None
 
 
 @dataclass(slots=True)
@@ -82,12 +85,14 @@ class Estimator:
     settings: EstimatorSettings
     gate: BlockGate = field(default_factory=BlockGate)
     regression: RecursiveLeastSquares = field(init=False)
+    oil: OilReference = field(init=False)
     _window: ChunkWindow = field(init=False)
     latest: Estimate | None = field(default=None, init=False)
     _conditioning: Conditioning | None = field(default=None, init=False)
     _chunk: _Chunk = field(init=False)
     _since_restart: int = field(default=0, init=False)
     _samples: int = field(default=0, init=False)
+    _referred_samples: int = field(default=0, init=False)
     _chunks: int = field(default=0, init=False)
     _excited: bool = field(default=False, init=False)
     _settling: bool = field(default=True, init=False)
@@ -97,6 +102,7 @@ class Estimator:
         settings = self.settings
         scale = [settings.spring_stiffness, settings.viscous_coefficient, settings.coulomb_force]
         self.regression = RecursiveLeastSquares(np.array(scale), CHUNK / settings.memory, noise=NOISE)
+        self.oil = OilReference(settings.oil, settings.memory)
         self._window = ChunkWindow(np.array(scale))
         self._chunk = _Chunk(np.empty((0, COLUMNS)))
         self._powers = np.full(4, math.nan)
@@ -129,6 +135,10 @@ class Estimator:
                     self.latest = self._estimate(stamp, block.sequence)
                     estimates.append(self.latest)
         return estimates
+
+    def update_temperature(self, stamp: int, celsius: float, deviation: float = math.nan) -> None:
+        """Take the oil's temperature at ``stamp`` (ns), deg C, its standard deviation (NaN: unknown)."""
+        self.oil.take(stamp, celsius, deviation)
 
     def stale(self) -> Estimate | None:
         """Return the last estimate as one that is held because no data arrive; ``None`` before the first."""
@@ -220,16 +230,27 @@ class Estimator:
             _judged(name, unit, value, deviation, validity)
             for name, unit, value, deviation in zip(_NAMES, _UNITS, values, deviations, strict=True)
         )
+        assert self._conditioning is not None
+        delay = self._conditioning.delay * self._conditioning.sample_period
+        described = stamp - round(delay * 1e9)
+        fresh = self._samples - self._referred_samples
+        self._referred_samples = self._samples
+        self.oil.follow(described, fresh * self._conditioning.sample_period)
+        viscous = next((one for one in parameters if one.name == "viscous_coefficient"), None)
         return Estimate(
             stamp=stamp,
             model="coulomb",
             state=state,
             last_sequence=sequence,
             samples=self._samples,
-            delay=self._conditioning.delay * self._conditioning.sample_period if self._conditioning else 0.0,
+            delay=delay,
             memory=self.settings.memory,
             parameters=parameters,
             **self._derived(validity),
+            referred_viscous_coefficient=self.oil.referred(
+                viscous or Quantity("viscous_coefficient", "N s/m")
+            ),
+            oil_temperature=self.oil.temperature(described),
             lost_blocks=self.gate.lost,
             refused_blocks=self.gate.refused,
         )
@@ -288,6 +309,8 @@ def _holding(estimate: Estimate) -> Estimate:
         parameters=tuple(held(quantity) for quantity in estimate.parameters),
         natural_frequency=held(estimate.natural_frequency),
         damping_ratio=held(estimate.damping_ratio),
+        referred_viscous_coefficient=held(estimate.referred_viscous_coefficient),
+        oil_temperature=gone(estimate.oil_temperature),
         residual=gone(estimate.residual),
         excitation=gone(estimate.excitation),
         relative_displacement=gone(estimate.relative_displacement),
@@ -296,9 +319,12 @@ def _holding(estimate: Estimate) -> Estimate:
 
 def settings_for(valve: Valve, **changes: float) -> EstimatorSettings:
     """Return the settings that a valve's description gives, with ``changes`` by name."""
-    given = EstimatorSettings(
+    return EstimatorSettings(
         moving_mass=valve.moving_mass,
-        spring_stiffness=valve.spring_stiffness,
-        viscous_coefficient=valve.viscous_coefficient,
+        oil=oil_law(valve),
+        **{
+            "spring_stiffness": valve.spring_stiffness,
+            "viscous_coefficient": valve.viscous_coefficient,
+            **changes,
+        },
     )
-    return replace(given, **changes)

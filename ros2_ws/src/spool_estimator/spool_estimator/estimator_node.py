@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from typing import ClassVar
 
+from sensor_msgs.msg import Temperature
 from spool_msgs.msg import AccelerationBlock, ModelEstimate, ValveDescription
 from spool_node import qos
 from spool_node.diagnostics import DiagnosticPublisher, Level, Status
 from spool_node.managed_node import ManagedNode
-from spool_node.messages import to_block
+from spool_node.messages import nanoseconds, to_block
 from spool_node.parameters import Parameter
 from spool_node.running import run
 from spool_sim.valve import find_valve
@@ -67,6 +69,7 @@ class EstimatorNode(ManagedNode):
         self._description.header.stamp = self.get_clock().now().to_msg()
         self._description_publisher.publish(self._description)
         self.subscribe(AccelerationBlock, "acceleration", self._take, qos.samples_wanted())
+        self.subscribe(Temperature, "oil_temperature", self._take_temperature, qos.samples_wanted())
         self.every(0.25, self._watch, steady=True)
         self.every(1.0, self._report, steady=True)
 
@@ -85,6 +88,11 @@ class EstimatorNode(ManagedNode):
             self._arrival = time.monotonic()
         for estimate in estimates:
             self._publisher.publish(to_message(estimate, self._valve_id))
+
+    def _take_temperature(self, message: Temperature) -> None:
+        assert self._core is not None
+        deviation = math.sqrt(message.variance) if message.variance > 0.0 else math.nan
+        self._core.update_temperature(nanoseconds(message.header.stamp), message.temperature, deviation)
 
     def _watch(self) -> None:
         """Publish once that the estimate is held, and report a worse level at once."""
@@ -123,7 +131,7 @@ class EstimatorNode(ManagedNode):
             "blocks refused": gate.refused,
             **{f"fault: {fault.value}": count for fault, count in gate.faults.items()},
         }
-        for quantity in latest.parameters if latest else ():
+        for quantity in (*latest.parameters, latest.oil_temperature) if latest else ():
             values[f"{quantity.name} ({quantity.unit})"] = quantity.value
         self._diagnostics.publish(Status("estimate", level, message, values))
 

@@ -7,7 +7,15 @@ from spool_node.messages import from_quantity, nanoseconds, to_quantity, to_time
 
 from .estimate import Estimate, State
 
-_QUANTITIES = ("natural_frequency", "damping_ratio", "residual", "excitation", "relative_displacement")
+_QUANTITIES = (
+    "referred_viscous_coefficient",
+    "oil_temperature",
+    "natural_frequency",
+    "damping_ratio",
+    "residual",
+    "excitation",
+    "relative_displacement",
+)
 _NUMBERS = ("model", "last_sequence", "samples", "delay", "memory", "lost_blocks", "refused_blocks")
 
 
@@ -30,10 +38,8 @@ def from_message(message: ModelEstimate) -> Estimate:
         stamp=nanoseconds(message.header.stamp),
         state=State(message.state) if message.state in set(State) else State.UNKNOWN,
         parameters=tuple(from_quantity(quantity) for quantity in message.parameters),
-        **{name: getattr(message, name) for name in _NUMBERS},
-        natural_frequency=from_quantity(message.natural_frequency),
-        damping_ratio=from_quantity(message.damping_ratio),
-        residual=from_quantity(message.residual),
-        excitation=from_quantity(message.excitation),
-        relative_displacement=from_quantity(message.relative_displacement),
+        **{
+            **{name: getattr(message, name) for name in _NUMBERS},
+            **{name: from_quantity(getattr(message, name)) for name in _QUANTITIES},
+        },
     )

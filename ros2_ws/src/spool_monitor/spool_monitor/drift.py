@@ -14,6 +14,9 @@ from .event import Condition, Event, Severity
 #: Standard deviations that a change must exceed before its size is judged at all.
 SIGNIFICANCE = 4.0
 
+#: The parameter that follows the oil's temperature.
+VISCOUS = "viscous_coefficient"
+
 #: s, estimates do not come closer; it bounds how many are kept for a start value.
 SHORTEST_PERIOD = 0.1
 
@@ -53,10 +56,18 @@ class Baseline:
             self.spread = 1.4826 * float(np.median(np.abs(np.array(self._seen) - self.value)))
             self._seen.clear()
 
+    def restart(self) -> None:
+        """Learn from here on; a fixed start value is forgotten."""
+        self.value = self.spread = math.nan
+        self._seen.clear()
+
 
 @dataclass(slots=True)
 class DriftDetector:
     """Compare one parameter of each estimate with its baseline.
+
+    Where the estimates carry it, the viscous coefficient is compared as referred to one oil temperature; a
+    start value learned so is never compared with one at any other.
 
     ``warning`` and ``alarm`` are changes, relative to the baseline or absolute (``relative``); below
     ``deadband`` times the warning it clears. ``kind`` names the event, ``causes`` those of a fall and a rise.
@@ -72,6 +83,7 @@ class DriftDetector:
     deadband: float = 0.7
     on_delay: float = 2.0
     off_delay: float = 3.0
+    referred: bool = field(default=False, init=False)
     change: Quantity = field(init=False)
     condition: Condition = field(init=False)
 
@@ -84,6 +96,15 @@ class DriftDetector:
         quantity = estimate.parameter(self.parameter)
         if estimate.state is not State.TRACKING or quantity.validity is not Validity.VALID:
             return []
+        if self.parameter == VISCOUS:
+            at_reference = estimate.referred_viscous_coefficient
+            if at_reference.known and not self.referred and not self.baseline.frozen:
+                self.baseline.restart()
+                self.referred = True
+            if self.referred:
+                if at_reference.validity is not Validity.VALID:
+                    return []
+                quantity = at_reference
         if not self.baseline.frozen:
             self.baseline.learn(estimate.stamp, quantity.value)
             return []
@@ -96,7 +117,7 @@ class DriftDetector:
         indicated = None
         if abs(change) >= self.warning and abs(change) > SIGNIFICANCE * deviation:
             indicated = Severity.ALARM if abs(change) >= self.alarm else Severity.WARNING
-        text = f"{self.parameter.replace('_', ' ')} {quantity.value:.4g} {quantity.unit}, was {reference:.4g}"
+        text = f"{quantity.name.replace('_', ' ')} {quantity.value:.4g} {quantity.unit}, was {reference:.4g}"
         return self.condition.judge(
             estimate.stamp,
             indicated,

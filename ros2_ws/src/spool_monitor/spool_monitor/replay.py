@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
@@ -38,6 +39,10 @@ class Replay:
             self.update(block)
             if progress is not None:
                 progress(block)
+
+    def update_temperature(self, stamp: int, celsius: float, deviation: float = math.nan) -> None:
+        """Take the oil's temperature at ``stamp`` (ns), deg C, its standard deviation (NaN: unknown)."""
+        self.estimator.update_temperature(stamp, celsius, deviation)
 
     def update(self, block: Block) -> None:
         """Take one block through estimator and monitor, in the order of the data."""

@@ -82,7 +82,7 @@ def test_every_message_of_a_valve_says_when_and_which(name: str) -> None:
 
 def test_uncertain_numbers_are_quantities() -> None:
     """A bare float is allowed for what is known exactly only."""
-    exact = {"sample_period", "delay", "memory", "value", "standard_deviation"}
+    exact = {"sample_period", "delay", "memory", "window", "value", "standard_deviation"}
     for name in NAMES:
         if name == "ValveDescription":  # given by the user, not determined
             continue

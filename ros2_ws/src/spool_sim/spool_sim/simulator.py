@@ -16,11 +16,13 @@ from .composed_motion import ComposedMotion, MotionState
 from .excitation import Excitation
 from .model import Model, load_model
 from .motion import half_step_times
+from .oil_table import OilTable
 from .sensors import Sensor, SensorChannel
 from .step_size import checked_substeps, substeps_for
 from .valve import Valve
 
-DRIFTING: tuple[str, ...] = ("viscous_coefficient", "coulomb_force", "spring_stiffness")
+#: Parameters that may drift, and the oil's temperature, on which the viscous coefficient depends.
+DRIFTING: tuple[str, ...] = ("viscous_coefficient", "coulomb_force", "spring_stiffness", "oil_temperature")
 # 2020-01-01T00:00:00Z: a stamp of 0 means "no time" in ROS.
 DEFAULT_START_STAMP = 1_577_836_800_000_000_000
 _INNER_SAMPLES = 4096
@@ -30,13 +32,14 @@ _TRIAL_SAMPLES = 4000
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """What really holds at one instant (kg, N/m, N s/m, N); ``time`` in s since the start."""
+    """What really holds at one instant (kg, N/m, N s/m, N, deg C); ``time`` in s since the start."""
 
     time: float
     mass: float
     spring_stiffness: float
     viscous_coefficient: float
     coulomb_force: float
+    oil_temperature: float
 
     @property
     def natural_frequency(self) -> float:
@@ -125,7 +128,9 @@ class Simulator:
             overrides["coulomb_force"] = coulomb_force
         values = self.model.values_for(valve, overrides)
         self._mass = values["mass"]
-        self._ramps = {name: _Ramp(values.get(name, 0.0), values.get(name, 0.0), 0, 0) for name in DRIFTING}
+        starts = {**values, "oil_temperature": valve.oil_temperature}
+        self._ramps = {name: _Ramp(starts.get(name, 0.0), starts.get(name, 0.0), 0, 0) for name in DRIFTING}
+        self._oil = OilTable(valve)
         self._rate = Fraction(self.sample_rate)
         self._start_stamp = start_stamp
         self._state = MotionState()
@@ -174,18 +179,30 @@ class Simulator:
         return self._sample / self.sample_rate
 
     @property
+    def stamp(self) -> int:
+        """Acquisition time of the next sample, ns."""
+        return self._start_stamp + round(self._sample * 1_000_000_000 / self._rate)
+
+    @property
     def truth(self) -> Truth:
         """The parameters that hold at the next sample."""
         now = np.array([self._sample])
         values = {name: float(ramp.at(now)[0]) for name, ramp in self._ramps.items()}
+        if self._warms:
+            values["viscous_coefficient"] *= float(self._oil.ratio(np.array(values["oil_temperature"])))
         return Truth(time=self.time, mass=self._mass, **values)
+
+    @property
+    def _warms(self) -> bool:
+        ramp = self._ramps["oil_temperature"]
+        return ramp.start != ramp.target or ramp.target != self.valve.oil_temperature
 
     def set_drift(self, quantity: str, target: float, duration: float = 0.0) -> None:
         """Let a parameter run linearly from its present value to ``target``, from the next sample on.
 
         Args:
             quantity: one of ``DRIFTING``.
-            target: N s/m, N or N/m.
+            target: N s/m, N, N/m or deg C; the viscous coefficient at the valve's reference temperature.
             duration: s; 0 is a step.
 
         Raises:
@@ -193,12 +210,18 @@ class Simulator:
         """
         if quantity not in DRIFTING:
             raise InputError(f"drift: quantity '{quantity}' is unknown, use one of {', '.join(DRIFTING)}")
-        self.model.parameter(quantity, "drift").check(target, "drift")
+        if quantity == "oil_temperature":
+            self.model.parameter("viscous_coefficient", "drift")
+            self.valve.dynamic_viscosity_at(target)
+        else:
+            self.model.parameter(quantity, "drift").check(target, "drift")
         if not 0.0 <= duration <= 1e9:
             raise InputError(f"drift: duration {duration:g} s is out of range, use 0 to 1e9 s")
-        now = getattr(self.truth, quantity)
+        now = float(self._ramps[quantity].at(np.array([self._sample]))[0])
         # Fewer steps would do after a fall, but not before it is over: the number only rises.
         ends = {name: ramp.target for name, ramp in self._ramps.items()} | {quantity: target}
+        if ends["oil_temperature"] != self.valve.oil_temperature:
+            ends["viscous_coefficient"] *= float(self._oil.ratio(np.array(ends["oil_temperature"])))
         self._substeps = max(self._substeps, self._needed({**self._values, **ends}))
         self._ramps[quantity] = _Ramp(now, target, self._sample, round(duration * self.sample_rate))
 
@@ -248,6 +271,8 @@ class Simulator:
                 values[name] = ramp.at(index)
             else:
                 values[name] = ramp.target
+        if self._warms:
+            values["viscous_coefficient"] *= self._oil.ratio(self._ramps["oil_temperature"].at(index))
         trajectory, self._state = self._motion.advance(
             self._state,
             forcing,

@@ -5,11 +5,12 @@ from __future__ import annotations
 import sys
 from typing import Any, ClassVar
 
+from sensor_msgs.msg import Temperature
 from spool_msgs.msg import AccelerationBlock
 from spool_node import qos
 from spool_node.diagnostics import DiagnosticPublisher, Level, Status
 from spool_node.managed_node import ManagedNode
-from spool_node.messages import from_block
+from spool_node.messages import from_block, to_time
 from spool_node.parameters import Parameter, Value
 from spool_node.running import run
 from spool_stream.errors import InputError
@@ -62,7 +63,12 @@ class SimulatorNode(ManagedNode):
             "drift_quantity", "none", "Parameter that drifts; setting it starts.", choices=("none", *DRIFTING)
         ),
         Parameter(
-            "drift_target", 0.0, "Value that the drifting parameter ends at, in its SI unit.", "", 0.0, 1e8
+            "drift_target",
+            0.0,
+            "Value that the drifting parameter ends at, SI unit or deg C.",
+            "",
+            -40.0,
+            1e8,
         ),
         Parameter("drift_duration", 10.0, "Time of the drift; 0: a step.", "s", 0.0, 1e6),
     )
@@ -81,6 +87,9 @@ class SimulatorNode(ManagedNode):
         self._publisher = self.create_lifecycle_publisher(
             AccelerationBlock, "acceleration", qos.samples_offered(self.value("block_rate"))
         )
+        self._thermometer = self.create_lifecycle_publisher(
+            Temperature, "oil_temperature", qos.samples_offered(10.0)
+        )
         self._diagnostics = DiagnosticPublisher(self, self._simulator.valve.id)
 
     def activate(self) -> None:
@@ -94,6 +103,7 @@ class SimulatorNode(ManagedNode):
     def cleanup(self) -> None:
         """Let go of publisher and valve."""
         self.destroy_publisher(self._publisher)
+        self.destroy_publisher(self._thermometer)
         self._diagnostics.destroy()
         self._simulator = None
 
@@ -158,6 +168,8 @@ class SimulatorNode(ManagedNode):
         assert self._simulator is not None
         due = int((now - self._started) * 1e-9 * self.value("block_rate")) - self._sent
         while due > 0:
+            if self._sent % max(1, round(self.value("block_rate"))) == 0:
+                self._tell_temperature(self._simulator)
             block = self._simulator.next_block()
             self._sent += 1
             due -= 1
@@ -165,6 +177,14 @@ class SimulatorNode(ManagedNode):
                 self._skipped += 1
                 continue
             self._publisher.publish(from_block(block, self._simulator.valve.id))
+
+    def _tell_temperature(self, simulator: Simulator) -> None:
+        """Publish the oil's temperature about once a second, where the valve's description names the oil."""
+        if simulator.valve.oil is not None:
+            message = Temperature(temperature=simulator.truth.oil_temperature)
+            message.header.frame_id = simulator.valve.id
+            message.header.stamp = to_time(simulator.stamp)
+            self._thermometer.publish(message)
 
     def _report(self) -> None:
         assert self._simulator is not None

@@ -183,6 +183,25 @@ def test_wrong_arguments_are_refused(valve: Valve, arguments: dict[str, Any], sa
         Simulator(valve, PRESETS["sweep"], **arguments)
 
 
+def test_oil_that_warms_thins_by_its_law(valve: Valve) -> None:
+    source, other_source = (Simulator(valve, PRESETS["multisine"]) for _ in range(2))
+    for one in (source, other_source):
+        one.set_drift("viscous_coefficient", 4.0, 1.0)
+        one.set_drift("oil_temperature", 60.0, 4.0)
+    for block in other_source.records(4.0):
+        truth, other = source.truth, source.next_block()
+        np.testing.assert_array_equal(block.spool, other.spool)
+    assert truth.oil_temperature == pytest.approx(60.0, abs=0.3)
+    ratio = valve.viscous_coefficient_at(truth.oil_temperature) / valve.viscous_coefficient
+    assert truth.viscous_coefficient == pytest.approx(4.0 * ratio, rel=1e-5)
+    # From there on it moves as a valve that has this drag from the start.
+    thin = valve.viscous_coefficient_at(60.0) / valve.viscous_coefficient * 4.0
+    steady = Simulator(valve, PRESETS["multisine"], parameters={"viscous_coefficient": thin})
+    late = joined(list(source.records(4.0)))[1][-2000:]
+    wanted = joined(list(steady.records(8.0)))[1][-2000:]
+    np.testing.assert_allclose(late, wanted, atol=1e-3 * np.abs(wanted).max())
+
+
 def test_wrong_drift_and_length_are_refused(valve: Valve) -> None:
     source = Simulator(valve, PRESETS["sweep"], model="fluid")
     with pytest.raises(InputError, match="coulomb_force: unknown parameter"):
@@ -193,5 +212,7 @@ def test_wrong_drift_and_length_are_refused(valve: Valve) -> None:
         source.set_drift("viscous_coefficient", -1.0)
     with pytest.raises(InputError, match="duration"):
         source.set_drift("viscous_coefficient", 1.0, -1.0)
+    with pytest.raises(InputError, match="out of range for HL68"):
+        source.set_drift("oil_temperature", 500.0)
     with pytest.raises(InputError, match="seconds"):
         source.records(0.0)

@@ -1,0 +1,107 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from spool_estimator.estimate import Estimate, State
+from spool_estimator.estimator import Estimator, settings_for
+from spool_monitor.drift import Baseline, DriftDetector
+from spool_monitor.event import Event
+from spool_monitor.monitor import Monitor, MonitorSettings
+from spool_monitor.replay import Replay
+from spool_sim.presets import PRESETS
+from spool_sim.sensors import Sensor
+from spool_sim.simulator import Simulator
+from spool_sim.valve import find_valve
+from spool_stream.quantity import Quantity, Validity
+
+VALVE = find_valve("4weh10_soft")
+
+
+def events_of(*, warmest: float, told: bool, wear: float = 1.0) -> list[Event]:
+    """Return the events of 70 s in which the oil warms from 20 deg C and the drag falls to ``wear`` of it."""
+    noisy = Sensor(noise=0.03)
+    simulator = Simulator(
+        VALVE, PRESETS["multisine"], coulomb_force=0.2, seed=5, body_sensor=noisy, spool_sensor=noisy
+    )
+    both = Replay(Estimator(settings_for(VALVE)), Monitor(MonitorSettings(natural_frequency=15.15)))
+    for number in range(70 * 50):
+        if number == 25 * 50:
+            simulator.set_drift("oil_temperature", warmest, 40.0)
+            simulator.set_drift("viscous_coefficient", wear * VALVE.viscous_coefficient, 20.0)
+        if told and number % 50 == 0:
+            both.update_temperature(simulator.stamp, simulator.truth.oil_temperature)
+        both.update(simulator.next_block())
+    return [event for event in both.events if event.kind == "friction_drift"]
+
+
+def test_a_healthy_valve_that_warms_raises_no_drift_where_its_temperature_is_known() -> None:
+    assert events_of(warmest=29.0, told=True) == []
+    blind = events_of(warmest=29.0, told=False)
+    assert blind
+    assert blind[0].cause == "wear"
+
+
+def test_wear_is_found_though_the_oil_warms_as_well() -> None:
+    found = events_of(warmest=24.0, told=True, wear=0.5)
+    assert found
+    assert found[0].cause == "wear"
+    assert found[0].message.startswith("referred viscous coefficient")
+
+
+def at(second: float, drag: float, referred: float | None) -> Estimate:
+    validity = Validity.UNKNOWN if referred is None else Validity.VALID
+    quantity = Quantity("referred_viscous_coefficient", "N s/m", referred or 0.0, 0.001, validity)
+    nothing = Quantity("", "1")
+    return Estimate(
+        stamp=round(second * 1e9),
+        model="coulomb",
+        state=State.TRACKING,
+        last_sequence=0,
+        samples=0,
+        delay=0.375,
+        memory=4.0,
+        parameters=(Quantity("viscous_coefficient", "N s/m", drag, 0.001, Validity.VALID),),
+        natural_frequency=nothing,
+        damping_ratio=nothing,
+        residual=nothing,
+        excitation=nothing,
+        relative_displacement=nothing,
+        referred_viscous_coefficient=quantity,
+    )
+
+
+def detector() -> DriftDetector:
+    return DriftDetector(
+        "viscous_coefficient", "friction_drift", 0.2, 0.4, True, ("wear", "oil_viscosity"), Baseline(3.0)
+    )
+
+
+def test_a_start_value_learned_at_one_temperature_is_compared_at_that_temperature_only() -> None:
+    made = detector()
+    for second in range(3):
+        made.update(at(second, 2.0, 3.0))
+    assert made.baseline.value == 3.0
+    # The thermometer fails: the drag as it is may not be judged against the referred start value.
+    for second in range(3, 30):
+        assert made.update(at(second, 2.0, None)) == []
+    assert math.isnan(made.change.value)
+    made.update(at(30, 1.0, 3.3))
+    assert made.change.value == pytest.approx(0.1)
+
+
+def test_a_temperature_that_joins_while_learning_begins_the_start_value_anew() -> None:
+    made = detector()
+    made.update(at(0, 2.0, None))
+    made.update(at(1, 2.0, None))
+    for second in range(2, 5):
+        made.update(at(second, 2.0, 3.0))
+    assert made.baseline.value == 3.0
+
+
+def test_a_start_value_without_temperature_goes_on_without_it() -> None:
+    made = detector()
+    for second in range(3):
+        made.update(at(second, 2.0, None))
+    made.update(at(3, 2.2, 3.0))
+    assert made.change.value == pytest.approx(0.1)
