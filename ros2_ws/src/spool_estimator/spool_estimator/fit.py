@@ -144,6 +144,7 @@ def _fit(
     residuals = Residuals(run, free, {**full, **fixed}, band)
     descents = [_descend(residuals, _inside(point[columns], free), 12) for point in points]
     best = min(descents, key=lambda descent: descent.cost)
+    residuals.choose_sampling(residuals.respond(best.point[np.newaxis]))
     for _ in range(ROUNDS):
         _reweigh(residuals, best.point)
         best = _descend(residuals, best.point, 10)
@@ -269,6 +270,7 @@ def _result(
     final = {**values, **{name: value for name, value in named.items() if name in values}}
     sensor = {name: named[name] for name in (SPOOL_GAIN, SPOOL_DELAY) if name in named}
     everything = Residuals(run, unknowns, final, residuals.band)
+    everything.band_limited = residuals.band_limited
     everything.kept, everything.spectrum = residuals.kept, residuals.spectrum
     point = np.array([{**final, **sensor}[unknown.name] for unknown in unknowns])
     scales = _scales(unknowns, point)

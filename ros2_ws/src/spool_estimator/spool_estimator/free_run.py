@@ -23,7 +23,7 @@ from spool_sim.valve import Valve
 from spool_stream.errors import InputError
 
 from .record import Record
-from .zero_phase import ZeroPhase, relative_motion
+from .zero_phase import ZeroPhase, interval_mean_response, relative_motion
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,8 @@ class Window:
         length: samples of the drive.
         state: relative displacement (m) and velocity (m/s) at ``first``, from the accelerometers.
         measured: spool acceleration from ``start`` to ``stop``, m/s^2.
-        viscosity: ratio of the viscosity to that of the valve's description from ``first`` to ``stop``.
+        measured_means: its mean from each of these samples to the next, band-limited between them, m/s^2.
+        viscosity: its ratio to that of the valve's description from ``first`` to ``stop`` inclusive.
     """
 
     record: int
@@ -60,6 +61,7 @@ class Window:
     length: int
     state: tuple[float, float]
     measured: Array
+    measured_means: Array
     viscosity: Array | None
 
 
@@ -68,12 +70,14 @@ class Response:
     """Motion in one window for s parameter sets; every array has shape (s, n), n the samples that count.
 
     Attributes:
-        acceleration: of the spool, m/s^2, gain error included.
+        acceleration: of the spool at the samples, m/s^2, gain error included.
+        means: its mean from each sample to the next, exact whatever jumps in between.
         displacement, velocity: relative to the body, m, m/s.
         jumps: whether friction changed its direction, began or ended between a sample and the next.
     """
 
     acceleration: Array
+    means: Array
     displacement: Array
     velocity: Array
     jumps: NDArray[np.bool_]
@@ -144,8 +148,9 @@ class FreeRun:
         conditioning = ZeroPhase(period, low_cut)
         # At its ends the conditioned motion is not known; the free run may go on to the last sample.
         begin = conditioning.settling
+        means = ZeroPhase(period, 0.0).apply(entry.spool, interval_means=True)
         lead = max(1, round(run_in / period))
-        last = entry.body.size - 1  # the step to the sample after the last one needs its drive
+        last = entry.body.size - 2  # the steps to the two samples after the last one need their drive
         room = last - begin - lead
         if room < max(16, lead):
             return []
@@ -157,7 +162,7 @@ class FreeRun:
         cut = []
         for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
             first = start - lead
-            low, high = first - margin, stop + 1 + margin
+            low, high = first - margin, stop + 2 + margin
             drive = _limited(
                 _around(entry.body, low, high, max(1, margin // 2)), period, self.highest_frequency[number]
             )
@@ -172,7 +177,8 @@ class FreeRun:
                     drive.size,
                     (float(motion.displacement[first]), float(motion.velocity[first])),
                     entry.spool[start:stop],
-                    None if viscosity is None else viscosity[first:stop],
+                    means[start:stop],
+                    None if viscosity is None else viscosity[first : stop + 1],
                 )
             )
         return cut
@@ -240,7 +246,13 @@ class FreeRun:
             substeps=substeps,
             first_sample=entry.first_sample + window.first,
         )
-        return _counted(trajectory, window.start - window.first, gains)
+        body_means = np.array(
+            [
+                _body_means(window, entry.sample_period, float(delay))
+                for delay in (delays[:1] if one_drive else delays)
+            ]
+        )
+        return _counted(trajectory, window.start - window.first, gains, body_means, entry.sample_period)
 
     def _tables(self, sets: Array, window: Window) -> Array:
         if window.viscosity is None or "viscous_coefficient" not in self.names:
@@ -253,17 +265,30 @@ class FreeRun:
 def half_steps(window: Window, sample_period: float, substeps: int, delay: float = 0.0) -> Array:
     """Return the drive (m/s^2) of ``window`` at the ends and midpoints of all steps, ``delay`` s earlier.
 
-    Shape (2 n substeps + 1,), n the samples from ``first`` to ``stop``.
+    Shape (2 n substeps + 1,), n the samples from ``first`` to ``stop`` inclusive.
     """
     finer = 2 * substeps
-    spectrum = window.drive
-    if delay != 0.0:
-        frequency = fft.rfftfreq(window.length, sample_period)
-        spectrum = spectrum * np.exp(-2j * np.pi * frequency * delay)
+    spectrum = _delayed(window, sample_period, delay)
     # The drive has nothing left at half the sample rate, so its line there needs no halving.
     fine = fft.irfft(spectrum, finer * window.length) * finer
     first = finer * window.margin
-    return np.asarray(fine[first : first + finer * (window.stop - window.first) + 1])
+    return np.asarray(fine[first : first + finer * (window.stop + 1 - window.first) + 1])
+
+
+def _delayed(window: Window, sample_period: float, delay: float) -> NDArray[np.complex128]:
+    if delay == 0.0:
+        return window.drive
+    frequency = fft.rfftfreq(window.length, sample_period)
+    return np.asarray(window.drive * np.exp(-2j * np.pi * frequency * delay))
+
+
+def _body_means(window: Window, sample_period: float, delay: float) -> Array:
+    """Return the mean of the drive from each sample that counts to the next, m/s^2."""
+    frequency = fft.rfftfreq(window.length, sample_period)
+    spectrum = _delayed(window, sample_period, delay) * interval_mean_response(frequency, sample_period)
+    first = window.margin + window.start - window.first
+    means = fft.irfft(spectrum, window.length)
+    return np.asarray(means[first : first + window.stop - window.start])
 
 
 def excitation_limit(entry: Record) -> float:
@@ -314,15 +339,18 @@ def _around(samples: Array, low: int, high: int, fade: int) -> Array:
     return around
 
 
-def _counted(trajectory: Trajectory, lead: int, gains: Array) -> Response:
+def _counted(
+    trajectory: Trajectory, lead: int, gains: Array, body_means: Array, sample_period: float
+) -> Response:
     velocity = trajectory.velocity[:, lead:]
     stuck = trajectory.stuck[:, lead:]
-    jumps = np.zeros(velocity.shape, dtype=np.bool_)
-    jumps[:, :-1] = (np.sign(velocity[:, 1:]) != np.sign(velocity[:, :-1])) | (stuck[:, 1:] != stuck[:, :-1])
+    jumps = (np.sign(velocity[:, 1:]) != np.sign(velocity[:, :-1])) | (stuck[:, 1:] != stuck[:, :-1])
+    gain = 1.0 + gains[:, np.newaxis]
     return Response(
-        trajectory.acceleration[:, lead:] * (1.0 + gains[:, np.newaxis]),
-        trajectory.displacement[:, lead:],
-        velocity,
+        gain * trajectory.acceleration[:, lead:-1],
+        gain * (np.diff(velocity, axis=1) / sample_period + body_means),
+        trajectory.displacement[:, lead:-1],
+        velocity[:, :-1],
         jumps,
     )
 

@@ -27,6 +27,8 @@ JUMP_TIME = 1.5e-4
 MOST_LEFT_OUT = 0.6
 #: s of the pieces that the residual's spectrum is averaged over.
 SPECTRUM_PIECE = 0.5
+#: Highest frequency that is compared, as a share of the sample rate.
+HIGHEST_SHARE = 0.35
 #: Relative step of the slopes.
 STEP = 1e-3
 
@@ -61,6 +63,7 @@ class Residuals:
         run: the windows.
         unknowns: what is fitted, the order of every point.
         values: the model's parameters that a point does not hold.
+        band_limited: compare means over the sample intervals, not samples.
         kept: weight 0 or 1 of each sample, one array for each window.
         spectrum: of the residual, one for each record, or ``None`` for equal weights.
     """
@@ -77,6 +80,7 @@ class Residuals:
         self.unknowns = tuple(unknowns)
         self.values = dict(values)
         self.band = band
+        self.band_limited = True
         self.kept: list[Array] = [np.ones(window.measured.size) for window in run.windows]
         self.spectrum: list[Spectrum | None] = [None] * len(run.records)
         laws = {law for entry in run.model.terms for law in entry.laws}
@@ -98,6 +102,11 @@ class Residuals:
 
     def differences(self, responses: Sequence[Response]) -> list[Array]:
         """Return model - measured where samples are kept, m/s^2, shape (s, n) for each window."""
+        if self.band_limited:
+            return [
+                response.means - window.measured_means
+                for response, window in zip(responses, self.run.windows, strict=True)
+            ]
         return [
             (response.acceleration - window.measured) * kept
             for response, window, kept in zip(responses, self.run.windows, self.kept, strict=True)
@@ -117,7 +126,7 @@ class Residuals:
         period = self.run.records[record].sample_period
         length = fft.next_fast_len(columns.shape[-1], real=True)
         frequency = fft.rfftfreq(length, period)
-        gain = ZeroPhase(period, *self.band).gain(frequency)
+        gain = ZeroPhase(period, self.band[0], min(self.band[1], HIGHEST_SHARE / period)).gain(frequency)
         spectrum = self.spectrum[record]
         if spectrum is not None:
             gain /= np.sqrt(spectrum.at(frequency) * 0.5 / period)
@@ -159,7 +168,7 @@ class Residuals:
 
     def leave_jumps_out(self, responses: Sequence[Response]) -> None:
         """Leave out the samples next to jumps of the friction in the first set of ``responses``."""
-        if not self._jumps:
+        if not self._jumps or self.band_limited:
             return
         for number, (response, window) in enumerate(zip(responses, self.run.windows, strict=True)):
             period = self.run.records[window.record].sample_period
@@ -169,6 +178,31 @@ class Residuals:
             near = np.convolve(jumps, np.ones(2 * reach + 2))[reach : reach + jumps.size] > 0.0
             if near.mean() <= MOST_LEFT_OUT:
                 self.kept[number] = np.where(near, 0.0, 1.0)
+
+    def choose_sampling(self, responses: Sequence[Response]) -> None:
+        """Compare samples or means over sample intervals, whichever fit the first set of ``responses``.
+
+        Records that were band-limited before they were sampled have the jumps of friction smeared over some
+        samples: their means agree. Records that were not have the jumps where they are, and means between
+        samples are not known: samples agree, but for those next to a jump.
+        """
+        if not self._jumps:
+            return
+        self.band_limited = False
+        self.leave_jumps_out(responses)
+        sizes = []
+        for band_limited in (True, False):
+            self.band_limited = band_limited
+            errors = self.differences(responses)
+            count = sum(
+                error.shape[-1] if band_limited else kept.sum()
+                for error, kept in zip(errors, self.kept, strict=True)
+            )
+            weighted = self.weighted([error[:1] for error in errors])
+            sizes.append(float(np.sum(weighted**2)) / float(count))
+        self.band_limited = sizes[0] <= sizes[1]
+        if self.band_limited:
+            self.kept = [np.ones(kept.size) for kept in self.kept]
 
     def take_spectrum(self, differences: Sequence[Array]) -> None:
         """Weigh from now on by the spectrum of the first set of ``differences``."""
