@@ -11,6 +11,7 @@ from spool_stream.errors import InputError
 from typer.exceptions import TyperException
 
 from . import commands
+from .replaying import RefitRequest
 
 app = typer.Typer(
     name="spool",
@@ -158,12 +159,94 @@ def replay(
         ),
     ] = None,
     json: JsonFile = None,
+    refits: Annotated[bool, typer.Option("--refits", help="Refit the last 4 s again and again.")] = False,
+    refit_model: Annotated[str, typer.Option(help="Model of the refits: name or YAML file.")] = "coulomb",
+    refit_period: Annotated[float, typer.Option(help="Data time between refits, s.")] = 5.0,
 ) -> None:
     """Run estimator and monitor over a bag, as fast as the machine can.
 
     Example: ./spool replay bags/practice_03 --valve 4weh10_soft --json result.json
     """
-    commands.replay(bag, valve or [], json)
+    request = RefitRequest(refit_model, refit_period) if refits else None
+    commands.replay(bag, valve or [], json, request)
+
+
+RecordsArgument = Annotated[
+    list[Path], typer.Argument(help="Bags or CSV files of one valve.", metavar="RECORD...")
+]
+ReportFile = Annotated[
+    Path | None, typer.Option("--report", help="Write pictures and tables as one HTML page.", metavar="HTML")
+]
+OutFolder = Annotated[
+    Path | None, typer.Option("--out", help="Folder for all of these files.", metavar="DIR")
+]
+FittedValve = Annotated[
+    str | None,
+    typer.Option("--valve", help="YAML file of the valve, or a shipped one's name; default: the bag's own."),
+]
+NameOption = Annotated[
+    str | None, typer.Option("--name", help="Which valve of a bag that holds several, e.g. valve_2.")
+]
+ColumnsOption = Annotated[
+    str | None, typer.Option(help="Names in a CSV file, e.g. time_s=t,body_m_s2=ch1,spool_m_s2=ch2")
+]
+StartOption = Annotated[float, typer.Option(help="Use the record from here on, s since its first sample.")]
+StopOption = Annotated[float | None, typer.Option(help="Use the record up to here, s; default: its end.")]
+HoldoutOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        help="Record to judge the error by; default: a quarter of each record is held out.", metavar="RECORD"
+    ),
+]
+
+
+@app.command()
+def fit(
+    records: RecordsArgument,
+    valve: FittedValve = None,
+    model: Annotated[str, typer.Option(help="Model: its name or a YAML file.")] = "coulomb",
+    json: JsonFile = None,
+    report: ReportFile = None,
+    save_model: Annotated[
+        Path | None,
+        typer.Option(help="Write the fitted model as YAML, for simulate and the nodes.", metavar="YAML"),
+    ] = None,
+    out: OutFolder = None,
+    free: Annotated[
+        list[str] | None, typer.Option(help="Fit it though the valve file gives it; =VALUE to start from.")
+    ] = None,
+    fix: Annotated[
+        list[str] | None, typer.Option(help="Hold it: PARAMETER=VALUE, or as the valve file has it.")
+    ] = None,
+    sensor_gain: Annotated[
+        bool, typer.Option("--sensor-gain", help="Fit the gain error of the spool's sensor as well.")
+    ] = False,
+    sensor_delay: Annotated[
+        bool, typer.Option("--sensor-delay", help="Fit the delay of the spool's sensor as well.")
+    ] = False,
+    holdout: HoldoutOption = None,
+    name: NameOption = None,
+    columns: ColumnsOption = None,
+    start: StartOption = 0.0,
+    stop: StopOption = None,
+) -> None:
+    """Fit a model to records: parameters with standard deviations, objective, amplitude ratio.
+
+    Several records are one set of data. Exit 1 where there is no result.
+
+    Example: ./spool fit bags/practice_03 --valve 4weh10_soft --model coulomb --report fit.html
+
+    Example: ./spool fit record.csv --valve my_valve.yaml --model stribeck --fix coulomb_force=0.3
+    """
+    from .fitting import Outputs, run_fit  # noqa: PLC0415 - scipy is needed here only
+    from .records import selection  # noqa: PLC0415
+
+    code = run_fit(
+        records, valve, model, selection(name, columns, start, stop), Outputs(json, report, save_model, out),
+        held_out=holdout or (), free=free or (), fixed=fix or (), sensor_gain=sensor_gain,
+        sensor_delay=sensor_delay,
+    )  # fmt: skip
+    raise typer.Exit(code)
 
 
 @app.command()

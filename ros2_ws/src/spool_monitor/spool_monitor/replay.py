@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from spool_estimator.estimate import Estimate
 from spool_estimator.estimator import Estimator
+from spool_estimator.refit import Refit, WindowRefits, refit
 from spool_stream.block import Block
 
 from .event import Event
@@ -20,6 +21,7 @@ class Replay:
 
     Attributes:
         estimates: every estimate, where ``keep`` asked for them; the last one is ``estimator.latest``.
+        refitted: every refit, where ``refits`` asked for them; none is skipped here.
         events: every event; a valve that flaps is bounded by its conditions' delays.
 
     """
@@ -27,8 +29,10 @@ class Replay:
     estimator: Estimator
     monitor: Monitor
     keep: bool = False
+    refits: WindowRefits | None = None
     estimates: list[Estimate] = field(default_factory=list, init=False)
     events: list[Event] = field(default_factory=list, init=False)
+    refitted: list[Refit] = field(default_factory=list, init=False)
     first_stamp: int | None = field(default=None, init=False)
     last_stamp: int | None = field(default=None, init=False)
     samples: int = field(default=0, init=False)
@@ -52,6 +56,8 @@ class Replay:
             self.samples += block.body.size
             self.first_stamp = block.stamp if self.first_stamp is None else self.first_stamp
             self.last_stamp = block.end
+        if self.refits is not None:
+            self.refitted += [refit(task) for task in self.refits.update(block, estimates)]
         self.events += self.monitor.update(block)
         for estimate in estimates:
             self.events += self.monitor.update_estimate(estimate)
