@@ -159,6 +159,7 @@ def replay(
         ),
     ] = None,
     json: JsonFile = None,
+    method: Annotated[str, typer.Option(help="Estimator: prediction, or equation.")] = "prediction",
     refits: Annotated[bool, typer.Option("--refits", help="Refit the last 4 s again and again.")] = False,
     refit_model: Annotated[str, typer.Option(help="Model of the refits: name or YAML file.")] = "coulomb",
     refit_period: Annotated[float, typer.Option(help="Data time between refits, s.")] = 5.0,
@@ -168,7 +169,7 @@ def replay(
     Example: ./spool replay bags/practice_03 --valve 4weh10_soft --json result.json
     """
     request = RefitRequest(refit_model, refit_period) if refits else None
-    commands.replay(bag, valve or [], json, request)
+    commands.replay(bag, valve or [], json, request, method)
 
 
 RecordsArgument = Annotated[
@@ -198,6 +199,12 @@ HoldoutOption = Annotated[
         help="Record to judge the error by; default: a quarter of each record is held out.", metavar="RECORD"
     ),
 ]
+SensorGain = Annotated[
+    bool, typer.Option("--sensor-gain", help="Fit the gain error of the spool's sensor as well.")
+]
+SensorDelay = Annotated[
+    bool, typer.Option("--sensor-delay", help="Fit the delay of the spool's sensor as well.")
+]
 
 
 @app.command()
@@ -218,12 +225,8 @@ def fit(
     fix: Annotated[
         list[str] | None, typer.Option(help="Hold it: PARAMETER=VALUE, or as the valve file has it.")
     ] = None,
-    sensor_gain: Annotated[
-        bool, typer.Option("--sensor-gain", help="Fit the gain error of the spool's sensor as well.")
-    ] = False,
-    sensor_delay: Annotated[
-        bool, typer.Option("--sensor-delay", help="Fit the delay of the spool's sensor as well.")
-    ] = False,
+    sensor_gain: SensorGain = False,
+    sensor_delay: SensorDelay = False,
     holdout: HoldoutOption = None,
     name: NameOption = None,
     columns: ColumnsOption = None,
@@ -245,6 +248,53 @@ def fit(
         records, valve, model, selection(name, columns, start, stop), Outputs(json, report, save_model, out),
         held_out=holdout or (), free=free or (), fixed=fix or (), sensor_gain=sensor_gain,
         sensor_delay=sensor_delay,
+    )  # fmt: skip
+    raise typer.Exit(code)
+
+
+@app.command()
+def compare(
+    records: RecordsArgument,
+    valve: Annotated[
+        list[str] | None,
+        typer.Option("--valve", help="As of fit; once for all records, or once for each."),
+    ] = None,
+    models: Annotated[
+        str | None,
+        typer.Option(
+            help="Names or YAML files with commas between; default: the paper's, coulomb, stribeck."
+        ),
+    ] = None,
+    together: Annotated[
+        bool, typer.Option("--together", help="All records are one set of data, not a series each.")
+    ] = False,
+    json: JsonFile = None,
+    report: ReportFile = None,
+    out: OutFolder = None,
+    sensor_gain: SensorGain = False,
+    sensor_delay: SensorDelay = False,
+    holdout: HoldoutOption = None,
+    name: NameOption = None,
+    columns: ColumnsOption = None,
+    start: StartOption = 0.0,
+    stop: StopOption = None,
+) -> None:
+    """Fit several models to records and say which one the data prefer; exit 1 where none has a result.
+
+    Each record is a series of its own, as in the paper; the ranking is over all of them.
+
+    Example: ./spool compare bags/practice_03 --valve 4weh10_soft --report compare.html
+
+    Example: ./spool compare soft.csv stiff.csv --valve soft.yaml --valve stiff.yaml --models fluid,coulomb
+    """
+    from .comparing import run_compare  # noqa: PLC0415 - scipy is needed here only
+    from .fitting import Outputs  # noqa: PLC0415
+    from .records import selection  # noqa: PLC0415
+
+    code = run_compare(
+        records, valve or (), models.split(",") if models else (), selection(name, columns, start, stop),
+        Outputs(json, report, None, out), held_out=holdout or (), together=together,
+        sensor_gain=sensor_gain, sensor_delay=sensor_delay,
     )  # fmt: skip
     raise typer.Exit(code)
 

@@ -193,9 +193,15 @@ def recover_bag(bag: Path, out: Path) -> int:
     return 1 if result.lost or bad or result.damages else 0
 
 
-def replay(bag: Path, valves: Sequence[str], json: Path | None, refits: RefitRequest | None = None) -> None:
+def replay(
+    bag: Path,
+    valves: Sequence[str],
+    json: Path | None,
+    refits: RefitRequest | None = None,
+    method: str = "prediction",
+) -> None:
     """Run estimator and monitor over a bag; show the result and write it as JSON."""
-    result = replay_bag(bag, valves, refits=refits)
+    result = replay_bag(bag, valves, refits=refits, method=method)
     if json is not None:
         write_json(json, result)
     console = Console()

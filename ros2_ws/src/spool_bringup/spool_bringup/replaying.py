@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from spool_bag.reader import BagReader
 from spool_estimator.estimate import Estimate
-from spool_estimator.estimator import Estimator, settings_for
+from spool_estimator.estimator import settings_for
+from spool_estimator.estimators import make_estimator
 from spool_estimator.refit import Refit, RefitSettings, WindowRefits
 from spool_monitor.event import Event
 from spool_monitor.monitor import Monitor, MonitorSettings
@@ -55,6 +56,7 @@ def replay_bag(
     *,
     baseline_time: float | None = None,
     refits: RefitRequest | None = None,
+    method: str = "prediction",
 ) -> dict[str, Any]:
     """Replay every valve of the bag ``path``; return the contract's ``replay --json`` as a dictionary.
 
@@ -69,7 +71,9 @@ def replay_bag(
     result: dict[str, Any] = {"bag": str(path), "duration_s": None, "valves": {}}
     first = last = None
     for name in names:
-        one = replay_valve(reader, name, valves[name], baseline_time=baseline_time, refits=refits)
+        one = replay_valve(
+            reader, name, valves[name], baseline_time=baseline_time, refits=refits, method=method
+        )
         if one.first_stamp is not None and one.last_stamp is not None:
             first = one.first_stamp if first is None else min(first, one.first_stamp)
             last = one.last_stamp if last is None else max(last, one.last_stamp)
@@ -89,13 +93,14 @@ def replay_valve(
     baseline_time: float | None = None,
     keep: bool = False,
     refits: RefitRequest | None = None,
+    method: str = "prediction",
 ) -> Replay:
     """Replay one valve of a bag through fresh cores with the live nodes' default settings."""
     settings = MonitorSettings(natural_frequency=valve.natural_frequency)
     if baseline_time is not None:
         settings = MonitorSettings(natural_frequency=valve.natural_frequency, baseline_time=baseline_time)
     windows = refits.for_valve(valve) if refits is not None else None
-    one = Replay(Estimator(settings_for(valve)), Monitor(settings), keep=keep, refits=windows)
+    one = Replay(make_estimator(method, settings_for(valve)), Monitor(settings), keep=keep, refits=windows)
     expected = reader.topics[f"/{name}/acceleration"].messages
     with progress(f"replaying {name}", expected) as advance:
         for item in reader.stream(name):

@@ -19,7 +19,8 @@ from spool_sim.model import load_model
 from spool_sim.valve import Valve, find_valve
 
 from .estimate import Estimate, State
-from .estimator import Estimator, settings_for
+from .estimator import settings_for
+from .estimators import ESTIMATORS, StreamEstimator, make_estimator
 from .messages import to_message, to_refit_message
 from .refit import RefitSettings, WindowRefits
 from .refit_worker import RefitWorker
@@ -33,6 +34,10 @@ class EstimatorNode(ManagedNode):
     PARAMETERS: ClassVar = (
         Parameter(
             "valve_file", "4weh10_soft", "Path of a YAML file or name of a shipped valve.", read_only=True,
+        ),
+        Parameter(
+            "method", "prediction", "The model run beside the machine, or equation error.", read_only=True,
+            choices=tuple(ESTIMATORS),
         ),
         Parameter("memory", 4.0, "Time constant of forgetting.", "s", 0.2, 3600.0, read_only=True),
         Parameter("low_cut", 4.0, "Lower edge of the band.", "Hz", 0.1, 100.0, read_only=True),
@@ -52,7 +57,7 @@ class EstimatorNode(ManagedNode):
 
     def __init__(self) -> None:
         super().__init__("estimator")
-        self._core: Estimator | None = None
+        self._core: StreamEstimator | None = None
         self._refits: WindowRefits | None = None
         self._worker: RefitWorker | None = None
         self._arrival = time.monotonic()
@@ -64,7 +69,8 @@ class EstimatorNode(ManagedNode):
         warm_up_estimator()
         valve = find_valve(self.value("valve_file"))
         names = ("memory", "low_cut", "high_cut", "minimum_excitation", "period")
-        self._core = Estimator(settings_for(valve, **{name: self.value(name) for name in names}))
+        settings = settings_for(valve, **{name: self.value(name) for name in names})
+        self._core = make_estimator(self.value("method"), settings)
         self._valve_id = valve.id
         self._publisher = self.create_lifecycle_publisher(ModelEstimate, "estimate", qos.state())
         self._description_publisher = self.create_lifecycle_publisher(ValveDescription, "valve", qos.state())

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from spool_estimator.estimate import Estimate
-from spool_estimator.estimator import Estimator
+from spool_estimator.estimators import StreamEstimator
 from spool_estimator.refit import Refit, WindowRefits, refit
 from spool_stream.block import Block
 
@@ -26,7 +26,7 @@ class Replay:
 
     """
 
-    estimator: Estimator
+    estimator: StreamEstimator
     monitor: Monitor
     keep: bool = False
     refits: WindowRefits | None = None
