@@ -130,7 +130,7 @@ def friction(
     for entry, highest in zip(run.records, run.highest_frequency, strict=True):
         some = entry.part(0, min(entry.body.size, round(left / entry.sample_period)))
         both = ZeroPhase(some.sample_period, LOW_CUT, 1.5 * max(highest, 30.0))
-        if left <= 0.0 or some.body.size < 4 * both.settling:
+        if left <= 0.0 or some.body.size < 5 * both.settling:
             continue
         left -= some.duration
         motion = relative_motion(some.body, some.spool, ZeroPhase(some.sample_period, LOW_CUT))
@@ -138,7 +138,7 @@ def friction(
             motion.displacement, motion.velocity, run.sets(fit.values),
             sample_period=some.sample_period, first_sample=some.first_sample,
         )[0]  # fmt: skip
-        inside = slice(both.settling, some.body.size - both.settling)
+        inside = slice(2 * both.settling, some.body.size - 2 * both.settling)
         spring = stiffness * both.apply(motion.displacement)
         velocity.append(motion.velocity[inside])
         force.append((-mass * both.apply(motion.spool) - spring)[inside])

@@ -162,63 +162,53 @@ def spectrum_figure(agreements: Mapping[str, Agreement], measured: tuple[Array, 
 
 def ranking_figure(
     names: Sequence[str],
-    behind: Sequence[float],
+    excesses: Sequence[float],
     errors: Sequence[float],
     counts: Sequence[int],
-    alike: Sequence[str] = (),
+    worth: float,
 ) -> Figure:
     """Return the ranking as a picture, the best on top.
 
     Args:
         names: of the models, best first.
-        behind: information criterion less that of the best, NaN where there is none.
+        excesses: what each leaves over beyond the least, relative.
         errors: nrmse on held-out data, NaN where there is none.
         counts: parameters of each that were fitted.
-        alike: names that cannot be told from the best.
+        worth: excess up to which models do equally well.
     """
     looks = styles(list(names))
     figure: Figure
     figure, axes = plt.subplots(
-        1, 2, figsize=(WIDTH, 1.1 + 0.45 * len(names)), layout="constrained", sharey=True
+        1, 2, figsize=(WIDTH, 1.2 + 0.5 * len(names)), layout="constrained", sharey=True
     )
-    places = np.arange(len(names))
-    known = [value for value in behind if np.isfinite(value)]
-    reach = max([10.0, *known])
-    axes[0].set_xscale("symlog", linthresh=10.0, linscale=0.6)
-    axes[0].axvspan(0.0, 10.0, color="#eeeeee", lw=0, zorder=0)
+    percent = [100.0 * value for value in excesses]
+    axes[0].set_xscale("symlog", linthresh=100.0 * worth, linscale=0.7)
+    axes[0].axvspan(0.0, 100.0 * worth, color="#e4e4e4", lw=0, zorder=0, label="equally well")
     for place, name in enumerate(names):
         colour, _, marker = looks[name]
-        if np.isfinite(behind[place]):
-            axes[0].hlines(place, 0.0, behind[place], color=colour, lw=2)
-            axes[0].plot(behind[place], place, color=colour, marker=marker, ms=7, clip_on=False)
-            axes[0].annotate(
-                "best" if behind[place] == 0.0 else f"+{behind[place]:.3g}", (behind[place], place),
-                xytext=(8, 0), textcoords="offset points", va="center", fontsize=8,
-            )  # fmt: skip
-        else:
-            axes[0].annotate("no fit", (0.0, place), xytext=(8, 0), textcoords="offset points", va="center")
-        if np.isfinite(errors[place]):
-            axes[1].plot(errors[place], place, color=colour, marker=marker, ms=7)
-            axes[1].annotate(
-                f"{errors[place]:.4f}", (errors[place], place), xytext=(8, 0),
-                textcoords="offset points", va="center", fontsize=8,
-            )  # fmt: skip
+        for axis, value, text in (
+            (axes[0], percent[place], f"{percent[place]:+.1f} %"),
+            (axes[1], errors[place], f"{errors[place]:.4f}"),
+        ):
+            if np.isfinite(value):
+                axis.hlines(place, 0.0, value, color=colour, lw=2)
+                axis.plot(value, place, color=colour, marker=marker, ms=7, clip_on=False)
+                axis.annotate(
+                    text, (value, place), xytext=(9, 0), textcoords="offset points", va="center", fontsize=8
+                )
     axes[0].set_yticks(
-        places,
-        [
-            f"{_said(name)}{' *' if name in alike else ''}\n{count} parameters"
-            for name, count in zip(names, counts, strict=True)
-        ],
+        range(len(names)),
+        [f"{_said(name)}\n{count} parameters" for name, count in zip(names, counts, strict=True)],
+        fontsize=9,
     )
-    axes[0].tick_params(axis="y", labelsize=9)
-    axes[0].set_xlim(0.0, 8.0 * reach)
-    axes[0].invert_yaxis()
-    axes[0].margins(y=0.15)
-    _label(axes[0], "information criterion behind the best\n(shaded: not told apart)", "")
+    axes[0].set_xlim(0.0, max(1000.0 * worth, 12.0 * max(percent)))
+    axes[0].xaxis.set_major_formatter("{x:g}")
+    axes[0].set_ylim(len(names) - 0.5, -0.5)
+    axes[0].legend(fontsize=8, loc="upper right")
+    _label(axes[0], "left over beyond the least, % of it", "")
     finite = [value for value in errors if np.isfinite(value)]
-    if finite:
-        axes[1].set_xlim(0.0, 1.25 * max(finite))
-    _label(axes[1], "error on held-out data, nrmse", "")
+    axes[1].set_xlim(0.0, 1.3 * max(finite) if finite else 1.0)
+    _label(axes[1], "error on held-out data, every sample, nrmse", "")
     return figure
 
 

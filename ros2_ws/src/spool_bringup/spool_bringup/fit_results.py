@@ -214,6 +214,8 @@ def rounded(value: float, deviation: float) -> str:
         return "not known"
     if not (math.isfinite(deviation) and deviation > 0.0):
         return f"{value:.5g}"
+    if deviation >= abs(value):
+        return f"{value:.2g}"
     digits = max(0, 1 - math.floor(math.log10(deviation)))
     return f"{value:.{digits}f}" if digits <= 12 else f"{value:.6g}"
 

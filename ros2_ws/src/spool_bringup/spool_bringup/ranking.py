@@ -1,0 +1,288 @@
+"""Which model the data prefer, by how much, and which they cannot tell apart.
+
+Models are compared where sampling lets them be: a jump of dry friction between two samples, behind the
+anti-aliasing filter of a data logger, rings for a few samples, and a model with a smaller jump than the truth
+would seem better there. Those samples are left out, the same ones for every model.
+
+With many samples almost any further term is significant without mattering. So a term must earn its place: of
+the models whose error is about the least, the one with the fewest parameters is preferred.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_estimator.record import Record
+from spool_stream.errors import InputError
+
+from .fit_curves import Overlay, overlay
+from .fit_data import Data
+from .fit_results import Judged
+
+Array = NDArray[np.float64]
+
+#: Samples on each side of a jump of the friction that are left out.
+RINGING = 4
+#: By how much a larger model must cut the error, 1.
+WORTH = 0.03
+#: Lags over which the residual's correlation is summed.
+LAGS = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """One set of data and every model fitted to it."""
+
+    data: Data
+    judged: tuple[Judged, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Error:
+    """What a model leaves over away from jumps: squared sum (m^2/s^4) and number of samples."""
+
+    squares: float
+    samples: int
+
+    @property
+    def rms(self) -> float:
+        """m/s^2, NaN without samples."""
+        return math.sqrt(self.squares / self.samples) if self.samples else math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Rank:
+    """A model over all series.
+
+    Attributes:
+        model: name.
+        parameters: fitted in one series.
+        criterion: Bayesian information criterion over all series, NaN where a series has no result.
+        error: what is left over away from jumps, rms, m/s^2: on held-out data where there are any.
+        excess: ``error`` over the least of all models, less 1.
+        objective: the paper's (33), mean over the series.
+        amplitude_ratio: a_est/a_pom, mean over the series.
+        training_error, held_out_error: nrmse with every sample, mean over the series; NaN where not known.
+        reason: why there is no result, ``None`` where there is one in every series.
+    """
+
+    model: str
+    parameters: int
+    criterion: float
+    error: float
+    excess: float
+    objective: float
+    amplitude_ratio: float
+    training_error: float
+    held_out_error: float
+    reason: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Ranking:
+    """All models, best first.
+
+    Attributes:
+        ranks: first those that do equally well, fewest parameters first, then the others by their error.
+        preferred: name of the best, ``None`` where no model has a result.
+        equal: names of those that do as well with as many parameters or more.
+        sentences: the outcome in words.
+    """
+
+    ranks: tuple[Rank, ...]
+    preferred: str | None
+    equal: tuple[str, ...]
+    sentences: tuple[str, ...]
+
+
+def rank(series: Sequence[Series]) -> Ranking:
+    """Return the ranking of models, each fitted to every one of ``series``."""
+    trained = [_errors(one, one.data.fitted) for one in series]
+    unseen = [_errors(one, one.data.held_out) for one in series]
+    judged = unseen if all(error.samples for errors in unseen for error in errors if error) else trained
+    independent = [_independent(one) for one in series]
+    found = []
+    for place, first in enumerate(series[0].judged):
+        own = [one.judged[place] for one in series]
+        reason = next((entry.fit.reason for entry in own if entry.fit.reason is not None), None)
+        agreements = [entry.fit.agreement for entry in own]
+        found.append(
+            Rank(
+                first.name,
+                len(first.fit.parameters),
+                sum(
+                    _criterion(errors[place], share, len(entry.fit.parameters))
+                    for errors, share, entry in zip(trained, independent, own, strict=True)
+                ),
+                _together([errors[place] for errors in judged]),
+                math.nan,
+                _mean([math.nan if entry is None else entry.objective for entry in agreements]),
+                _mean([math.nan if entry is None else entry.amplitude_ratio for entry in agreements]),
+                _mean([entry.training_error for entry in own]),
+                _mean([entry.held_out_error for entry in own]),
+                reason,
+            )
+        )
+    return ordered(found)
+
+
+def ordered(found: Sequence[Rank]) -> Ranking:
+    """Return ``found`` in order, with ``excess`` filled in."""
+    least = min((entry.error for entry in found if math.isfinite(entry.error)), default=math.nan)
+    known = [replace(entry, excess=entry.error / least - 1.0) for entry in found]
+    equal = [entry for entry in known if entry.excess <= WORTH]
+    worse = [entry for entry in known if entry.excess > WORTH]
+    lost = [entry for entry in known if math.isnan(entry.excess)]
+    equal.sort(key=lambda entry: (entry.parameters, entry.error))
+    worse.sort(key=lambda entry: entry.error)
+    ranks = (*equal, *worse, *lost)
+    if not equal:
+        return Ranking(ranks, None, (), ("No model has a result on these data.",))
+    return Ranking(
+        ranks, ranks[0].model, tuple(entry.model for entry in equal[1:]), _sentences(equal, worse, lost)
+    )
+
+
+def _sentences(equal: Sequence[Rank], worse: Sequence[Rank], lost: Sequence[Rank]) -> tuple[str, ...]:
+    best = equal[0]
+    said = []
+    twins = [entry for entry in equal[1:] if entry.parameters == best.parameters]
+    larger = [entry for entry in equal[1:] if entry.parameters > best.parameters]
+    if twins:
+        said.append(
+            f"{_names([best, *twins])} cannot be told apart on these data: the same number of parameters, "
+            f"and errors within {100.0 * WORTH:g} %."
+        )
+    elif worse:
+        said.append(
+            f"{_said(best)} is preferred: {_said(worse[0])}, the next that differs, leaves "
+            f"{_more(worse[0].error / best.error)} over."
+        )
+    else:
+        said.append(f"{_said(best)} is preferred: no other does better, and it has the fewest parameters.")
+    if larger:
+        verb = "does" if len(larger) == 1 else "do"
+        few, most = (
+            extreme(entry.parameters for entry in larger) - best.parameters for extreme in (min, max)
+        )
+        said.append(
+            f"{_names(larger)} {verb} as well with {few if few == most else f'{few} to {most}'} more "
+            f"parameter{'s' if most > 1 else ''}: nothing in the data asks for them."
+        )
+    certain = min((e for e in equal if math.isfinite(e.criterion)), key=lambda e: e.criterion, default=best)
+    if certain is not best and certain.parameters > best.parameters:
+        said.append(
+            f"By the information criterion alone {_said(certain)} would be ahead by "
+            f"{best.criterion - certain.criterion:.0f}: what it adds is there, or mends a fault of sampling, "
+            f"but cuts the error by only {100.0 * (1.0 - certain.error / best.error):.1f} %."
+        )
+    said += [f"{_said(entry)} has no result: {entry.reason}." for entry in lost]
+    return tuple(said)
+
+
+def _more(ratio: float) -> str:
+    return f"{ratio:.1f} times as much" if ratio >= 2.0 else f"{100.0 * (ratio - 1.0):.0f} % more"
+
+
+def _said(entry: Rank) -> str:
+    return entry.model.replace("_", " ")
+
+
+def _names(entries: Sequence[Rank]) -> str:
+    names = [_said(entry) for entry in entries]
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def _mean(values: Sequence[float]) -> float:
+    return sum(values) / len(values)
+
+
+def _together(errors: Sequence[Error | None]) -> float:
+    if any(error is None for error in errors):
+        return math.nan
+    return Error(
+        sum(error.squares for error in errors if error), sum(error.samples for error in errors if error)
+    ).rms
+
+
+def _criterion(error: Error | None, share: float, parameters: int) -> float:
+    """Return the Bayesian information criterion of normal residuals of unknown variance."""
+    if error is None or not error.samples or not error.squares > 0.0:
+        return math.nan
+    count = share * error.samples
+    return count * math.log(error.squares / error.samples) + parameters * math.log(count)
+
+
+def _runs(series: Series, records: Sequence[Record]) -> list[Overlay | None]:
+    runs: list[Overlay | None] = []
+    for judged in series.judged:
+        try:
+            usable = judged.fit.reason is None
+            runs.append(overlay(records, judged.fit, series.data.valve) if usable and records else None)
+        except InputError:  # too short for the model's run-in
+            runs.append(None)
+    return runs
+
+
+def _errors(series: Series, records: Sequence[Record]) -> list[Error | None]:
+    """Return what each model leaves over in ``records``, away from the jumps of the one that leaves least."""
+    runs = _runs(series, records)
+    kept = away_from_jumps(runs)
+    return [
+        None if run is None else Error(
+            float(sum(np.sum(row[keep] ** 2) for row, keep in zip(residuals(run), kept, strict=True))),
+            int(sum(np.count_nonzero(keep) for keep in kept)),
+        )
+        for run in runs
+    ]  # fmt: skip
+
+
+def residuals(run: Overlay) -> list[Array]:
+    """Return model - measured in each window, m/s^2."""
+    return [
+        response.acceleration[0] - window.measured
+        for response, window in zip(run.responses, run.run.windows, strict=True)
+    ]
+
+
+def away_from_jumps(runs: Sequence[Overlay | None]) -> list[NDArray[np.bool_]]:
+    """Return by window which samples lie away from the friction's jumps in the run that leaves least."""
+    known = [run for run in runs if run is not None]
+    if not known:
+        return []
+    best = min(known, key=lambda run: sum(float(np.sum(row**2)) for row in residuals(run)))
+    dry = any({"sliding_law", "memory_law"} & set(term.laws) for term in best.run.model.terms)
+    kept = []
+    for response in best.responses:
+        jumps = response.jumps[0] if dry else np.zeros(response.jumps.shape[1])
+        near = np.convolve(jumps, np.ones(2 * RINGING + 2))[RINGING : RINGING + jumps.size] > 0.0
+        kept.append(~near)
+    total = sum(keep.size for keep in kept)
+    if sum(int(np.count_nonzero(keep)) for keep in kept) < 0.1 * total:
+        return [np.ones(keep.size, dtype=np.bool_) for keep in kept]
+    return kept
+
+
+def _independent(series: Series) -> float:
+    """Return how many independent samples one sample of the least residual is worth."""
+    runs = _runs(series, series.data.fitted)
+    known = [run for run in runs if run is not None]
+    if not known:
+        return 1.0
+    kept = away_from_jumps(runs)
+    rows = min((residuals(run) for run in known), key=lambda rows: sum(float(np.sum(r**2)) for r in rows))
+    masked = [row * keep for row, keep in zip(rows, kept, strict=True)]
+    power = sum(float(np.sum(row**2)) for row in masked) / max(1, sum(int(keep.sum()) for keep in kept))
+    if power <= 0.0:
+        return 1.0
+    total = 1.0
+    for lag in range(1, LAGS + 1):
+        pairs = sum(int(np.count_nonzero(keep[lag:] & keep[:-lag])) for keep in kept)
+        if pairs:
+            moment = sum(float(np.dot(row[lag:], row[:-lag])) for row in masked) / pairs
+            total += 2.0 * (moment / power) ** 2
+    return 1.0 / total
