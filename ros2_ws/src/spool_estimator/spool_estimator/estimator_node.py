@@ -55,8 +55,8 @@ class EstimatorNode(ManagedNode):
         Parameter("refit_model", "coulomb", "Name of a model or path of a YAML file.", read_only=True),
     )  # fmt: skip
 
-    def __init__(self) -> None:
-        super().__init__("estimator")
+    def __init__(self, namespace: str | None = None) -> None:
+        super().__init__("estimator", namespace)
         self._core: StreamEstimator | None = None
         self._refits: WindowRefits | None = None
         self._worker: RefitWorker | None = None

@@ -1,0 +1,46 @@
+"""The figures of the estimation chain: small runs of `./spool bench estimate`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from spool_bringup.benchmarks import estimate
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from .conftest import System
+
+
+def test_the_recursion_equals_padasip_and_is_at_least_50_times_as_fast() -> None:
+    row = estimate.recursion()
+    assert row.ours_error is not None
+    assert row.ours_error < 1e-6
+    assert row.ratio > 50.0
+    assert row.ours_s < 0.15e-6
+
+
+def test_a_window_is_refitted_in_less_than_half_a_second(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(estimate, "SECONDS", 20.0)
+    monkeypatch.setattr(estimate, "REFIT_SECONDS", 12.0)
+    replay, refits, window = estimate.offline(tmp_path)
+    assert replay.ratio > 50.0
+    assert refits.ratio > 5.0
+    assert window.ours_s < 0.5
+
+
+def test_estimates_come_within_20_ms_and_no_block_is_lost(
+    system: System, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(system.domain_id))
+    for name in ("one", "many"):
+        (tmp_path / name).mkdir()
+    _, p99, lag = estimate.latency(tmp_path / "one", 8.0)
+    assert p99.ours_s < 0.02
+    assert 0.0 < lag.ours_s < 0.5
+    row = estimate.many(tmp_path / "many", 8, 6.0)
+    assert row.ours_error == 0.0
+    assert row.ours_s < row.peer_s
