@@ -124,8 +124,11 @@ def _named(given: Sequence[str], model: Model, option: str) -> dict[str, float |
     for text in given:
         name, mark, number = (part.strip() for part in text.partition("="))
         parameter = model.parameter(name, option)
-        try:
-            found[name] = parameter.check(float(number), option) if mark else None
-        except ValueError:
-            raise InputError(f"{option} {text}: {number!r} is not a number: write {name}=1.5") from None
+        found[name] = None
+        if mark:
+            try:
+                value = float(number)
+            except ValueError:
+                raise InputError(f"{option} {text}: {number!r} is not a number: write {name}=1.5") from None
+            found[name] = parameter.check(value, option)
     return found
