@@ -134,7 +134,7 @@ def make(seed: int, hidden: str | None = None, *, factor: float | None = None) -
             if all(trial.clear(scale) for trial in alone):
                 trial = alone[0] if len(alone) == 1 else _Trial(condition, grown)
                 return _record(seed, hidden, trial, noise_seed, size)
-            if not all(thing.size for thing in things):
+            if not all(thing.size or thing.edges for thing in things):
                 break
     raise RuntimeError(f"seed {seed}: {hidden} was not clear under any of {DRAWS} conditions")
 

@@ -32,7 +32,7 @@ def mixed(generator: Generator, condition: Condition, scale: Scale) -> Hidden:
     """Contacts that fall with speed and a root of the speed that rises."""
     rest = between(generator, 0.25, 0.5) * scale.force
     speed = between(generator, 0.005, 0.02)
-    root = between(generator, 0.2, 0.5) * scale.force / np.sqrt(scale.velocity)
+    root = between(generator, 0.2, 0.5) * scale.force / float(np.sqrt(scale.velocity))
     load = GRAVITY * SPOOL_SHARE * condition.base.numbers["mass"]
     return Hidden(
         {"root_drag": root, "contact_power": rest * speed, "contact_velocity": speed},
@@ -91,7 +91,7 @@ def end_stop(generator: Generator, _: Condition, scale: Scale) -> Hidden:
     stiffness = float(np.exp(between(generator, *np.log([2e5, 1e6]))))
     loss = between(generator, 0.05, 0.3) * 2.0 * float(np.sqrt(stiffness * 0.18))
     numbers = {"stop_gap": gap, "stop_stiffness": stiffness, "stop_damping": loss}
-    return Hidden(numbers, {}, {"stop_gap": gap}, ())
+    return Hidden(numbers, {}, {"stop_gap": gap}, edges={"stop_gap": scale.travel_peak})
 
 
 def backlash(generator: Generator, _: Condition, scale: Scale) -> Hidden:
@@ -145,7 +145,9 @@ def delay(generator: Generator, _: Condition, __: Scale) -> Hidden:
 def saturation(generator: Generator, _: Condition, scale: Scale) -> Hidden:
     """A sensor that ends below the largest acceleration."""
     value = between(generator, 0.5, 0.8) * scale.acceleration_peak
-    return Hidden({}, {"full_scale": value}, {"full_scale": value}, ())
+    return Hidden(
+        {}, {"full_scale": value}, {"full_scale": value}, edges={"full_scale": scale.acceleration_peak}
+    )
 
 
 EFFECTS: dict[str, Kind] = {

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from .condition import Condition, Scale
 
 Generator = np.random.Generator
+#: A limit is not drawn further in than this share of the peak.
+LEAST_EDGE = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,23 +23,31 @@ class Hidden:
         channel: attributes of ``Channels`` that it sets.
         truth: values that a fit should find, by the names of the catalogue's parameters, SI.
         size: names in ``plant``, ``channel`` and ``truth`` that grow with its size.
+        edges: names of limits, with the peak that they cut; larger is further below the peak.
     """
 
     plant: Mapping[str, float] = field(default_factory=dict)
     channel: Mapping[str, float] = field(default_factory=dict)
     truth: Mapping[str, float] = field(default_factory=dict)
     size: tuple[str, ...] = ()
+    edges: Mapping[str, float] = field(default_factory=dict)
 
     def sized(self, factor: float) -> Hidden:
         """Return the same, ``factor`` times as large."""
 
         def scaled(values: Mapping[str, float]) -> dict[str, float]:
-            return {name: value * factor if name in self.size else value for name, value in values.items()}
+            return {name: self._scaled(name, value, factor) for name, value in values.items()}
 
         channel = scaled(self.channel)
         if "gain" in channel:  # its size is what it differs from 1 by
             channel["gain"] = 1.0 + factor * (self.channel["gain"] - 1.0)
-        return Hidden(scaled(self.plant), channel, scaled(self.truth), self.size)
+        return replace(self, plant=scaled(self.plant), channel=channel, truth=scaled(self.truth))
+
+    def _scaled(self, name: str, value: float, factor: float) -> float:
+        if name in self.edges:
+            peak = self.edges[name]
+            return max(peak - factor * (peak - value), LEAST_EDGE * peak)
+        return value * factor if name in self.size else value
 
 
 Draw = Callable[[Generator, Condition, Scale], Hidden]
