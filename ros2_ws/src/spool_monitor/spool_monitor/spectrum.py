@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_stream.block import Block
+from spool_stream.block import Block, Samples
 
 #: Hz, below lies drift, above no spring of a directional valve resonates.
 BAND = (4.0, 250.0)
@@ -48,6 +48,7 @@ class LineTracker:
     _period: float = field(default=0.0, init=False)
     _filled: int = field(default=0, init=False)
     _fresh: int = field(default=0, init=False)
+    _waiting: list[tuple[Samples, Samples]] = field(default_factory=list, init=False)
 
     def restart(self, period: float) -> None:
         """Forget all samples; the next ones are ``period`` s apart."""
@@ -59,24 +60,31 @@ class LineTracker:
             self._taper = np.hanning(size).astype(np.float64)
             self._period = period
         self._filled = self._fresh = 0
+        self._waiting.clear()
         self.silent_at = None
 
     def update(self, block: Block) -> list[Line]:
         """Take a block; return the lines that fell due, the same for any split into blocks."""
+        total = block.body.size
+        if self._fresh + total < self._hop:
+            self._waiting.append((block.body, block.spool))
+            self._fresh += total
+            return []
         lines = []
-        body, spool = self._last
-        size, hop, total = self._taper.size, self._hop, block.body.size
+        size, hop = self._taper.size, self._hop
         taken = 0
         while taken < total:
             count = min(hop - self._fresh, total - taken)
-            begin = size + self._fresh
-            body[begin : begin + count] = block.body[taken : taken + count]
-            spool[begin : begin + count] = block.spool[taken : taken + count]
+            part = slice(taken, taken + count)
+            self._waiting.append((block.body[part], block.spool[part]))
             taken += count
             self._fresh += count
             if self._fresh < hop:
                 break
             self._fresh = 0
+            for side in (0, 1):
+                self._last[side, size:] = np.concatenate([pair[side] for pair in self._waiting])
+            self._waiting.clear()
             self._last[:, :size] = self._last[:, hop:]
             self._filled = min(size, self._filled + hop)
             if self._filled == size:
