@@ -8,6 +8,7 @@ without phase, so that it does not shake dry friction loose.
 
 from __future__ import annotations
 
+import copy
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -31,6 +32,8 @@ Array = NDArray[np.float64]
 MARGIN = 0.25
 #: How far the spectrum must stand out of the noise floor to count as excitation, in power.
 STANDS_OUT = 4.0
+#: Steps per sample at most, whatever a fit tries.
+MOST_STEPS = 16
 #: Gain of the drive falls from 1 to 0 from its highest frequency to this many times it.
 FALL = 1.3
 
@@ -195,11 +198,23 @@ class FreeRun:
         ]
         return np.interp(entry.oil_temperature, points, ratios)
 
+    def fewer(self, seconds: float) -> FreeRun:
+        """Return the same with windows for at most ``seconds``, evenly spread."""
+        some = copy.copy(self)
+        some.windows = _spread(list(self.windows), seconds, [entry.sample_period for entry in self.records])
+        return some
+
     def choose_substeps(self, values: Mapping[str, float]) -> bool:
         """Take as many steps per sample as the model needs with ``values``; return whether that changed."""
         before = list(self.substeps)
+        # However steep a law of sliding is near rest, the reversal itself is located within the step.
+        stepped = [
+            entry
+            for entry in self.model.terms
+            if "sliding_law" not in entry.laws or "force_law" in entry.laws
+        ]
         self.substeps = [
-            substeps_for(self.model.terms, values, entry.sample_period, highest)
+            min(MOST_STEPS, substeps_for(stepped, values, entry.sample_period, highest))
             for entry, highest in zip(self.records, self.highest_frequency, strict=True)
         ]
         return before != self.substeps

@@ -27,6 +27,8 @@ JUMP_TIME = 1.5e-4
 MOST_LEFT_OUT = 0.6
 #: s of the pieces that the residual's spectrum is averaged over.
 SPECTRUM_PIECE = 0.5
+#: Samples around a jump in which a filter before the sampling shows, and the share of power that it adds.
+RINGING, RINGS = 5, 0.15
 #: Highest frequency that is compared, as a share of the sample rate.
 HIGHEST_SHARE = 0.35
 #: Relative step of the slopes.
@@ -86,16 +88,30 @@ class Residuals:
         laws = {law for entry in run.model.terms for law in entry.laws}
         self._jumps = bool(laws & {"sliding_law", "memory_law"})
 
-    def respond(self, points: Array) -> list[Response]:
-        """Return the response at ``points`` (s, u) in each window."""
+    @property
+    def has_jumps(self) -> bool:
+        """Whether the model has friction that jumps."""
+        return self._jumps
+
+    def read_as_means(self) -> None:
+        """Compare means over the sample intervals from now on, all of them."""
+        self.band_limited = True
+        self.kept = [np.ones(kept.size) for kept in self.kept]
+
+    def at_delay(self, point: Array, delay: float) -> Array:
+        """Return the weighted residual at ``point`` with the spool's sensor later by ``delay`` s."""
+        return np.asarray(self.weighted(self.differences(self.respond(point[np.newaxis], delay)))[0])
+
+    def respond(self, points: Array, delay: float = 0.0) -> list[Response]:
+        """Return the response at ``points`` (s, u) in each window, the sensor ``delay`` s later still."""
         sets = np.repeat(self.run.sets(self.values), points.shape[0], axis=0)
         gains: Array = np.zeros(points.shape[0])
-        delays: Array = np.zeros(points.shape[0])
+        delays: Array = np.full(points.shape[0], delay)
         for place, unknown in enumerate(self.unknowns):
             if unknown.name == SPOOL_GAIN:
                 gains = points[:, place]
             elif unknown.name == SPOOL_DELAY:
-                delays = points[:, place]
+                delays = points[:, place] + delay
             else:
                 sets[:, self.run.names.index(unknown.name)] = points[:, place]
         return self.run.responses(sets, gains, delays)
@@ -136,27 +152,32 @@ class Residuals:
         """Return the weighted residual at ``point`` (u,)."""
         return np.asarray(self.weighted(self.differences(self.respond(point[np.newaxis])))[0])
 
-    def steps(self, point: Array) -> Array:
+    def steps(self, point: Array, step: float = STEP) -> Array:
         """Return the steps of the slopes at ``point``, shape (u,), towards the inside of the bounds."""
         steps = np.array(
             [
-                STEP * max(abs(value), 0.1 * unknown.scale)
+                step * max(abs(value), 0.1 * unknown.scale)
                 for value, unknown in zip(point.tolist(), self.unknowns, strict=True)
             ]
         )
         beyond = point + steps > [unknown.high for unknown in self.unknowns]
         return np.where(beyond, -steps, steps)
 
-    def slopes(self, point: Array) -> Array:
-        """Return the Jacobian of ``at``, shape (all samples, u); all perturbed sets run in one call."""
+    def at_with_slopes(self, point: Array) -> tuple[Array, Array]:
+        """Return ``at`` and its Jacobian, shape (all samples, u); all perturbed sets run in one call."""
         steps = self.steps(point)
         points = np.vstack([point, point + np.diag(steps)])
         runs = self.weighted(self.differences(self.respond(points)))
-        return np.asarray(((runs[1:] - runs[0]) / steps[:, np.newaxis]).T)
+        return runs[0], np.asarray(((runs[1:] - runs[0]) / steps[:, np.newaxis]).T)
 
-    def central_slopes(self, point: Array) -> Array:
+    def costs(self, points: Array) -> Array:
+        """Return half the sum of squares at ``points`` (s, u), shape (s,); infinite where a run fails."""
+        runs = self.weighted(self.differences(self.respond(points)))
+        return np.asarray(np.nan_to_num(0.5 * np.sum(runs**2, axis=1), nan=np.inf))
+
+    def central_slopes(self, point: Array, step: float = STEP) -> Array:
         """Return the Jacobian by differences to both sides where the bounds leave room."""
-        steps = np.abs(self.steps(point))
+        steps = np.abs(self.steps(point, step))
         lows = np.maximum(point - steps, [unknown.low for unknown in self.unknowns])
         highs = np.minimum(point + steps, [unknown.high for unknown in self.unknowns])
         changes = np.diag(highs - point), np.diag(lows - point)
@@ -173,36 +194,32 @@ class Residuals:
         for number, (response, window) in enumerate(zip(responses, self.run.windows, strict=True)):
             period = self.run.records[window.record].sample_period
             reach = max(1, math.ceil(JUMP_TIME / period))
-            jumps = response.jumps[0].astype(np.float64)
-            # The sample before a jump and the one after it, each with its neighbours.
-            near = np.convolve(jumps, np.ones(2 * reach + 2))[reach : reach + jumps.size] > 0.0
+            near = _within(response.jumps[0].astype(np.float64), reach)
             if near.mean() <= MOST_LEFT_OUT:
                 self.kept[number] = np.where(near, 0.0, 1.0)
 
-    def choose_sampling(self, responses: Sequence[Response]) -> None:
-        """Compare samples or means over sample intervals, whichever fit the first set of ``responses``.
+    def rings(self, responses: Sequence[Response]) -> bool:
+        """Return whether the samples around jumps of the friction ring: the record was band-limited first.
 
-        Records that were band-limited before they were sampled have the jumps of friction smeared over some
-        samples: their means agree. Records that were not have the jumps where they are, and means between
-        samples are not known: samples agree, but for those next to a jump.
+        The first set of ``responses`` must fit about. Samples two to six away from a jump are compared with
+        those farther off; without a filter before the sampling, both differ from the model alike.
         """
         if not self._jumps:
-            return
-        self.band_limited = False
-        self.leave_jumps_out(responses)
-        sizes = []
-        for band_limited in (True, False):
-            self.band_limited = band_limited
-            errors = self.differences(responses)
-            count = sum(
-                error.shape[-1] if band_limited else kept.sum()
-                for error, kept in zip(errors, self.kept, strict=True)
-            )
-            weighted = self.weighted([error[:1] for error in errors])
-            sizes.append(float(np.sum(weighted**2)) / float(count))
-        self.band_limited = sizes[0] <= sizes[1]
-        if self.band_limited:
-            self.kept = [np.ones(kept.size) for kept in self.kept]
+            return True
+        near_power, near_count, far_power, far_count = 0.0, 0, 0.0, 0
+        for response, window in zip(responses, self.run.windows, strict=True):
+            squares = (response.acceleration[0] - window.measured) ** 2
+            jumps = response.jumps[0].astype(np.float64)
+            reach = max(1, math.ceil(JUMP_TIME / self.run.records[window.record].sample_period))
+            close, wide = _within(jumps, reach), _within(jumps, reach + RINGING)
+            near_power += float(squares[wide & ~close].sum())
+            near_count += int((wide & ~close).sum())
+            far_power += float(squares[~wide].sum())
+            far_count += int((~wide).sum())
+        if min(near_count, far_count) < 50:
+            return True
+        ratio = near_power / near_count / (far_power / far_count)
+        return ratio > 1.0 + RINGS + 4.0 * math.sqrt(2.0 / min(near_count, far_count))
 
     def take_spectrum(self, differences: Sequence[Array]) -> None:
         """Weigh from now on by the spectrum of the first set of ``differences``."""
@@ -214,6 +231,12 @@ class Residuals:
             ]
             if rows:
                 self.spectrum[record] = residual_spectrum(rows, self.run.records[record].sample_period)
+
+
+def _within(jumps: Array, reach: int) -> NDArray[np.bool_]:
+    """Return which samples stand at most ``reach`` before or after the two around a jump, shape (n,)."""
+    near = np.convolve(jumps, np.ones(2 * reach + 2))[reach : reach + jumps.size]
+    return np.asarray(near > 0.5)
 
 
 def residual_spectrum(rows: Sequence[tuple[Array, Array]], sample_period: float) -> Spectrum:
