@@ -149,18 +149,29 @@ def friction(
 def spectra(records: Sequence[Record]) -> tuple[Array, Array, float]:
     """Return frequency (Hz), power density of the spool's acceleration, (m/s^2)^2/Hz, and its noise floor.
 
-    The floor is the lower quartile of the upper half of the spectrum.
+    The floor is the lower quartile of the upper half of the spectrum, taken as medians over time: what passes
+    a frequency now and then, as a sweep's harmonics do, is not noise. It is an upper bound.
     """
     period = min(entry.sample_period for entry in records)
     rows = [entry.spool for entry in records if entry.sample_period == period]
     piece = min(*(row.size for row in rows), max(16, round(1.0 / period)))
-    densities = [signal.welch(row, 1.0 / period, "hann", piece, detrend=False) for row in rows]
-    mean = np.average([density for _, density in densities], axis=0, weights=[row.size for row in rows])
-    return (
-        np.asarray(densities[0][0]),
-        np.asarray(mean),
-        float(np.quantile(mean[mean.size // 2 :], 0.25)),
-    )
+    weights = [row.size for row in rows]
+    frequency, mean = _density(rows, period, piece, "mean", weights)
+    _, middle = _density(rows, period, min(piece, max(16, round(0.2 / period))), "median", weights)
+    return frequency, mean, float(np.quantile(middle[middle.size // 2 :], 0.25))
+
+
+def sensor_noise(records: Sequence[Record]) -> float:
+    """Return an upper bound of the rms noise of the spool's accelerometer, m/s^2."""
+    _, _, floor = spectra(records)
+    return float(np.sqrt(0.5 * floor / min(entry.sample_period for entry in records)))
+
+
+def _density(
+    rows: Sequence[Array], period: float, piece: int, average: str, weights: Sequence[int]
+) -> tuple[Array, Array]:
+    found = [signal.welch(row, 1.0 / period, "hann", piece, detrend=False, average=average) for row in rows]
+    return np.asarray(found[0][0]), np.asarray(np.average([d for _, d in found], axis=0, weights=weights))
 
 
 def _binned(velocity: Array, force: Array, law: Array, bins: int, points: int) -> Friction:

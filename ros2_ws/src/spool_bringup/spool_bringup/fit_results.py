@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,9 @@ from spool_stream.errors import InputError
 from spool_stream.quantity import Quantity
 
 from .fit_data import Data
+
+#: How many times a descent that has not converged goes on.
+ROUNDS = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +53,7 @@ def fit_and_judge(data: Data, model: Model, settings: FitSettings) -> Judged:
     Raises:
         InputError: the settings do not fit the model.
     """
-    found = fit(data.fitted, model, data.valve, settings)
+    found = _converged(data, model, settings)
     if found.agreement is None or not data.held_out:
         return Judged(data, found, None)
     try:
@@ -61,6 +64,21 @@ def fit_and_judge(data: Data, model: Model, settings: FitSettings) -> Judged:
     except InputError:  # every held-out stretch is shorter than what settling takes
         return Judged(data, found, None)
     return Judged(data, found, held_out)
+
+
+def _converged(data: Data, model: Model, settings: FitSettings) -> Fit:
+    """Return a fit that goes on from where it stopped until it converges, ``ROUNDS`` times at most."""
+    found = fit(data.fitted, model, data.valve, settings)
+    for _ in range(ROUNDS):
+        if found.converged or found.reason is not None:
+            break
+        # Bounds are of the model: what is fitted lies within them.
+        reached = {name: value for name, value in found.values.items() if name not in found.held}
+        further = fit(data.fitted, model, data.valve, replace(settings, start=reached, starts=1))
+        if further.agreement is None:
+            break
+        found = further
+    return found
 
 
 def to_dictionary(judged: Judged) -> dict[str, Any]:

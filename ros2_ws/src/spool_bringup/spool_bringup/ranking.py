@@ -11,7 +11,7 @@ the models whose error is about the least, the one with the fewest parameters is
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from spool_estimator.record import Record
 from spool_stream.errors import InputError
 
-from .fit_curves import Overlay, overlay
+from .fit_curves import Overlay, overlay, sensor_noise
 from .fit_data import Data
 from .fit_results import Judged
 
@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 RINGING = 4
 #: By how much a larger model must cut the error, 1.
 WORTH = 0.03
+#: How many times the sensor's noise is more than noise: the body's sensor shakes the model as well.
+UNEXPLAINED = 3.0
 #: Lags over which the residual's correlation is summed.
 LAGS = 100
 
@@ -87,7 +89,7 @@ class Ranking:
     """All models, best first.
 
     Attributes:
-        ranks: first those that do equally well, fewest parameters first, then the others by their error.
+        ranks: first those that do equally well, fewest parameters first, then the next that do, and so on.
         preferred: name of the best, ``None`` where no model has a result.
         equal: names of those that do as well with as many parameters or more.
         sentences: the outcome in words.
@@ -127,27 +129,51 @@ def rank(series: Sequence[Series]) -> Ranking:
                 reason,
             )
         )
-    return ordered(found)
+    noise = max((sensor_noise(one.data.fitted) for one in series), default=math.nan)
+    unsure = {
+        judged.name
+        for one in series
+        for judged in one.judged
+        if judged.fit.reason is None and not judged.fit.converged
+    }
+    return ordered(found, noise, unsure)
 
 
-def ordered(found: Sequence[Rank]) -> Ranking:
-    """Return ``found`` in order, with ``excess`` filled in."""
+def ordered(found: Sequence[Rank], noise: float = math.nan, unsure: Collection[str] = ()) -> Ranking:
+    """Return ``found`` in order, with ``excess`` filled in.
+
+    Args:
+        found: in any order.
+        noise: rms of the spool's accelerometer at most, m/s^2, NaN where it is not known.
+        unsure: names of models whose descent did not converge.
+    """
     least = min((entry.error for entry in found if math.isfinite(entry.error)), default=math.nan)
     known = [replace(entry, excess=entry.error / least - 1.0) for entry in found]
-    equal = [entry for entry in known if entry.excess <= WORTH]
-    worse = [entry for entry in known if entry.excess > WORTH]
     lost = [entry for entry in known if math.isnan(entry.excess)]
-    equal.sort(key=lambda entry: (entry.parameters, entry.error))
-    worse.sort(key=lambda entry: entry.error)
-    ranks = (*equal, *worse, *lost)
-    if not equal:
+    left = [entry for entry in known if not math.isnan(entry.excess)]
+    groups: list[list[Rank]] = []
+    while left:
+        limit = (1.0 + WORTH) * min(entry.error for entry in left)
+        alike = sorted(
+            (entry for entry in left if entry.error <= limit), key=lambda one: (one.parameters, one.error)
+        )
+        groups.append(alike)
+        left = [entry for entry in left if entry.error > limit]
+    ranks = (*(entry for group in groups for entry in group), *lost)
+    if not groups:
         return Ranking(ranks, None, (), ("No model has a result on these data.",))
+    equal, worse = groups[0], [entry for group in groups[1:] for entry in group]
     return Ranking(
-        ranks, ranks[0].model, tuple(entry.model for entry in equal[1:]), _sentences(equal, worse, lost)
+        ranks,
+        ranks[0].model,
+        tuple(entry.model for entry in equal[1:]),
+        _sentences(equal, worse, lost, noise, unsure),
     )
 
 
-def _sentences(equal: Sequence[Rank], worse: Sequence[Rank], lost: Sequence[Rank]) -> tuple[str, ...]:
+def _sentences(
+    equal: Sequence[Rank], worse: Sequence[Rank], lost: Sequence[Rank], noise: float, unsure: Collection[str]
+) -> tuple[str, ...]:
     best = equal[0]
     said = []
     twins = [entry for entry in equal[1:] if entry.parameters == best.parameters]
@@ -180,6 +206,14 @@ def _sentences(equal: Sequence[Rank], worse: Sequence[Rank], lost: Sequence[Rank
             f"{best.criterion - certain.criterion:.0f}: what it adds is there, or mends a fault of sampling, "
             f"but cuts the error by only {100.0 * (1.0 - certain.error / best.error):.1f} %."
         )
+    if best.error > UNEXPLAINED * noise:
+        said.append(
+            f"Even {_said(best)} leaves {best.error / noise:.1f} times the noise of the spool's sensor over: "
+            "something is missing in all of these models; ./spool gap looks for it."
+        )
+    doubtful = [entry for entry in (*equal, *worse) if entry.model in unsure]
+    if doubtful:
+        said.append(f"{_names(doubtful)} did not converge: might do better.")
     said += [f"{_said(entry)} has no result: {entry.reason}." for entry in lost]
     return tuple(said)
 

@@ -2,19 +2,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from spool_bringup.fit_curves import overlay
+from spool_bringup.fit_curves import overlay, sensor_noise
 from spool_bringup.ranking import RINGING, WORTH, Rank, away_from_jumps, ordered
+from spool_bringup.records import load_recording
 from spool_estimator.fit_result import Fit
 from spool_estimator.record import Record
 from spool_sim.excitation import SteadySine
 from spool_sim.model import load_model
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
+
+BAGS = Path(__file__).resolve().parents[4] / "bags"
 
 
 def entry(model: str, parameters: int, error: float, criterion: float = 0.0) -> Rank:
@@ -59,6 +63,25 @@ def test_a_model_without_a_result_comes_last_with_its_reason() -> None:
     assert [one.model for one in ranking.ranks] == ["fluid", "broken"]
     assert ranking.sentences[-1] == "broken has no result: it broke."
     assert ordered([lost]).preferred is None
+
+
+def test_what_none_of_the_models_explains_is_said() -> None:
+    ranks = [entry("fluid", 2, 0.5), entry("coulomb", 3, 0.2)]
+    assert len(ordered(ranks, noise=0.1).sentences) == 1
+    said = ordered(ranks, noise=0.05).sentences[1]
+    assert said.startswith("Even coulomb leaves 4.0 times the noise of the spool's sensor over")
+
+
+def test_a_descent_that_did_not_converge_is_named() -> None:
+    ranking = ordered([entry("fluid", 2, 0.5), entry("coulomb", 3, 0.2)], unsure={"fluid"})
+    assert ranking.sentences[-1] == "fluid did not converge: might do better."
+
+
+@pytest.mark.parametrize("name", ["practice_01", "practice_03", "practice_04"])
+def test_the_noise_is_not_taken_for_less_than_it_is(name: str) -> None:
+    """The records' README states 0.03 m/s^2 for all; dry friction's harmonics may be taken for noise."""
+    (stretch,) = load_recording(BAGS / name).stretches
+    assert 0.028 < sensor_noise([stretch]) < 0.1
 
 
 @given(
