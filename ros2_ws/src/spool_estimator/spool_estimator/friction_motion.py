@@ -1,4 +1,4 @@
-"""Motion of the spool over one sample and its derivatives by stiffness, viscous coefficient and Coulomb force.
+"""Motion of the spool over one sample and its derivatives by stiffness, viscous and dry friction.
 
     m z'' = -m w'' - k z - c v - F_c Sgn(v)
 
@@ -8,8 +8,8 @@ located within the step. There the derivatives of v jump by the ratio of the acc
 ch. 7); while sticking they are zero.
 
 The acceleration jumps at a reversal. A sensor whose output is band-limited before it is sampled shows that
-jump at the sub-sample instant; ``spread`` holds what such samples differ by from the point values, on the four
-samples around: a sequence with the same moments up to the third as the jump itself.
+jump at the sub-sample instant; ``spread`` holds what such samples differ by from the point values, on the
+four samples around: a sequence with the same moments up to the third as the jump itself.
 """
 
 # A kernel takes numbers and arrays, in one piece:
@@ -92,8 +92,8 @@ def _release(n0: float, n1: float, n2: float, bound: float) -> tuple[float, floa
 def spread_jump(spread: Array, u: float, jump: float, by_k: float, by_c: float, by_f: float) -> None:
     """Add a jump (m/s^2) of the acceleration at share ``u`` after a sample to the four samples around.
 
-    ``spread`` has the shape (4, 4): acceleration and its derivatives by k, c, F_c against the samples -1, 0, 1
-    and 2. ``by_k``, ``by_c``, ``by_f``: areas of the derivatives' pulses, in sample periods.
+    ``spread`` has the shape (4, 4): acceleration and its derivatives by k, c, F_c against the samples -1, 0,
+    1 and 2. ``by_k``, ``by_c``, ``by_f``: areas of the derivatives' pulses, in sample periods.
     """
     moment0 = 0.5 - u
     moment1 = 1.0 / 12.0 - u * u / 2.0

@@ -34,8 +34,8 @@ AMBIGUOUS = 0.25
 _LARGEST_STEP = 0.4
 
 # Sums over the samples taken since ``clear``.
-RESIDUAL, TARGET, BODY, DISPLACEMENT, VELOCITY, COUNT, POINTWISE, BAND_LIMITED = range(8)
-_SUMS = 8
+RESIDUAL, TARGET, BODY, DISPLACEMENT, VELOCITY, COUNT, POINTWISE, BAND_LIMITED, NOISE = range(9)
+SUMS = 9
 # Places in ``_memory``.
 _SEEN, _LAST_JUMP, _OFFSET, _WINDOW, _TAKEN, _WEIGHT, _WEIGHTED, _POINT, _V, _Z = range(10)
 
@@ -55,7 +55,8 @@ class Prediction:
     Attributes:
         gram, product: sums of derivatives times derivatives and times the error, N^2, scaled.
         sums: of squares: error and target (N), body (m/s^2), displacement (m) and velocity (m/s) as
-            measured; their count; error taken as point values and as band-limited ones (m/s^2).
+            measured; their count; error next to jumps taken as point values and as band-limited ones
+            (m/s^2); noise of the body's acceleration (m/s^2).
         motion: the model's state, see :mod:`.friction_motion`.
 
     """
@@ -77,7 +78,7 @@ class Prediction:
     _constants: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        self.gram, self.product, self.sums = np.zeros((3, 3)), np.zeros(3), np.zeros(_SUMS)
+        self.gram, self.product, self.sums = np.zeros((3, 3)), np.zeros(3), np.zeros(SUMS)
         self.motion = np.zeros(MOTION_STATES)
         self._ring = np.zeros((2, 6))
         self._spread = np.zeros((4, 4))
@@ -97,6 +98,28 @@ class Prediction:
             ]
         )
 
+    def noise_score(self, parameters: Array) -> Array:
+        """Return what noise of the body's sensor makes of ``product`` on average, shape (3,), N^2, scaled.
+
+        The model answers to that noise, the spool does not: least squares would rather damp the answer
+        (errors in the input: Soederstroem, Automatica 43 (2007) 939). For white noise of variance q the
+        answer's mean square is q T (d^2 + k m) / (2 d m), d being the damping; half its slope is the mean
+        score. Dry friction damps a small motion upon a large one of rms V like 2 F_c / (pi sqrt(2) V).
+        """
+        count = float(self.sums[COUNT])
+        velocity = math.sqrt(float(self.sums[VELOCITY]) / count) if count > 0.0 else 0.0
+        if velocity == 0.0:
+            return np.zeros(3)
+        k = abs(float(parameters[0]))
+        by_friction = math.sqrt(2.0) / (math.pi * velocity)
+        damping = float(parameters[1]) + by_friction * abs(float(parameters[2]))
+        damping = max(damping, 1e-3 * float(self.scale[1]))
+        # Sensors are alike: the body's noise is no more than the prediction leaves, 3/8 of it once smoothed.
+        left = float(self.sums[RESIDUAL]) / self.mass**2 * (1.0 if self.pointwise else 8.0 / 3.0)
+        size = 0.5 * self.mass**2 * min(float(self.sums[NOISE]), left) * self.sample_period
+        by_damping = size * (k / (2.0 * damping**2) - 1.0 / (2.0 * self.mass))
+        return np.array([-size / (2.0 * damping), by_damping, by_damping * by_friction]) * self.scale
+
     @property
     def offset(self) -> float:
         """What is taken off the body's acceleration, m/s^2; NaN before the first sample."""
@@ -104,12 +127,30 @@ class Prediction:
 
     def reset(self, offset: float = math.nan) -> None:
         """Forget every sample: the model starts at rest, with the body's ``offset`` where it is known."""
-        for state in (self.motion, self._ring, self._spread, self._smooth, self._means, self._memory):
+        for state in self._state:
             state[:] = 0.0
         if math.isfinite(offset):
             self._memory[_OFFSET] = offset
             self._memory[_WINDOW] = self._constants[3]
         self.clear()
+
+    def copy(self) -> Prediction:
+        """Return a run that goes on from here by itself, its sums begun anew."""
+        other = Prediction(self.sample_period, self.mass, self.scale, self.low_cut, self.pointwise)
+        for mine, its in zip(self._state, other._state, strict=True):
+            its[:] = mine
+        return other
+
+    def forget_derivatives(self) -> None:
+        """Take the motion so far as given: the parameters act from here on."""
+        self.motion[3:] = 0.0
+        self._spread[1:] = 0.0
+        self._smooth[1:4] = 0.0
+        self._means[1:4] = 0.0
+
+    @property
+    def _state(self) -> tuple[Array, ...]:
+        return self.motion, self._ring, self._spread, self._smooth, self._means, self._memory
 
     def clear(self) -> None:
         """Begin the sums anew."""
@@ -246,8 +287,9 @@ def _run(
                 spread[i, j] = spread[i, j + 1]
             spread[i, 3] = 0.0
         constant = means[0, 0] + means[0, 1]
-        sums[POINTWISE] += (point_error - constant) ** 2
-        sums[BAND_LIMITED] += (error - constant) ** 2
+        if point_error != error:  # next to a jump
+            sums[POINTWISE] += (point_error - constant) ** 2
+            sums[BAND_LIMITED] += (error - constant) ** 2
 
         memory[_V] = leak * memory[_V] + period * _high_pass(means, 6, share, ring[1, 2] - a0)
         memory[_Z] = leak * memory[_Z] + period * memory[_V]
@@ -258,6 +300,9 @@ def _run(
         target = mass * _high_pass(means, 5, share, predicted)
         sums[TARGET] += target * target
         sums[COUNT] += 1.0
+        # The fifth difference of a slow signal is that of its white noise: 1 + 25 + 100 + 100 + 25 + 1 = 252.
+        rough = ring[0, 5] - ring[0, 0] + 5.0 * (ring[0, 1] - ring[0, 4]) + 10.0 * (ring[0, 3] - ring[0, 2])
+        sums[NOISE] += rough * rough / 252.0
         if pointwise:
             if near:
                 continue
