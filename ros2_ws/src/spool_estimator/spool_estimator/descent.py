@@ -18,7 +18,7 @@ from .residuals import Residuals
 Array = NDArray[np.float64]
 
 #: Dampings that are tried at once, relative to the squared slopes.
-DAMPINGS = (0.0, 1e-2, 1.0, 30.0)
+DAMPINGS = (0.0, 1e-4, 1e-3, 1e-2, 0.1, 1.0)
 #: The descent ends where a step promises less than this share of the cost.
 SMALLEST_GAIN = 1e-6
 #: Largest change of an unknown in one step, in its typical size.

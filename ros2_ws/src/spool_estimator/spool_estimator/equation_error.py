@@ -22,13 +22,13 @@ from .zero_phase import ZeroPhase, relative_motion
 Array = NDArray[np.float64]
 
 #: s of data that the start is taken from.
-LONGEST = 12.0
+LONGEST = 8.0
 #: Random places from which parameters that are not linear are tried, and the decades they spread over.
-TRIALS, DECADES = 24, 1.0
+TRIALS, DECADES = 12, 1.0
 #: Samples at which the rank of the forces' slopes is judged, and the relative step of these.
 SLOPE_SAMPLES, SLOPE_STEP = 4000, 1e-5
 #: How many of them are followed by a descent.
-FOLLOWED = 3
+FOLLOWED = 2
 
 
 @dataclass(frozen=True, slots=True)

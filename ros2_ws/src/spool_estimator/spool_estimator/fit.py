@@ -37,7 +37,9 @@ Array = NDArray[np.float64]
 #: s of the blocks over which the weighted residual's slopes are summed for the standard deviations.
 BLOCK = 0.5
 #: s of data that the first descents from several starts use.
-FIRST_SECONDS = 12.0
+FIRST_SECONDS = 8.0
+#: Steps of the first descents and of each later one, at most.
+FIRST_STEPS, STEPS = 30, 20
 #: Rounds with new weights after the first descent.
 ROUNDS = 2
 #: Sizes of what friction at rest may be, relative to its start value, that are tried.
@@ -138,7 +140,7 @@ def _fit(
     run.choose_substeps({**values, **{name: value for name, value in first.items() if name in values}})
     band = (settings.low_cut, settings.high_cut)
     some = Residuals(run.fewer(FIRST_SECONDS), free, values, band)
-    best = min((_descend(some, point, 12) for point in points), key=lambda descent: descent.cost)
+    best = min((_descend(some, point, FIRST_STEPS) for point in points), key=lambda descent: descent.cost)
     residuals = Residuals(run, free, values, band)
     rings = residuals.rings(residuals.respond(best.point[np.newaxis]))
     doubts = []
@@ -163,7 +165,7 @@ def _refine(residuals: Residuals, start: Descent, rounds: int) -> Descent:
     best = start
     for _ in range(rounds):
         _reweigh(residuals, best.point)
-        best = _descend(residuals, best.point, 10)
+        best = _descend(residuals, best.point, STEPS)
     return best
 
 
@@ -222,7 +224,7 @@ def covariance_of(slopes: Array, residual: Array, blocks: Sequence[slice]) -> Ar
 
     It is that of a weighted residual that is white with variance 1. Where the blocks prove more spread (the
     sandwich form; noise whose strength changes along the record, errors of the model), it is as large as they
-    prove: few blocks prove little, so their ratio counts above its own two standard deviations.
+    prove: few blocks prove little, so their ratio counts above its own standard deviation.
 
     Args:
         slopes: Jacobian, shape (n, u), of full rank.
@@ -237,7 +239,7 @@ def covariance_of(slopes: Array, residual: Array, blocks: Sequence[slice]) -> Ar
     # Where most of what is known of an unknown comes from: its share in each block.
     shares = np.array([np.sum((slopes[block] @ bread) ** 2, axis=0) for block in blocks])
     worth = shares.sum(axis=0) ** 2 / np.sum(shares**2, axis=0)
-    proven = np.diag(sandwich) / np.diag(bread) / (1.0 + 2.0 * np.sqrt(2.0 / worth))
+    proven = np.diag(sandwich) / np.diag(bread) / (1.0 + np.sqrt(2.0 / worth))
     grown = np.sqrt(np.maximum(1.0, proven))
     return np.asarray(bread * np.outer(grown, grown))
 

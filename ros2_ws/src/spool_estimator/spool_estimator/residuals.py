@@ -26,7 +26,7 @@ JUMP_TIME = 1.5e-4
 #: Share of samples that may be left out; where friction jumps more often, nothing is.
 MOST_LEFT_OUT = 0.6
 #: s of the pieces that the residual's spectrum is averaged over.
-SPECTRUM_PIECE = 0.5
+SPECTRUM_PIECE = 2.0
 #: Samples around a jump in which a filter before the sampling shows, and the share of power that it adds.
 RINGING, RINGS = 5, 0.15
 #: Highest frequency that is compared, as a share of the sample rate.
