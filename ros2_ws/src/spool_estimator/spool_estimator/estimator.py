@@ -94,6 +94,9 @@ class Estimator:
             self._restart(block.sample_period)
         tracker = self.tracker
         assert tracker is not None
+        if tracker.filled + block.body.size < tracker.chunk:  # as most blocks
+            tracker.take(block.body, block.spool)
+            return []
         estimates = []
         taken = 0
         every = max(1, round(self.settings.period / CHUNK))

@@ -23,6 +23,9 @@ from .estimate import Estimate, State
 from .fit_result import Fit, FitSettings
 from .record import Record
 
+#: Relative error from which a model explains nothing worth the name: a fifth of the power at most.
+NOTHING = 0.9
+
 #: States of the recursion in which the window holds motion to fit.
 _MOVING = (State.LEARNING, State.TRACKING)
 
@@ -185,8 +188,8 @@ def refit(task: WindowTask) -> Refit:
 
 
 def _explains(found: Fit) -> bool:
-    """Return whether the model is better than none."""
-    return found.agreement is not None and found.agreement.nrmse < 1.0
+    """Return whether the model is better than none, whose relative error is 1."""
+    return found.agreement is not None and found.agreement.nrmse < NOTHING
 
 
 def _reason(found: Fit) -> str:

@@ -64,14 +64,15 @@ class Replay:
 
     def update(self, block: Block) -> None:
         """Take one block through estimator and monitor, in the order of the data."""
-        before = self.estimator.gate.refused
+        gate = self.estimator.gate
+        before = gate.refused
         if self._gate is not None:
             self._gate.admit(block)
         estimates = self.estimator.update(block)
-        if self.estimator.gate.refused == before:
+        if gate.refused == before and gate.last is not None:
             self.samples += block.body.size
             self.first_stamp = block.stamp if self.first_stamp is None else self.first_stamp
-            self.last_stamp = block.end
+            self.last_stamp = gate.last[1]
         if self.refits is not None:
             self.refitted += [refit(task) for task in self.refits.update(block, estimates)]
         events = self.monitor.update(block)

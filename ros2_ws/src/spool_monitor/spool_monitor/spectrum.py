@@ -97,22 +97,24 @@ class LineTracker:
 
     def _find(self, stamp: int) -> Line | None:
         size = self._taper.size
-        window = self._last[:, :size]
-        body, spool = np.fft.rfft((window - window.mean(axis=1, keepdims=True)) * self._taper)
         step = 1.0 / (size * self._period)
         low = max(3, math.ceil(BAND[0] / step))
-        high = min(body.size - 3, math.floor(BAND[1] / step))
+        high = min(size // 2 - 2, math.floor(BAND[1] / step))
         if high <= low:
             return None
-        power = np.abs(body) ** 2
-        peak = low + int(np.argmax(power[low : high + 1]))
+        window = self._last[:, :size]
+        means = np.add.reduce(window, axis=1, dtype=np.float64, keepdims=True) / size
+        # Two lines beyond the band on either side: a tapered line at its edge spreads so far.
+        body, spool = np.fft.rfft((window - means) * self._taper)[:, low - 2 : high + 3]
+        power = body.real**2 + body.imag**2
+        peak = 2 + int(power[2:-2].argmax())
         around = slice(peak - 2, peak + 3)
         line_power = float(power[around].sum())
-        total = float(power[low - 2 : high + 3].sum())
+        total = float(power.sum())
         if line_power <= 0.0 or not math.isfinite(line_power):
             return None
         # The centre of gravity of a Hann-tapered line lies on its frequency.
-        frequency = float(np.arange(peak - 2, peak + 3) @ power[around]) / line_power * step
+        frequency = (low - 2 + float(np.arange(peak - 2, peak + 3) @ power[around]) / line_power) * step
         # A sine of amplitude A under the taper holds A^2 / 4 times the taper's energy times n.
         scale = 4.0 / (float(self._taper @ self._taper) * self._taper.size)
         amplitude = math.sqrt(line_power * scale)
