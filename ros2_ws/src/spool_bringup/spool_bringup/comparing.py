@@ -218,7 +218,8 @@ COLUMNS = (
     "around every jump of dry friction are left out, the same for all models.",
     f"more: beyond the least error. Within {100.0 * WORTH:g} % models do equally well, and the one with the "
     "fewest parameters comes first.",
-    "BIC: Bayesian information criterion on the fitted data, behind the best.",
+    "BIC: Bayesian information criterion on the fitted data (Whittle's likelihood, every sample), behind the "
+    "best.",
     "(33), ratio, held out: the paper's objective and mean amplitude ratio a_est/a_pom, and the nrmse on "
     "held-out data, every sample counted; means over the series.",
 )

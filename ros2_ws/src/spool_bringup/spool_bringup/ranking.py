@@ -31,8 +31,6 @@ RINGING = 4
 WORTH = 0.03
 #: How many times the sensor's noise is more than noise: the body's sensor shakes the model as well.
 UNEXPLAINED = 3.0
-#: Lags over which the residual's correlation is summed.
-LAGS = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +61,7 @@ class Rank:
     Attributes:
         model: name.
         parameters: fitted in one series.
-        criterion: Bayesian information criterion over all series, NaN where a series has no result.
+        criterion: the fits' information criterion, summed over the series; NaN where one has no result.
         error: what is left over away from jumps, rms, m/s^2: on held-out data where there are any.
         excess: ``error`` over the least of all models, less 1.
         objective: the paper's (33), mean over the series.
@@ -105,8 +103,8 @@ def rank(series: Sequence[Series]) -> Ranking:
     """Return the ranking of models, each fitted to every one of ``series``."""
     trained = [_errors(one, one.data.fitted) for one in series]
     unseen = [_errors(one, one.data.held_out) for one in series]
-    judged = unseen if all(error.samples for errors in unseen for error in errors if error) else trained
-    independent = [_independent(one) for one in series]
+    held = all(any(error is not None and error.samples for error in errors) for errors in unseen)
+    judged = unseen if held else trained
     found = []
     for place, first in enumerate(series[0].judged):
         own = [one.judged[place] for one in series]
@@ -116,10 +114,7 @@ def rank(series: Sequence[Series]) -> Ranking:
             Rank(
                 first.name,
                 len(first.fit.parameters),
-                sum(
-                    _criterion(errors[place], share, len(entry.fit.parameters))
-                    for errors, share, entry in zip(trained, independent, own, strict=True)
-                ),
+                sum(entry.fit.information_criterion for entry in own),
                 _together([errors[place] for errors in judged]),
                 math.nan,
                 _mean([math.nan if entry is None else entry.objective for entry in agreements]),
@@ -201,10 +196,15 @@ def _sentences(
         )
     certain = min((e for e in equal if math.isfinite(e.criterion)), key=lambda e: e.criterion, default=best)
     if certain is not best and certain.parameters > best.parameters:
+        cut = 1.0 - certain.error / best.error
         said.append(
             f"By the information criterion alone {_said(certain)} would be ahead by "
             f"{best.criterion - certain.criterion:.0f}: what it adds is there, or mends a fault of sampling, "
-            f"but cuts the error by only {100.0 * (1.0 - certain.error / best.error):.1f} %."
+            + (
+                f"but cuts the error by only {100.0 * cut:.1f} %."
+                if cut > 0.0
+                else "but does not cut the error."
+            )
         )
     if best.error > UNEXPLAINED * noise:
         said.append(
@@ -241,14 +241,6 @@ def _together(errors: Sequence[Error | None]) -> float:
     return Error(
         sum(error.squares for error in errors if error), sum(error.samples for error in errors if error)
     ).rms
-
-
-def _criterion(error: Error | None, share: float, parameters: int) -> float:
-    """Return the Bayesian information criterion of normal residuals of unknown variance."""
-    if error is None or not error.samples or not error.squares > 0.0:
-        return math.nan
-    count = share * error.samples
-    return count * math.log(error.squares / error.samples) + parameters * math.log(count)
 
 
 def _runs(series: Series, records: Sequence[Record]) -> list[Overlay | None]:
@@ -299,24 +291,3 @@ def away_from_jumps(runs: Sequence[Overlay | None]) -> list[NDArray[np.bool_]]:
     if sum(int(np.count_nonzero(keep)) for keep in kept) < 0.1 * total:
         return [np.ones(keep.size, dtype=np.bool_) for keep in kept]
     return kept
-
-
-def _independent(series: Series) -> float:
-    """Return how many independent samples one sample of the least residual is worth."""
-    runs = _runs(series, series.data.fitted)
-    known = [run for run in runs if run is not None]
-    if not known:
-        return 1.0
-    kept = away_from_jumps(runs)
-    rows = min((residuals(run) for run in known), key=lambda rows: sum(float(np.sum(r**2)) for r in rows))
-    masked = [row * keep for row, keep in zip(rows, kept, strict=True)]
-    power = sum(float(np.sum(row**2)) for row in masked) / max(1, sum(int(keep.sum()) for keep in kept))
-    if power <= 0.0:
-        return 1.0
-    total = 1.0
-    for lag in range(1, LAGS + 1):
-        pairs = sum(int(np.count_nonzero(keep[lag:] & keep[:-lag])) for keep in kept)
-        if pairs:
-            moment = sum(float(np.dot(row[lag:], row[:-lag])) for row in masked) / pairs
-            total += 2.0 * (moment / power) ** 2
-    return 1.0 / total

@@ -331,6 +331,16 @@ def test_every_record_is_a_series_and_the_ranking_is_over_all(tmp_path: Path) ->
     assert means["fluid"] == pytest.approx(sum(objectives) / 2.0)
 
 
+def test_a_short_record_is_judged_by_what_was_fitted(tmp_path: Path) -> None:
+    options = ("--models", "fluid,coulomb", "--start", "8", "--stop", "14", "--json", str(tmp_path / "j"))
+    assert main(["compare", str(BAGS / "practice_03"), *SOFT, *options]) == 0
+    found = Comparison.model_validate(read(tmp_path / "j"))
+    assert found.preferred == "coulomb"
+    assert [place.nrmse_held_out for place in found.ranking] == [None, None]
+    assert all(place.error.value for place in found.ranking)
+    assert found.series[0].models["coulomb"].seconds_held_out == 0.0
+
+
 def test_valves_and_models_must_fit(make_bag: MakeBag, recorded: Any, tmp_path: Path) -> None:
     records = [str(BAGS / "practice_03"), str(BAGS / "practice_04"), str(BAGS / "practice_01")]
     assert main(["compare", *records, *SOFT, *SOFT]) == 2
