@@ -48,7 +48,8 @@ def page_text(rows: Sequence[Row], command: str) -> str:
         f"{len(rows)} simulated records of 20 s at 2 kHz, made and fitted by `{command}`; what they are: "
         "[estimation.md](estimation.md). "
         f"{len(failed)} without a result, {sum(not row.converged for row in rows)} that say they did not "
-        f"converge; those are not in the table. A fit took {median(row.seconds for row in rows):.1f} s (median).",
+        "converge; those are not in the table. "
+        f"A fit took {median(row.seconds for row in rows):.1f} s (median).",
         "",
         "| model | quantity | fits | covered | share (95 % interval) | mean error | scatter "
         "| median standard deviation |",
