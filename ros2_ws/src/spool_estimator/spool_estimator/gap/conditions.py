@@ -22,6 +22,8 @@ GRAVITY = 9.80665
 EXCITED = 5.0
 #: Samples per period of the natural frequency below which a record is too coarse.
 SAMPLES_PER_PERIOD = 25.0
+#: Cosine of the angle to the transfer expected, median over frequency, below which a sign must be wrong.
+OPPOSITE = -0.7
 
 
 def usable(records: Sequence[Record]) -> tuple[list[Record], list[str]]:
@@ -71,6 +73,13 @@ def judge(record: Record, valve: Valve) -> tuple[list[str], bool]:
     noise = noise_of(record)
     natural = valve.natural_frequency
     body, spool = float(record.body.std()), float(record.spool.std())
+    needed = SAMPLES_PER_PERIOD * natural
+    # First of all: what is sampled too slowly folds back and looks like noise.
+    if record.sample_rate < needed:
+        raise InputError(
+            f"{record.name}: {record.sample_rate:g} Hz is too slow for a natural frequency of "
+            f"{natural:.1f} Hz: sample at {needed:.0f} Hz or more"
+        )
     if body < EXCITED * noise.body_rms or noise.high <= noise.low:
         if spool > EXCITED * max(noise.spool_rms, noise.body_rms):
             raise InputError(
@@ -86,8 +95,7 @@ def judge(record: Record, valve: Valve) -> tuple[list[str], bool]:
             f"{record.name}: spool shows only noise ({spool:.3g} m/s^2) while body moves with {body:.3g}: "
             "is its sensor dead, or not mounted?"
         )
-    needed = SAMPLES_PER_PERIOD * natural
-    if record.sample_rate < needed or record.sample_rate < 5.0 * noise.high:
+    if record.sample_rate < 5.0 * noise.high:
         raise InputError(
             f"{record.name}: {record.sample_rate:g} Hz is too slow for a natural frequency of "
             f"{natural:.1f} Hz driven up to {min(noise.high, 0.5 * record.sample_rate):.0f} Hz: "
@@ -150,6 +158,8 @@ def unit_or_exchange(ratio: Array, frequency: Array, low: NDArray[np.bool_], val
     ):
         if distance(factor * expected) < 0.35 * plain and plain > 1.3 and abs(math.log(factor)) > 1.0:
             return text
+    if float(np.median(np.cos(np.angle(ratio / expected)))) < OPPOSITE:
+        return "body and spool have opposite signs: one sensor is turned round: change the sign of its column"
     inverse = 1.0 / expected
     if plain > 0.45 and distance(inverse) < 0.4 * plain:
         return "body and spool look exchanged: the one that should follow leads: swap the columns"
