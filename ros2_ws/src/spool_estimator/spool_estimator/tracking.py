@@ -334,6 +334,7 @@ class Tracker:
         self.regression.begin(
             found.parameters, found.grams * weight, found.scores * weight, DOUBT * weight * found.noise_score
         )
+        self.powers[0] = found.variance
         self._window.clear()
         for gram, score, power, count in zip(
             found.grams, found.scores, found.powers, found.counts, strict=True
