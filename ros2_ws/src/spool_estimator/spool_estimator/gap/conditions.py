@@ -15,8 +15,8 @@ from .noise import Noise, noise_of
 
 Array = NDArray[np.float64]
 
-#: s of one stretch that an analysis needs.
-SHORTEST = 6.0
+#: s that an analysis needs in all, and s of a stretch that is of use: a window and its settling.
+SHORTEST, SHORTEST_STRETCH = 6.0, 4.0
 GRAVITY = 9.80665
 #: The drive must exceed the noise by this factor, rms.
 EXCITED = 5.0
@@ -33,12 +33,12 @@ def usable(records: Sequence[Record]) -> tuple[list[Record], list[str]]:
         InputError: there is none, or a channel is dead.
     """
     warnings = []
-    kept = [record for record in records if record.duration >= SHORTEST]
-    if not kept:
+    kept = [record for record in records if record.duration >= SHORTEST_STRETCH]
+    if sum(record.duration for record in kept) < SHORTEST:
         longest = max((record.duration for record in records), default=0.0)
         raise InputError(
             f"{records[0].name if records else 'record'}: too short: its longest stretch without gaps has "
-            f"{longest:.1f} s, an analysis needs {SHORTEST:g} s or more: record longer"
+            f"{longest:.1f} s, an analysis needs {SHORTEST:g} s or more in all: record longer"
         )
     if len(records) > 1:
         lost = sum(record.duration for record in records) - sum(record.duration for record in kept)
