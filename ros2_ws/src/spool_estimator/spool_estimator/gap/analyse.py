@@ -82,14 +82,20 @@ def analyse(
     tell("preparing", 0.05)
     motions = motions_for(base)
     start = Point(tuple(entry.name for entry in base.terms), base.values_for(valve))
-    damping = max(valve.viscous_coefficient * 0.3, 0.5)
-    clipped = saturation.kept
-    stretches = stretches_of(
-        saturation.repaired, held, base, valve, damping=damping, clipped=clipped, longest=chosen.longest
-    )
-    simulation = Simulation(stretches, motions)
-    search = Search(stretches, simulation, base, valve, chosen, tell)
-    final = search.run(start)
+    repaired = saturation.repaired[: len(usable)], saturation.repaired[len(usable) :]
+
+    def search_with(damping: float, gain: float, delay: float, longest: int) -> Search:
+        stretches = stretches_of(
+            *repaired, base, valve, damping=damping, gain=gain, delay=delay, clipped=saturation.kept,
+            longest=longest,
+        )  # fmt: skip
+        return Search(stretches, Simulation(stretches, motions), base, valve, chosen, tell)
+
+    # A first look at the damping says how long a window takes to forget its start.
+    rough = search_with(0.5 * valve.viscous_coefficient, 0.0, 0.0, chosen.longest // 2)
+    point = rough.fit((), [start], rounds=6).fitted.point
+    search = search_with(point.get("viscous_coefficient"), point.gain, point.delay, chosen.longest)
+    final = search.run(point)
     tell("measuring what is left", 0.9)
     outcome = judge_outcome(search, final, saturation, chosen, trusted=trusted)
     return _result(records, base, search, final, outcome, tuple(warnings), begun)

@@ -51,6 +51,7 @@ class Screened:
 class _Piece:
     motion: Motion
     spool: Array
+    driven: Array
     slope: Array
     once: Array
     twice: Array
@@ -92,6 +93,8 @@ class Balance:
         velocity_noise = np.sqrt((stretch.noise.spool + stretch.noise.body) / (4.0 * np.pi**2 * low))
         motion = stretch.motion
         conditioning = ZeroPhase(period, stretch.low_cut)
+        # Noise of the spool in these columns would be the noise of the target: only what is driven goes in.
+        driven = stretch.quiet.apply(record.spool)
         return _Piece(
             Motion(
                 motion.displacement, motion.velocity, motion.acceleration,
@@ -99,8 +102,9 @@ class Balance:
                 float(velocity_noise),
                 self.mass, stiffness, damping,
             ),
-            motion.spool, conditioning.apply(record.spool, -1), conditioning.apply(record.spool, 1),
-            conditioning.apply(record.spool, 2), slices, taper,
+            motion.spool, conditioning.apply(driven), conditioning.apply(driven, -1),
+            conditioning.apply(driven, 1),
+            conditioning.apply(driven, 2), slices, taper,
             # Power of a tapered window of white noise with one-sided density S is S fs sum(taper^2) / 2.
             1.0 / np.sqrt(noise * 0.5 / period * float(np.sum(taper**2))), band,
         )  # fmt: skip
@@ -130,8 +134,8 @@ class Balance:
             columns = [
                 motion.displacement,
                 motion.velocity,
-                -(force + damping * once + stiffness * twice),
-                self.mass * piece.slope + damping * piece.spool + stiffness * once,
+                -(self.mass * piece.driven + damping * once + stiffness * twice),
+                self.mass * piece.slope + damping * piece.driven + stiffness * once,
             ]
             columns += [row for trial in accepted for row in self._own(trial, number)]
             rows.append(np.array(columns))

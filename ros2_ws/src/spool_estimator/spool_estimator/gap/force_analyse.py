@@ -31,10 +31,16 @@ STRETCH = 4.0
 SMALLEST = 0.03
 #: Twice the log likelihood ratio, after the price of the parameters, from which an effect counts.
 EVIDENCE = 20.0
+#: Error over that of a richer effect up to which the simpler one, which it contains, is kept.
+SIMPLER = 1.15
 #: Correlation of two columns, base taken off, from which they cannot be told apart.
 ALIKE = 0.97
 #: Ratio of the 95 to the 5 % quantile of the speed below which the speed hardly varies.
 VARIED = 6.0
+#: Laws of dry friction, which exclude one another.
+FRICTIONS = frozenset(
+    ("coulomb_friction", "stribeck_friction", "mixed_friction", "asymmetric_friction", "presliding_friction")
+)
 
 
 def analyse_forces(
@@ -151,8 +157,11 @@ def _forward(
 ) -> tuple[Chosen, ForceFit] | None:
     chosen, fit = step
     before = balance.nrmse(fit)
+    # One law of dry friction is enough: another beside it would only mend its shape at reversals.
     contained = {name for entry, _ in chosen for name in (entry.id, *entry.replaces)}
-    found: list[tuple[float, Chosen, ForceFit, Effect]] = []
+    if contained & FRICTIONS:
+        contained |= FRICTIONS
+    found: list[tuple[float, float, Chosen, ForceFit, Effect]] = []
     independent = sum(independent_samples(row) for row in fit.held)
     for entry in EFFECTS.values():
         # The load cell's zero is in the base, and a constant push is not told from it.
@@ -184,21 +193,21 @@ def _forward(
             Hypothesis(entry.id, tuple(e.id for e, _ in chosen), after, evidence, values, False, reason)
         )
         if not reason:
-            found.append((after, tried, result, entry))
+            found.append((evidence, after, tried, result, entry))
     if not found:
         return None
-    found.sort(key=lambda row: row[0])
+    found.sort(key=lambda row: -row[0])
     best = found[0]
     for row in found[1:]:
         # The simpler one stays where the richer one is hardly better.
-        if row[3].id in best[3].replaces and row[0] < 1.02 * best[0]:
+        if row[4].id in best[4].replaces and row[1] < SIMPLER * best[1]:
             best = row
     for number, entry_ in enumerate(ranking):
-        if entry_.id == best[3].id and entry_.beside == tuple(e.id for e, _ in chosen):
+        if entry_.id == best[4].id and entry_.beside == tuple(e.id for e, _ in chosen):
             ranking[number] = Hypothesis(
                 entry_.id, entry_.beside, entry_.nrmse_after, entry_.evidence, entry_.parameters, True
             )
-    return best[1], best[2]
+    return best[2], best[3]
 
 
 def _result(
@@ -220,13 +229,6 @@ def _result(
     floor = math.sqrt(float(np.mean([noise_power(record.force) for record in balance.held]))) / size
     named = tuple(entry.id for entry, _ in chosen)
     candidates: tuple[str, ...] = ()
-    friction = {
-        "coulomb_friction",
-        "stribeck_friction",
-        "mixed_friction",
-        "asymmetric_friction",
-        "presliding_friction",
-    }
     advice = ""
     if alike:
         warnings = [
@@ -237,7 +239,7 @@ def _result(
         advice = "drive with speeds that differ by a factor of 10 or more"
     verdict = "+".join(named) or "none"
     confidence = _confidence(ranking, named)
-    if alike and (friction & set(named) or not named):
+    if alike and (FRICTIONS & set(named) or not named):
         verdict, confidence, candidates = "unexplained", 0.5, (*alike, *named)
     elif not named and before > 3.0 * floor and before > 0.1:
         verdict, confidence = "unexplained", 0.6

@@ -52,7 +52,8 @@ class ForceBalance:
         """Take velocities; ``base`` names the columns out of mass, stiffness, damping, zero."""
         self.train, self.held = tuple(train), tuple(held)
         self.base = tuple(base)
-        self.motions = {id(r): _motion(r) for r in (*train, *held)}
+        centre = _centre(train)
+        self.motions = {id(r): _motion(r, centre) for r in (*train, *held)}
         # The reaction to friction has the velocity's sign; a rig may count it the other way round.
         power = sum(float(np.sum(r.force_at * m.velocity)) for r, m in self._pairs(self.train))
         self.sign = -1.0 if power < 0.0 else 1.0
@@ -156,13 +157,20 @@ class _Oriented:
     force_at: Array
 
 
-def _motion(record: ForceRecord) -> Motion:
+def _centre(records: Sequence[ForceRecord]) -> float:
+    """Return the middle of the motion, m; 0 where the rig's own zero lies near it."""
+    low = min(float(record.displacement.min()) for record in records)
+    high = max(float(record.displacement.max()) for record in records)
+    middle = 0.5 * (low + high)
+    return 0.0 if abs(middle) < 0.2 * (high - low) else middle
+
+
+def _motion(record: ForceRecord, centre: float) -> Motion:
     velocity = record.derivative(1)
-    middle = 0.5 * (float(record.displacement.max()) + float(record.displacement.min()))
     noise = float(np.std(np.diff(record.displacement, 3))) / np.sqrt(20.0) / record.period
     noise /= record.smoothing() ** 1.5 / 3.5
     return Motion(
-        record.displacement - middle, velocity, record.derivative(2), record.time, record.period,
+        record.displacement - centre, velocity, record.derivative(2), record.time, record.period,
         max(noise, 1e-9), 1.0, 1.0, 1.0,
     )  # fmt: skip
 

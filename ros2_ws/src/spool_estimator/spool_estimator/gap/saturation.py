@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from ..record import Record
-from .noise import noise_of
 
 Array = NDArray[np.float64]
 
@@ -48,9 +47,7 @@ def find_saturation(records: Sequence[Record]) -> Saturation:
     for name in ("spool", "body"):
         for number, record in enumerate(records):
             row = getattr(record, name)
-            noise = noise_of(record)
-            sigma = noise.spool_rms if name == "spool" else noise.body_rms
-            at_rail = clipped(row, sigma)
+            at_rail = clipped(row)
             if at_rail is None:
                 continue
             own = float(np.median(np.abs(row[at_rail])))
@@ -63,42 +60,26 @@ def find_saturation(records: Sequence[Record]) -> Saturation:
                 replace(own_record, spool=whole) if name == "spool" else replace(own_record, body=whole)
             )
         if channel == name:
-            warnings.append(
-                f"{name} clips at {limit:.4g} m/s^2 in {100.0 * share:.2g} % of the samples, not compared"
-            )
+            warnings.append(f"{name} clips at {limit:.4g} m/s^2 in {100.0 * share:.2g} % of the samples")
     return Saturation(kept, repaired, limit, channel, share, warnings)
 
 
-def clipped(row: Array, noise: float) -> NDArray[np.bool_] | None:
-    """Return which samples sit at a rail, ``None`` where none does.
-
-    Readings that clip are equal, or pile up within the noise at the largest value: many more than in the
-    steps of the same width below it, and in runs.
-    """
+def clipped(row: Array) -> NDArray[np.bool_] | None:
+    """Return which samples sit at a rail: equal to the extreme, often, and in runs; ``None`` for none."""
     found = np.zeros(row.size, dtype=np.bool_)
-    any_found = False
     for side in (1.0, -1.0):
         values = side * row
         top = float(values.max())
-        if top <= 0.0:
-            continue
-        equal = values >= top - 1e-6 * abs(top)
-        width = max(4.0 * noise, 2e-3 * top)
-        pile = values >= top - width
-        below = np.count_nonzero((values < top - width) & (values >= top - 3.0 * width))
-        count = int(np.count_nonzero(pile))
-        enough = max(COUNT, SHARE * row.size)
-        if np.count_nonzero(equal) >= enough:
-            found |= equal
-            any_found = True
-        elif count >= enough and count > 4.0 * max(1.0, 0.5 * below) and _in_runs(pile):
-            found |= pile
-            any_found = True
-    return found if any_found else None
+        at_top = values >= top - 1e-6 * abs(top)
+        count = int(np.count_nonzero(at_top))
+        if top > 0.0 and count >= max(COUNT, SHARE * row.size) and _in_runs(at_top):
+            found |= at_top
+    return found if found.any() else None
 
 
 def _in_runs(pile: NDArray[np.bool_]) -> bool:
-    return float(np.count_nonzero(pile[1:] & pile[:-1])) > 0.5 * float(np.count_nonzero(pile))
+    beside = pile[1:] & pile[:-1]
+    return float(np.count_nonzero(beside)) > 0.25 * float(np.count_nonzero(pile))
 
 
 def restored(row: Array, gone: NDArray[np.bool_], rounds: int = 60) -> Array:

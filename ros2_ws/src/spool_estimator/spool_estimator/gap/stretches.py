@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 WINDOW = 2.5
 #: Samples of a record that are conditioned in one piece; longer records are represented by parts.
 LONGEST_PIECE = 400_000
+#: Time constants of the motion after which its start is forgotten.
+FORGOTTEN = 6.0
 #: Hz, no drive of a valve is looked for below.
 LOWEST = 1.0
 
@@ -113,7 +115,7 @@ def stretches_of(
     """
     found: list[Stretch] = []
     everything = [(record, True) for record in records] + [(record, False) for record in held_out]
-    run_in = float(np.clip(6.0 * valve.moving_mass / max(damping, 1e-3), 0.5, 1.5))
+    run_in = float(np.clip(FORGOTTEN * 2.0 * valve.moving_mass / max(damping, 1e-3), 0.5, 2.0))
     for number, (record, trains) in enumerate(everything):
         noise = noise_of(record)
         low_cut = max(LOWEST, 0.4 * noise.low)
