@@ -19,6 +19,7 @@ from .peaks import lines_beside_the_drive
 from .registry import EFFECTS
 from .result import GapSettings, Hypothesis
 from .simulate import Point, Simulation
+from .start_from_rest import asymmetry
 from .stretches import Stretch
 
 Array = NDArray[np.float64]
@@ -184,6 +185,43 @@ class Search:
             if step.effects in [entry.effects for entry in self.steps]:
                 break
             self.steps.append(step)
+        return self._by_direction(step)
+
+    def _by_direction(self, step: Step) -> Step:
+        """Return ``step`` with one friction force for each direction where its start shows that."""
+        if "coulomb_friction" not in step.effects or "asymmetric_friction" in self.excluded:
+            return step
+        for stretch in self.stretches:
+            found = asymmetry(self.simulation, stretch, step.fitted.point, self.base, self.valve)
+            if found is None or found.evidence < EVIDENCE or abs(found.ratio) < 3.0 * found.deviation:
+                continue
+            effects = tuple("asymmetric_friction" if e == "coulomb_friction" else e for e in step.effects)
+            old = step.fitted
+            mean, spread = old.point.values["coulomb_force"], old.deviations["coulomb_force"]
+            forces = {
+                "forward_force": (1.0 + found.ratio) * mean,
+                "backward_force": (1.0 - found.ratio) * mean,
+            }
+            deviation = math.hypot(spread, mean * found.deviation)
+            free = tuple(f for f in old.free if f.name != "coulomb_force")
+            free += tuple(replace(f, name=n) for n in forces for f in old.free if f.name == "coulomb_force")
+            fitted = replace(
+                old,
+                point=replace(
+                    old.point, active=self.terms_of(effects), values={**old.point.values, **forces}
+                ),
+                free=free,
+                deviations={**old.deviations, **dict.fromkeys(forces, deviation)},
+            )
+            better = self.measured(replace(step, effects=effects, fitted=fitted, train=[], held=[]))
+            self.ranking.append(
+                Hypothesis(
+                    "asymmetric_friction", step.effects[: step.effects.index("coulomb_friction")],
+                    self.nrmse(better), found.evidence, forces, True,
+                )
+            )  # fmt: skip
+            self.steps.append(better)
+            return better
         return step
 
     def candidates(self, step: Step) -> list[Screened]:
@@ -306,16 +344,16 @@ class Search:
     def _try(self, step: Step, entry: Screened, rounds: int) -> Step:
         effects = (*step.effects, entry.effect.id)
         effects = tuple(e for e in effects if e not in entry.effect.replaces)
-        point = replace(step.fitted.point, active=self.terms_of(effects))
-        point = point.moved(BASE_NUMBERS, self._joint(entry.base, point))
+        known = replace(step.fitted.point, active=self.terms_of(effects))
+        joint = known.moved(BASE_NUMBERS, self._joint(entry.base, known))
         starts = []
         for values in entry.effect.starts(entry.values):
             bounded = {}
             for name, value in values.items():
                 parameter = next(p for t in entry.effect.terms for p in _parameters(t) if p.name == name)
                 bounded[name] = float(np.clip(value, parameter.low, parameter.high))
-            starts.append(replace(point, values={**point.values, **bounded}))
-        found = self.fit(effects, starts, rounds=rounds, tries=2 if len(starts) > 2 else 1, enough=5e-3)
+            starts += [replace(point, values={**point.values, **bounded}) for point in (joint, known)]
+        found = self.fit(effects, starts, rounds=rounds, tries=2 if len(starts) > 4 else 1, enough=5e-3)
         found.trials = (*step.trials, entry.trial)
         return found
 
