@@ -300,6 +300,55 @@ def compare(
 
 
 @app.command()
+def gap(
+    records: RecordsArgument,
+    valve: FittedValve = None,
+    base: Annotated[
+        str, typer.Option(help="Model that something may be missing from: name or YAML file.")
+    ] = "fluid",
+    holdout: Annotated[
+        list[Path] | None,
+        typer.Option(help="Record to judge by; default: every other stretch is held out.", metavar="RECORD"),
+    ] = None,
+    kind: Annotated[
+        str,
+        typer.Option(help="accelerations; driven: a force moves the mass; imposed: it is the reaction."),
+    ] = "accelerations",
+    json: JsonFile = None,
+    save_model: Annotated[
+        Path | None,
+        typer.Option(help="Write the model found as YAML, for simulate and the nodes.", metavar="YAML"),
+    ] = None,
+    gain_tolerance: Annotated[
+        float, typer.Option(help="Relative gain error of the spool's sensor that its data sheet allows.")
+    ] = 0.05,
+    delay_tolerance: Annotated[
+        float, typer.Option(help="Delay between the channels that is allowed, s.")
+    ] = 0.5e-3,
+    name: NameOption = None,
+    columns: ColumnsOption = None,
+    start: StartOption = 0.0,
+    stop: StopOption = None,
+) -> None:
+    """Find where simulation and records disagree, name what is missing, add it, show the gap shrink.
+
+    Several records are one set of data. Every error is measured on data that no fit has seen.
+
+    Example: ./spool gap bags/practice_03 --valve 4weh10_soft --json gap.json --save-model found.yaml
+
+    Example: ./spool gap rig.csv --kind imposed --holdout other.csv
+    """
+    from .gapping import GapOutputs, run_gap  # noqa: PLC0415 - scipy is needed here only
+    from .records import selection  # noqa: PLC0415
+
+    code = run_gap(
+        records, valve, base, kind, selection(name, columns, start, stop), GapOutputs(json, save_model),
+        holdout=holdout or (), gain_tolerance=gain_tolerance, delay_tolerance=delay_tolerance,
+    )  # fmt: skip
+    raise typer.Exit(code)
+
+
+@app.command()
 def paper(
     out: Annotated[Path, typer.Option(help="Folder for page, pictures and tables.")] = Path("spool_paper"),
 ) -> None:
@@ -312,6 +361,26 @@ def paper(
     from .paper import run_paper  # noqa: PLC0415 - scipy and matplotlib are needed here only
 
     run_paper(out)
+
+
+@app.command()
+def study(
+    what: Annotated[
+        str,
+        typer.Argument(help="gap: effects named right? gap-limit: how small? estimation: do intervals hold?"),
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for tables and pictures.")],
+    cases: Annotated[int, typer.Option(help="How many.")] = 200,
+    seed: Annotated[int, typer.Option(help="Of the first; below 1000 is for development.")] = 1000,
+    workers: Annotated[int | None, typer.Option(help="Processes; default: as many as cores.")] = None,
+) -> None:
+    """Count over many blind records how often the suite is right.
+
+    Example: ./spool study gap --cases 200 --seed 1000 --out study_gap
+    """
+    from .study import run_study  # noqa: PLC0415
+
+    run_study(what, cases, seed, out, workers)
 
 
 @app.command()

@@ -47,6 +47,7 @@ def test_targets_are_met_only_by_what_was_found():
     good = [row("effect", "a", "a", truth={"a.x": 2.0}, found={"a.x": 2.1}, after=0.012, floor=0.01)]
     bad = [row("effect", "a", "b"), row("none", "none", "a"), row("stranger", "s", "a")]
     assert all(target.met for target in targets(good) if target.share.of)
+    assert {target.answer for target in targets(good) if not target.share.of} == {"unknown"}
     met = {target.name: target.met for target in targets(good + bad)}
     assert not met["one effect, named right"]
     assert not met["nothing hidden, a false name"]

@@ -19,7 +19,7 @@ from spool_sim.model import load_model
 from spool_sim.valve import Valve, find_valve
 
 from .estimate import Estimate, State
-from .estimator import settings_for
+from .estimator import EXPONENTIAL, FORGETTING, settings_for
 from .estimators import ESTIMATORS, StreamEstimator, make_estimator
 from .messages import to_message, to_refit_message
 from .refit import RefitSettings, WindowRefits
@@ -39,7 +39,13 @@ class EstimatorNode(ManagedNode):
             "method", "prediction", "The model run beside the machine, or equation error.", read_only=True,
             choices=tuple(ESTIMATORS),
         ),
-        Parameter("memory", 4.0, "Time constant of forgetting.", "s", 0.2, 3600.0, read_only=True),
+        Parameter(
+            "forgetting", EXPONENTIAL, "How the past is forgotten.", choices=FORGETTING, read_only=True,
+        ),
+        Parameter(
+            "memory", 4.0, "Time constant of forgetting, or length of the window.",
+            "s", 0.2, 3600.0, read_only=True,
+        ),
         Parameter("low_cut", 4.0, "Lower edge of the band.", "Hz", 0.1, 100.0, read_only=True),
         Parameter("high_cut", 300.0, "Upper edge of the band.", "Hz", 10.0, 1e4, read_only=True),
         Parameter(
@@ -68,7 +74,7 @@ class EstimatorNode(ManagedNode):
         # Compiling takes seconds where the cache is old or can't be written: blocks would be lost meanwhile.
         warm_up_estimator()
         valve = find_valve(self.value("valve_file"))
-        names = ("memory", "low_cut", "high_cut", "minimum_excitation", "period")
+        names = ("forgetting", "memory", "low_cut", "high_cut", "minimum_excitation", "period")
         settings = settings_for(valve, **{name: self.value(name) for name in names})
         self._core = make_estimator(self.value("method"), settings)
         self._valve_id = valve.id

@@ -222,9 +222,9 @@ def _reweigh(residuals: Residuals, point: Array) -> None:
 def covariance_of(slopes: Array, residual: Array, blocks: Sequence[slice]) -> Array:
     """Return the covariance of a least-squares point, shape (u, u).
 
-    It is that of a weighted residual that is white with variance 1. Where the blocks prove more spread (the
+    It is that of a weighted residual that is white with variance 1. Where the blocks show more spread (the
     sandwich form; noise whose strength changes along the record, errors of the model), it is as large as they
-    prove: few blocks prove little, so their ratio counts above its own standard deviation.
+    show, and a little more where they are few (the variance of Student's t).
 
     Args:
         slopes: Jacobian, shape (n, u), of full rank.
@@ -239,8 +239,8 @@ def covariance_of(slopes: Array, residual: Array, blocks: Sequence[slice]) -> Ar
     # Where most of what is known of an unknown comes from: its share in each block.
     shares = np.array([np.sum((slopes[block] @ bread) ** 2, axis=0) for block in blocks])
     worth = shares.sum(axis=0) ** 2 / np.sum(shares**2, axis=0)
-    proven = np.diag(sandwich) / np.diag(bread) / (1.0 + np.sqrt(2.0 / worth))
-    grown = np.sqrt(np.maximum(1.0, proven))
+    shown_spread = np.diag(sandwich) / np.diag(bread) * (1.0 + 2.0 / worth)
+    grown = np.sqrt(np.maximum(1.0, shown_spread))
     return np.asarray(bread * np.outer(grown, grown))
 
 

@@ -27,7 +27,7 @@ BATCH = 10
 LAGS = 4
 #: Certainty (in units of the scale) beyond which a direction may be forgotten faster than the chunk replaces
 #: it, up to AHEAD times: what a strong excitation once said must not outweigh minutes of a weak one.
-ENOUGH, AHEAD = 0.003, 30.0
+ENOUGH, AHEAD = 0.003, 300.0
 
 
 @dataclass(slots=True)

@@ -38,9 +38,9 @@ KEPT, NEEDED = 3.0, 2.0
 #: last chunks (one of these lengths), and when what that fit gains, in residual variances, is SIGNIFICANT and
 #: UNUSUAL times what it gained lately: noise shaped by a resonance, or a poor model, gains always.
 CHANGED, SIGNIFICANT, UNUSUAL, LENGTHS = 1.25, 300.0, 8.0, (4, 10)
-#: The past is thrown away only for a parameter that changed by this share, and by so many deviations; their
-#: squares are those for white errors times COLOURED, as a resonance colours them.
-NOTABLE, CERTAIN, COLOURED = 0.05, 3.0, 40.0
+#: The past is thrown away only for a parameter that changed by its share here, and by so many deviations;
+#: their squares are those for white errors times COLOURED, as a resonance colours them.
+NOTABLE, CERTAIN, COLOURED = (0.01, 0.05, 0.05), 3.0, 40.0
 #: Share by which a chunk moves what is usual, and how far at once.
 USUAL, USUAL_STEP = 0.03, 3.0
 #: A refit has to leave less than this share of the residual power to be believed.
@@ -49,8 +49,9 @@ BETTER = 0.85
 LARGEST_STEP = 0.5
 #: Refits saved up at most, and how many more a chunk allows: a model that does not fit must not cost more.
 MOST_REFITS, REFITS = 6.0, 0.05
-#: Relative residual above which the model does not describe what is seen and a new start is tried.
-POOR = 0.5
+#: Relative residual above which the model does not describe what is seen and a new start is tried, and the
+#: residual power, relative to the least seen lately, above which it may be in the wrong valley.
+POOR, WORSE = 0.5, 16.0
 #: Relative standard deviation of the stiffness that a start must reach.
 STARTED = 0.1
 #: Time constants 2 m / c of the motion after which a start from rest is forgotten, and its limits, s.
@@ -118,6 +119,8 @@ class Tracker:
     _usual: Array = field(init=False)
     _sizes: Array = field(init=False)
     _evidence: Array = field(init=False)
+    _told: bool = field(default=False, init=False)
+    _least: float = field(default=math.inf, init=False)
     _since_restart: int = field(default=0, init=False)
     _allowed: float = field(default=MOST_REFITS, init=False)
     _pause: int = field(default=0, init=False)
@@ -180,10 +183,7 @@ class Tracker:
     def systematic(self) -> Array:
         """Standard deviations that no amount of data removes, shape (3,)."""
         shape = POINT_SHAPE if self.prediction.pointwise else JUMP_SHAPE
-        pointwise, band_limited = self._evidence.tolist()
-        if told_apart(pointwise, band_limited, present=True) != told_apart(
-            pointwise, band_limited, present=False
-        ):
+        if not self._told:
             shape = UNTOLD_SHAPE * self.sample_period
         force = math.hypot(MATCHED * math.sqrt(self._sizes[0]), shape * float(self.regression.parameters[2]))
         sizes = np.sqrt(np.maximum(self._sizes, 1e-20))
@@ -229,7 +229,9 @@ class Tracker:
         if self.excited:
             # Of the motion that taught the parameters; at a standstill they stay what they were.
             self._sizes = self.powers[[1, 3, 4]]
-            self._evidence += USUAL * (sums[[POINTWISE, BAND_LIMITED]] - self._evidence)
+            # Weighed by how well the model fits: while the valve changes, neither does.
+            left = max(float(sums[RESIDUAL]), 1e-30)
+            self._evidence += USUAL * (sums[[POINTWISE, BAND_LIMITED]] / left - self._evidence)
         if self.excited and self.started:
             self._regress(count)
         elif self.excited and self._since_restart * CHUNK >= NEEDED - 1e-9:
@@ -255,13 +257,18 @@ class Tracker:
             changed = present > CHANGED * own and gain > max(SIGNIFICANT, UNUSUAL * usual)
             if changed and self._refit(last, present, float(usual)):
                 return
-        if own > POOR**2 * self.powers[1] and self._since_restart * CHUNK >= NEEDED and self._start(present):
+        # A descent may have ended in the wrong valley: far more is left than was once.
+        self._least = min(1.01 * self._least, own / self.powers[1])
+        poor = own > POOR**2 * self.powers[1] or own > WORSE * self._least * self.powers[1]
+        if poor and self._since_restart * CHUNK >= NEEDED and self._start(0.5 * present):
             return
         weight = NOISE**2 / (own + SMALLEST_NOISE**2)
         change = regression.advance(prediction.gram * weight, score * weight, DOUBT * weight * noise_score)
         prediction.shift(change)
         pointwise, band_limited = self._evidence.tolist()
-        prediction.pointwise = told_apart(pointwise, band_limited, prediction.pointwise)
+        prediction.pointwise = told_apart(pointwise, band_limited, present=prediction.pointwise)
+        surely = told_apart(pointwise, band_limited, present=True)
+        self._told = self._told or surely == told_apart(pointwise, band_limited, present=False)
         if not (np.all(np.isfinite(regression.parameters)) and regression.parameters[0] > 0.0):
             self.started = False
             self.regression = self._fresh()
@@ -271,7 +278,7 @@ class Tracker:
         if self._pause > 0:
             return False
         self._pause = self._patience
-        self._patience = min(2 * self._patience, 100)
+        self._patience = min(self._patience + 1, 100)
         body, spool = self._history.samples(self._history.length)
         first = self._fitter.start(body, spool)
         guesses = [self._nominal] if first is None or first[0] <= 0.0 else [first, self._nominal]
@@ -302,7 +309,8 @@ class Tracker:
         if len(self._earlier) < last:
             return False
         body, spool = self._history.samples(last * self.chunk)
-        guesses = [known]
+        # Dry friction makes valleys: it is tried from both sides.
+        guesses = [known, known * np.array([1.0, 1.0, 1.25]), known * np.array([1.0, 1.0, 0.75])]
         best = self._window.best(last)
         if 0.1 < best[0] / known[0] < 10.0 and best[1] > 0.0:
             guesses.append(best)
@@ -314,7 +322,7 @@ class Tracker:
             return False
         information = found.grams.sum(axis=0) / (found.variance * max(COLOURED, usual))
         deviation = np.sqrt(np.abs(np.diag(np.linalg.pinv(information)))) * self.scale
-        notable = NOTABLE * np.maximum(np.abs(known), 0.1 * self.scale)
+        notable = np.array(NOTABLE) * np.maximum(np.abs(known), 0.1 * self.scale)
         if np.all(np.abs(found.parameters - known) < np.maximum(notable, CERTAIN * deviation)):
             return False
         self._adopt(found)
@@ -326,6 +334,7 @@ class Tracker:
         self.regression.begin(
             found.parameters, found.grams * weight, found.scores * weight, DOUBT * weight * found.noise_score
         )
+        self.powers[0] = found.variance
         self._window.clear()
         for gram, score, power, count in zip(
             found.grams, found.scores, found.powers, found.counts, strict=True

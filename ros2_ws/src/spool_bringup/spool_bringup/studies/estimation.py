@@ -76,11 +76,11 @@ def run(records: int, seed: int, out: Path, workers: int | None = None) -> list[
     rows = sorted(
         spread(judge, items, f"{records} simulated records", workers), key=lambda entry: entry.number
     )
-    estimates = [entry for row in rows for entry in row.estimates]
+    estimates = [entry for row in rows if row.converged for entry in row.estimates]
     write_json(
         out / "estimation.json", {"rows": [asdict(row) for row in rows], "summary": summary(estimates)}
     )
-    page = write_page(rows, out, f"./spool study estimation --records {records} --seed {seed}")
+    page = write_page(rows, out, f"./spool study estimation --cases {records} --seed {seed}")
     show(estimates)
     print(f"{page}: the same as a table, with a picture")
     return rows

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import matplotlib
 
@@ -25,7 +25,7 @@ PAGE, PICTURE = "estimation_study.md", "estimation_scores.png"
 
 def write_page(rows: Sequence[Row], folder: Path, command: str) -> Path:
     """Write the table and the picture into ``folder``; return the page."""
-    estimates = [entry for row in rows for entry in row.estimates]
+    estimates = [entry for row in rows if row.converged for entry in row.estimates]
     figure = scores_figure(estimates)
     figure.savefig(folder / PICTURE, dpi=130)
     plt.close(figure)
@@ -36,7 +36,7 @@ def write_page(rows: Sequence[Row], folder: Path, command: str) -> Path:
 
 def page_text(rows: Sequence[Row], command: str) -> str:
     """Return the page, Markdown."""
-    estimates = [entry for row in rows for entry in row.estimates]
+    estimates = [entry for row in rows if row.converged for entry in row.estimates]
     failed = [row for row in rows if row.reason is not None]
     untold: dict[tuple[str, str], int] = {}
     for row in rows:
@@ -48,7 +48,8 @@ def page_text(rows: Sequence[Row], command: str) -> str:
         f"{len(rows)} simulated records of 20 s at 2 kHz, made and fitted by `{command}`; what they are: "
         "[estimation.md](estimation.md). "
         f"{len(failed)} without a result, {sum(not row.converged for row in rows)} that say they did not "
-        f"converge. A fit took {median(row.seconds for row in rows):.1f} s (median).",
+        "converge; those are not in the table. "
+        f"A fit took {median(row.seconds for row in rows):.1f} s (median).",
         "",
         "| model | quantity | fits | covered | share (95 % interval) | mean error | scatter "
         "| median standard deviation |",
@@ -87,4 +88,4 @@ def scores_figure(estimates: Sequence[Estimated]) -> Figure:
     axes.set_xlabel("error / standard deviation")
     axes.set_ylabel("density")
     axes.legend(frameon=False)
-    return figure
+    return cast(Figure, figure)

@@ -58,7 +58,7 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
                 "count": target.share.count,
                 "of": target.share.of,
                 "interval": list(target.share.interval),
-                "met": target.met,
+                "met": target.met if target.share.of else None,
             }
             for target in targets(rows)
         ],
@@ -70,7 +70,7 @@ def show(rows: Sequence[Row]) -> None:
     """Print the study's questions with their answers."""
     table = Table("question", "target", "found (95 % interval)", "met", box=None, pad_edge=False)
     for target in targets(rows):
-        table.add_row(target.name, target.wanted, str(target.share), "yes" if target.met else "no")
+        table.add_row(target.name, target.wanted, str(target.share), target.answer)
     Console(width=140).print(table)
 
 

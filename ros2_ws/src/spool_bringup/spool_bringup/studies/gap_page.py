@@ -39,7 +39,7 @@ def page_text(rows: Sequence[Row], command: str) -> str:
         f"A case: median {median(times):.1f} s ({computing:.1f} s of computing), longest {max(times):.1f} s.",
         _table(
             ("question", "target", "found (95 % interval)", "met"),
-            [(t.name, t.wanted, str(t.share), "yes" if t.met else "no") for t in targets(rows)],
+            [(t.name, t.wanted, str(t.share), t.answer) for t in targets(rows)],
         ),
         f"![confusion matrix]({PICTURE})",
         "## By what was hidden",

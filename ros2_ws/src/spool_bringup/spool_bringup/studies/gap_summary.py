@@ -122,6 +122,11 @@ class Target:
     share: Share
     met: bool
 
+    @property
+    def answer(self) -> str:
+        """yes, no, or unknown where no case asked."""
+        return ("yes" if self.met else "no") if self.share.of else "unknown"
+
 
 def share_of(rows: Sequence[Row], right: Callable[[Row], bool]) -> Share:
     """Return how many of ``rows`` are ``right``."""
