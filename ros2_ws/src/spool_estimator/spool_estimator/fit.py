@@ -3,9 +3,8 @@
 1. Start: the balance of forces at the measured motion (:mod:`.equation_error`).
 2. Descent: least squares of the free run over windows (:mod:`.free_run`, :mod:`.residuals`), first with equal
    weights, then weighed by the spectrum of what is left, samples at friction's jumps left out.
-3. Standard deviations: the sandwich form over blocks of the weighted residual, so that they hold for noise of
-   any colour and strength that changes along the record; rank of the information matrix
-   (:mod:`.observability`).
+3. Standard deviations (:mod:`.uncertainty`); what the noise of the drive does to the parameters
+   (:mod:`.input_noise`) is taken off; rank of the information matrix (:mod:`.observability`).
 """
 
 from __future__ import annotations
@@ -28,14 +27,14 @@ from .equation_error import EquationError
 from .fit_result import SPOOL_DELAY, SPOOL_GAIN, Fit, FitSettings
 from .free_run import FreeRun
 from .information import information_criterion
+from .input_noise import input_noise_effect
 from .observability import Combination, combinations, to_hold, unseen_directions
 from .record import Record
 from .residuals import Residuals, Unknown
+from .uncertainty import fit_covariance
 
 Array = NDArray[np.float64]
 
-#: s of the blocks over which the weighted residual's slopes are summed for the standard deviations.
-BLOCK = 0.5
 #: s of data that the first descents from several starts use.
 FIRST_SECONDS = 8.0
 #: Steps of the first descents and of each later one, at most.
@@ -44,8 +43,6 @@ FIRST_STEPS, STEPS = 30, 20
 ROUNDS = 2
 #: Sizes of what friction at rest may be, relative to its start value, that are tried.
 BLIND_FACTORS = (0.1, 0.3, 1.0, 3.0)
-#: Change of the whole weighted residual by a typical size below which an unknown does not show.
-SHOWS = 1e-2
 #: Relative standard deviation from which a quantity that cannot be 0 (a velocity, a length) is not told.
 UNTOLD = 0.5
 #: What the valve's description gives and yet is fitted.
@@ -219,53 +216,6 @@ def _reweigh(residuals: Residuals, point: Array) -> None:
     residuals.take_spectrum(residuals.differences(responses))
 
 
-def covariance_of(slopes: Array, residual: Array, blocks: Sequence[slice]) -> Array:
-    """Return the covariance of a least-squares point, shape (u, u).
-
-    It is that of a weighted residual that is white with variance 1. Where the blocks show more spread (the
-    sandwich form; noise whose strength changes along the record, errors of the model), it is as large as they
-    show, and a little more where they are few (the variance of Student's t).
-
-    Args:
-        slopes: Jacobian, shape (n, u), of full rank.
-        residual: at the point, shape (n,), weighed.
-        blocks: pieces of the samples that hardly depend on each other.
-    """
-    bread = np.linalg.inv(slopes.T @ slopes)
-    scores = np.array([slopes[block].T @ residual[block] for block in blocks])
-    scores -= scores.mean(axis=0)
-    count = len(blocks)
-    sandwich = bread @ (scores.T @ scores) @ bread * count / max(1, count - slopes.shape[1])
-    # Where most of what is known of an unknown comes from: its share in each block.
-    shares = np.array([np.sum((slopes[block] @ bread) ** 2, axis=0) for block in blocks])
-    worth = shares.sum(axis=0) ** 2 / np.sum(shares**2, axis=0)
-    shown_spread = np.diag(sandwich) / np.diag(bread) * (1.0 + 2.0 / worth)
-    grown = np.sqrt(np.maximum(1.0, shown_spread))
-    return np.asarray(bread * np.outer(grown, grown))
-
-
-def _blocks(run: FreeRun, total: int) -> list[slice]:
-    blocks: list[slice] = []
-    offset = 0
-    sizes = [window.measured.size for window in run.windows]
-    for window, size in zip(run.windows, _padded(sizes), strict=True):
-        length = max(8, round(BLOCK / run.records[window.record].sample_period))
-        count = max(1, window.measured.size // length)
-        edges = offset + size * np.arange(count + 1) // count
-        blocks += [
-            slice(low, high) for low, high in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
-        ]
-        offset += size
-    assert offset == total
-    return blocks
-
-
-def _padded(sizes: Sequence[int]) -> list[int]:
-    from scipy import fft  # noqa: PLC0415
-
-    return [int(fft.next_fast_len(size, real=True)) for size in sizes]
-
-
 def _result(
     run: FreeRun,
     residuals: Residuals,
@@ -280,15 +230,23 @@ def _result(
 ) -> Fit:
     free = residuals.unknowns
     names = [unknown.name for unknown in unknowns]
-    covariance = _covariance(run, residuals, best.point, settings, doubts)
+    covariance = fit_covariance(residuals, best.point, _scales(free, best.point), settings, doubts)
     shown = np.isfinite(np.diag(covariance))
+    effect = input_noise_effect(residuals, best.point, shown) if shown.any() else None
+    if effect is not None:
+        moved, covariance[np.ix_(shown, shown)] = effect.taken_off(
+            best.point[shown], covariance[np.ix_(shown, shown)]
+        )
+        point = best.point.copy()
+        point[shown] = moved
+        best = replace(best, point=_inside(point, free))
     named = {unknown.name: float(value) for unknown, value in zip(free, best.point, strict=True)}
     final = {**values, **{name: value for name, value in named.items() if name in values}}
     sensor = {name: named[name] for name in (SPOOL_GAIN, SPOOL_DELAY) if name in named}
     constants = [p for p in run.model.parameters if p.name in held]
-    point = np.array([{**final, **sensor}[name] for name in names])
-    scales = _scales(unknowns, point)
-    unseen = unseen_directions(law.force_slopes(_inside(point, unknowns)), scales)
+    ends = np.array([{**final, **sensor}[name] for name in names])
+    scales = _scales(unknowns, ends)
+    unseen = unseen_directions(law.force_slopes(_inside(ends, unknowns)), scales)
     lost, told = combinations(
         np.hstack([unseen, np.zeros((unseen.shape[0], len(constants)))]),
         [*names, *(constant.name for constant in constants)],
@@ -342,29 +300,6 @@ def _result(
         information_criterion=criterion,
         effective_samples=samples,
     )  # fmt: skip
-
-
-def _covariance(
-    run: FreeRun, residuals: Residuals, point: Array, settings: FitSettings, doubts: Sequence[Array]
-) -> Array:
-    """Return the covariance of the free unknowns; infinite variance for those that do not show."""
-    free = residuals.unknowns
-    residual = residuals.at(point)
-    slopes = residuals.central_slopes(point)
-    shown = np.linalg.norm(slopes * _scales(free, point), axis=0) > SHOWS
-    covariance = np.diag(np.where(shown, 0.0, math.inf))
-    slopes = slopes[:, shown]
-    if not shown.any():
-        return covariance
-    told = covariance_of(slopes, residual, _blocks(run, residual.size))
-    shifts = [doubt[shown] for doubt in doubts]
-    if settings.timing > 0.0 and not settings.fit_delay:
-        late = residuals.at_delay(point, settings.timing * run.records[0].sample_period)
-        shifts.append(np.linalg.lstsq(slopes, late - residual, rcond=None)[0])
-    for shift in shifts:
-        told += np.outer(shift, shift)
-    covariance[np.ix_(shown, shown)] = told
-    return covariance
 
 
 def _told(combination: Combination, covariance: Array, places: Sequence[int]) -> Quantity:

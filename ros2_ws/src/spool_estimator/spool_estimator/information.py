@@ -33,17 +33,17 @@ def information_criterion(residuals: Residuals, point: Array, parameters: int) -
     responses = residuals.respond(point[np.newaxis])
     total, count = 0.0, 0.0
     for record, entry in enumerate(run.records):
-        pairs = [
-            (response.means[0] - window.measured_means, np.ones(window.measured.size))
+        rows = [
+            response.means[0] - window.measured_means
             for response, window in zip(responses, run.windows, strict=True)
             if window.record == record
         ]
-        if not pairs:
+        if not rows:
             continue
-        spectrum = residual_spectrum(pairs, entry.sample_period)
+        spectrum = residual_spectrum(rows, entry.sample_period)
         high = min(residuals.band[1], HIGHEST_SHARE * entry.sample_rate)
         inside = (spectrum.frequency >= residuals.band[0]) & (spectrum.frequency <= high)
-        seconds = sum(row.size for row, _ in pairs) * entry.sample_period
+        seconds = sum(row.size for row in rows) * entry.sample_period
         samples = 2.0 * seconds * (high - residuals.band[0])
         total += samples * float(np.mean(np.log(spectrum.density[inside])))
         count += samples

@@ -1,8 +1,9 @@
 """Weighted differences of a free run and the record, and their slopes, as least squares takes them.
 
-Samples next to a jump of the dry friction are left out: where in its sample interval a reversal falls is
-chance, and the slopes of a sampled jump are spikes. The rest is weighed by the spectrum of what is left over,
-so that the weighted residual is white whatever sensors, resonance and drive make of the noise.
+Samples next to a jump of the dry friction are left out, a straight line in their place: where in its sample
+interval a reversal falls is chance, and the slopes of a sampled jump are spikes. The rest is weighed by the
+spectrum of what is left over, so that the weighted residual is white whatever sensors, resonance and drive
+make of the noise. Windows fade at both ends: a step there would reach far through the weighing.
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ JUMP_TIME = 1.5e-4
 MOST_LEFT_OUT = 0.6
 #: s of the pieces that the residual's spectrum is averaged over.
 SPECTRUM_PIECE = 2.0
+#: s over which the differences fade in and out at the ends of a window.
+FADE = 0.05
 #: Samples around a jump in which a filter before the sampling shows, and the share of power that it adds.
 RINGING, RINGS = 5, 0.15
 #: Highest frequency that is compared, as a share of the sample rate.
@@ -117,14 +120,14 @@ class Residuals:
         return self.run.responses(sets, gains, delays)
 
     def differences(self, responses: Sequence[Response]) -> list[Array]:
-        """Return model - measured where samples are kept, m/s^2, shape (s, n) for each window."""
+        """Return model - measured, m/s^2, (s, n) for each window; straight where samples are left out."""
         if self.band_limited:
             return [
                 response.means - window.measured_means
                 for response, window in zip(responses, self.run.windows, strict=True)
             ]
         return [
-            (response.acceleration - window.measured) * kept
+            _bridged(response.acceleration - window.measured, kept)
             for response, window, kept in zip(responses, self.run.windows, self.kept, strict=True)
         ]
 
@@ -146,7 +149,8 @@ class Residuals:
         spectrum = self.spectrum[record]
         if spectrum is not None:
             gain /= np.sqrt(spectrum.at(frequency) * 0.5 / period)
-        return np.asarray(fft.irfft(fft.rfft(columns, length, axis=-1) * gain, length, axis=-1))
+        faded = columns * _fade(columns.shape[-1], round(FADE / period))
+        return np.asarray(fft.irfft(fft.rfft(faded, length, axis=-1) * gain, length, axis=-1))
 
     def at(self, point: Array) -> Array:
         """Return the weighted residual at ``point`` (u,)."""
@@ -225,8 +229,8 @@ class Residuals:
         """Weigh from now on by the spectrum of the first set of ``differences``."""
         for record in range(len(self.run.records)):
             rows = [
-                (columns[0], kept)
-                for columns, kept, window in zip(differences, self.kept, self.run.windows, strict=True)
+                columns[0]
+                for columns, window in zip(differences, self.run.windows, strict=True)
                 if window.record == record
             ]
             if rows:
@@ -239,24 +243,44 @@ def _within(jumps: Array, reach: int) -> NDArray[np.bool_]:
     return np.asarray(near > 0.5)
 
 
-def residual_spectrum(rows: Sequence[tuple[Array, Array]], sample_period: float) -> Spectrum:
-    """Return the smoothed spectrum of residuals with samples left out.
+def _bridged(columns: Array, kept: Array) -> Array:
+    """Return ``columns`` (s, n) with straight lines where ``kept`` (n,) is 0."""
+    left_out = np.flatnonzero(kept == 0.0)
+    if not left_out.size or left_out.size == kept.size:
+        return columns
+    known = np.flatnonzero(kept)
+    place = np.searchsorted(known, left_out)
+    after = known[np.minimum(place, known.size - 1)]
+    before = known[np.maximum(place - 1, 0)]
+    share = (left_out - before) / np.maximum(1, after - before)
+    share = np.where(place == 0, 1.0, np.where(place == known.size, 0.0, share))
+    columns[:, left_out] = columns[:, before] * (1.0 - share) + columns[:, after] * share
+    return columns
 
-    Args:
-        rows: residual and weight (0 or 1) of each window, shapes (n,).
-        sample_period: s.
+
+def _fade(count: int, reach: int) -> Array:
+    """Return ``count`` weights that rise and fall as a cosine over ``reach`` samples at both ends."""
+    reach = max(1, min(reach, count // 4))
+    rise = 0.5 - 0.5 * np.cos(np.pi * (np.arange(reach) + 0.5) / reach)
+    weights = np.ones(count)
+    weights[:reach], weights[count - reach :] = rise, rise[::-1]
+    return weights
+
+
+def residual_spectrum(rows: Sequence[Array], sample_period: float) -> Spectrum:
+    """Return the smoothed spectrum of the residuals ``rows``, one (n,) for each window.
+
+    ``sample_period`` in s.
     """
-    shortest = min(residual.size for residual, _ in rows)
+    shortest = min(residual.size for residual in rows)
     piece = min(shortest, max(16, round(SPECTRUM_PIECE / sample_period)))
     densities, weights = [], []
-    for residual, kept in rows:
+    for residual in rows:
         frequency, density = signal.welch(
             residual, 1.0 / sample_period, "hann", piece, detrend=False, scaling="density"
         )
         densities.append(density)
         weights.append(residual.size)
-        share = max(0.05, float(kept.mean()))
-        densities[-1] = density / share
     mean = np.average(densities, axis=0, weights=weights)
     # A tenth of the frequency, at least two lines: noise is smooth, and weights must not follow chance.
     half = np.maximum(2, (0.05 * np.arange(mean.size)).astype(np.int64))

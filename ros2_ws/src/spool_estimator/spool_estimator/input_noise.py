@@ -1,0 +1,140 @@
+"""What the noise of the body's sensor, which drives the model, does to a least-squares point.
+
+Noise in the drive shakes dry friction loose and multiplies with itself in the normal equations: both bend
+the parameters by a little that does not average out (errors in variables). It is found by simulation: the
+model at the point makes a record, the drive gets more of the same noise, once added and once taken away, so
+that what is odd in the noise cancels, and one step of the descent shows where the point goes (as SIMEX does,
+Cook and Stefanski 1994, J. Am. Stat. Assoc. 89).
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft, signal
+
+from .free_run import FALL, FreeRun, Response, excitation_limit
+from .record import Record
+from .residuals import Residuals
+
+Array = NDArray[np.float64]
+
+#: Pairs of noise, added and taken away.
+PAIRS = 6
+#: Standard deviations up to which a bias is believed.
+BELIEVED = 3.0
+#: s of data that one run looks at most.
+SECONDS = 40.0
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseEffect:
+    """By how much the noise of the drive moves the u unknowns.
+
+    Attributes:
+        bias: on the average, shape (u,).
+        covariance: from one noise to another, shape (u, u).
+        uncertainty: standard deviation of ``bias``, shape (u,).
+    """
+
+    bias: Array
+    covariance: Array
+    uncertainty: Array
+
+    def taken_off(self, point: Array, covariance: Array) -> tuple[Array, Array]:
+        """Return ``point`` (u,) and its ``covariance`` (u, u) without the bias, with what is unsure of it.
+
+        Half of the bias stays in the covariance, all of it where it is too large for one step to be right.
+        """
+        seen = np.maximum(1.0, np.diag(self.covariance) / np.diag(covariance))
+        grown = covariance * np.sqrt(np.outer(seen, seen))
+        believed = np.abs(self.bias) < BELIEVED * np.sqrt(np.diag(grown))
+        unsure = np.where(believed, 0.5, 1.0) * self.bias
+        moved = point - np.where(believed, self.bias, 0.0)
+        return moved, np.asarray(grown + np.outer(unsure, unsure) + np.diag(self.uncertainty**2))
+
+
+def noise_density(record: Record, highest: float) -> float:
+    """Return the one-sided power density, (m/s^2)^2/Hz, of the body's noise above the excitation.
+
+    It is the median over frequencies from ``FALL`` times ``highest`` (Hz) to 0.4 of the sample rate, and 0
+    where the excitation leaves no such band.
+    """
+    low, high = FALL * highest, 0.4 * record.sample_rate
+    if low >= 0.9 * high:
+        return 0.0
+    piece = min(record.body.size, max(64, round(1.0 / record.sample_period)))
+    frequency, density = signal.welch(record.body, record.sample_rate, "hann", piece, detrend="constant")
+    quiet = density[(frequency >= low) & (frequency <= high)]
+    return float(np.median(quiet)) if quiet.size else 0.0
+
+
+def input_noise_effect(residuals: Residuals, point: Array, shown: NDArray[np.bool_]) -> NoiseEffect | None:
+    """Return what the drive's noise does to the ``shown`` unknowns at ``point``; ``None`` where none is seen.
+
+    The noise is drawn from a fixed seed, so that the same records give the same result.
+    """
+    run = residuals.run.fewer(SECONDS)
+    densities = [noise_density(entry, excitation_limit(entry)) for entry in run.records]
+    if not any(densities):
+        return None
+    made = _over(residuals, run).respond(point[np.newaxis])
+    generator = np.random.default_rng(0)
+    steps = []
+    for _ in range(PAIRS):
+        noises = [_noise(run, number, densities, generator) for number in range(len(run.windows))]
+        pair = []
+        for sign in (1.0, -1.0):
+            shaken = _over(residuals, _shaken(run, made, noises, sign))
+            shaken.leave_jumps_out(shaken.respond(point[np.newaxis]))
+            error, slopes = shaken.at_with_slopes(point)
+            pair.append(-np.linalg.lstsq(slopes[:, shown], error, rcond=None)[0])
+        steps.append(pair)
+    moves = np.array(steps)
+    even, odd = moves.mean(axis=1), 0.5 * (moves[:, 0] - moves[:, 1])
+    share = sum(w.stop - w.start for w in run.windows) / sum(w.stop - w.start for w in residuals.run.windows)
+    return NoiseEffect(
+        even.mean(axis=0), odd.T @ odd / PAIRS * share, even.std(axis=0, ddof=1) / np.sqrt(PAIRS)
+    )
+
+
+def _over(residuals: Residuals, run: FreeRun) -> Residuals:
+    """Return the same weights over the windows of ``run``, whose samples all count."""
+    other = copy.copy(residuals)
+    other.run = run
+    other.kept = [np.ones(window.measured.size) for window in run.windows]
+    return other
+
+
+def _noise(
+    run: FreeRun, number: int, densities: Sequence[float], generator: np.random.Generator
+) -> NDArray[np.complex128]:
+    """Return the spectrum of white noise of the body's strength where the drive has its band."""
+    window = run.windows[number]
+    period = run.records[window.record].sample_period
+    highest = run.highest_frequency[window.record]
+    level = np.sqrt(0.5 * densities[window.record] / period)
+    spectrum = fft.rfft(generator.normal(0.0, level, window.length))
+    share = np.clip((fft.rfftfreq(window.length, period) / highest - 1.0) / (FALL - 1.0), 0.0, 1.0)
+    return np.asarray(spectrum * (0.5 + 0.5 * np.cos(np.pi * share)))
+
+
+def _shaken(
+    run: FreeRun, made: Sequence[Response], noises: Sequence[NDArray[np.complex128]], sign: float
+) -> FreeRun:
+    """Return the windows as if ``made`` had been measured, and the drive with the noise added."""
+    other = copy.copy(run)
+    other.windows = tuple(
+        replace(
+            window,
+            drive=window.drive + sign * noise,
+            measured=response.acceleration[0],
+            measured_means=response.means[0],
+        )
+        for window, response, noise in zip(run.windows, made, noises, strict=True)
+    )
+    return other
