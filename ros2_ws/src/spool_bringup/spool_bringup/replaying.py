@@ -110,6 +110,7 @@ def replay_valve(
             else:
                 deviation = math.sqrt(item.variance) if item.variance > 0.0 else math.nan
                 one.update_temperature(item.stamp, item.celsius, deviation)
+    one.flush()
     return one
 
 

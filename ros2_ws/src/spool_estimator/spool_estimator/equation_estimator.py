@@ -61,6 +61,16 @@ class EquationEstimator:
         self._samples = np.empty((2, 0), np.float32)
         self._rows = np.empty((0, COLUMNS))
 
+    @property
+    def lacking(self) -> int:
+        """Samples until the next estimate falls due; 0 before the first block."""
+        return (self._every - self._chunks % self._every) * self._samples.shape[1] - self._filled
+
+    @property
+    def _every(self) -> int:
+        """Chunks from one estimate to the next."""
+        return max(1, round(self.settings.period / CHUNK))
+
     def update(self, block: Block) -> list[Estimate]:
         """Take one block; return the estimates that fell due within it, the same however it is split."""
         verdict = self.gate.judge(block)
@@ -81,7 +91,7 @@ class EquationEstimator:
             if self._filled == size:
                 self._filled = 0
                 self._close_chunk()
-                if self._chunks % max(1, round(self.settings.period / CHUNK)) == 0:
+                if self._chunks % self._every == 0:
                     stamp = block.stamp + round((taken - 1) * block.sample_period * 1e9)
                     self.latest = self._estimate(stamp, block.sequence)
                     estimates.append(self.latest)

@@ -82,6 +82,18 @@ class Estimator:
         """The least squares behind the parameters; ``None`` before the first block."""
         return self.tracker.regression if self.tracker else None
 
+    @property
+    def lacking(self) -> int:
+        """Samples until the next estimate falls due; 0 before the first block."""
+        if self.tracker is None:
+            return 0
+        return (self._every - self._chunks % self._every) * self.tracker.chunk - self.tracker.filled
+
+    @property
+    def _every(self) -> int:
+        """Chunks from one estimate to the next."""
+        return max(1, round(self.settings.period / CHUNK))
+
     def update(self, block: Block) -> list[Estimate]:
         """Take one block; return the estimates that fell due within it, none for most blocks.
 
@@ -99,7 +111,7 @@ class Estimator:
             return []
         estimates = []
         taken = 0
-        every = max(1, round(self.settings.period / CHUNK))
+        every = self._every
         while taken < block.body.size:
             start = taken
             taken = min(start + tracker.chunk - tracker.filled, block.body.size)

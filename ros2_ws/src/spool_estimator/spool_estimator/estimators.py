@@ -22,6 +22,10 @@ class StreamEstimator(Protocol):
     gate: BlockGate
     latest: Estimate | None
 
+    @property
+    def lacking(self) -> int:
+        """Samples until the next estimate falls due; 0 before the first block."""
+
     def update(self, block: Block) -> list[Estimate]:
         """Take one block; return the estimates that fell due within it."""
 

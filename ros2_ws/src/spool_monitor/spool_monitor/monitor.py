@@ -177,6 +177,13 @@ class Monitor:
             events += self._silence("estimate", self._stamp, without_estimates)
         return events
 
+    @property
+    def calm(self) -> bool:
+        """Whether nothing is wrong with the data, so that a block is judged by its samples alone."""
+        return self._data_fault.active is None and not any(
+            condition.active is not None for condition in self._stale.values()
+        )
+
     def set_natural_frequency(self, frequency: float) -> None:
         """Take the start value (Hz) from a valve's data; estimates replace it."""
         self.settings = replace(self.settings, natural_frequency=frequency)

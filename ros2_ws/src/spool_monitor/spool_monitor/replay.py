@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from spool_estimator.estimate import Estimate
 from spool_estimator.estimators import StreamEstimator
 from spool_estimator.refit import Refit, WindowRefits, refit
-from spool_stream.block import Block
+from spool_stream.block import Block, joined
 from spool_stream.block_gate import BlockGate, SharedGate
 
 from .event import Event
@@ -19,6 +19,9 @@ from .monitor import Monitor
 @dataclass(slots=True)
 class Replay:
     """One valve's estimator and monitor, driven by its blocks in their order.
+
+    Blocks that follow each other to the nanosecond are taken together, up to the next estimate; that changes
+    nothing. What was taken shows after ``flush``.
 
     Attributes:
         estimates: every estimate, where ``keep`` asked for them; the last one is ``estimator.latest``.
@@ -38,6 +41,8 @@ class Replay:
     last_stamp: int | None = field(default=None, init=False)
     samples: int = field(default=0, init=False)
     _gate: SharedGate | None = field(default=None, init=False)
+    _waiting: list[Block] = field(default_factory=list, init=False)
+    _lacking: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
         consumers: list[StreamEstimator | Monitor | WindowRefits] = [self.estimator, self.monitor]
@@ -57,17 +62,46 @@ class Replay:
             self.update(block)
             if progress is not None:
                 progress(block)
+        self.flush()
 
     def update_temperature(self, stamp: int, celsius: float, deviation: float = math.nan) -> None:
         """Take the oil's temperature at ``stamp`` (ns), deg C, its standard deviation (NaN: unknown)."""
+        self.flush()
         self.estimator.update_temperature(stamp, celsius, deviation)
 
     def update(self, block: Block) -> None:
         """Take one block through estimator and monitor, in the order of the data."""
+        if self._gate is None:
+            self._through(block)
+        elif self._joins(block) and self._gate.follow(block):
+            self._waiting.append(block)
+            self._lacking -= block.body.size
+            if self._lacking <= 0:
+                self.flush()
+        else:
+            self.flush()
+            self._gate.admit(block)
+            self._through(block)
+
+    def flush(self) -> None:
+        """Pass on the blocks that wait for others."""
+        if not self._waiting or self._gate is None:
+            return
+        block = joined(self._waiting)
+        self._waiting.clear()
+        self._gate.pass_on(block)
+        self._through(block)
+
+    def _joins(self, block: Block) -> bool:
+        """Return whether ``block`` may wait; stamps must not change by rounding, nor faults by waiting."""
+        if self._waiting:
+            return True
+        self._lacking = self.estimator.lacking
+        return self._lacking > 0 and (block.sample_period * 1e9).is_integer() and self.monitor.calm
+
+    def _through(self, block: Block) -> None:
         gate = self.estimator.gate
         before = gate.refused
-        if self._gate is not None:
-            self._gate.admit(block)
         estimates = self.estimator.update(block)
         if gate.refused == before and gate.last is not None:
             self.samples += block.body.size

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,3 +31,16 @@ class Block:
     def end(self) -> int:
         """Time at which the first sample of the next block is due, ns."""
         return self.stamp + round(self.body.size * self.sample_period * 1e9)
+
+
+def joined(blocks: Sequence[Block]) -> Block:
+    """Return blocks that follow each other without a gap as one; ``sequence`` is that of the last one."""
+    if len(blocks) == 1:
+        return blocks[0]
+    return Block(
+        blocks[0].stamp,
+        blocks[-1].sequence,
+        blocks[0].sample_period,
+        np.concatenate([block.body for block in blocks]),
+        np.concatenate([block.spool for block in blocks]),
+    )

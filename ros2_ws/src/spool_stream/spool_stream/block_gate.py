@@ -114,6 +114,26 @@ class SharedGate(BlockGate):
         self._admitted = block
         return self._verdict
 
+    def follow(self, block: Block) -> bool:
+        """Accept ``block`` where it continues the last one to the nanosecond; else leave it to ``admit``."""
+        last = self.last
+        if (
+            last is None
+            or block.stamp != last[1]
+            or block.sequence != last[2] + 1
+            or block.sample_period != last[3]
+            or malformed(block) is not None
+        ):
+            return False
+        self.before = last
+        self._accept(block, Verdict.CONTINUES)
+        return True
+
+    def pass_on(self, joined: Block) -> None:
+        """Let every consumer take ``joined``, made of blocks that were accepted by ``follow``."""
+        self._admitted = joined
+        self._verdict = Verdict.CONTINUES
+
     def judge(self, block: Block) -> Verdict:
         """Return what ``admit`` said of ``block``; judge it where it was not admitted."""
         return self._verdict if block is self._admitted else BlockGate.judge(self, block)
