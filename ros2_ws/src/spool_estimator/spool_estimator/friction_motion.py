@@ -41,7 +41,7 @@ _LAGRANGE = (
 
 @compiled
 def _velocity(v: float, d1: float, d2: float, d3: float, d4: float, d5: float, t: float) -> float:
-    return v + t * (d1 + t / 2.0 * (d2 + t / 3.0 * (d3 + t / 4.0 * (d4 + t / 5.0 * d5))))
+    return v + t * (d1 + t * 0.5 * (d2 + t * (1.0 / 3.0) * (d3 + t * 0.25 * (d4 + t * 0.2 * d5))))
 
 
 @compiled
@@ -52,7 +52,7 @@ def _stopping_time(
     t = high
     for _ in range(50):
         value = s * _velocity(v, d1, d2, d3, d4, d5, t)
-        slope = s * (d1 + t * (d2 + t / 2.0 * (d3 + t / 3.0 * (d4 + t / 4.0 * d5))))
+        slope = s * (d1 + t * (d2 + t * 0.5 * (d3 + t * (1.0 / 3.0) * (d4 + t * 0.25 * d5))))
         if value > 0.0:
             low = t
         else:
@@ -136,6 +136,7 @@ def advance_sample(
 
     """
     k, c, f = parameters[0], parameters[1], parameters[2]
+    per_mass = 1.0 / mass
     b = -3.0 * a0 + 4.0 * am - a1
     d = 2.0 * a0 - 4.0 * am + 2.0 * a1
     z, v, s = state[0], state[1], state[2]
@@ -159,11 +160,11 @@ def advance_sample(
                 break
         rest = (1.0 - u) * period
         t = min(rest, period / pieces)
-        d1 = -(a0 + u * (b + u * d)) - (k * z + c * v + s * f) / mass
-        d2 = -(b + 2.0 * u * d) / period - (k * v + c * d1) / mass
-        d3 = -2.0 * d / (period * period) - (k * d1 + c * d2) / mass
-        d4 = -(k * d2 + c * d3) / mass
-        d5 = -(k * d3 + c * d4) / mass
+        d1 = -(a0 + u * (b + u * d)) - (k * z + c * v + s * f) * per_mass
+        d2 = -(b + 2.0 * u * d) / period - (k * v + c * d1) * per_mass
+        d3 = -2.0 * d / (period * period) - (k * d1 + c * d2) * per_mass
+        d4 = -(k * d2 + c * d3) * per_mass
+        d5 = -(k * d3 + c * d4) * per_mass
         end = _velocity(v, d1, d2, d3, d4, d5, t)
         stops = s * end <= 0.0
         if stops:
@@ -188,23 +189,23 @@ def advance_sample(
             elif j == 1:
                 g0, g1, g2, g3 = v, d1, d2, d3
             p, q = state[3 + 2 * j], state[4 + 2 * j]
-            e1 = -(k * p + c * q + g0) / mass
-            e2 = -(k * q + c * e1 + g1) / mass
-            e3 = -(k * e1 + c * e2 + g2) / mass
-            e4 = -(k * e2 + c * e3 + g3) / mass
-            state[3 + 2 * j] = p + t * (q + t / 2.0 * (e1 + t / 3.0 * (e2 + t / 4.0 * e3)))
-            state[4 + 2 * j] = q + t * (e1 + t / 2.0 * (e2 + t / 3.0 * (e3 + t / 4.0 * e4)))
-        z += t * (v + t / 2.0 * (d1 + t / 3.0 * (d2 + t / 4.0 * (d3 + t / 5.0 * d4))))
+            e1 = -(k * p + c * q + g0) * per_mass
+            e2 = -(k * q + c * e1 + g1) * per_mass
+            e3 = -(k * e1 + c * e2 + g2) * per_mass
+            e4 = -(k * e2 + c * e3 + g3) * per_mass
+            state[3 + 2 * j] = p + t * (q + t * 0.5 * (e1 + t * (1.0 / 3.0) * (e2 + t * 0.25 * e3)))
+            state[4 + 2 * j] = q + t * (e1 + t * 0.5 * (e2 + t * (1.0 / 3.0) * (e3 + t * 0.25 * e4)))
+        z += t * (v + t * 0.5 * (d1 + t * (1.0 / 3.0) * (d2 + t * 0.25 * (d3 + t * 0.2 * d4))))
         v = end
         u = 1.0 if t >= rest else u + t / period
         if stops:
             need = -mass * (a0 + u * (b + u * d)) - k * z
-            slowing = (need - s * f) / mass
+            slowing = (need - s * f) * per_mass
             following = 0.0
             s = 0.0
             if abs(need) > f:
                 s = math.copysign(1.0, need)
-                following = (need - s * f) / mass
+                following = (need - s * f) * per_mass
             kept = following / slowing if slowing != 0.0 else 0.0
             lost = (kept - 1.0) / period
             spread_jump(spread, u, following - slowing, lost * state[4], lost * state[6], lost * state[8])

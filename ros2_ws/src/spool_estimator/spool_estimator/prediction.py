@@ -36,6 +36,8 @@ _LARGEST_STEP = 0.4
 # Sums over the samples taken since ``clear``.
 RESIDUAL, TARGET, BODY, DISPLACEMENT, VELOCITY, COUNT, POINTWISE, BAND_LIMITED, NOISE = range(9)
 SUMS = 9
+#: What ``mean_squares`` gives, in this order.
+MEAN_SQUARES = (RESIDUAL, TARGET, BODY, DISPLACEMENT, VELOCITY)
 # Places in ``_memory``.
 _SEEN, _LAST_JUMP, _OFFSET, _WINDOW, _TAKEN, _WEIGHT, _WEIGHTED, _POINT, _V, _Z = range(10)
 
@@ -110,15 +112,21 @@ class Prediction:
         velocity = math.sqrt(float(self.sums[VELOCITY]) / count) if count > 0.0 else 0.0
         if velocity == 0.0:
             return np.zeros(3)
-        k = abs(float(parameters[0]))
+        k, c, f = parameters.tolist()
+        k = abs(k)
         by_friction = math.sqrt(2.0) / (math.pi * velocity)
-        damping = float(parameters[1]) + by_friction * abs(float(parameters[2]))
+        damping = c + by_friction * abs(f)
         damping = max(damping, 1e-3 * float(self.scale[1]))
         # Sensors are alike: the body's noise is no more than the prediction leaves, 3/8 of it once smoothed.
         left = float(self.sums[RESIDUAL]) / self.mass**2 * (1.0 if self.pointwise else 8.0 / 3.0)
         size = 0.5 * self.mass**2 * min(float(self.sums[NOISE]), left) * self.sample_period
         by_damping = size * (k / (2.0 * damping**2) - 1.0 / (2.0 * self.mass))
         return np.array([-size / (2.0 * damping), by_damping, by_damping * by_friction]) * self.scale
+
+    @property
+    def mean_squares(self) -> Array:
+        """Mean squares since ``clear``: error, target (N), body, displacement, velocity; shape (5,)."""
+        return _mean_squares(self.sums)
 
     @property
     def offset(self) -> float:
@@ -136,9 +144,18 @@ class Prediction:
 
     def copy(self) -> Prediction:
         """Return a run that goes on from here by itself, its sums begun anew."""
+        return self.at(self._state)
+
+    @property
+    def state(self) -> tuple[Array, ...]:
+        """Where the run is now; ``at`` goes on from there."""
+        return tuple(array.copy() for array in self._state)
+
+    def at(self, state: tuple[Array, ...]) -> Prediction:
+        """Return a run that goes on from ``state`` by itself, its sums begun anew."""
         other = Prediction(self.sample_period, self.mass, self.scale, self.low_cut, self.pointwise)
-        for mine, its in zip(self._state, other._state, strict=True):
-            its[:] = mine
+        for given, its in zip(state, other._state, strict=True):
+            its[:] = given
         return other
 
     def forget_derivatives(self) -> None:
@@ -170,11 +187,23 @@ class Prediction:
 
     def shift(self, change: Array) -> None:
         """Move the motion to where it would be with parameters changed by ``change``, to first order."""
-        motion = self.motion
-        motion[0] += motion[3] * change[0] + motion[5] * change[1] + motion[7] * change[2]
-        if motion[2] != 0.0:
-            motion[1] += motion[4] * change[0] + motion[6] * change[1] + motion[8] * change[2]
-            motion[2] = math.copysign(1.0, motion[1])
+        _shift(self.motion, change)
+
+
+@compiled
+def _mean_squares(sums: Array) -> Array:
+    means = np.empty(len(MEAN_SQUARES))
+    for place in range(len(MEAN_SQUARES)):
+        means[place] = sums[MEAN_SQUARES[place]] / max(1.0, sums[COUNT])
+    return means
+
+
+@compiled
+def _shift(motion: Array, change: Array) -> None:
+    motion[0] += motion[3] * change[0] + motion[5] * change[1] + motion[7] * change[2]
+    if motion[2] != 0.0:
+        motion[1] += motion[4] * change[0] + motion[6] * change[1] + motion[8] * change[2]
+        motion[2] = math.copysign(1.0, motion[1])
 
 
 @compiled
@@ -238,6 +267,7 @@ def _run(
     sums: Array,
 ) -> None:
     k, c, f = parameters[0], parameters[1], parameters[2]
+    per_mass = 1.0 / mass
     share, leak = constants[0], constants[1]
     to_k, to_c, to_f = -mass * constants[4], -mass * constants[5], -mass * constants[6]
     for n in range(body.size):
@@ -255,10 +285,10 @@ def _run(
         am = (150.0 * (a0 + a1) - 25.0 * (ring[0, 1] + ring[0, 4]) + 3.0 * (ring[0, 0] + ring[0, 5])) / 256.0
         predicted, by_k, by_c, by_f = a0, 0.0, 0.0, 0.0
         if motion[2] != 0.0:
-            predicted = -(k * motion[0] + c * motion[1] + motion[2] * f) / mass
-            by_k = -(k * motion[3] + c * motion[4] + motion[0]) / mass
-            by_c = -(k * motion[5] + c * motion[6] + motion[1]) / mass
-            by_f = -(k * motion[7] + c * motion[8] + motion[2]) / mass
+            predicted = -(k * motion[0] + c * motion[1] + motion[2] * f) * per_mass
+            by_k = -(k * motion[3] + c * motion[4] + motion[0]) * per_mass
+            by_c = -(k * motion[5] + c * motion[6] + motion[1]) * per_mass
+            by_f = -(k * motion[7] + c * motion[8] + motion[2]) * per_mass
         spread[0, 1] += predicted
         spread[1, 1] += by_k
         spread[2, 1] += by_c

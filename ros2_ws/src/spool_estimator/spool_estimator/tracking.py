@@ -12,13 +12,10 @@ from numpy.typing import NDArray
 from .history import Descent, Fitter, History, told_apart
 from .prediction import (
     BAND_LIMITED,
-    BODY,
     COUNT,
-    DISPLACEMENT,
+    MEAN_SQUARES,
     POINTWISE,
     RESIDUAL,
-    TARGET,
-    VELOCITY,
     Prediction,
 )
 from .recursive import RecursiveLeastSquares
@@ -67,8 +64,6 @@ UNTOLD_SHAPE = 15.0
 #: Share of the correction for the noise of the body's sensor that counts as uncertainty.
 DOUBT = 0.5
 
-_POWERS = (RESIDUAL, TARGET, BODY, DISPLACEMENT, VELOCITY)
-
 
 @dataclass(slots=True)
 class Tracker:
@@ -115,10 +110,10 @@ class Tracker:
     _history: History = field(init=False)
     _fitter: Fitter = field(init=False)
     _window: ChunkWindow = field(init=False)
-    _earlier: deque[Prediction] = field(init=False)
-    _usual: Array = field(init=False)
+    _earlier: deque[tuple[Array, ...]] = field(init=False)
+    _usual: list[float] = field(init=False)
     _sizes: Array = field(init=False)
-    _evidence: Array = field(init=False)
+    _evidence: tuple[float, ...] = field(default=(0.0, 0.0), init=False)
     _told: bool = field(default=False, init=False)
     _least: float = field(default=math.inf, init=False)
     _since_restart: int = field(default=0, init=False)
@@ -127,13 +122,12 @@ class Tracker:
     _patience: int = field(default=5, init=False)
 
     def __post_init__(self) -> None:
-        self.powers = np.full(len(_POWERS), math.nan)
-        self._sizes = np.zeros(3)
-        self._evidence = np.zeros(2)
+        self.powers = np.full(len(MEAN_SQUARES), math.nan)
+        self._sizes = np.zeros(len(MEAN_SQUARES))
         self.regression = self._fresh()
         self._window = ChunkWindow(self.scale)
         self._earlier = deque(maxlen=max(LENGTHS))
-        self._usual = np.full(len(LENGTHS), SIGNIFICANT / UNUSUAL)
+        self._usual = [SIGNIFICANT / UNUSUAL] * len(LENGTHS)
         self.set_period(self.sample_period)
 
     def set_period(self, sample_period: float) -> None:
@@ -185,9 +179,11 @@ class Tracker:
         shape = POINT_SHAPE if self.prediction.pointwise else JUMP_SHAPE
         if not self._told:
             shape = UNTOLD_SHAPE * self.sample_period
-        force = math.hypot(MATCHED * math.sqrt(self._sizes[0]), shape * float(self.regression.parameters[2]))
-        sizes = np.sqrt(np.maximum(self._sizes, 1e-20))
-        return np.array([force / sizes[1], force / sizes[2], force])
+        _, target, _, displacement, velocity = (
+            math.sqrt(max(power, 1e-20)) for power in self._sizes.tolist()
+        )
+        force = math.hypot(MATCHED * target, shape * float(self.regression.parameters[2]))
+        return np.array([force / displacement, force / velocity, force])
 
     @property
     def covariance(self) -> Array:
@@ -214,30 +210,31 @@ class Tracker:
         sums = self.prediction.sums
         self._since_restart += 1
         count = max(1.0, float(sums[COUNT]))
-        powers = sums[list(_POWERS)] / count
+        powers = self.prediction.mean_squares
         self.settling = self._since_restart <= self._settling_chunks()
         self._allowed = min(MOST_REFITS, self._allowed + REFITS)
         self._pause -= 1
         self.excited = not self.settling and bool(
-            powers[2] > self.minimum_excitation**2 and powers[4] > MOVING**2
+            float(powers[2]) > self.minimum_excitation**2 and float(powers[4]) > MOVING**2
         )
         if not self.settling:
-            share = CHUNK / 1.0
-            self.powers = np.where(
-                np.isnan(self.powers), powers, (1.0 - share) * self.powers + share * powers
-            )
+            share = CHUNK / 1.0 if math.isfinite(self.powers[0]) else 1.0
+            self.powers = powers if share == 1.0 else self.powers + share * (powers - self.powers)
         if self.excited:
             # Of the motion that taught the parameters; at a standstill they stay what they were.
-            self._sizes = self.powers[[1, 3, 4]]
+            self._sizes = self.powers
             # Weighed by how well the model fits: while the valve changes, neither does.
             left = max(float(sums[RESIDUAL]), 1e-30)
-            self._evidence += USUAL * (sums[[POINTWISE, BAND_LIMITED]] / left - self._evidence)
+            near = (float(sums[POINTWISE]) / left, float(sums[BAND_LIMITED]) / left)
+            self._evidence = tuple(
+                old + USUAL * (new - old) for old, new in zip(self._evidence, near, strict=True)
+            )
         if self.excited and self.started:
             self._regress(count)
         elif self.excited and self._since_restart * CHUNK >= NEEDED - 1e-9:
             self._start(math.inf)
         self.prediction.clear()
-        self._earlier.append(self.prediction.copy())
+        self._earlier.append(self.prediction.state)
 
     def _regress(self, count: float) -> None:
         prediction, regression = self.prediction, self.regression
@@ -255,21 +252,23 @@ class Tracker:
             usual = self._usual[which]
             self._usual[which] += USUAL * (min(gain, USUAL_STEP * usual) - usual)
             changed = present > CHANGED * own and gain > max(SIGNIFICANT, UNUSUAL * usual)
-            if changed and self._refit(last, present, float(usual)):
+            if changed and self._refit(last, present, usual):
                 return
         # A descent may have ended in the wrong valley: far more is left than was once.
-        self._least = min(1.01 * self._least, own / self.powers[1])
-        poor = own > POOR**2 * self.powers[1] or own > WORSE * self._least * self.powers[1]
+        target = float(self.powers[1])
+        self._least = min(1.01 * self._least, own / target)
+        poor = own > POOR**2 * target or own > WORSE * self._least * target
         if poor and self._since_restart * CHUNK >= NEEDED and self._start(0.5 * present):
             return
         weight = NOISE**2 / (own + SMALLEST_NOISE**2)
         change = regression.advance(prediction.gram * weight, score * weight, DOUBT * weight * noise_score)
         prediction.shift(change)
-        pointwise, band_limited = self._evidence.tolist()
+        pointwise, band_limited = self._evidence
         prediction.pointwise = told_apart(pointwise, band_limited, present=prediction.pointwise)
         surely = told_apart(pointwise, band_limited, present=True)
         self._told = self._told or surely == told_apart(pointwise, band_limited, present=False)
-        if not (np.all(np.isfinite(regression.parameters)) and regression.parameters[0] > 0.0):
+        found = regression.parameters.tolist()
+        if not (all(map(math.isfinite, found)) and found[0] > 0.0):
             self.started = False
             self.regression = self._fresh()
 
@@ -316,7 +315,12 @@ class Tracker:
             guesses.append(best)
         width = LARGEST_STEP * np.maximum(np.abs(known) / self.scale, 0.2)
         found = self._fitter.descend(
-            body, spool, guesses, last, begin=self._earlier[-last], prior=present / width**2
+            body,
+            spool,
+            guesses,
+            last,
+            begin=self.prediction.at(self._earlier[-last]),
+            prior=present / width**2,
         )
         if found is None or not found.variance < BETTER * present:
             return False

@@ -41,6 +41,7 @@ def warm_up_estimator() -> None:
     for view in (samples, np.frombuffer(samples.tobytes(), dtype=np.float32)):
         Conditioning(1e-3).take(view, view, np.empty((view.size, COLUMNS)))
         prediction.take(view, view, np.array([1632.0, 4.0, 0.1]))
+    prediction.shift(prediction.mean_squares[:3])
     ExponentialForgetting(1, 0.9).update(np.ones((1, 1)), np.ones(1))
     RecursiveLeastSquares(scale, 0.1, 1.0).advance(np.eye(3), scale, scale)
     window = ChunkWindow(scale)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from spool_estimator.estimate import Estimate
 from spool_estimator.estimators import StreamEstimator
 from spool_estimator.refit import Refit, WindowRefits, refit
-from spool_stream.block import Block, joined
+from spool_stream.block import Block
 from spool_stream.block_gate import BlockGate, SharedGate
 
 from .event import Event
@@ -43,8 +43,11 @@ class Replay:
     _gate: SharedGate | None = field(default=None, init=False)
     _waiting: list[Block] = field(default_factory=list, init=False)
     _lacking: int = field(default=0, init=False)
+    _accepted: int = field(default=0, init=False)
+    _due: tuple[int, int, float, int] = field(default=(0, 0, 0.0, 0), init=False)
 
     def __post_init__(self) -> None:
+        self._accepted = self.estimator.gate.accepted
         consumers: list[StreamEstimator | Monitor | WindowRefits] = [self.estimator, self.monitor]
         if self.refits is not None:
             consumers.append(self.refits)
@@ -73,37 +76,57 @@ class Replay:
         """Take one block through estimator and monitor, in the order of the data."""
         if self._gate is None:
             self._through(block)
-        elif self._joins(block) and self._gate.follow(block):
+        elif self._joins(block):
             self._waiting.append(block)
-            self._lacking -= block.body.size
+            samples = block.body.size
+            self._due = (block.stamp + samples * self._due[3], block.sequence + 1, *self._due[2:])
+            self._lacking -= samples
             if self._lacking <= 0:
                 self.flush()
         else:
             self.flush()
-            self._gate.admit(block)
-            self._through(block)
+            self._alone(block)
 
     def flush(self) -> None:
         """Pass on the blocks that wait for others."""
         if not self._waiting or self._gate is None:
             return
-        block = joined(self._waiting)
-        self._waiting.clear()
-        self._gate.pass_on(block)
-        self._through(block)
+        blocks, self._waiting = self._waiting, []
+        run = self._gate.admit_run(blocks)
+        if run is not None:
+            self._through(run)
+            return
+        for block in blocks:
+            self._alone(block)
 
     def _joins(self, block: Block) -> bool:
         """Return whether ``block`` may wait; stamps must not change by rounding, nor faults by waiting."""
-        if self._waiting:
-            return True
+        if not self._waiting and not self._begin():
+            return False
+        stamp, sequence, period, _ = self._due
+        return block.stamp == stamp and block.sequence == sequence and block.sample_period == period
+
+    def _begin(self) -> bool:
+        """Say which block is due, to the nanosecond; return whether blocks may wait now."""
         self._lacking = self.estimator.lacking
-        return self._lacking > 0 and (block.sample_period * 1e9).is_integer() and self.monitor.calm
+        last = self.estimator.gate.last
+        if last is None or self._lacking <= 0 or not self.monitor.calm:
+            return False
+        nanoseconds = last[3] * 1e9
+        self._due = (last[1], last[2] + 1, last[3], round(nanoseconds))
+        return nanoseconds.is_integer()
+
+    def _alone(self, block: Block) -> None:
+        assert self._gate is not None
+        self._gate.admit(block)
+        self._through(block)
 
     def _through(self, block: Block) -> None:
         gate = self.estimator.gate
-        before = gate.refused
+        before = self._accepted
         estimates = self.estimator.update(block)
-        if gate.refused == before and gate.last is not None:
+        self._accepted = gate.accepted
+        if gate.accepted != before and gate.last is not None:
             self.samples += block.body.size
             self.first_stamp = block.stamp if self.first_stamp is None else self.first_stamp
             self.last_stamp = gate.last[1]

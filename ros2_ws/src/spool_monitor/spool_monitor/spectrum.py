@@ -107,25 +107,25 @@ class LineTracker:
         # Two lines beyond the band on either side: a tapered line at its edge spreads so far.
         body, spool = np.fft.rfft((window - means) * self._taper)[:, low - 2 : high + 3]
         power = body.real**2 + body.imag**2
-        peak = 2 + int(power[2:-2].argmax())
-        around = slice(peak - 2, peak + 3)
-        line_power = float(power[around].sum())
-        total = float(power.sum())
+        first = int(power[2:-2].argmax())
+        line = power[first : first + 5].tolist()
+        line_power = sum(line)
         if line_power <= 0.0 or not math.isfinite(line_power):
             return None
+        by_body, by_spool = body[first : first + 5].tolist(), spool[first : first + 5].tolist()
+        spool_power = sum(abs(one) ** 2 for one in by_spool)
+        relative_power = sum(abs(one - other) ** 2 for one, other in zip(by_spool, by_body, strict=True))
+        centre = first + sum(place * share for place, share in enumerate(line)) / line_power
         # The centre of gravity of a Hann-tapered line lies on its frequency.
-        frequency = (low - 2 + float(np.arange(peak - 2, peak + 3) @ power[around]) / line_power) * step
+        frequency = (low - 2 + centre) * step
         # A sine of amplitude A under the taper holds A^2 / 4 times the taper's energy times n.
         scale = 4.0 / (float(self._taper @ self._taper) * self._taper.size)
-        amplitude = math.sqrt(line_power * scale)
-        spool_amplitude = math.sqrt(float(np.sum(np.abs(spool[around]) ** 2)) * scale)
-        relative = math.sqrt(float(np.sum(np.abs(spool[around] - body[around]) ** 2)) * scale)
         return Line(
             stamp=stamp,
             frequency=frequency,
-            body=amplitude,
-            spool=spool_amplitude,
-            amplification=spool_amplitude / amplitude,
-            relative_displacement=relative / (2.0 * math.pi * frequency) ** 2,
-            share=line_power / total,
+            body=math.sqrt(line_power * scale),
+            spool=math.sqrt(spool_power * scale),
+            amplification=math.sqrt(spool_power / line_power),
+            relative_displacement=math.sqrt(relative_power * scale) / (2.0 * math.pi * frequency) ** 2,
+            share=line_power / float(power.sum()),
         )

@@ -140,7 +140,7 @@ def test_a_resonance_that_ends_in_a_standstill_is_cleared() -> None:
     ("valve", "speed", "quantity", "target", "cause"),
     [
         ("4weh10_soft", 1500.0, "coulomb_force", 0.35, "oil_contamination"),
-        ("4weh10_stiff", 1080.0, "viscous_coefficient", 1.6, "wear"),
+        ("4weh10_stiff", 1080.0, "viscous_coefficient", 1.5, "wear"),
         ("4weh10_stiff", 1080.0, "viscous_coefficient", 4.0, "oil_viscosity"),
     ],
 )

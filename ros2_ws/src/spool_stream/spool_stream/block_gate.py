@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from .block import Block
+from .block import Block, joined
 
 #: s, sample periods that a source can have; the lower one bounds what consumers set aside per second.
 SHORTEST_PERIOD, LONGEST_PERIOD = 1.0e-6, 10.0
@@ -114,25 +115,21 @@ class SharedGate(BlockGate):
         self._admitted = block
         return self._verdict
 
-    def follow(self, block: Block) -> bool:
-        """Accept ``block`` where it continues the last one to the nanosecond; else leave it to ``admit``."""
-        last = self.last
-        if (
-            last is None
-            or block.stamp != last[1]
-            or block.sequence != last[2] + 1
-            or block.sample_period != last[3]
-            or malformed(block) is not None
-        ):
-            return False
-        self.before = last
-        self._accept(block, Verdict.CONTINUES)
-        return True
+    def admit_run(self, blocks: Sequence[Block]) -> Block | None:
+        """Accept ``blocks`` at once and return them as one, which every consumer then takes.
 
-    def pass_on(self, joined: Block) -> None:
-        """Let every consumer take ``joined``, made of blocks that were accepted by ``follow``."""
-        self._admitted = joined
+        They follow the last one and each other to the nanosecond. Where one of them is malformed, nothing is
+        accepted and ``None`` returned: judge each by itself.
+        """
+        run = joined(blocks)
+        if malformed(run) is not None or any(not 0 < block.body.size == block.spool.size for block in blocks):
+            return None
+        self.before = self.last if len(blocks) == 1 else _place(blocks[-2])
+        self._accept(blocks[-1], Verdict.CONTINUES)
+        self.accepted += len(blocks) - 1
+        self._admitted = run
         self._verdict = Verdict.CONTINUES
+        return run
 
     def judge(self, block: Block) -> Verdict:
         """Return what ``admit`` said of ``block``; judge it where it was not admitted."""
