@@ -181,6 +181,7 @@ class Fitter:
         *,
         begin: Prediction,
         prior: Array | None = None,
+        enough: float = 0.0,
     ) -> Descent | None:
         """Return the best of the descents from ``guesses`` (Levenberg and Marquardt's), or nothing.
 
@@ -190,9 +191,14 @@ class Fitter:
             guesses: parameters to start from, each of shape (3,).
             last: how many chunks count.
             prior: diagonal of a weak pull (scaled, N^2) towards the first guess, shape (3,).
+            enough: share of the inertia force's power; a descent that leaves less is the last one.
 
         """
-        ends = [self._descend(body, spool, guess, guesses[0], last, prior, begin) for guess in guesses]
+        ends: list[Descent] = []
+        for guess in guesses:
+            ends.append(self._descend(body, spool, guess, guesses[0], last, prior, begin))
+            if ends[-1].variance < enough * ends[-1].target:
+                break
         best = min(ends, key=lambda end: end.variance)
         if not (math.isfinite(best.variance) and best.parameters[0] > 0.0):
             return None

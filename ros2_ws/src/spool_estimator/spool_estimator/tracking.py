@@ -49,6 +49,8 @@ MOST_REFITS, REFITS = 6.0, 0.05
 #: Relative residual above which the model does not describe what is seen and a new start is tried, and the
 #: residual power, relative to the least seen lately, above which it may be in the wrong valley.
 POOR, WORSE = 0.5, 16.0
+#: Relative residual below which a start needs no other guess.
+FITS = 0.1
 #: Relative standard deviation of the stiffness that a start must reach.
 STARTED = 0.1
 #: Time constants 2 m / c of the motion after which a start from rest is forgotten, and its limits, s.
@@ -285,7 +287,9 @@ class Tracker:
             guesses.append(self.regression.parameters)
         last = body.size // self.chunk - self._settling_chunks()
         offset = float(np.average(body, weights=np.hanning(body.size + 2)[1:-1]))
-        found = self._fitter.descend(body, spool, guesses, last, begin=self._fitter.at_rest(offset))
+        found = self._fitter.descend(
+            body, spool, guesses, last, begin=self._fitter.at_rest(offset), enough=FITS**2
+        )
         if found is None or not found.variance < BETTER * present:
             return False
         former = self.regression
