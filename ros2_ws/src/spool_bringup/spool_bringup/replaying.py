@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from spool_bag.reader import BagReader
 from spool_estimator.estimate import Estimate
-from spool_estimator.estimator import settings_for
+from spool_estimator.estimator import phase_of, settings_for
 from spool_estimator.estimators import make_estimator
 from spool_estimator.refit import Refit, RefitSettings, WindowRefits
 from spool_monitor.event import Event
@@ -100,7 +100,8 @@ def replay_valve(
     if baseline_time is not None:
         settings = MonitorSettings(natural_frequency=valve.natural_frequency, baseline_time=baseline_time)
     windows = refits.for_valve(valve) if refits is not None else None
-    one = Replay(make_estimator(method, settings_for(valve)), Monitor(settings), keep=keep, refits=windows)
+    estimator = make_estimator(method, settings_for(valve, phase=phase_of(name)))
+    one = Replay(estimator, Monitor(settings), keep=keep, refits=windows)
     expected = reader.topics[f"/{name}/acceleration"].messages
     with progress(f"replaying {name}", expected) as advance:
         for item in reader.stream(name):

@@ -64,7 +64,8 @@ class EquationEstimator:
     @property
     def lacking(self) -> int:
         """Samples until the next estimate falls due; 0 before the first block."""
-        return (self._every - self._chunks % self._every) * self._samples.shape[1] - self._filled
+        done = (self._chunks + self.settings.phase) % self._every
+        return (self._every - done) * self._samples.shape[1] - self._filled
 
     @property
     def _every(self) -> int:
@@ -91,7 +92,7 @@ class EquationEstimator:
             if self._filled == size:
                 self._filled = 0
                 self._close_chunk()
-                if self._chunks % self._every == 0:
+                if (self._chunks + self.settings.phase) % self._every == 0:
                     stamp = block.stamp + round((taken - 1) * block.sample_period * 1e9)
                     self.latest = self._estimate(stamp, block.sequence)
                     estimates.append(self.latest)

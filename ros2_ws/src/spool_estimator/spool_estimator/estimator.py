@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import zlib
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -23,6 +24,9 @@ from .tracking import CHUNK, Tracker
 #: Relative standard deviation of the stiffness at which learning ends.
 LEARNED = 0.02
 
+#: How many phases the estimates of several valves are spread over.
+PHASES = 10
+
 _NAMES = ("spring_stiffness", "viscous_coefficient", "coulomb_force")
 _UNITS = ("N/m", "N s/m", "N")
 
@@ -39,8 +43,8 @@ class EstimatorSettings:
     magnitude to start from. ``memory`` (s): time constant of forgetting, or length of the window;
     ``forgetting``: one of FORGETTING. ``low_cut``, ``high_cut`` (Hz): the band. ``minimum_excitation``
     (m/s^2): rms body acceleration in the band below which parameters are held. ``period`` (s): one estimate
-    in this time. ``oil``: the law by which the viscous coefficient is referred to one temperature, where it
-    is known.
+    in this time; the first one comes ``phase`` chunks early, see ``phase_of``. ``oil``: the law by which the
+    viscous coefficient is referred to one temperature, where it is known.
     """
 
     moving_mass: float
@@ -54,6 +58,7 @@ class EstimatorSettings:
     sliding_velocity: float = 1.0e-3
     minimum_excitation: float = 0.2
     period: float = 1.0
+    phase: int = 0
     oil: OilLaw | None = None
 
 
@@ -87,7 +92,8 @@ class Estimator:
         """Samples until the next estimate falls due; 0 before the first block."""
         if self.tracker is None:
             return 0
-        return (self._every - self._chunks % self._every) * self.tracker.chunk - self.tracker.filled
+        done = (self._chunks + self.settings.phase) % self._every
+        return (self._every - done) * self.tracker.chunk - self.tracker.filled
 
     @property
     def _every(self) -> int:
@@ -120,7 +126,7 @@ class Estimator:
             self._chunks += 1
             if tracker.excited:
                 self._samples += tracker.chunk
-            if self._chunks % every == 0:
+            if (self._chunks + self.settings.phase) % every == 0:
                 stamp = block.stamp + round((taken - 1) * block.sample_period * 1e9)
                 self.latest = self._estimate(tracker, stamp, block.sequence)
                 estimates.append(self.latest)
@@ -258,6 +264,14 @@ def _holding(estimate: Estimate) -> Estimate:
         excitation=gone(estimate.excitation),
         relative_displacement=gone(estimate.relative_displacement),
     )
+
+
+def phase_of(name: str) -> int:
+    """Return a phase that spreads the estimates of many valves; the same name always has the same.
+
+    ``name`` is the valve's namespace, with or without the slash in front.
+    """
+    return zlib.crc32(name.strip("/").encode()) % PHASES
 
 
 def settings_for(valve: Valve, **changes: Any) -> EstimatorSettings:

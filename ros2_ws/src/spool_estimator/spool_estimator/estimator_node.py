@@ -19,7 +19,7 @@ from spool_sim.model import load_model
 from spool_sim.valve import Valve, find_valve
 
 from .estimate import Estimate, State
-from .estimator import EXPONENTIAL, FORGETTING, settings_for
+from .estimator import EXPONENTIAL, FORGETTING, phase_of, settings_for
 from .estimators import ESTIMATORS, StreamEstimator, make_estimator
 from .messages import to_message, to_refit_message
 from .refit import RefitSettings, WindowRefits
@@ -75,7 +75,9 @@ class EstimatorNode(ManagedNode):
         warm_up_estimator()
         valve = find_valve(self.value("valve_file"))
         names = ("forgetting", "memory", "low_cut", "high_cut", "minimum_excitation", "period")
-        settings = settings_for(valve, **{name: self.value(name) for name in names})
+        settings = settings_for(
+            valve, phase=phase_of(self.get_namespace()), **{name: self.value(name) for name in names}
+        )
         self._core = make_estimator(self.value("method"), settings)
         self._valve_id = valve.id
         self._publisher = self.create_lifecycle_publisher(ModelEstimate, "estimate", qos.state())

@@ -195,3 +195,18 @@ def test_memory_does_not_grow_over_an_hour(make: Make) -> None:
     latest = estimator.latest
     assert latest is not None
     assert all(math.isfinite(quantity.value) for quantity in latest.parameters if quantity.known)
+
+
+@ALL
+def test_a_phase_moves_when_estimates_come_and_nothing_else(make: Make) -> None:
+    plain = make(replace(SETTINGS, period=0.1))
+    every = {estimate.stamp: estimate for estimate in estimates_of(plain, record())}
+    early = make(replace(SETTINGS, phase=3))
+    lacking = early.lacking
+    found = estimates_of(early, record())
+    stamps = np.array([estimate.stamp for estimate in found])
+    assert (stamps[0] - record()[0].stamp) * 1e-9 == pytest.approx(0.7, abs=1e-3)
+    assert np.all(np.diff(stamps) == 1_000_000_000)
+    assert lacking in (0, 1400)
+    for estimate in found[5:]:
+        assert repr(estimate.parameters) == repr(every[estimate.stamp].parameters)
