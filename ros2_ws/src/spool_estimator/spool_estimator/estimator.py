@@ -140,8 +140,7 @@ class Estimator:
         """Return the last estimate as one that is held because no data arrive; ``None`` before the first."""
         if self.latest is None:
             return None
-        held = _holding(self.latest)
-        return replace(held, lost_blocks=self.gate.lost, refused_blocks=self.gate.refused)
+        return replace(self.latest.held(), lost_blocks=self.gate.lost, refused_blocks=self.gate.refused)
 
     def _restart(self, period: float) -> None:
         settings = self.settings
@@ -241,29 +240,6 @@ def _judged(name: str, unit: str, value: float, deviation: float, validity: Vali
     if value < -3.0 * deviation and value < 0.0:
         validity = Validity.IMPLAUSIBLE
     return Quantity(name, unit, float(value), float(deviation), validity)
-
-
-def _holding(estimate: Estimate) -> Estimate:
-    """Return ``estimate`` as stale: what was valid is held, what the signals showed is unknown."""
-
-    def held(quantity: Quantity) -> Quantity:
-        return replace(quantity, validity=Validity.HELD) if quantity.known else quantity
-
-    def gone(quantity: Quantity) -> Quantity:
-        return Quantity(quantity.name, quantity.unit)
-
-    return replace(
-        estimate,
-        state=State.STALE,
-        parameters=tuple(held(quantity) for quantity in estimate.parameters),
-        natural_frequency=held(estimate.natural_frequency),
-        damping_ratio=held(estimate.damping_ratio),
-        referred_viscous_coefficient=held(estimate.referred_viscous_coefficient),
-        oil_temperature=gone(estimate.oil_temperature),
-        residual=gone(estimate.residual),
-        excitation=gone(estimate.excitation),
-        relative_displacement=gone(estimate.relative_displacement),
-    )
 
 
 def phase_of(name: str) -> int:
