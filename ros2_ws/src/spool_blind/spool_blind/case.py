@@ -25,6 +25,8 @@ PUBLISHED = 1000
 CLEAR = 1.0
 #: ... and the spool still moves by this share of what it would without.
 LEAST_TRAVEL = 0.2
+#: Two accelerometers see these only in how the motion sets in.
+FROM_REST = ("asymmetric_friction",)
 GROWTH, GROWTHS, DRAWS = 1.5, 3, 12
 #: Of 20 seeds in a row: so many with nothing hidden, one effect, two effects; the rest are strangers.
 SHARES = (4, 10, 3)
@@ -118,7 +120,7 @@ def make(seed: int, hidden: str | None = None, *, factor: float | None = None) -
     kinds = [] if hidden == NONE else [_kind(name) for name in hidden.split("+")]
     generator = np.random.default_rng(seed)
     for _ in range(DRAWS):
-        condition = draw_condition(generator)
+        condition = draw_condition(generator, from_rest=any(name in FROM_REST for name in hidden.split("+")))
         scale = condition.scale()
         things = [kind.draw(generator, condition, scale) for kind in kinds]
         noise_seed = int(generator.integers(2**31))

@@ -99,8 +99,13 @@ class Condition:
         )
 
 
-def draw_condition(generator: np.random.Generator) -> Condition:
-    """Draw a condition whose travel stays within the stroke wherever the least amplitude allows it."""
+def draw_condition(generator: np.random.Generator, *, from_rest: bool = False) -> Condition:
+    """Draw a condition whose travel stays within the stroke wherever the least amplitude allows it.
+
+    Args:
+        generator: of the numbers.
+        from_rest: the record begins before the motion does.
+    """
     nominal = float(generator.choice([SOFT, STIFF]))
     base = Plant(
         {
@@ -111,7 +116,7 @@ def draw_condition(generator: np.random.Generator) -> Condition:
     )
     resonance = float(np.sqrt(base.numbers["stiffness"] / base.numbers["mass"]) / (2.0 * np.pi))
     duration = round(float(generator.uniform(*DURATION)))
-    before = float(generator.choice([0.0, 1.0]))
+    before = 0.0 if from_rest else float(generator.choice([0.0, 1.0]))
     kind = str(generator.choice(list(KINDS)))
     drive = draw(generator, kind, resonance, -before, duration + AFTER)
     nuisance = generator.random() < NUISANCE_SHARE

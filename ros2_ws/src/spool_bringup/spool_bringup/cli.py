@@ -315,6 +315,7 @@ def gap(
         typer.Option(help="accelerations; driven: a force moves the mass; imposed: it is the reaction."),
     ] = "accelerations",
     json: JsonFile = None,
+    report: ReportFile = None,
     save_model: Annotated[
         Path | None,
         typer.Option(help="Write the model found as YAML, for simulate and the nodes.", metavar="YAML"),
@@ -334,7 +335,7 @@ def gap(
 
     Several records are one set of data. Every error is measured on data that no fit has seen.
 
-    Example: ./spool gap bags/practice_03 --valve 4weh10_soft --json gap.json --save-model found.yaml
+    Example: ./spool gap bags/practice_03 --valve 4weh10_soft --report gap.html --save-model found.yaml
 
     Example: ./spool gap rig.csv --kind imposed --holdout other.csv
     """
@@ -342,8 +343,9 @@ def gap(
     from .records import selection  # noqa: PLC0415
 
     code = run_gap(
-        records, valve, base, kind, selection(name, columns, start, stop), GapOutputs(json, save_model),
-        holdout=holdout or (), gain_tolerance=gain_tolerance, delay_tolerance=delay_tolerance,
+        records, valve, base, kind, selection(name, columns, start, stop),
+        GapOutputs(json, save_model, report), holdout=holdout or (),
+        gain_tolerance=gain_tolerance, delay_tolerance=delay_tolerance,
     )  # fmt: skip
     raise typer.Exit(code)
 

@@ -32,6 +32,7 @@ class GapOutputs:
 
     json: Path | None = None
     model: Path | None = None
+    report: Path | None = None
 
 
 def run_gap(
@@ -84,6 +85,12 @@ def run_gap(
     if outputs.json is not None:
         write_json(outputs.json, result.to_dict())
     show(result, Console())
+    if outputs.report is not None:
+        from .fit_page import write_page  # noqa: PLC0415 - matplotlib is needed here only
+        from .gap_page import gap_page  # noqa: PLC0415
+
+        write_page(outputs.report, gap_page(result))
+        print(f"{outputs.report}: the report")
     if outputs.model is not None:
         save_model(outputs.model, result)
         print(f"{outputs.model}: the model with what was found")

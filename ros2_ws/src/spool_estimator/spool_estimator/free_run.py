@@ -166,7 +166,7 @@ class FreeRun:
         for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
             first = start - lead
             low, high = first - margin, stop + 2 + margin
-            drive = _limited(
+            drive = limited(
                 _around(entry.body, low, high, max(1, margin // 2)), period, self.highest_frequency[number]
             )
             cut.append(
@@ -330,7 +330,7 @@ def excitation_limit(entry: Record) -> float:
     return min(nyquist, float(frequency[min(above[-1] + width, smooth.size - 1)])) if above.size else nyquist
 
 
-def _limited(samples: Array, period: float, highest: float) -> Array:
+def limited(samples: Array, period: float, highest: float) -> Array:
     """Return ``samples`` without what lies above ``FALL`` times ``highest`` Hz."""
     if FALL * highest >= 0.5 / period:
         return samples

@@ -15,14 +15,16 @@ from spool_stream.quantity import Quantity, Validity
 
 from ..record import Record
 from . import conditions
+from .fitting import DELAY, GAIN, Step
 from .floor import Floor
 from .outcome import Outcome, judge_outcome
+from .pieces import pieces_of
 from .registry import EFFECTS
 from .result import Agreement, Curves, GapResult, GapSettings, NamedEffect, Surface, Where
 from .saturation import find_saturation
-from .search import DELAY, GAIN, Search, Step
+from .search import Search
 from .simulate import Point, Run, Simulation
-from .stretches import parts_of, stretches_of
+from .stretches import parts_of, stretches_of, thinned
 from .switchable import SwitchableMotion, known_terms
 from .where import Residual, locate, surface
 
@@ -85,17 +87,20 @@ def analyse(
     repaired = saturation.repaired[: len(usable)], saturation.repaired[len(usable) :]
 
     def search_with(damping: float, gain: float, delay: float, longest: int) -> Search:
-        stretches = stretches_of(
-            *repaired, base, valve, damping=damping, gain=gain, delay=delay, clipped=saturation.kept,
-            longest=longest,
-        )  # fmt: skip
-        return Search(stretches, Simulation(stretches, motions), base, valve, chosen, tell)
+        whole = stretches_of(
+            *repaired, base, valve, damping=damping, gain=gain, delay=delay, clipped=saturation.kept
+        )
+        pieces = pieces_of(whole, longest, gain, delay)
+        return Search(
+            pieces, Simulation(pieces, motions), base, valve, chosen, whole, thinned(whole, 3 * longest), tell
+        )
 
     # A first look at the damping says how long a window takes to forget its start.
     rough = search_with(0.5 * valve.viscous_coefficient, 0.0, 0.0, chosen.longest // 2)
-    point = rough.fit((), [start], rounds=6).fitted.point
+    point = rough.base_fit(start, rounds=6).fitted.point
     search = search_with(point.get("viscous_coefficient"), point.gain, point.delay, chosen.longest)
     final = search.run(point)
+    final = search.judge_by(Simulation(thinned(search.whole, chosen.longest), motions), final)
     tell("measuring what is left", 0.9)
     outcome = judge_outcome(search, final, saturation, chosen, trusted=trusted)
     return _result(records, base, search, final, outcome, tuple(warnings), begun)

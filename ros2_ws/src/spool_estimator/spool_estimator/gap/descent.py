@@ -72,7 +72,7 @@ def descend(
         for start in starts
     ]
     residuals = simulation.weigh(simulation.errors(inside, chosen), chosen)
-    squares = np.sum(residuals**2, axis=1)
+    squares = simulation.cost(residuals, chosen)
     best: Fitted | None = None
     for place in np.argsort(squares)[:tries].tolist():
         found = _follow(simulation, inside[place], residuals[place], free, rounds, enough)
@@ -90,18 +90,21 @@ def _follow(
     low = np.array([entry.low for entry in free])
     high = np.array([entry.high for entry in free])
     point, x = start, np.array([start.get(name) for name in names])
-    squares = float(residual @ residual)
+    squares = float(simulation.cost(residual[np.newaxis], chosen)[0])
     damping = 1.0
-    information = np.eye(len(names))
+    information: Array = np.eye(len(names))
+    scale: Array = np.ones(len(names))
     for _ in range(rounds):
         scale = np.array([entry.size(value) for entry, value in zip(free, x.tolist(), strict=True)])
         step = 1e-3 * scale
         step = np.where(x + step > high, -step, step)
         moved = [point.moved(names, (x + step * unit).tolist()) for unit in np.eye(len(names))]
         runs = simulation.weigh(simulation.errors(moved, chosen), chosen)
-        slopes = ((runs - residual) / step[:, np.newaxis]).T
+        trust = simulation.trust(residual, chosen)
+        # In units of the numbers' sizes: stiffnesses and delays differ by ten powers of ten.
+        slopes = ((runs - residual) * trust * (scale / step)[:, np.newaxis]).T
         information = slopes.T @ slopes
-        gradient = slopes.T @ residual
+        gradient = slopes.T @ (trust * residual)
         diagonal = np.diag(information) + 1e-12 * np.trace(information)
         trials = []
         for factor in DAMPINGS:
@@ -111,12 +114,12 @@ def _follow(
             own = np.flatnonzero(~held)
             if own.size:
                 matrix = information[np.ix_(own, own)] + np.diag(damping * factor * diagonal[own])
-                change[own] = -np.linalg.lstsq(matrix, gradient[own], rcond=1e-12)[0]
+                change[own] = -scale[own] * np.linalg.lstsq(matrix, gradient[own], rcond=1e-12)[0]
             limit = 0.7 * np.maximum(scale, [entry.scale for entry in free])
             trials.append(np.clip(x + np.clip(change, -limit, limit), low, high))
         points = [point.moved(names, trial.tolist()) for trial in trials]
         outcomes = simulation.weigh(simulation.errors(points, chosen), chosen)
-        sums = np.sum(outcomes**2, axis=1)
+        sums = simulation.cost(outcomes, chosen)
         winner = int(np.argmin(sums))
         if not sums[winner] < squares:
             if damping > 1e3:
@@ -128,8 +131,7 @@ def _follow(
         point, x, residual, squares = points[winner], trials[winner], outcomes[winner], float(sums[winner])
         if fall < max(enough * squares, 1.0):
             break
-    scale = np.array([entry.size(value) for entry, value in zip(free, x.tolist(), strict=True)])
-    covariance = np.linalg.pinv(information * np.outer(scale, scale), rcond=1e-12, hermitian=True)
+    covariance = np.linalg.pinv(information, rcond=1e-12, hermitian=True)
     # What the weight does not hold of the residual widens the intervals.
     inflation = max(1.0, squares / max(1, residual.size - len(names)))
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0) * inflation) * scale

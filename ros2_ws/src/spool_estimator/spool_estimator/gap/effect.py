@@ -133,8 +133,8 @@ class Effect(ABC):
         """Return parameter values for the coefficients of a trial, ``None`` where those make no sense."""
         raise NotImplementedError
 
-    def starts(self, values: Mapping[str, float]) -> list[dict[str, float]]:
-        """Return the points from which a fit by simulation starts, best first."""
+    def starts(self, values: Mapping[str, float], reach: float) -> list[dict[str, float]]:  # noqa: ARG002
+        """Return the points from which a fit by simulation starts; ``reach`` is the largest travel, m."""
         return [dict(values)]
 
     def sensible(self, values: Mapping[str, float], deviations: Mapping[str, float]) -> str:

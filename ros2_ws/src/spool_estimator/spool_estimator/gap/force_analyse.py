@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
+from scipy.special import expit
 from spool_sim.model import Model
 from spool_sim.terms import term
 from spool_stream.errors import InputError
@@ -278,7 +279,7 @@ def _confidence(ranking: Sequence[Hypothesis], named: tuple[str, ...]) -> float:
         own = next((h for h in ranking if h.id == name and h.accepted), None)
         if own is not None:
             rivals = [h.evidence for h in ranking if h.beside == own.beside and h.id != name and not h.reason]
-            sure *= 1.0 / (1.0 + math.exp(-0.1 * (own.evidence - max([0.0, *rivals]))))
+            sure *= float(expit(0.1 * (own.evidence - max([0.0, *rivals]))))
     return sure
 
 

@@ -6,13 +6,15 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from scipy.special import expit
 from spool_stream.quantity import Quantity, Validity
 
+from .fitting import Step
 from .floor import Floor, excess, noise_floor
 from .registry import EFFECTS
 from .result import GapSettings, Hypothesis
 from .saturation import Saturation
-from .search import Search, Step
+from .search import Search
 
 #: Residual power over the floor's from which something is left to explain.
 LEFT_OVER = 1.6
@@ -69,7 +71,8 @@ def judge_outcome(
     else:
         verdict = "none"
         confidence = min(0.99, 1.0 / max(1.0, left))
-    if not trusted:
+    # Strong friction, too, spoils the coherence; a model that explains the record settles that.
+    if not trusted and (unexplained or not named):
         verdict, confidence = "unexplained", min(confidence, 0.3)
     effects = tuple(named) if verdict not in ("none", "unexplained") else ()
     advice = "; ".join(
@@ -96,11 +99,17 @@ def _confidence(search: Search, final: Step, left: float) -> float:
         own = next((h for h in search.ranking if h.id == name and h.accepted), None)
         if own is None:
             continue
+        # A law that contains this one always fits a little better, and was weighed against it.
         rivals = [
-            h.evidence for h in search.ranking if h.beside == own.beside and h.id != own.id and not h.reason
+            h.evidence
+            for h in search.ranking
+            if h.beside == own.beside
+            and h.id != own.id
+            and not h.reason
+            and own.id not in EFFECTS[h.id].replaces
         ]
         margin = own.evidence - max([0.0, *rivals])
-        sure *= 1.0 / (1.0 + math.exp(-0.08 * margin))
+        sure *= float(expit(0.08 * margin))
     del final
     return float(sure / math.sqrt(max(1.0, left / LEFT_OVER)))
 

@@ -27,7 +27,7 @@ class GapSettings:
 
     gain_tolerance: float = 0.05
     delay_tolerance: float = 0.5e-3
-    longest: int = 20_000
+    longest: int = 30_000
     most_effects: int = 3
 
 

@@ -8,21 +8,21 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_sim.model import Model
-from spool_sim.terms import Parameter, term
-from spool_sim.valve import Valve
+from spool_sim.terms import term
 
-from .balance import Balance, Screened
-from .descent import Fitted, Free, descend
-from .effect import Effect, Trial
-from .peaks import lines_beside_the_drive
+from .balance import Screened
+from .by_direction import by_direction
+from .effect import Effect
+from .fitting import DELAY, GAIN, Fitting, Step, parameters_of
+from .floor import noise_floor
 from .registry import EFFECTS
-from .result import GapSettings, Hypothesis
+from .result import Hypothesis
+from .screening import FRICTIONS, balance_of, candidates
 from .simulate import Point, Simulation
-from .start_from_rest import asymmetry
 from .stretches import Stretch
 
 Array = NDArray[np.float64]
+Progress = Callable[[str, float], None]
 
 #: Twice the log likelihood ratio on held-out data, less the price of the parameters, that an effect needs.
 EVIDENCE = 40.0
@@ -30,152 +30,63 @@ EVIDENCE = 40.0
 RELATIVE = 4e-3
 #: Share of the measured acceleration, rms, that it must explain: less is within what any simulation errs.
 SMALLEST = 1e-3
+#: Share of the power of what is left that a further effect must explain beside others.
+BESIDE = 0.08
 #: Evidence by which a richer effect must beat a simpler one that it contains.
 RICHER = 16.0
-#: The same by the regression, from which an effect is simulated.
-SCREENED = 25.0
-#: Hypotheses that are simulated in each step.
-SIMULATED = 7
-#: Of them are refined with the weight of the best one.
+#: Share of the weighed sum of squares by which it must do so.
+CLEARLY = 0.03
+#: Error over the noise floor up to which nothing more is looked for beside an effect.
+AT_FLOOR = 1.1
+#: Hypotheses that are refined with the weight of the best one.
 REFINED = 3
-GAIN, DELAY = "spool_gain_error", "spool_delay"
 BASE_NUMBERS = ("spring_stiffness", "viscous_coefficient", GAIN, DELAY)
-WIDE = {GAIN: 0.5, DELAY: 5e-3}
 
 
 @dataclass(slots=True)
-class Step:
-    """A hypothesis that was fitted by simulation.
-
-    Attributes:
-        effects: ids, in the order in which they were accepted.
-        fitted: on the training windows.
-        train, held: errors (model - measured) of each window, m/s^2, shape (1, n).
-        cost: weighed sum of squares over the held-out windows.
-        trials: signatures of its effects, for the regression.
-    """
-
-    effects: tuple[str, ...]
-    fitted: Fitted
-    train: list[Array]
-    held: list[Array]
-    cost: float = math.nan
-    trials: tuple[Trial, ...] = ()
-
-
-@dataclass(slots=True)
-class Search:
+class Search(Fitting):
     """One search over one set of stretches.
 
     Attributes:
+        whole: the stretches with longer windows.
+        regressed: as many of those as the regression takes.
+        report: takes what is done and the share of the work.
+        catalogue: effects that are tried; all by default.
         ranking: every hypothesis that was simulated.
+        tried: its fit, by effect and effects beside it.
         steps: base first, then each accepted one.
     """
 
-    stretches: Sequence[Stretch]
-    simulation: Simulation
-    base: Model
-    valve: Valve
-    settings: GapSettings
-    report: Callable[[str, float], None]
+    whole: Sequence[Stretch]
+    regressed: Sequence[Stretch]
+    report: Progress
     catalogue: Sequence[Effect] = ()
     ranking: list[Hypothesis] = field(default_factory=list)
+    tried: dict[tuple[str, tuple[str, ...]], Step] = field(default_factory=dict)
     steps: list[Step] = field(default_factory=list)
-    excluded: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.catalogue:
             self.catalogue = [
-                entry for entry in EFFECTS.values() if "accelerations" in entry.kinds and entry.terms
+                entry
+                for entry in EFFECTS.values()
+                # Friction that differs by direction shows only at the start from rest, see _by_direction.
+                if "accelerations" in entry.kinds and entry.terms and entry.id != "asymmetric_friction"
             ]
         base_terms = {entry.name for entry in self.base.terms}
         self.catalogue = [entry for entry in self.catalogue if not base_terms & set(entry.terms)]
 
-    # What is fitted -------------------------------------------------------------------------------------
-
-    def terms_of(self, effects: Sequence[str]) -> tuple[str, ...]:
-        """Return the terms that are switched on."""
-        own = [name for entry in effects if entry in EFFECTS for name in EFFECTS[entry].terms]
-        return tuple(dict.fromkeys([*(entry.name for entry in self.base.terms), *own]))
-
-    def free_of(self, effects: Sequence[str], point: Point) -> list[Free]:
-        """Return what is fitted for ``effects``."""
-        found = []
-        for parameter in self.base.parameters:
-            if parameter.valve_attribute is None or parameter.name in (
-                "spring_stiffness",
-                "viscous_coefficient",
-            ):
-                start = max(abs(parameter.start_for(self.valve)), 1e-9)
-                found.append(Free(parameter.name, parameter.low, parameter.high, start))
-        for name in effects:
-            if name not in EFFECTS or not EFFECTS[name].terms:
-                continue
-            own = [p for entry in EFFECTS[name].terms for p in _parameters(entry)]
-            for parameter in own:
-                if parameter.name not in EFFECTS[name].fitted:
-                    continue
-                value = abs(point.values.get(parameter.name, parameter.start))
-                if parameter.name == "force_frequency":
-                    seconds = max(stretch.record.duration for stretch in self.stretches)
-                    found.append(Free(parameter.name, 0.1, parameter.high, 0.05 / seconds, absolute=True))
-                elif parameter.name == "force_phase":
-                    found.append(Free(parameter.name, parameter.low, parameter.high, 0.5, absolute=True))
-                else:
-                    found.append(
-                        Free(parameter.name, parameter.low, parameter.high, value or parameter.start)
-                    )
-        for name, tolerance in ((GAIN, self.settings.gain_tolerance), (DELAY, self.settings.delay_tolerance)):
-            bound = WIDE[name] if name in effects else tolerance
-            found.append(Free(name, -bound, bound, 0.2 * tolerance, absolute=True))
-        return found
-
-    def fit(
-        self,
-        effects: tuple[str, ...],
-        starts: Sequence[Point],
-        *,
-        rounds: int = 6,
-        tries: int = 1,
-        enough: float = 2e-4,
-    ) -> Step:
-        """Return the hypothesis ``effects`` fitted from the best of ``starts``."""
-        free = self.free_of(effects, starts[0])
-        fitted = descend(self.simulation, starts, free, rounds=rounds, tries=tries, enough=enough)
-        return self.measured(Step(effects, fitted, [], []))
-
-    def measured(self, step: Step) -> Step:
-        """Return ``step`` with its errors on all windows."""
-        simulation = self.simulation
-        training, held = simulation.training, simulation.held_out
-        errors = simulation.errors([step.fitted.point], [*training, *held])
-        step.train, step.held = errors[: len(training)], errors[len(training) :]
-        self.score(step)
-        return step
-
-    def score(self, step: Step) -> None:
-        """Work out the held-out cost with the present weight."""
-        simulation = self.simulation
-        step.cost = float(np.sum(simulation.weigh(step.held, simulation.held_out) ** 2))
-
-    def nrmse(self, step: Step) -> float:
-        """Held out."""
-        return float(self.simulation.nrmse(step.held, self.simulation.held_out)[0])
-
     # The search -----------------------------------------------------------------------------------------
-
-    def take_weight(self, step: Step) -> None:
-        """Weigh by what ``step`` leaves on the training windows, at least by the channels' noise."""
-        floor = [s.noise.spool * 0.5 for s in self.stretches]
-        self.simulation.take_weight(step.train, self.simulation.training, floor)
 
     def run(self, start: Point) -> Step:
         """Return the accepted hypothesis."""
         self.report("fitting the base", 0.15)
-        step = self.fit((), [start], rounds=10)
+        step = self.base_fit(start)
         self.take_weight(step)
         step = self.fit((), [step.fitted.point], rounds=6)
         self.steps = [step]
+        self.simulation.forget_weight()
+        step = self.base_fit(step.fitted.point, rounds=6)
         while len(step.effects) < self.settings.most_effects:
             self.report(f"trying effects beside {' + '.join(step.effects) or 'the base'}", 0.25)
             better = self._forward(step)
@@ -185,75 +96,89 @@ class Search:
             if step.effects in [entry.effects for entry in self.steps]:
                 break
             self.steps.append(step)
-        return self._by_direction(step)
-
-    def _by_direction(self, step: Step) -> Step:
-        """Return ``step`` with one friction force for each direction where its start shows that."""
-        if "coulomb_friction" not in step.effects or "asymmetric_friction" in self.excluded:
+            floor = noise_floor(self.simulation, step.fitted.point, step.held)
+            if self.nrmse(step) < AT_FLOOR * floor.nrmse:
+                break
+        if not step.effects:
+            return self.steps[0]
+        self.take_weight(step)
+        step = self._polished(step)
+        self.steps[-1] = step
+        directed = by_direction(self, step, EVIDENCE)
+        if directed is None:
             return step
-        for stretch in self.stretches:
-            found = asymmetry(self.simulation, stretch, step.fitted.point, self.base, self.valve)
-            if found is None or found.evidence < EVIDENCE or abs(found.ratio) < 3.0 * found.deviation:
-                continue
-            effects = tuple("asymmetric_friction" if e == "coulomb_friction" else e for e in step.effects)
-            old = step.fitted
-            mean, spread = old.point.values["coulomb_force"], old.deviations["coulomb_force"]
-            forces = {
-                "forward_force": (1.0 + found.ratio) * mean,
-                "backward_force": (1.0 - found.ratio) * mean,
-            }
-            deviation = math.hypot(spread, mean * found.deviation)
-            free = tuple(f for f in old.free if f.name != "coulomb_force")
-            free += tuple(replace(f, name=n) for n in forces for f in old.free if f.name == "coulomb_force")
-            fitted = replace(
-                old,
-                point=replace(
-                    old.point, active=self.terms_of(effects), values={**old.point.values, **forces}
-                ),
-                free=free,
-                deviations={**old.deviations, **dict.fromkeys(forces, deviation)},
-            )
-            better = self.measured(replace(step, effects=effects, fitted=fitted, train=[], held=[]))
-            self.ranking.append(
-                Hypothesis(
-                    "asymmetric_friction", step.effects[: step.effects.index("coulomb_friction")],
-                    self.nrmse(better), found.evidence, forces, True,
-                )
-            )  # fmt: skip
-            self.steps.append(better)
-            return better
+        self.steps.append(directed[0])
+        self.ranking.append(directed[1])
+        return directed[0]
+
+    def base_fit(self, start: Point, rounds: int = 10) -> Step:
+        """Return the base fitted from ``start`` and from what the regression says."""
+        values = start.values
+        balance = balance_of(self.regressed, values)
+        balance.prepare()
+        numbers = self._joint(balance.coefficients()[:4], start)
+        ring = (values["mass"], *numbers[:2])
+        self.simulation.let_start_ring(*ring)
+        step = self.fit((), [start, start.moved(BASE_NUMBERS, numbers)], rounds=rounds, tries=2)
+        found = step.fitted.point
+        self.simulation.let_start_ring(
+            found.values["mass"], found.values["spring_stiffness"], found.values["viscous_coefficient"]
+        )
         return step
 
-    def candidates(self, step: Step) -> list[Screened]:
-        """Return what the regression would add to ``step``, best first."""
-        values = step.fitted.point.values
-        balance = Balance(
-            self.stretches, values["mass"], values["spring_stiffness"], values["viscous_coefficient"]
-        )
-        balance.prepare(step.trials)
-        contained = {name for entry in step.effects for name in (entry, *EFFECTS[entry].replaces)}
-        effects = [entry for entry in self.catalogue if entry.id not in contained | set(self.excluded)]
-        peaks = lines_beside_the_drive(self.stretches, values)
-        balance.screen(effects, peaks)
-        rough = balance.screen(effects, peaks)
-        if not rough:
-            return []
-        balance.prepare([*step.trials, rough[0].trial])
-        balance.reweigh()
-        balance.prepare(step.trials)
-        return balance.screen(effects, peaks)
+    def judge_by(self, simulation: Simulation, final: Step) -> Step:
+        """Measure every step and the ranking by the free runs of ``simulation`` from now on.
+
+        Returns:
+            ``final``, its last digits fitted to those: a free run holds more of slow effects than pieces do.
+        """
+        self.simulation, self.stretches = simulation, simulation.stretches
+        if self.has_jumps(final):
+            simulation.choose_sampling(final.fitted.point)
+        for step in self.steps:
+            self.measured(step)
+        if final.effects:
+            self.take_weight(final)
+            place = next(n for n, step in enumerate(self.steps) if step is final)
+            own = {free.name for free in final.fitted.free}
+            if own <= {free.name for free in self.free_of(final.effects, final.fitted.point)}:
+                self.score(final)
+                closer = self.fit(final.effects, [final.fitted.point], rounds=5)
+                if closer.cost < final.cost:
+                    self.steps[place] = final = closer
+        for number, row in enumerate(self.ranking):
+            fitted = self.tried.get((row.id, row.beside))
+            if fitted is not None:
+                self.ranking[number] = replace(row, nrmse_after=self.nrmse(self.measured(fitted)))
+        return final
 
     def _forward(self, step: Step) -> Step | None:
-        screened = self.candidates(step)
-        chosen = self._promising(screened)
-        price = self._price
+        chosen = candidates(self.regressed, self.catalogue, step)
         tried = [self._try(step, entry, rounds=3) for entry in chosen]
         for name in (GAIN, DELAY):
             if name in step.fitted.at_bound and name not in step.effects:
-                tried.append(self.fit((*step.effects, name), [step.fitted.point]))
+                sensor = self.fit((*step.effects, name), [step.fitted.point])
+                sensor.trials = step.trials
+                tried.append(sensor)
         if not tried:
             return None
-        # One weight for all: what the best of them leaves.
+        ranked = self._ranked(step, tried)
+        sensible = [entry for entry in ranked if not self._refusal(step, entry, self._evidence(step, entry))]
+        for entry in ranked:
+            self._note(step, entry)
+        if not sensible:
+            return None
+        winner = self._simplest(step, self._polished(sensible[0]), ranked)
+        if step.effects and not self._still_better(step, winner):
+            return None
+        name = winner.effects[-1]
+        own = [n for n, row in enumerate(self.ranking) if (row.id, row.beside) == (name, step.effects)]
+        self.ranking[own[-1]] = replace(self.ranking[own[-1]], accepted=True, reason="")
+        self.tried[name, step.effects] = winner
+        return winner
+
+    def _ranked(self, step: Step, tried: list[Step]) -> list[Step]:
+        """Return ``tried``, the best of them refined, with one weight for all: what the best leaves."""
         best = min(tried, key=lambda entry: entry.cost)
         if self.has_jumps(best):
             self.simulation.choose_sampling(best.fitted.point)
@@ -262,59 +187,68 @@ class Search:
         self.take_weight(best)
         tried.sort(key=lambda entry: entry.cost)
         again = [self._refit(entry) for entry in tried[:REFINED]] + tried[REFINED:]
-        self.score(step)
-        for entry in again:
+        for entry in (step, *again):
             self.score(entry)
-        ranked = []
-        for entry in again:
-            evidence = step.cost - entry.cost - price * (len(entry.fitted.free) - len(step.fitted.free))
-            ranked.append((evidence, entry))
-        ranked.sort(key=lambda pair: -pair[0])
-        winner: Step | None = None
-        best_evidence = -math.inf
-        for evidence, entry in ranked:
-            reason = self._refusal(step, entry, evidence)
-            name = entry.effects[-1]
-            self.ranking.append(
-                Hypothesis(
-                    name, step.effects, self.nrmse(entry), evidence,
-                    {f.name: entry.fitted.point.get(f.name) for f in entry.fitted.free}, False, reason,
-                )
-            )  # fmt: skip
-            if reason:
-                continue
-            # The simpler one stays unless the richer one is clearly better.
-            simpler = winner is not None and name in EFFECTS[winner.effects[-1]].replaces
-            if winner is None or (simpler and best_evidence - evidence < RICHER):
-                winner, best_evidence = entry, evidence
-        if winner is not None:
-            place = max(
-                n
-                for n, h in enumerate(self.ranking)
-                if h.id == winner.effects[-1] and h.beside == step.effects
-            )
-            self.ranking[place] = replace(self.ranking[place], accepted=True)
-        return winner
+        return sorted(again, key=lambda entry: -self._evidence(step, entry))
+
+    def _evidence(self, step: Step, entry: Step) -> float:
+        """Return the evidence for ``entry`` over ``step``: gain or delay out of tolerance counts."""
+        sensors = {GAIN, DELAY}
+        numbers = len(entry.fitted.free) - len(step.fitted.free)
+        numbers += len(sensors & set(entry.effects)) - len(sensors & set(step.effects))
+        return step.cost - entry.cost - self._price * numbers
+
+    def _note(self, step: Step, entry: Step) -> None:
+        """Keep ``entry`` in the ranking."""
+        evidence = self._evidence(step, entry)
+        values = {f.name: entry.fitted.point.get(f.name) for f in entry.fitted.free}
+        reason = self._refusal(step, entry, evidence)
+        name = entry.effects[-1]
+        self.tried[name, step.effects] = entry
+        self.ranking.append(
+            Hypothesis(name, step.effects, self.nrmse(entry), evidence, values, reason=reason)
+        )
+
+    def _polished(self, step: Step) -> Step:
+        found = self.fit(step.effects, [step.fitted.point], rounds=7)
+        found.trials = step.trials
+        return found
+
+    def _simplest(self, step: Step, winner: Step, others: Sequence[Step]) -> Step:
+        """Return the simplest of ``winner`` and its look-alikes that none of the others clearly beats."""
+        name = winner.effects[-1]
+        family = [winner]
+        for entry in others:
+            other = entry.effects[-1]
+            if other in EFFECTS[name].replaces or name in EFFECTS[other].replaces:
+                polished = self._polished(entry)
+                if not self._refusal(step, polished, step.cost - polished.cost):
+                    family.append(polished)
+        family.sort(key=lambda entry: len(entry.fitted.free))
+        best = family[0]
+        for entry in family[1:]:
+            numbers = len(entry.fitted.free) - len(best.fitted.free)
+            clear = max(RICHER, CLEARLY * entry.cost) if numbers else 0.0
+            if best.cost - entry.cost - self._price * numbers > clear:
+                best = entry
+        return best
+
+    def _still_better(self, step: Step, winner: Step) -> bool:
+        """Whether ``winner`` beats ``step`` even where that goes on from the numbers of ``winner``."""
+        point = replace(winner.fitted.point, active=self.terms_of(step.effects))
+        again = self.fit(step.effects, [point], rounds=5)
+        if again.cost >= step.cost:
+            return True
+        numbers = len(winner.fitted.free) - len(again.fitted.free)
+        if again.cost - winner.cost - self._price * numbers > max(EVIDENCE, RELATIVE * again.cost):
+            return True
+        step.fitted, step.train, step.held, step.cost = again.fitted, again.train, again.held, again.cost
+        return False
 
     @property
     def _price(self) -> float:
         sizes = [window.stop - window.start for _, window, training in self.simulation.places if not training]
         return math.log(max(10, sum(sizes)))
-
-    @staticmethod
-    def _promising(screened: Sequence[Screened]) -> list[Screened]:
-        """Return what is worth simulating: near the best by the regression, or confused with it."""
-        if not screened or screened[0].gain < SCREENED:
-            return []
-        best = screened[0]
-        found = []
-        for entry in screened:
-            near = (
-                entry.effect.id in best.effect.confused_with or best.effect.id in entry.effect.confused_with
-            )
-            if entry.gain >= max(SCREENED, (0.05 if near else 0.25) * best.gain):
-                found.append(entry)
-        return found[:SIMULATED]
 
     @staticmethod
     def has_jumps(step: Step) -> bool:
@@ -326,13 +260,13 @@ class Search:
         if evidence < EVIDENCE or evidence < RELATIVE * step.cost:
             return "it does not close the gap significantly"
         before, after = self.nrmse(step), self.nrmse(entry)
-        if before**2 - after**2 < SMALLEST**2:
+        least = max(SMALLEST**2, BESIDE * before**2 if step.effects else 0.0)
+        if before**2 - after**2 < least:
             return "it is too small to be told from errors of the simulation"
         name = entry.effects[-1]
         values = {f.name: entry.fitted.point.get(f.name) for f in entry.fitted.free}
         if name in (GAIN, DELAY):
-            tolerance = self.settings.gain_tolerance if name == GAIN else self.settings.delay_tolerance
-            if abs(values[name]) < tolerance + 2.0 * entry.fitted.deviations[name]:
+            if abs(values[name]) < self.tolerance(name) + 2.0 * entry.fitted.deviations[name]:
                 return "it is not significantly beyond its tolerance"
             return ""
         own = [bound for bound in entry.fitted.at_bound if bound in EFFECTS[name].fitted]
@@ -342,20 +276,33 @@ class Search:
         return EFFECTS[name].sensible(values, entry.fitted.deviations)
 
     def _try(self, step: Step, entry: Screened, rounds: int) -> Step:
-        effects = (*step.effects, entry.effect.id)
-        effects = tuple(e for e in effects if e not in entry.effect.replaces)
+        effects = self._with(step.effects, entry.effect)
         known = replace(step.fitted.point, active=self.terms_of(effects))
         joint = known.moved(BASE_NUMBERS, self._joint(entry.base, known))
+        nominal = joint.moved(("spring_stiffness", GAIN, DELAY), (self.valve.spring_stiffness, 0.0, 0.0))
+        reach = max(float(np.quantile(np.abs(s.motion.displacement), 0.999)) for s in self.whole)
         starts = []
-        for values in entry.effect.starts(entry.values):
+        for values in entry.effect.starts(entry.values, reach):
             bounded = {}
             for name, value in values.items():
-                parameter = next(p for t in entry.effect.terms for p in _parameters(t) if p.name == name)
+                parameter = next(p for t in entry.effect.terms for p in parameters_of(t) if p.name == name)
                 bounded[name] = float(np.clip(value, parameter.low, parameter.high))
-            starts += [replace(point, values={**point.values, **bounded}) for point in (joint, known)]
-        found = self.fit(effects, starts, rounds=rounds, tries=2 if len(starts) > 4 else 1, enough=5e-3)
-        found.trials = (*step.trials, entry.trial)
+            starts += [
+                replace(point, values={**point.values, **bounded}) for point in (joint, known, nominal)
+            ]
+        tries = 3 if len(starts) > 6 else 1
+        found = self._widened(self.fit(effects, starts, rounds=rounds, tries=tries, enough=5e-3))
+        found.trials = {
+            **{e: t for e, t in step.trials.items() if e in effects},
+            entry.effect.id: entry.trial,
+        }
         return found
+
+    @staticmethod
+    def _with(effects: Sequence[str], entry: Effect) -> tuple[str, ...]:
+        """Return ``effects`` with ``entry``, which takes the place of what it contains or excludes."""
+        gone = {*entry.replaces, *(FRICTIONS if entry.id in FRICTIONS else ())}
+        return (*(name for name in effects if name not in gone), entry.id)
 
     def _joint(self, base: Array, point: Point) -> list[float]:
         """Return the base's numbers from the regression with the effect, kept to what is physical."""
@@ -368,8 +315,24 @@ class Search:
             delay,
         ]
 
+    def _widened(self, step: Step) -> Step:
+        """Return ``step`` with gain or delay let free beyond its tolerance, where it pushes against that."""
+        for name in (GAIN, DELAY):
+            if name not in step.fitted.at_bound or name in step.effects:
+                continue
+            effects = (*step.effects[:-1], name, step.effects[-1])
+            wider = self.fit(effects, [step.fitted.point], rounds=3, enough=5e-3)
+            value, spread = wider.fitted.point.get(name), wider.fitted.deviations[name]
+            if abs(value) > self.tolerance(name) + 3.0 * spread and wider.cost < step.cost - EVIDENCE:
+                step = wider
+        return step
+
+    def tolerance(self, name: str) -> float:
+        """Return how far gain or delay may be off."""
+        return self.settings.gain_tolerance if name == GAIN else self.settings.delay_tolerance
+
     def _refit(self, step: Step) -> Step:
-        found = self.fit(step.effects, [step.fitted.point], rounds=6)
+        found = self.fit(step.effects, [step.fitted.point], rounds=5)
         found.trials = step.trials
         return found
 
@@ -378,7 +341,7 @@ class Search:
         for name in step.effects[:-1]:
             effects = tuple(entry for entry in step.effects if entry != name)
             less = self.fit(effects, [replace(step.fitted.point, active=self.terms_of(effects))])
-            less.trials = tuple(t for e, t in zip(step.effects, step.trials, strict=False) if e != name)
+            less.trials = {e: t for e, t in step.trials.items() if e != name}
             gain = less.cost - step.cost - self._price * (len(step.fitted.free) - len(less.fitted.free))
             if gain < EVIDENCE or gain < RELATIVE * step.cost:
                 return less
@@ -393,7 +356,3 @@ FREE_TO_VANISH = (
     "stop_dissipation",
     "mixed_velocity",
 )
-
-
-def _parameters(name: str) -> tuple[Parameter, ...]:
-    return term(name).parameters

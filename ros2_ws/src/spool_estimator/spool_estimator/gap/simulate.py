@@ -16,6 +16,7 @@ from spool_sim.terms import term
 from spool_stream.errors import InputError
 
 from ..free_run import Window, half_steps
+from .pieces import Piece, ringing
 from .stretches import Stretch
 from .switchable import ALWAYS, SwitchableMotion
 
@@ -25,6 +26,8 @@ Array = NDArray[np.float64]
 MOST_SUBSTEPS = 8
 #: Upper end of the compared band over that of the drive, and at least so many Hz.
 HARMONICS, AT_LEAST = 6.0, 300.0
+#: Weighed squares over their expectation from which a window is a bad one.
+BAD = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +73,10 @@ class Simulation:
 
     Attributes:
         stretches: as given.
+        robust: bad windows are counted by the logarithm of their squares.
         places: stretch, window and whether it is fitted, of each window.
+        ringing: mass, stiffness and damping (kg, N/m, N s/m) with which an error of a window's start
+            rings; ``None`` where windows have forgotten their start.
     """
 
     def __init__(self, stretches: Sequence[Stretch], motions: Sequence[SwitchableMotion]) -> None:
@@ -90,6 +96,9 @@ class Simulation:
         self.density: list[Array] = [np.full(2, s.noise.spool + s.noise.body) for s in stretches]
         self._lines: list[Array] = [np.array([0.0, 0.5 * s.noise.rate]) for s in stretches]
         self.jumps: dict[int, Array] | None = None
+        self.ringing: tuple[float, float, float] | None = None
+        self.robust = False
+        self._own: dict[int, Array] = {}
         self._number = {id(stretch): number for number, stretch in enumerate(stretches)}
 
     def run(self, points: Sequence[Point], chosen: Sequence[int]) -> list[Run]:
@@ -97,7 +106,9 @@ class Simulation:
         motion = next(entry for entry in self.motions if entry.has(points[0].active))
         rows = np.array([motion.row(point.active, point.values) for point in points])
         counts: dict[float, int] = {}
+        # However steep a law of sliding is near rest, the reversal itself is located within the step.
         terms = [term(name) for name in dict.fromkeys((*ALWAYS, *points[0].active))]
+        terms = [entry for entry in terms if "sliding_law" not in entry.laws or "force_law" in entry.laws]
         values = {p.name: p.start for entry in terms for p in entry.parameters} | dict(points[0].values)
 
         def substeps(stretch: Stretch) -> int:
@@ -139,9 +150,11 @@ class Simulation:
         result = [np.empty((len(points), size)) for _ in range(4)]
         for delay, drive in drives.items():
             own = [number for number, point in enumerate(points) if point.delay == delay]
-            state = MotionState(*window.state, float(np.sign(window.state[1])))
+            states = [window.state] * len(own)
+            if isinstance(window, Piece):
+                states = [window.state_at(points[number].gain, delay) for number in own]
             trajectory, _ = motion.advance_batch(
-                [state] * len(own),
+                [MotionState(z, v, float(np.sign(v))) for z, v in states],
                 drive[np.newaxis],
                 rows[own][:, np.newaxis, :],
                 sample_period=record.sample_period,
@@ -185,11 +198,12 @@ class Simulation:
             masks[place] = beside_no_jump(run.velocity[0])
         left = []
         for candidate in (None, masks):
-            self.jumps = candidate
+            self.jumps, self._own = candidate, {}
             errors = self.errors([point], everything)
             share = 1.0 if candidate is None else float(np.mean(np.concatenate(list(masks.values()))))
-            left.append(float(np.sum(self.weigh(errors, everything) ** 2)) / max(share, 0.2))
-        self.jumps = masks if left[1] < left[0] else None
+            cost = self.cost(self.weigh(errors, everything), everything)
+            left.append(float(cost[0]) / max(share, 0.2))
+        self.jumps, self._own = (masks if left[1] < left[0] else None), {}
         return (known is None) != (self.jumps is None) or self.jumps is not None
 
     def weigh(self, errors: Sequence[Array], chosen: Sequence[int]) -> Array:
@@ -205,8 +219,68 @@ class Simulation:
             density = np.interp(frequency[band], self._lines[number], self.density[number])
             scale = np.sqrt(density * 0.25 * stretch.noise.rate * float(np.sum(taper**2)))
             lines = fft.rfft(error * taper, axis=-1)[:, band] / scale
-            parts += [lines.real, lines.imag]
+            real = np.concatenate([lines.real, lines.imag], axis=1)
+            if self.ringing is not None:
+                own = self._own.get(place)
+                if own is None:
+                    own = self._own[place] = self._start(place, taper, band, scale)
+                real = real - (real @ own) @ own.T
+            parts.append(real)
         return np.concatenate(parts, axis=1)
+
+    def _start(self, place: int, taper: Array, band: slice, scale: Array) -> Array:
+        """Return an orthonormal base of what an error of the start makes of a window, shape (m, 2)."""
+        assert self.ringing is not None
+        _, window, _ = self.places[place]
+        period = self.places[place][0].record.sample_period
+        rows = ringing(taper.size, window.start - window.first, period, *self.ringing)
+        rows = rows * self.places[place][0].kept[window.start : window.stop]
+        if self.jumps is not None:
+            rows = rows * self.jumps[place]
+        lines = fft.rfft(rows * taper, axis=-1)[:, band] / scale
+        return np.asarray(np.linalg.qr(np.concatenate([lines.real, lines.imag], axis=1).T)[0])
+
+    def cost(self, weighed: Array, chosen: Sequence[int]) -> Array:
+        """Return the sum over windows of the squares of ``weighed`` (s, m), shape (s,).
+
+        If ``robust``, those of a bad window are counted by their logarithm: few windows in which the spool
+        hits a stop would drown all others in which it swings free.
+        """
+        if not self.robust:
+            return np.asarray(np.sum(weighed**2, axis=1))
+        edges, usual = self._parts(chosen)
+        squares = np.add.reduceat(weighed**2, edges[:-1], axis=1)
+        bad = np.maximum(squares / usual, 1.0)
+        return np.asarray(np.sum(np.where(bad > 1.0, usual * (1.0 + np.log(bad)), squares), axis=1))
+
+    def trust(self, weighed: Array, chosen: Sequence[int]) -> Array:
+        """Return the root of the share with which each of ``weighed`` (m,) counts, shape (m,)."""
+        if not self.robust:
+            return np.ones(weighed.size)
+        edges, usual = self._parts(chosen)
+        squares = np.add.reduceat(weighed**2, edges[:-1])
+        return np.repeat(np.sqrt(np.minimum(1.0, usual / np.maximum(squares, 1e-12))), np.diff(edges))
+
+    def _parts(self, chosen: Sequence[int]) -> tuple[NDArray[np.int64], Array]:
+        """Return where each window begins among weighed numbers, and its squares above which it is bad."""
+        sizes = []
+        for place in chosen:
+            stretch, window, _ = self.places[place]
+            lines = fft.rfftfreq(window.stop - window.start, stretch.record.sample_period)
+            sizes.append(2 * lines[self.band(stretch, lines)].size)
+        return np.concatenate([[0], np.cumsum(sizes)]), BAD * np.array(sizes, dtype=np.float64)
+
+    def forget_weight(self) -> None:
+        """Weigh by the channels' noise again, and count bad windows by the logarithm of their squares."""
+        self.robust = True
+        self._lines = [np.array([0.0, 0.5 * s.noise.rate]) for s in self.stretches]
+        self.density = [np.full(2, s.noise.spool + s.noise.body) for s in self.stretches]
+        self._own = {}
+
+    def let_start_ring(self, mass: float, stiffness: float, damping: float) -> None:
+        """Take out of all errors what an error of the windows' starts makes of them."""
+        self.ringing = mass, stiffness, damping
+        self._own = {}
 
     @staticmethod
     def band(stretch: Stretch, frequency: Array) -> slice:
@@ -214,8 +288,13 @@ class Simulation:
         high = min(0.45 * stretch.noise.rate, max(HARMONICS * stretch.noise.high, AT_LEAST))
         return slice(int(np.searchsorted(frequency, stretch.low_cut)), int(np.searchsorted(frequency, high)))
 
-    def spectra(self, errors: Sequence[Array], chosen: Sequence[int]) -> list[tuple[Array, Array]]:
-        """Return frequency and smoothed density of the first row of ``errors`` for each stretch."""
+    def spectra(
+        self, errors: Sequence[Array], chosen: Sequence[int], *, usual: bool = False
+    ) -> list[tuple[Array, Array]]:
+        """Return frequency and smoothed density of the first row of ``errors`` for each stretch.
+
+        The mean over the windows, or what is ``usual``: the median, which a few bad ones do not move.
+        """
         found: list[tuple[Array, Array]] = []
         for stretch in self.stretches:
             rows = [e[0] for e, place in zip(errors, chosen, strict=True) if self.places[place][0] is stretch]
@@ -224,17 +303,19 @@ class Simulation:
                 continue
             piece = min([*(row.size for row in rows), round(1.0 / stretch.record.sample_period)])
             densities = []
+            middle = np.median if usual and len(rows) > 4 else np.mean
             for row in rows:
                 frequency, density = signal.welch(row, stretch.noise.rate, "hann", piece, detrend=False)
                 densities.append(density)
-            found.append((np.asarray(frequency), smoothed(np.asarray(np.mean(densities, axis=0)))))
+            found.append((np.asarray(frequency), smoothed(np.asarray(middle(densities, axis=0)))))
         return found
 
     def take_weight(self, errors: Sequence[Array], chosen: Sequence[int], floor: Sequence[float]) -> None:
         """Weigh from now on by the spectrum of ``errors``, at least by ``floor`` of each stretch."""
-        for number, (frequency, density) in enumerate(self.spectra(errors, chosen)):
+        for number, (frequency, density) in enumerate(self.spectra(errors, chosen, usual=self.robust)):
             self._lines[number] = frequency
             self.density[number] = np.maximum(density, floor[number])
+        self._own = {}
 
     @property
     def training(self) -> list[int]:

@@ -11,7 +11,7 @@ from spool_sim.model import Model
 from spool_sim.valve import Valve
 from spool_stream.errors import InputError
 
-from ..free_run import FreeRun, Window
+from ..free_run import FreeRun, Window, excitation_limit
 from ..record import Record
 from ..zero_phase import RelativeMotion, ZeroPhase, relative_motion
 from .noise import Noise, noise_of
@@ -20,7 +20,7 @@ from .quiet import Quiet, quiet
 Array = NDArray[np.float64]
 
 #: s that count in one window.
-WINDOW = 2.5
+WINDOW = 0.6
 #: Samples of a record that are conditioned in one piece; longer records are represented by parts.
 LONGEST_PIECE = 400_000
 #: Time constants of the motion after which its start is forgotten.
@@ -104,7 +104,6 @@ def stretches_of(
     gain: float = 0.0,
     delay: float = 0.0,
     clipped: Sequence[Array] | None = None,
-    longest: int = 20_000,
 ) -> list[Stretch]:
     """Return the stretches of ``records`` and ``held_out`` with their windows.
 
@@ -159,7 +158,7 @@ def stretches_of(
                 kept,
                 tuple(windows),
                 tuple(training),
-                run.highest_frequency[0],
+                min(run.highest_frequency[0], excitation_limit(record)),
                 silence,
             )
         )
@@ -170,11 +169,14 @@ def stretches_of(
             f"{records[0].name}: too short: its longest stretch has {longest_one:.2f} s; an analysis "
             f"needs about {run_in + 2.0 + 2.0 / LOWEST:.0f} s, a part to fit and a part to hold out"
         )
-    return thinned(found, longest)
+    return found
 
 
 def thinned(stretches: Sequence[Stretch], longest: int) -> list[Stretch]:
-    """Return ``stretches`` with at most ``longest`` samples to fit and as many held out, evenly spread."""
+    """Return ``stretches`` with at most ``longest`` samples to fit and as many held out.
+
+    Half of them are spread evenly; half are those with the largest travel, where stops are reached.
+    """
     result = list(stretches)
     for trains in (True, False):
         places = [
@@ -187,7 +189,10 @@ def thinned(stretches: Sequence[Stretch], longest: int) -> list[Stretch]:
         if sum(size) <= longest:
             continue
         count = max(2, int(len(places) * longest / sum(size)))
-        chosen = {places[(2 * k + 1) * len(places) // (2 * count)] for k in range(count)}
+        even = (count + 1) // 2
+        chosen = {places[(2 * k + 1) * len(places) // (2 * even)] for k in range(even)}
+        by_travel = sorted(places, key=lambda place: -_travel(result[place[0]], place[1]))
+        chosen |= set([place for place in by_travel if place not in chosen][: count - len(chosen)])
         dropped = set(places) - chosen
         result = [
             replace(
@@ -198,3 +203,8 @@ def thinned(stretches: Sequence[Stretch], longest: int) -> list[Stretch]:
             for n, stretch in enumerate(result)
         ]
     return result
+
+
+def _travel(stretch: Stretch, place: int) -> float:
+    window = stretch.windows[place]
+    return float(np.abs(stretch.motion.displacement[window.start : window.stop]).max())

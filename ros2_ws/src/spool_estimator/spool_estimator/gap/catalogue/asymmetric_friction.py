@@ -36,7 +36,7 @@ class AsymmetricFriction(Effect):
         half = float(np.clip(half, -0.9 * mean, 0.9 * mean))
         return {"forward_force": mean + half, "backward_force": mean - half}
 
-    def starts(self, values: Mapping[str, float]) -> list[dict[str, float]]:
+    def starts(self, values: Mapping[str, float], reach: float) -> list[dict[str, float]]:  # noqa: ARG002
         """Return a start to both sides: the regression does not see the difference."""
         mean = 0.5 * (values["forward_force"] + values["backward_force"])
         return [

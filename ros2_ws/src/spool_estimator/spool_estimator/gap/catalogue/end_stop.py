@@ -41,16 +41,14 @@ class EndStop(Effect):
             return None
         return {**shape, "stop_stiffness": float(coefficients[0]), "stop_dissipation": 0.3}
 
-    def starts(self, values: Mapping[str, float]) -> list[dict[str, float]]:
+    def starts(self, values: Mapping[str, float], reach: float) -> list[dict[str, float]]:
         """Return several contact laws: the regression smooths a contact that lasts few samples."""
-        gap, stiffness = values["stop_gap"], values["stop_stiffness"]
-        return [
-            {"stop_gap": share * gap, "stop_stiffness": factor * stiffness, "stop_dissipation": loss}
-            for share, factor, loss in (
-                (1.0, 1.0, 0.3), (1.0, 5.0, 0.3), (1.0, 30.0, 0.3), (1.02, 30.0, 2.0), (1.03, 100.0, 2.0),
-                (0.98, 5.0, 1.0), (1.05, 300.0, 1.0), (0.99, 100.0, 1.0), (0.97, 30.0, 0.3),
-            )
-        ]  # fmt: skip
+        return [dict(values)] + [
+            {"stop_gap": share * reach, "stop_stiffness": stiffness, "stop_dissipation": loss}
+            for share in (0.8, 0.87, 0.91, 0.94, 0.96, 0.98)
+            for stiffness in (6e4, 2e5, 6e5)
+            for loss in (0.5, 4.0, 12.0)
+        ]
 
     @property
     def amplitudes(self) -> tuple[str, ...]:

@@ -1,0 +1,144 @@
+"""Hypotheses and their fits by simulation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_sim.model import Model
+from spool_sim.terms import Parameter, term
+from spool_sim.valve import Valve
+
+from .descent import Fitted, Free, descend
+from .effect import Trial
+from .registry import EFFECTS
+from .result import GapSettings
+from .simulate import Point, Simulation
+from .stretches import Stretch
+
+Array = NDArray[np.float64]
+
+GAIN, DELAY = "spool_gain_error", "spool_delay"
+WIDE = {GAIN: 0.5, DELAY: 5e-3}
+
+
+@dataclass(slots=True)
+class Step:
+    """A hypothesis that was fitted by simulation.
+
+    Attributes:
+        effects: ids, in the order in which they were accepted.
+        fitted: on the training windows.
+        train, held: errors (model - measured) of each window, m/s^2, shape (1, n).
+        cost: weighed sum of squares over the held-out windows.
+        trials: signatures of its effects by id, for the regression.
+    """
+
+    effects: tuple[str, ...]
+    fitted: Fitted
+    train: list[Array]
+    held: list[Array]
+    cost: float = math.nan
+    trials: Mapping[str, Trial] = field(default_factory=dict)
+
+
+@dataclass(slots=True)
+class Fitting:
+    """What is fitted, and how, over one set of stretches.
+
+    Attributes:
+        stretches: with their windows.
+        simulation: of those windows.
+        base: model that effects are added to.
+        valve: gives what is held.
+        settings: tolerances.
+    """
+
+    stretches: Sequence[Stretch]
+    simulation: Simulation
+    base: Model
+    valve: Valve
+    settings: GapSettings
+
+    def terms_of(self, effects: Sequence[str]) -> tuple[str, ...]:
+        """Return the terms that are switched on."""
+        own = [name for entry in effects if entry in EFFECTS for name in EFFECTS[entry].terms]
+        return tuple(dict.fromkeys([*(entry.name for entry in self.base.terms), *own]))
+
+    def free_of(self, effects: Sequence[str], point: Point) -> list[Free]:
+        """Return what is fitted for ``effects``."""
+        found = []
+        for parameter in self.base.parameters:
+            if parameter.valve_attribute is None or parameter.name in (
+                "spring_stiffness",
+                "viscous_coefficient",
+            ):
+                start = max(abs(parameter.start_for(self.valve)), 1e-9)
+                found.append(Free(parameter.name, parameter.low, parameter.high, start))
+        for name in effects:
+            if name not in EFFECTS or not EFFECTS[name].terms:
+                continue
+            own = [p for entry in EFFECTS[name].terms for p in parameters_of(entry)]
+            for parameter in own:
+                if parameter.name not in EFFECTS[name].fitted:
+                    continue
+                value = abs(point.values.get(parameter.name, parameter.start))
+                if parameter.name == "force_frequency":
+                    seconds = max(stretch.record.duration for stretch in self.stretches)
+                    found.append(Free(parameter.name, 0.1, parameter.high, 0.05 / seconds, absolute=True))
+                elif parameter.name == "force_phase":
+                    found.append(Free(parameter.name, parameter.low, parameter.high, 0.5, absolute=True))
+                else:
+                    found.append(
+                        Free(parameter.name, parameter.low, parameter.high, value or parameter.start)
+                    )
+        for name, tolerance in ((GAIN, self.settings.gain_tolerance), (DELAY, self.settings.delay_tolerance)):
+            bound = WIDE[name] if name in effects else tolerance
+            found.append(Free(name, -bound, bound, 0.2 * tolerance, absolute=True))
+        return found
+
+    def fit(
+        self,
+        effects: tuple[str, ...],
+        starts: Sequence[Point],
+        *,
+        rounds: int = 6,
+        tries: int = 1,
+        enough: float = 2e-4,
+    ) -> Step:
+        """Return the hypothesis ``effects`` fitted from the best of ``starts``."""
+        free = self.free_of(effects, starts[0])
+        fitted = descend(self.simulation, starts, free, rounds=rounds, tries=tries, enough=enough)
+        return self.measured(Step(effects, fitted, [], []))
+
+    def measured(self, step: Step) -> Step:
+        """Return ``step`` with its errors on all windows."""
+        simulation = self.simulation
+        training, held = simulation.training, simulation.held_out
+        errors = simulation.errors([step.fitted.point], [*training, *held])
+        step.train, step.held = errors[: len(training)], errors[len(training) :]
+        self.score(step)
+        return step
+
+    def score(self, step: Step) -> None:
+        """Work out the held-out cost with the present weight."""
+        simulation = self.simulation
+        held = simulation.held_out
+        step.cost = float(simulation.cost(simulation.weigh(step.held, held), held)[0])
+
+    def nrmse(self, step: Step) -> float:
+        """Held out."""
+        return float(self.simulation.nrmse(step.held, self.simulation.held_out)[0])
+
+    def take_weight(self, step: Step) -> None:
+        """Weigh by what ``step`` leaves on the training windows, at least by the channels' noise."""
+        floor = [s.noise.spool * 0.5 for s in self.stretches]
+        self.simulation.take_weight(step.train, self.simulation.training, floor)
+
+
+def parameters_of(name: str) -> tuple[Parameter, ...]:
+    """Return the parameters of the term called ``name``."""
+    return term(name).parameters

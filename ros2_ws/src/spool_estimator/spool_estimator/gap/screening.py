@@ -1,0 +1,72 @@
+"""Which effects are worth simulating: what the regression says of each, beside what is already accepted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from .balance import Balance, Screened
+from .effect import Effect
+from .fitting import Step
+from .peaks import lines_beside_the_drive
+from .registry import EFFECTS
+from .stretches import Stretch
+
+#: Fall of the weighed sum of squares by the regression from which an effect is simulated.
+SCREENED = 25.0
+#: Hypotheses that are simulated in each step.
+SIMULATED = 7
+#: Share of the best one's fall that another one needs, and where the two are easily confused.
+NEAR, CONFUSED = 0.25, 0.05
+#: Laws of dry friction: of these a machine has one.
+FRICTIONS = frozenset(name for name in EFFECTS if name.endswith("_friction"))
+
+
+def balance_of(stretches: Sequence[Stretch], values: Mapping[str, float]) -> Balance:
+    """Return the regression over ``stretches`` whose noise is shaped by the base's numbers ``values``."""
+    return Balance(stretches, values["mass"], values["spring_stiffness"], values["viscous_coefficient"])
+
+
+def candidates(stretches: Sequence[Stretch], catalogue: Sequence[Effect], step: Step) -> list[Screened]:
+    """Return what the regression would add to ``step``, best first."""
+    values = step.fitted.point.values
+    balance = balance_of(stretches, values)
+    contained = {name for entry in step.effects for name in (entry, *EFFECTS[entry].replaces)}
+    effects = [entry for entry in catalogue if entry.id not in contained]
+    peaks = lines_beside_the_drive(stretches, values)
+    rough = _screened(balance, effects, step, peaks)
+    if not rough:
+        return []
+    balance.prepare([*step.trials.values(), rough[0].trial])
+    balance.reweigh()
+    return promising(_screened(balance, effects, step, peaks))
+
+
+def _screened(
+    balance: Balance, effects: Sequence[Effect], step: Step, peaks: tuple[float, ...]
+) -> list[Screened]:
+    """Return what the regression says about ``effects`` beside ``step``, or in place of its friction."""
+    own = [name for name in step.trials if name in FRICTIONS]
+    others = [entry for entry in effects if not (own and entry.id in FRICTIONS)]
+    balance.prepare([*step.trials.values()])
+    found = balance.screen(others, peaks)
+    if own:
+        present = balance.squares
+        balance.prepare([trial for name, trial in step.trials.items() if name not in own])
+        gone = balance.squares - present
+        instead = balance.screen([entry for entry in effects if entry.id in FRICTIONS], peaks)
+        found += [replace(entry, gain=entry.gain - gone) for entry in instead]
+    return sorted(found, key=lambda entry: -entry.gain)
+
+
+def promising(screened: Sequence[Screened]) -> list[Screened]:
+    """Return what is worth simulating: near the best by the regression, or confused with it."""
+    if not screened or screened[0].gain < SCREENED:
+        return []
+    best = screened[0]
+    found = []
+    for entry in screened:
+        near = entry.effect.id in best.effect.confused_with or best.effect.id in entry.effect.confused_with
+        if entry.gain >= max(SCREENED, (CONFUSED if near else NEAR) * best.gain):
+            found.append(entry)
+    return found[:SIMULATED]
