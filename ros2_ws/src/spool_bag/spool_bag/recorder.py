@@ -21,10 +21,11 @@ TOPICS = {
     "events": "spool_msgs/msg/HealthEvent",
     "valve": "spool_msgs/msg/ValveDescription",
     "refit": "spool_msgs/msg/WindowRefit",
+    "gap": "spool_msgs/msg/GapAnalysis",
     "oil_temperature": TEMPERATURE,
 }
 #: Topics that the suite's nodes offer latched.
-LATCHED = ("estimate", "health", "events", "valve", "refit")
+LATCHED = ("estimate", "health", "events", "valve", "refit", "gap")
 #: What makes a namespace a valve; an oil temperature alone may be anybody's.
 MARKS = ("acceleration", "estimate", "health", "events")
 

@@ -17,10 +17,12 @@ from spool_node.parameters import Parameter
 from spool_node.running import run
 from spool_sim.model import load_model
 from spool_sim.valve import Valve, find_valve
+from std_srvs.srv import Trigger
 
 from .estimate import Estimate, State
 from .estimator import EXPONENTIAL, FORGETTING, phase_of, settings_for
 from .estimators import ESTIMATORS, StreamEstimator, make_estimator
+from .gap_service import GapService
 from .messages import to_message, to_refit_message
 from .refit import RefitSettings, WindowRefits
 from .refit_worker import RefitWorker
@@ -59,6 +61,16 @@ class EstimatorNode(ManagedNode):
         Parameter("refit_period", 0.0, "Data time between refits, 0: none.", "s", 0.0, 3.6e3, read_only=True),
         Parameter("refit_window", 4.0, "Length of the refitted window.", "s", 2.0, 60.0, read_only=True),
         Parameter("refit_model", "coulomb", "Name of a model or path of a YAML file.", read_only=True),
+        Parameter(
+            "gap_growth", 1.5, "Residual over what is usual from which model_gap is raised.",
+            "1", 1.1, 100.0, read_only=True,
+        ),
+        Parameter(
+            "gap_window", 60.0, "How far ~/analyse_gap looks back.", "s", 6.0, 600.0, read_only=True,
+        ),
+        Parameter(
+            "gap_base", "fluid", "Model that ~/analyse_gap adds to: name or YAML file.", read_only=True,
+        ),
     )  # fmt: skip
 
     def __init__(self, namespace: str | None = None) -> None:
@@ -84,6 +96,10 @@ class EstimatorNode(ManagedNode):
         self._description_publisher = self.create_lifecycle_publisher(ValveDescription, "valve", qos.state())
         self._description = to_description(valve)
         self._configure_refits(valve)
+        base = load_model(self.value("gap_base"))
+        base.values_for(valve)
+        window, growth = self.value("gap_window"), self.value("gap_growth")
+        self._gap = GapService(self, valve, base, window=window, growth=growth)
         self._diagnostics = DiagnosticPublisher(self, valve.id)
 
     def _configure_refits(self, valve: Valve) -> None:
@@ -104,6 +120,9 @@ class EstimatorNode(ManagedNode):
         self.subscribe(Temperature, "oil_temperature", self._take_temperature, qos.samples_wanted())
         if self._worker is not None:
             self.every(0.05, self._collect, steady=True)
+        service = self.create_service(Trigger, "~/analyse_gap", self._gap.answer)
+        self._while_active.append(lambda: self.destroy_service(service))
+        self.every(0.1, self._gap.collect, steady=True)
         self.every(0.25, self._watch, steady=True)
         self.every(1.0, self._report, steady=True)
 
@@ -112,6 +131,7 @@ class EstimatorNode(ManagedNode):
         self.destroy_publisher(self._publisher)
         self.destroy_publisher(self._description_publisher)
         self._diagnostics.destroy()
+        self._gap.close()
         if self._worker is not None:
             self._worker.close()
             self.destroy_publisher(self._refit_publisher)
@@ -126,6 +146,7 @@ class EstimatorNode(ManagedNode):
             self._arrival = time.monotonic()
         for estimate in estimates:
             self._publisher.publish(to_message(estimate, self._valve_id))
+        self._gap.take(block, estimates)
         if self._refits is not None and self._worker is not None:
             for task in self._refits.update(block, estimates):
                 self._worker.offer(task)

@@ -22,6 +22,8 @@ GRAVITY = 9.80665
 EXCITED = 5.0
 #: Samples per period of the natural frequency below which a record is too coarse.
 SAMPLES_PER_PERIOD = 25.0
+#: Sample rate over the highest frequency of the drive below which a record is too coarse.
+LEAST_RATE = 3.0
 #: Cosine of the angle to the transfer expected, median over frequency, below which a sign must be wrong.
 OPPOSITE = -0.7
 
@@ -95,7 +97,7 @@ def judge(record: Record, valve: Valve) -> tuple[list[str], bool]:
             f"{record.name}: spool shows only noise ({spool:.3g} m/s^2) while body moves with {body:.3g}: "
             "is its sensor dead, or not mounted?"
         )
-    if record.sample_rate < 5.0 * noise.high:
+    if record.sample_rate < LEAST_RATE * noise.high:
         raise InputError(
             f"{record.name}: {record.sample_rate:g} Hz is too slow for a natural frequency of "
             f"{natural:.1f} Hz driven up to {min(noise.high, 0.5 * record.sample_rate):.0f} Hz: "

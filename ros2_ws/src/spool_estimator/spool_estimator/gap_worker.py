@@ -1,0 +1,142 @@
+"""Analysis of the model gap beside a live stream: the last minutes, in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import signal
+from collections import deque
+from collections.abc import Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from dataclasses import dataclass, field
+
+from spool_sim.model import Model
+from spool_sim.valve import Valve
+from spool_stream.block import Block
+from spool_stream.errors import InputError
+
+from .record import Record, records_from_blocks
+
+#: The worker gives way to the stream where processors are short.
+NICENESS = 10
+
+
+@dataclass(slots=True)
+class RecentBlocks:
+    """The last ``seconds`` s of one valve's blocks, as received.
+
+    Attributes:
+        seconds: that are kept.
+        stamp: ns, of the newest sample; 0 before any.
+    """
+
+    seconds: float
+    stamp: int = field(default=0, init=False)
+    _kept: deque[Block] = field(default_factory=deque, init=False)
+    _duration: float = field(default=0.0, init=False)
+
+    def take(self, block: Block) -> None:
+        """Keep ``block`` and forget what is too old."""
+        if block.body.size < 1 or not block.sample_period > 0.0:
+            return
+        self._kept.append(block)
+        self._duration += block.body.size * block.sample_period
+        self.stamp = block.end - round(block.sample_period * 1e9)
+        while self._duration > self.seconds and len(self._kept) > 1:
+            oldest = self._kept.popleft()
+            self._duration -= oldest.body.size * oldest.sample_period
+
+    def records(self, name: str) -> list[Record]:
+        """Return what is kept as stretches without gaps."""
+        return records_from_blocks(self._kept, name)
+
+
+@dataclass(frozen=True, slots=True)
+class GapTask:
+    """Records on their way to an analysis; ``stamp`` (ns) is that of the newest sample."""
+
+    records: Sequence[Record]
+    valve: Valve
+    base: Model
+    stamp: int
+
+
+@dataclass(frozen=True, slots=True)
+class GapAnswer:
+    """What an analysis said; fields as in ``GapAnalysis``, ``done`` where there is a verdict."""
+
+    stamp: int
+    done: bool
+    sentence: str
+    duration: float
+    verdict: str = ""
+    confidence: float = float("nan")
+    json: str = ""
+
+
+def analyse_task(task: GapTask) -> GapAnswer:
+    """Return the analysis of ``task``; a record that cannot be analysed is an answer with a reason."""
+    from .gap.analyse import analyse  # noqa: PLC0415 - loaded in the worker only
+
+    seconds = sum(record.duration for record in task.records)
+    try:
+        found = analyse(task.records, task.valve, task.base)
+    except InputError as error:
+        return GapAnswer(task.stamp, False, str(error), seconds)
+    text = json.dumps(found.to_dict(), allow_nan=False)
+    return GapAnswer(task.stamp, True, found.sentence, seconds, found.verdict, found.confidence, text)
+
+
+class GapWorker:
+    """Analyse in a process that lives from the first request on; one analysis at a time."""
+
+    def __init__(self) -> None:
+        """Start nothing yet."""
+        self._pool: ProcessPoolExecutor | None = None
+        self._running: Future[GapAnswer] | None = None
+        self._task: GapTask | None = None
+
+    @property
+    def busy(self) -> bool:
+        """Whether an answer is still to come, or to be collected."""
+        return self._running is not None
+
+    def offer(self, task: GapTask) -> bool:
+        """Begin to analyse ``task``; return whether that began. Never waits."""
+        if self.busy:
+            return False
+        if self._pool is None:
+            # A fork of a process with threads may inherit a lock that nobody will open.
+            context = multiprocessing.get_context("spawn")
+            self._pool = ProcessPoolExecutor(1, context, initializer=_begin)
+        self._task = task
+        self._running = self._pool.submit(analyse_task, task)
+        return True
+
+    def collect(self) -> GapAnswer | None:
+        """Return the answer that has come since, ``None`` without one; never waits."""
+        if self._running is None or self._task is None or not self._running.done():
+            return None
+        running, task = self._running, self._task
+        self._running = self._task = None
+        error = running.exception()
+        if error is None:
+            return running.result()
+        self.close()
+        seconds = sum(record.duration for record in task.records)
+        return GapAnswer(
+            task.stamp, False, f"the analysis broke off: {type(error).__name__}: {error}", seconds
+        )
+
+    def close(self) -> None:
+        """End the process; what it is analysing is lost."""
+        if self._pool is not None:
+            self._pool.shutdown(wait=False, cancel_futures=True)
+        self._pool = self._running = self._task = None
+
+
+def _begin() -> None:
+    """Leave Ctrl-C to the parent, which ends the worker."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.nice(NICENESS)
