@@ -79,7 +79,7 @@ def test_diagnostics_follow_the_rules(valve: Valve) -> None:
     ("name", "value", "reason"),
     [
         ("drift_quantity", "colour", "'colour' is not one of none, viscous_coefficient"),
-        ("drift_target", -1.0, "drift_target"),
+        ("drift_target", -100.0, "drift_target"),
         ("drift_duration", 1e9, "drift_duration"),
         ("drift_quantity", 3, "expected 'Type.STRING'"),
         ("sample_rate", 4000.0, "read-only"),
