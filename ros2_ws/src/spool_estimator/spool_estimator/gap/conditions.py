@@ -113,7 +113,7 @@ def judge(record: Record, valve: Valve) -> tuple[list[str], bool]:
         )
         return warnings, False
     trusted = True
-    text = unit_or_exchange(ratio, frequency, low, valve)
+    text = unit_or_exchange(ratio, frequency, valve)
     if text:
         raise InputError(f"{record.name}: {text}")
     if not low.any() and frequency.size and float(frequency.min()) > 1.3 * natural:
@@ -139,7 +139,7 @@ def transfer(record: Record, noise: Noise) -> tuple[Array, Array, Array]:
     return ratio, coherence, frequency[driven]
 
 
-def unit_or_exchange(ratio: Array, frequency: Array, low: NDArray[np.bool_], valve: Valve) -> str:
+def unit_or_exchange(ratio: Array, frequency: Array, valve: Valve) -> str:
     """Return what is wrong with units or channels, or an empty string.
 
     Judged by the transfer that the valve's description gives: spool over body, with its sign.
@@ -147,19 +147,18 @@ def unit_or_exchange(ratio: Array, frequency: Array, low: NDArray[np.bool_], val
     if frequency.size < 4:
         return ""
     expected = expected_transfer(frequency, valve)
-    weight = 1.0 / np.maximum(np.abs(expected), 0.2)
 
     def distance(candidate: Array) -> float:
         return float(np.median(np.abs(np.log(np.maximum(np.abs(ratio), 1e-9) / np.abs(candidate)))))
 
-    del weight, low
     plain = distance(expected)
-    for factor, text in (
-        (GRAVITY, "spool reads 9.81 times too much: is body in g instead of m/s^2?"),
-        (1.0 / GRAVITY, "spool reads 9.81 times too little: is spool in g instead of m/s^2?"),
-    ):
-        if distance(factor * expected) < 0.35 * plain and plain > 1.3 and abs(math.log(factor)) > 1.0:
-            return text
+    # A unit is wrong at all frequencies alike; strong springs and friction bend the ratio at some.
+    sizes = np.log(np.maximum(np.abs(ratio), 1e-9) / np.abs(expected)) / math.log(GRAVITY)
+    low_size, high_size = np.quantile(sizes, [0.25, 0.75]).tolist()
+    if low_size > 0.5 and distance(GRAVITY * expected) < 0.35 * plain:
+        return "spool reads 9.81 times too much: is body in g instead of m/s^2?"
+    if high_size < -0.5 and distance(expected / GRAVITY) < 0.35 * plain:
+        return "spool reads 9.81 times too little: is spool in g instead of m/s^2?"
     if float(np.median(np.cos(np.angle(ratio / expected)))) < OPPOSITE:
         return "body and spool have opposite signs: one sensor is turned round: change the sign of its column"
     inverse = 1.0 / expected
