@@ -88,7 +88,7 @@ class DriftDetector:
     condition: Condition = field(init=False)
 
     def __post_init__(self) -> None:
-        self.condition = Condition(self.kind, self.on_delay, self.off_delay)
+        self.condition = Condition(self.kind, self.on_delay, self.off_delay, self.parameter)
         self.change = Quantity(f"{self.parameter}_change", "1")
 
     def update(self, estimate: Estimate) -> list[Event]:

@@ -125,7 +125,9 @@ class Monitor:
                 "spring_stiffness", "spring_change", settings.stiffness_change, True, ("softer", "stiffer")
             ),
         )
-        self._stale = {source: Condition("stale", 0.0, 0.0) for source in ("acceleration", "estimate")}
+        self._stale = {
+            source: Condition("stale", 0.0, 0.0, source) for source in ("acceleration", "estimate")
+        }
         self._data_fault = Condition("data_fault", 0.0, 5.0)
 
     def update(self, block: Block) -> list[Event]:
@@ -182,10 +184,18 @@ class Monitor:
         self.settings = replace(self.settings, natural_frequency=frequency)
 
     @property
+    def conditions(self) -> tuple[Condition, ...]:
+        """All that can be raised, each under a name of its own; a restart restores those that were."""
+        return (*self._judged, *self._stale.values())
+
+    @property
+    def _judged(self) -> list[Condition]:
+        return [self.resonance.condition, self._data_fault, *(drift.condition for drift in self.drifts)]
+
+    @property
     def health(self) -> Health:
         """The present judgement."""
-        conditions = [self.resonance.condition, self._data_fault, *(drift.condition for drift in self.drifts)]
-        active = [condition for condition in conditions if condition.active is not None]
+        active = [condition for condition in self._judged if condition.active is not None]
         stale = [source for source, condition in self._stale.items() if condition.active is not None]
         # Who joins a dead valve late hears the held estimate and no silence that could be timed.
         held = self.estimate is not None and self.estimate.state is State.STALE
