@@ -20,19 +20,22 @@ class BaselineStage(enum.Enum):
 class HealthyValue:
     """One parameter of the healthy valve, in ``unit``.
 
-    ``value`` is what is compared with (the median), ``mean`` and ``standard_deviation`` those of ``count``
-    valid estimates; ``correlation`` is the lag-1 autocorrelation of their series (NaN: not determined),
-    without which a false-alarm rate can't be stated. ``referred`` says that it holds at one oil temperature.
+    ``value`` is what is compared with (the median), ``spread`` the robust standard deviation around it;
+    ``mean`` and ``standard_deviation`` are those of the ``count`` valid estimates. ``correlation`` is that of
+    neighbouring ones (NaN: not determined), without which no false-alarm rate can be stated. ``referred`` says
+    that it holds at one oil temperature, ``temperature`` (deg C, NaN: not measured) is where it was learned.
     """
 
     name: str
     unit: str
     value: float
+    spread: float
     mean: float
     standard_deviation: float
     count: int
     correlation: float = math.nan
     referred: bool = False
+    temperature: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ from spool_stream.block import Block
 from spool_stream.block_gate import BlockGate, Verdict
 from spool_stream.quantity import Quantity, Validity
 
+from .alarm_code import Namur, namur
 from .drift import Baseline, DriftDetector
 from .event import Condition, Event, EventState, Severity
 from .resonance import ResonanceDetector
@@ -73,6 +74,7 @@ class Health:
     natural_frequency: Quantity
     viscous_drift: Quantity
     coulomb_drift: Quantity
+    namur: Namur = Namur.UNKNOWN
 
 
 @dataclass(slots=True)
@@ -224,6 +226,7 @@ class Monitor:
             natural_frequency=self._natural_frequency,
             viscous_drift=viscous.change,
             coulomb_drift=coulomb.change,
+            namur=_namur(level, baseline, [one for one in self.conditions if one.active is not None]),
         )
 
     @property
@@ -268,6 +271,15 @@ class Monitor:
             quantity=Quantity("faulty_blocks", "1", float(faults), validity=Validity.VALID),
             message=f"{self.gate.lost} blocks lost, {self.gate.refused} refused since the start",
         )
+
+
+def _namur(level: Level, baseline: BaselineState, active: list[Condition]) -> Namur:
+    """Return the worst status that applies; what is still being learned is a function check."""
+    if level is Level.UNKNOWN:
+        return Namur.UNKNOWN
+    learning = Namur.NORMAL if baseline is BaselineState.FROZEN else Namur.FUNCTION_CHECK
+    silent = Namur.FAILURE if level is Level.STALE else Namur.NORMAL
+    return max(learning, silent, *(namur(one.kind, one.cause) for one in active), Namur.NORMAL)
 
 
 def _seconds(value: float) -> Quantity:
