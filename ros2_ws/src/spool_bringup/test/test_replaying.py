@@ -151,6 +151,6 @@ def test_the_time_of_the_baseline_reaches_the_monitor(
 ) -> None:
     reader = BagReader(make_bag(tmp_path / "bag", {"a": recorded(seconds=8.0)}))
     short, long = (replay_valve(reader, "a", SOFT, baseline_time=time) for time in (3.0, None))
-    assert short.monitor.drifts[0].baseline.frozen
-    assert not long.monitor.drifts[0].baseline.frozen
+    assert short.monitor.detection.parameters["coulomb_force"].baseline.frozen
+    assert not long.monitor.detection.parameters["coulomb_force"].baseline.frozen
     assert math.isfinite(short.monitor.health.viscous_drift.value)

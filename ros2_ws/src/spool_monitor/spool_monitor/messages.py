@@ -10,6 +10,7 @@ from spool_node.messages import to_quantity, to_time
 
 from .alarm import Alarm
 from .alarm_code import code
+from .detectors import JUDGEMENT_TEXTS
 from .event import Event
 from .monitor import Health
 
@@ -50,6 +51,7 @@ def to_health_message(health: Health, valve_id: str) -> ValveHealth:
         baseline=int(health.baseline),
         summary=health.summary,
         active=list(health.active),
+        judgements=[f"{name}: {JUDGEMENT_TEXTS[judgement]}" for name, judgement in health.judgements],
         namur=int(health.namur),
         **{name: to_quantity(getattr(health, name)) for name in _QUANTITIES},
     )

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
+from spool_monitor.detectors import Judgement
 from spool_monitor.event import Event, EventState, Severity
 from spool_monitor.messages import to_event_message, to_health_message
 from spool_monitor.monitor import BaselineState, Health, Level, Monitor, MonitorSettings
@@ -73,12 +74,14 @@ def test_health_goes_through_its_message_with_every_field() -> None:
         baseline=BaselineState.FROZEN,
         summary="resonance",
         active=("resonance", "friction_drift"),
+        judgements=(("resonance", Judgement.JUDGED), ("friction_drift", Judgement.NOT_EXCITED)),
         **quantities,
     )
     message = deserialize_message(serialize_message(to_health_message(health, "valve")), ValveHealth)
     assert message.level == ValveHealth.LEVEL_WARNING
     assert message.baseline == ValveHealth.BASELINE_FROZEN
     assert (message.summary, list(message.active)) == ("resonance", ["resonance", "friction_drift"])
+    assert list(message.judgements) == ["resonance: judged", "friction_drift: not enough excitation"]
     for name, quantity in quantities.items():
         assert getattr(message, name).value == quantity.value
         assert getattr(message, name).name == name

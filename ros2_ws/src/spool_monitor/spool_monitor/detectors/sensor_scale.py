@@ -1,0 +1,62 @@
+"""A mis-scaled channel: the ratio of the sensitivities has changed."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from spool_stream.quantity import Quantity, Validity
+
+from ..diagnosis import advice
+from ..event import Severity
+from .base import Detector, Finding, Judgement, Moment
+
+#: Standard deviations that a change must exceed, and the largest share of it that a deviation may be.
+SIGNIFICANCE, UNCERTAIN = 5.0, 0.6
+
+#: Gain that no healthy pair has, whatever was learned.
+ABSURD = 0.35
+
+
+class SensorScale(Detector):
+    """Judge the gain that the response needs besides stiffness and damping.
+
+    Well below resonance the spool follows its body whatever spring and friction do, so the gain shows there.
+    Without such vibration nothing can tell, and it is not judged.
+    """
+
+    name = "sensor_scale"
+    kind = "sensor_fault"
+    rank = 4
+    on_delay: ClassVar[float] = 2.0
+
+    def update(self, moment: Moment) -> Finding | None:
+        """Judge the response of ``moment``, if there is a new one."""
+        if moment.signals is None:
+            return None
+        if moment.distrust:
+            self.judgement, self.suspicious = Judgement.NOT_JUDGED, ""
+            return None
+        response, limit = moment.response, self.settings.gain_change
+        shaken = moment.signals.body.rms >= self.settings.minimum_body
+        if response is None or not shaken or response.gain_deviation > UNCERTAIN * limit:
+            self.judgement = Judgement.NOT_EXCITED
+            self.suspicious = ""
+            return None
+        start = moment.learned["channel_gain"]
+        reference = start.value if start.frozen else 1.0
+        # A spool that sticks at times is not linear, which a gain explains in part.
+        limit = (max(limit, SIGNIFICANCE * start.spread) if start.frozen else ABSURD) + 0.3 * response.misfit
+        change = response.gain / reference - 1.0
+        self.judgement = Judgement.JUDGED if start.frozen else Judgement.LEARNING
+        if not start.frozen and abs(change) < ABSURD:
+            start.learn(moment.stamp, response.gain)
+        self.suspicious = "the ratio of the channels has changed" if abs(change) > 0.8 * limit else ""
+        return Finding(
+            moment.stamp,
+            Severity.ALARM if abs(change) > limit else None,
+            abs(change) < 0.6 * limit,
+            "scale",
+            Quantity("gain_change", "1", change, response.gain_deviation, Validity.VALID),
+            f"the spool's accelerometer reads {100.0 * change:+.0f} % against the body's"
+            + advice(self.kind, "scale"),
+        )
