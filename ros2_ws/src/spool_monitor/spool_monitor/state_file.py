@@ -117,6 +117,11 @@ def default_folder() -> Path:
     return (Path(base) if Path(base).is_absolute() else Path.home() / ".local" / "state") / "spool"
 
 
+def valve_folder(base: Path, namespace: str) -> Path:
+    """Return the folder of the valve in ``namespace`` (``/press/left``) below ``base``."""
+    return base.joinpath(*(part for part in namespace.split("/") if part not in ("", ".", ".."))) / "monitor"
+
+
 def _read(path: Path) -> tuple[int, Any]:
     whole = json.loads(path.read_text(encoding="utf-8"))
     if not isinstance(whole, dict) or not {"format", "sequence", "sha256", "content"} <= set(whole):
