@@ -97,18 +97,18 @@ class AlarmDesk:
         current = self._state.baseline.current
         values: dict[str, object] = {
             "NE 107": f"{namur.letter} {namur.name.lower().replace('_', ' ')}".strip(),
-            "active [1]": sum(alarm.active for alarm in shown),
-            "waiting for an operator [1]": len(waiting),
-            "latched [1]": sum(alarm.latched for alarm in shown),
-            "shelved [1]": states.count(AlarmState.SHELVED),
-            "suppressed [1]": states.count(AlarmState.SUPPRESSED),
-            "out of service [1]": states.count(AlarmState.OUT_OF_SERVICE),
+            "active": sum(alarm.active for alarm in shown),
+            "waiting for an operator": len(waiting),
+            "latched": sum(alarm.latched for alarm in shown),
+            "shelved": states.count(AlarmState.SHELVED),
+            "suppressed": states.count(AlarmState.SUPPRESSED),
+            "out of service": states.count(AlarmState.OUT_OF_SERVICE),
             "baseline": f"version {current.version} {current.stage.value}" if current else "learning",
             "kept over a restart": "yes" if self._state.writable else "no",
         }
         if trends is not None:
-            values["travel since the start [m]"] = trends.travel.travel
-            values["reversals since the start [1]"] = trends.travel.reversals
+            values["travel since the start (m)"] = trends.travel.travel
+            values["reversals since the start"] = trends.travel.reversals
         return Status("alarms", level, text, values)
 
     def watch(self) -> None:

@@ -232,10 +232,10 @@ class MonitorNode(ManagedNode):
         elif gate.lost + gate.refused:
             level = Level.WARNING
         counts = {
-            "blocks used [1]": gate.accepted,
-            "blocks lost [1]": gate.lost,
-            "blocks refused [1]": gate.refused,
-            **{f"fault: {fault.value} [1]": count for fault, count in gate.faults.items()},
+            "blocks used": gate.accepted,
+            "blocks lost": gate.lost,
+            "blocks refused": gate.refused,
+            **{f"fault: {fault.value}": count for fault, count in gate.faults.items()},
         }
         return Status("data", level, text, {**counts, **sensors.values})
 
