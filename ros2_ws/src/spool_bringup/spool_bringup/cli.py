@@ -182,6 +182,23 @@ def paper(
 
 
 @app.command()
+def study(
+    what: Annotated[str, typer.Argument(help="Which one: monitor.")],
+    cases: Annotated[int, typer.Option(help="Scenarios of 3 minutes, every kind in turn.")] = 100,
+    hours: Annotated[int, typer.Option(help="Healthy hours on top, for the false alarms.")] = 0,
+    seed: Annotated[int, typer.Option(help="What the scenarios are drawn from.")] = 1,
+    out: Annotated[Path, typer.Option(help="Folder for table and outcomes.")] = Path("spool_study"),
+) -> None:
+    """Show the monitor scenarios whose truth is known; write detection rate, delay and false alarms by kind.
+
+    Example: ./spool study monitor --cases 20 --seed 3 --out my_study
+    """
+    from .study import run_study  # noqa: PLC0415
+
+    run_study(what, cases, hours, seed, out)
+
+
+@app.command()
 def bench(
     what: Annotated[str | None, typer.Argument(help="Which one; default: all there are.")] = None,
     json: JsonFile = None,

@@ -26,7 +26,7 @@ USUAL_DAMPING = 0.25
 LEARNED = ("channel_gain", "body_mean", "spool_mean")
 
 #: Change of stiffness that dry friction can feign, each in units of what matters.
-STICKING = 0.3
+STICKING = 0.5
 
 #: Rank of what judges parameters.
 PARAMETERS = 9
@@ -58,6 +58,7 @@ class Detection:
     line: Line | None = field(default=None, init=False)
     _suspicions: dict[str, tuple[int, int, str]] = field(default_factory=dict, init=False)
     _memory: float = field(default=4.0, init=False)
+    _velocity: float = field(default=math.nan, init=False)
     _stamp: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
@@ -133,6 +134,8 @@ class Detection:
 
     def _show_signals(self, signals: Signals, natural_frequency: float) -> list[Event]:
         shaken = signals.body.rms >= self.settings.minimum_body
+        if shaken:
+            self._velocity = signals.relative_velocity
         response = self.response.update(signals, self.usual) if shaken else None
         if not shaken:
             self.response.restart()
@@ -167,7 +170,7 @@ class Detection:
     ) -> Moment:
         return Moment(
             stamp, natural_frequency, self.usual, self.parameters, self.learned,
-            line, silent, signals, None, estimate,
+            line, silent, signals, None, estimate, self._velocity,
         )  # fmt: skip
 
     def _show(self, moment: Moment) -> list[Event]:

@@ -55,6 +55,12 @@ class Signals:
         return math.sqrt(max(0.0, float(power.sum())))
 
     @property
+    def relative_velocity(self) -> float:
+        """Velocity of the spool in the body within the band, m/s rms."""
+        power = self.spool_power + self.body_power - 2.0 * self.cross.real
+        return math.sqrt(max(0.0, float(np.sum(power / (2.0 * math.pi * self.frequency) ** 2))))
+
+    @property
     def dissipation(self) -> float:
         """Damping, 1/s, that the energy of the relative motion shows: power Re(S conj(V)) over -abs(V)^2.
 

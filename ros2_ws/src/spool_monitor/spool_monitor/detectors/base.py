@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
@@ -64,6 +65,7 @@ class Moment:
         usual: the last response that nothing spoke against, or the configured one.
         estimate: the estimator's parameters.
         natural_frequency: Hz, as estimated or as configured.
+        velocity: of the spool in the body, m/s rms, last seen.
         distrust: why parameters can't be judged now, empty where they can.
         parameters: tests of the parameters, by name.
         learned: start values of what the channels show, by name.
@@ -80,6 +82,7 @@ class Moment:
     signals: Signals | None = None
     response: Response | None = None
     estimate: Estimate | None = None
+    velocity: float = math.nan
     distrust: str = ""
 
 

@@ -26,7 +26,7 @@ class FrictionDrift(Detector):
         levels = [one.level for one in (viscous, coulomb) if one.level is not None]
         indicated: Severity | None = max(levels, default=None)
         celsius = moment.estimate.oil_temperature.value
-        causes = rank_friction(viscous, coulomb, celsius - viscous.temperature)
+        causes = rank_friction(viscous, coulomb, moment.velocity, celsius - viscous.temperature)
         leading = coulomb if causes[0].name in ("oil_contamination", "unknown") else viscous
         others = ", or ".join(
             f"{cause.name.replace('_', ' ')} ({100.0 * cause.share:.0f} %): {cause.evidence}"

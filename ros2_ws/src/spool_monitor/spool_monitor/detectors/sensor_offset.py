@@ -33,6 +33,9 @@ class SensorOffset(Detector):
         signals = moment.signals
         if signals is None:
             return None
+        if moment.distrust:
+            self.judgement = Judgement.NOT_JUDGED
+            return None
         for name, channel in (("body", signals.body), ("spool", signals.spool)):
             old = self._means[name]
             self._means[name] = channel.mean if math.isnan(old) else old + (channel.mean - old) / SMOOTHING
