@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import re
 import signal
+import subprocess
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
+from spool_bag.reader import BagReader
+from spool_bringup.processes import find_executable
 from spool_msgs.msg import Alarm, AlarmList, HealthEvent, ValveHealth
 from spool_msgs.srv import AcknowledgeAlarm, ManageBaseline, ResetAlarms, ShelveAlarm, SuppressAlarm
 
@@ -157,6 +162,54 @@ def test_a_monitor_works_where_nothing_can_be_kept(system: System, folder: str) 
     system.until(lambda: health.heard and health.last.level == ValveHealth.LEVEL_OK, "data are judged")
     assert monitor.end(signal.SIGINT) == 0
     assert monitor.said.count("can't be written") == (0 if folder == "none" else 1)
+
+
+def spool(system: System, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run the command line in the system's domain."""
+    return subprocess.run(
+        [str(find_executable("spool_bringup", "spool")), *arguments],
+        env={**os.environ, "ROS_DOMAIN_ID": str(system.domain_id)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
+def test_an_operator_works_from_a_terminal_and_the_alarm_keeps_its_surroundings(
+    system: System, tmp_path: Path
+) -> None:
+    alarms = system.listen(AlarmList, "/valve_1/alarms", latched=True)
+    folder = tmp_path / "snapshots"
+    recorder = system.start(
+        "recorder", namespace="", output=tmp_path / "bag", valves="[valve_1]",
+        snapshot_folder=folder, snapshot_before=5.0, snapshot_after=1.0,
+    )  # fmt: skip
+    simulator, _, _ = valve(system)
+    system.until(lambda: alarms.heard, "the monitor shows its alarms")
+    assert spool(system, "alarm", "list", "valve_1").returncode == 0
+    stop_data(system, simulator, alarms)
+    listed = spool(system, "alarm", "list", "valve_1")
+    assert listed.returncode == 1
+    assert SILENCE in listed.stdout
+    done = spool(system, "alarm", "acknowledge", "valve_1", SILENCE, "--who", "Eva")
+    assert (done.returncode, done.stdout.strip()) == (0, f"valve_1: {SILENCE}")
+    system.until(lambda: state(alarms) == Alarm.STATE_ACKNOWLEDGED, "it is acknowledged")
+    again = spool(system, "alarm", "acknowledge", "valve_1", SILENCE, "--who", "Eva")
+    assert again.returncode == 2
+    assert again.stderr.strip().endswith("no acknowledgement is due, Eva has done it")
+    assert "Traceback" not in again.stderr
+    # The recorder's own words say that the bag is complete.
+    system.until(lambda: "snapshot " in recorder.said, "the alarm's surroundings are kept")
+    (bag,) = folder.iterdir()
+    assert bag.name.startswith("valve_1_stale_")
+    reader = BagReader(bag)
+    assert len(list(reader.blocks("valve_1"))) > 50
+    kinds = [one.kind for one in reader.messages("/valve_1/events")]
+    assert "stale" in kinds
+    replayed = spool(system, "replay", str(bag))
+    assert replayed.returncode == 0, replayed.stderr
+    assert "valve_1" in replayed.stdout
 
 
 # By the rules of the standard tools: REP 107 and what diagnostic_aggregator and rqt show.

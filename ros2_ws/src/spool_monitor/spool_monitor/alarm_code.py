@@ -39,7 +39,14 @@ ALARMS: MappingProxyType[str, dict[str, tuple[int, Namur]]] = MappingProxyType(
         "spring_change": {"": (300, _M), "softer": (301, _M), "stiffer": (302, _M)},
         "stuck_spool": {"": (400, _F)},
         "model_gap": {"": (500, _S)},
-        "sensor_fault": {"": (600, _F)},
+        "sensor_fault": {
+            "": (600, _F),
+            "dead": (601, _F),
+            "clipping": (602, _F),
+            "offset": (603, _F),
+            "swapped": (604, _F),
+            "scale": (605, _F),
+        },
         "data_fault": {"": (700, _S)},
         "stale": {"": (800, _F), "acceleration": (801, _F), "estimate": (802, _F)},
     }

@@ -312,6 +312,8 @@ def test_codes_are_stable_and_tell_alarms_apart() -> None:
     )] == [100, 200, 300, 400, 500, 600, 700, 800]  # fmt: skip
     drift = ("wear", "oil_contamination", "oil_viscosity", "unknown")
     assert [code("friction_drift", cause) for cause in drift] == [201, 202, 203, 204]
+    faults = ("dead", "clipping", "offset", "swapped", "scale")
+    assert [code("sensor_fault", cause) for cause in faults] == [601, 602, 603, 604, 605]
     assert (code("spring_change", "softer"), code("spring_change", "stiffer")) == (301, 302)
     assert (code("stale", "acceleration"), code("stale", "estimate")) == (801, 802)
     assert code("resonance", "whatever") == 100
