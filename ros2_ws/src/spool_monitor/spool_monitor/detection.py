@@ -28,6 +28,9 @@ LEARNED = ("channel_gain", "body_mean", "spool_mean")
 #: Change of stiffness that dry friction can feign, each in units of what matters.
 STICKING = 0.5
 
+#: Dry friction over rms inertia force from which a spool sticks too much to tell its stiffness.
+STICKS = 0.55
+
 #: Rank of what judges parameters.
 PARAMETERS = 9
 
@@ -128,8 +131,11 @@ class Detection:
         # A spool that sticks more of the time also looks as if it had another spring.
         dry = max(0.0, self.parameters["coulomb_force"].share)
         self.parameters["spring_stiffness"].tolerance = STICKING * dry
-        for parameter in self.parameters.values():
-            parameter.update(estimate, distrust=distrust)
+        for name, parameter in self.parameters.items():
+            if name == "spring_stiffness" and _sticks(estimate):
+                parameter.judged = False
+            else:
+                parameter.update(estimate, distrust=distrust)
         return self._show(self._moment(estimate.stamp, natural_frequency, estimate=estimate))
 
     def _show_signals(self, signals: Signals, natural_frequency: float) -> list[Event]:
@@ -201,6 +207,13 @@ class Detection:
             quantity=finding.quantity,
             message=finding.message,
         )
+
+
+def _sticks(estimate: Estimate) -> bool:
+    """Whether dry friction holds the spool for so long that little is seen of its spring."""
+    natural = 2.0 * math.pi * estimate.natural_frequency.value
+    mass = estimate.parameter("spring_stiffness").value / natural**2
+    return estimate.parameter("coulomb_force").value > STICKS * mass * estimate.excitation.value
 
 
 def configured(natural_frequency: float) -> Response:

@@ -13,6 +13,9 @@ from .base import Detector, Finding, Judgement, Moment
 #: Standard deviations that a change must exceed, and the largest share of it that a deviation may be.
 SIGNIFICANCE, UNCERTAIN = 5.0, 0.6
 
+#: Standard deviations from which a large change is suspicious, however imprecise.
+DOUBTFUL = 3.0
+
 #: Gain that no healthy pair has, whatever was learned.
 ABSURD = 0.35
 
@@ -38,25 +41,33 @@ class SensorScale(Detector):
             return None
         response, limit = moment.response, self.settings.gain_change
         shaken = moment.signals.body.rms >= self.settings.minimum_body
-        if response is None or not shaken or response.gain_deviation > UNCERTAIN * limit:
-            self.judgement = Judgement.NOT_EXCITED
-            self.suspicious = ""
+        if response is None or not shaken:
+            self._untold()
             return None
         start = moment.learned["channel_gain"]
         reference = start.value if start.frozen else 1.0
+        precise = response.gain_deviation <= UNCERTAIN * limit
         # A spool that sticks at times is not linear, which a gain explains in part.
         limit = (max(limit, SIGNIFICANCE * start.spread) if start.frozen else ABSURD) + 0.3 * response.misfit
         change = response.gain / reference - 1.0
+        apart = abs(change) * reference / response.gain_deviation
+        if not precise and (apart < DOUBTFUL or abs(change) < limit):
+            self._untold()
+            return None
         self.judgement = Judgement.JUDGED if start.frozen else Judgement.LEARNING
-        if not start.frozen and abs(change) < ABSURD:
+        if not start.frozen and precise and abs(change) < ABSURD:
             start.learn(moment.stamp, response.gain)
         self.suspicious = "the ratio of the channels has changed" if abs(change) > 0.8 * limit else ""
         return Finding(
             moment.stamp,
-            Severity.ALARM if abs(change) > limit else None,
+            Severity.ALARM if abs(change) > limit and apart > SIGNIFICANCE else None,
             abs(change) < 0.6 * limit,
             "scale",
             Quantity("gain_change", "1", change, response.gain_deviation, Validity.VALID),
             f"the spool's accelerometer reads {100.0 * change:+.0f} % against the body's"
             + advice(self.kind, "scale"),
         )
+
+    def _untold(self) -> None:
+        """Say that this moment can't tell."""
+        self.judgement, self.suspicious = Judgement.NOT_EXCITED, ""
