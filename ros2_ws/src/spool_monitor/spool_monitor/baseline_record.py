@@ -22,8 +22,8 @@ class HealthyValue:
 
     ``value`` is what is compared with (the median), ``spread`` the robust standard deviation around it;
     ``mean`` and ``standard_deviation`` are those of the ``count`` valid estimates. ``correlation`` is that of
-    neighbouring ones (NaN: not determined), without which no false-alarm rate can be stated. ``referred`` says
-    that it holds at one oil temperature, ``temperature`` (deg C, NaN: not measured) is where it was learned.
+    neighbouring ones (NaN: not determined), without which no false-alarm rate can be stated. ``referred``
+    says that it holds at one oil temperature; at ``temperature`` (deg C, NaN: not measured) it was learned.
     """
 
     name: str
