@@ -121,7 +121,7 @@ class AlarmDesk:
         self._state.keep_alarms()
         self._publish()
         for transition in transitions:
-            if {Action.ANNOUNCE, Action.SHOW} & set(transition.actions):
+            if Action.ANNOUNCE in transition.actions:
                 alarm = transition.after
                 self._node.get_logger().warning(f"alarm {alarm.code} {alarm.name}: {alarm.message}")
 
