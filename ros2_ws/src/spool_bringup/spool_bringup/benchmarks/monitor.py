@@ -21,7 +21,6 @@ from spool_monitor.study.case import Case
 from spool_monitor.study.draw import (
     contamination,
     contamination_warming,
-    healthy_hour,
     healthy_speed,
     healthy_standstill,
     healthy_warming,
@@ -35,7 +34,7 @@ from spool_sim.simulator import DEFAULT_START_STAMP
 from .timing import Timing
 
 SEED = 2024
-HEALTHY = (healthy_hour, healthy_warming, healthy_speed, healthy_standstill)
+HEALTHY = (healthy_warming, healthy_speed, healthy_standstill)
 DRIFTS = (wear_step, wear_ramp, wear_warming, contamination, contamination_warming)
 #: Values that ruptures looks at, and how many come between two looks.
 WINDOW, EVERY = 90, 3

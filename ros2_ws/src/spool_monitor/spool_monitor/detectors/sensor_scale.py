@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import numpy as np
 from spool_stream.quantity import Quantity, Validity
 
 from ..diagnosis import advice
 from ..event import Severity
+from ..response import MEMORY, Response
+from ..settings import MonitorSettings
+from ..signals import Signals
 from .base import Detector, Finding, Judgement, Moment
 
 #: Standard deviations that a change must exceed, and the largest share of it that a deviation may be.
@@ -15,6 +19,9 @@ SIGNIFICANCE, UNCERTAIN = 5.0, 0.6
 
 #: Standard deviations from which a large change is suspicious, however imprecise.
 DOUBTFUL = 3.0
+
+#: Relative distance from the natural frequency that counts as near.
+NEAR = 0.25
 
 #: Gain that no healthy pair has, whatever was learned.
 ABSURD = 0.35
@@ -32,6 +39,10 @@ class SensorScale(Detector):
     rank = 4
     on_delay: ClassVar[float] = 2.0
 
+    def __init__(self, settings: MonitorSettings) -> None:
+        super().__init__(settings)
+        self._near = -(10**18)
+
     def update(self, moment: Moment) -> Finding | None:
         """Judge the response of ``moment``, if there is a new one."""
         if moment.signals is None:
@@ -42,6 +53,9 @@ class SensorScale(Detector):
         response, limit = moment.response, self.settings.gain_change
         shaken = moment.signals.body.rms >= self.settings.minimum_body
         if response is None or not shaken:
+            self._untold()
+            return None
+        if self._resonates(moment.signals, moment.usual):
             self._untold()
             return None
         start = moment.learned["channel_gain"]
@@ -71,3 +85,14 @@ class SensorScale(Detector):
     def _untold(self) -> None:
         """Say that this moment can't tell."""
         self.judgement, self.suspicious = Judgement.NOT_EXCITED, ""
+
+    def _resonates(self, signals: Signals, usual: Response) -> bool:
+        """Whether most of the spool's power is, or was until lately, near the natural frequency.
+
+        There the height of the resonance can't be told from a gain, dry friction makes it bend, and a window
+        does not resolve it.
+        """
+        near = np.abs(signals.frequency / usual.natural_frequency - 1.0) < NEAR
+        if float(signals.spool_power[near].sum()) > 0.5 * float(signals.spool_power.sum()):
+            self._near = signals.stamp
+        return 0 <= signals.stamp - self._near < 4.0 * MEMORY * 1e9
