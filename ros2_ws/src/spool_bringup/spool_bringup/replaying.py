@@ -10,8 +10,9 @@ from typing import Any
 from spool_bag.reader import BagReader
 from spool_estimator.estimate import Estimate
 from spool_estimator.estimator import Estimator, settings_for
+from spool_monitor.detectors import JUDGEMENT_TEXTS
 from spool_monitor.event import Event
-from spool_monitor.monitor import Monitor, MonitorSettings
+from spool_monitor.monitor import Health, Monitor, MonitorSettings
 from spool_monitor.replay import Replay
 from spool_sim.valve import Valve, find_valve
 from spool_stream.block import Block
@@ -93,7 +94,18 @@ def _valve_result(one: Replay, start: int) -> dict[str, Any]:
         "lost_blocks": gate.lost,
         "samples": one.samples,
         "estimate": _estimate(one.estimator.latest),
+        "health": _health(one.monitor.health),
         "events": [_event(event, start) for event in one.events],
+    }
+
+
+def _health(health: Health) -> dict[str, Any]:
+    """Return the last judgement; what could not be judged is said by detector."""
+    return {
+        "level": health.level.name.lower(),
+        "baseline": health.baseline.name.lower(),
+        "summary": health.summary,
+        "judgements": {name: JUDGEMENT_TEXTS[judgement] for name, judgement in health.judgements},
     }
 
 

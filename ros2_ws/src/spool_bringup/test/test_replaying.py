@@ -34,7 +34,9 @@ def test_the_result_has_the_keys_that_scripts_rely_on(
     assert result["bag"] == str(bag)
     assert result["duration_s"] == pytest.approx(6.0)
     valve = result["valves"]["valve_1"]
-    assert set(valve) == {"blocks", "lost_blocks", "samples", "estimate", "events"}
+    assert set(valve) - {"health"} == {"blocks", "lost_blocks", "samples", "estimate", "events"}
+    assert valve["health"]["baseline"] == "learning"
+    assert valve["health"]["judgements"]["friction_drift"] == "learning"
     assert (valve["blocks"], valve["lost_blocks"], valve["samples"]) == (298, 2, 298 * 40)
     estimate = valve["estimate"]
     # "state" is said beyond what was agreed on.
