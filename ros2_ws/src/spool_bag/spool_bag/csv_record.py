@@ -56,11 +56,16 @@ class CsvRecord:
 
 
 def read_csv(
-    path: Path | str, kind: str = "accelerations", columns: Mapping[str, str] | None = None
+    path: Path | str,
+    kind: str = "accelerations",
+    columns: Mapping[str, str] | None = None,
+    *,
+    regular: bool = True,
 ) -> CsvRecord:
     """Read ``path`` (.csv or .csv.gz) as a record of ``kind`` (a key of ``REQUIRED``).
 
-    ``columns`` maps contract names to the file's own, e.g. ``{"time_s": "t"}``.
+    ``columns`` maps contract names to the file's own, e.g. ``{"time_s": "t"}``. With ``regular`` False times
+    may be spaced as they like; the period is then their median step, a gap ten times that.
 
     Raises:
         InputError: what is wrong, with the line where there is one.
@@ -93,7 +98,7 @@ def read_csv(
         for name, own in present.items()
     }
     time = arrays.pop(TIME)
-    period, gaps, warnings = _timing(path, time)
+    period, gaps, warnings = _timing(path, time) if regular else _loose_timing(path, time)
     if period > LONGEST_USUAL_PERIOD:
         warnings.append(f"{TIME} steps by {period:g} s: are these milliseconds?")
     if kind == "accelerations":
@@ -208,6 +213,19 @@ def _timing(path: Path, time: Array) -> tuple[float, NDArray[np.int64], list[str
     if gaps.size:
         missing = float(np.sum(steps[gaps - 1] - period))
         warnings.append(f"{gaps.size} gaps in {TIME}, {missing:g} s missing; first at line {gaps[0] + 2}")
+    return period, gaps.astype(np.int64), warnings
+
+
+def _loose_timing(path: Path, time: Array) -> tuple[float, NDArray[np.int64], list[str]]:
+    steps = np.diff(time)
+    if time.size < 3 or (steps <= 0.0).any():
+        return _timing(path, time)  # says what is wrong
+    period = float(np.median(steps))
+    gaps = np.flatnonzero(steps > 10.0 * period) + 1
+    warnings = [f"{gaps.size} gaps in {TIME}, longer than {10.0 * period:g} s"] if gaps.size else []
+    uneven = float(np.quantile(np.abs(steps - period), 0.99))
+    if uneven > JITTER * period + _resolution(time):
+        warnings.append(f"{TIME} is spaced unevenly, by up to {uneven:.3g} s: resampled")
     return period, gaps.astype(np.int64), warnings
 
 

@@ -27,7 +27,8 @@ from spool_stream.errors import InputError
 
 from .progress import progress
 from .recorded import find_excitation
-from .replaying import replay_bag
+from .records import parse_columns
+from .replaying import RefitRequest, replay_bag
 from .valve_record import VALVE_DESCRIPTION, encode_valve
 
 #: 2025-01-01 UTC: a simulated record has no time of its own.
@@ -129,7 +130,7 @@ def import_record(file: Path, out: Path, name: str, columns: str | None, start: 
         raise InputError(f"--start {start!r}: write it like 2025-01-31T12:00:00") from error
     zoned = time if time.tzinfo else time.replace(tzinfo=timezone.utc)
     result = import_csv(
-        file, out, valve=name, columns=_columns(columns), start=round(zoned.timestamp()) * 1_000_000_000
+        file, out, valve=name, columns=parse_columns(columns), start=round(zoned.timestamp()) * 1_000_000_000
     )
     for warning in result.warnings:
         Console(stderr=True).print(f"warning: {warning}", style="yellow", markup=False, highlight=False)
@@ -138,16 +139,6 @@ def import_record(file: Path, out: Path, name: str, columns: str | None, start: 
         f"{out}: {result.samples} samples in {result.blocks} blocks of /{name}, "
         f"{result.duration:.1f} s at {1.0 / result.period:g} Hz{lost}"
     )
-
-
-def _columns(text: str | None) -> Mapping[str, str] | None:
-    if text is None:
-        return None
-    pairs = [pair.partition("=") for pair in text.split(",")]
-    for wanted, mark, found in pairs:
-        if not (wanted and mark and found):
-            raise InputError(f"--columns {text!r}: write it like time_s=t,body_m_s2=ch1,spool_m_s2=ch2")
-    return {wanted.strip(): found.strip() for wanted, _, found in pairs}
 
 
 def export(bag: Path, out: Path, valves: Sequence[str] | None) -> None:
@@ -202,9 +193,15 @@ def recover_bag(bag: Path, out: Path) -> int:
     return 1 if result.lost or bad or result.damages else 0
 
 
-def replay(bag: Path, valves: Sequence[str], json: Path | None) -> None:
+def replay(
+    bag: Path,
+    valves: Sequence[str],
+    json: Path | None,
+    refits: RefitRequest | None = None,
+    method: str = "prediction",
+) -> None:
     """Run estimator and monitor over a bag; show the result and write it as JSON."""
-    result = replay_bag(bag, valves)
+    result = replay_bag(bag, valves, refits=refits, method=method)
     if json is not None:
         write_json(json, result)
     console = Console()
@@ -213,6 +210,12 @@ def replay(bag: Path, valves: Sequence[str], json: Path | None) -> None:
         console.print(f"[bold]{name}[/bold]: {valve['blocks']} blocks, {losses}", highlight=False)
         for parameter, quantity in valve["estimate"]["parameters"].items():
             console.print(f"  {parameter.replace('_', ' '):22} {_number(quantity)}", highlight=False)
+        for found in valve.get("refits", ()):
+            fitted = ", ".join(
+                f"{name.replace('_', ' ')} {_number(found['parameters'][name])}" for name in found["fitted"]
+            )
+            text = f"refit {found['state'].replace('_', ' ')}: {fitted or found['reason']}"
+            console.print(f"  {found['t_s']:8.1f} s  {text}", markup=False, highlight=False, soft_wrap=True)
         for event in valve["events"]:
             cause = f" ({event['cause'].replace('_', ' ')})" if event["cause"] else ""
             text = f"{event['kind'].replace('_', ' ')}{cause} {event['state']}: {event['message']}"

@@ -16,6 +16,8 @@ from spool_sim.validation import one_line, read_mapping
 from spool_stream.block_gate import BlockGate, Verdict
 from spool_stream.errors import InputError
 
+from .records import is_csv
+
 Array = NDArray[np.float64]
 
 
@@ -39,7 +41,7 @@ def find_excitation(name: str) -> Excitation:
     path = Path(name)
     if name in PRESETS:
         return PRESETS[name]
-    if path.is_dir() or path.suffix == ".mcap" or _is_csv(path):
+    if path.is_dir() or path.suffix == ".mcap" or is_csv(path):
         return recorded_excitation(path)
     if path.is_file():
         mapping = read_mapping(path, "excitation")
@@ -63,14 +65,10 @@ def recorded_excitation(path: Path, valve: str | None = None, soft_start: float 
     Raises:
         InputError: unreadable, no such valve, several valves and none named, or samples are missing.
     """
-    samples, period = _from_csv(path) if _is_csv(path) else _from_bag(path, valve)
+    samples, period = _from_csv(path) if is_csv(path) else _from_bag(path, valve)
     if samples.size < 2:
         raise InputError(f"{path}: {samples.size} samples are too few for an excitation")
     return Recorded(samples=samples, sample_rate=1.0 / period, source=str(path), soft_start=soft_start)
-
-
-def _is_csv(path: Path) -> bool:
-    return path.name.endswith((".csv", ".csv.gz"))
 
 
 def _from_csv(path: Path) -> tuple[Array, float]:

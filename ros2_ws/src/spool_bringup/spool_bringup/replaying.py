@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from spool_bag.reader import BagReader
 from spool_estimator.estimate import Estimate
-from spool_estimator.estimator import Estimator, settings_for
+from spool_estimator.estimator import settings_for
+from spool_estimator.estimators import make_estimator
+from spool_estimator.refit import Refit, RefitSettings, WindowRefits
 from spool_monitor.detectors import JUDGEMENT_TEXTS
 from spool_monitor.event import Event
 from spool_monitor.monitor import Health, Monitor, MonitorSettings
 from spool_monitor.replay import Replay
+from spool_sim.model import load_model
 from spool_sim.valve import Valve, find_valve
 from spool_stream.block import Block
 from spool_stream.errors import InputError
@@ -25,8 +30,34 @@ from .valve_record import recorded_valve
 DEFAULT_VALVE = "4weh10_soft"
 
 
+@dataclass(frozen=True, slots=True)
+class RefitRequest:
+    """Refits that a replay is asked for: ``model`` by name or path, ``period`` and ``window`` in s."""
+
+    model: str = "coulomb"
+    period: float = 5.0
+    window: float = 4.0
+
+    def for_valve(self, valve: Valve) -> WindowRefits:
+        """Return the collector of windows.
+
+        Raises:
+            InputError: no such model, or the times are out of range.
+        """
+        if not (0.1 <= self.period <= 3600.0):
+            raise InputError(f"refit period {self.period:g} s: use 0.1 to 3600 s")
+        model = load_model(self.model)
+        model.values_for(valve)
+        return WindowRefits(RefitSettings(valve, model, self.period, self.window))
+
+
 def replay_bag(
-    path: Path, valve_files: Sequence[str], *, baseline_time: float | None = None
+    path: Path,
+    valve_files: Sequence[str],
+    *,
+    baseline_time: float | None = None,
+    refits: RefitRequest | None = None,
+    method: str = "prediction",
 ) -> dict[str, Any]:
     """Replay every valve of the bag ``path``; return the contract's ``replay --json`` as a dictionary.
 
@@ -41,7 +72,9 @@ def replay_bag(
     result: dict[str, Any] = {"bag": str(path), "duration_s": None, "valves": {}}
     first = last = None
     for name in names:
-        one = replay_valve(reader, name, valves[name], baseline_time=baseline_time)
+        one = replay_valve(
+            reader, name, valves[name], baseline_time=baseline_time, refits=refits, method=method
+        )
         if one.first_stamp is not None and one.last_stamp is not None:
             first = one.first_stamp if first is None else min(first, one.first_stamp)
             last = one.last_stamp if last is None else max(last, one.last_stamp)
@@ -54,13 +87,21 @@ def replay_bag(
 
 
 def replay_valve(
-    reader: BagReader, name: str, valve: Valve, *, baseline_time: float | None = None, keep: bool = False
+    reader: BagReader,
+    name: str,
+    valve: Valve,
+    *,
+    baseline_time: float | None = None,
+    keep: bool = False,
+    refits: RefitRequest | None = None,
+    method: str = "prediction",
 ) -> Replay:
     """Replay one valve of a bag through fresh cores with the live nodes' default settings."""
     settings = MonitorSettings(natural_frequency=valve.natural_frequency)
     if baseline_time is not None:
         settings = MonitorSettings(natural_frequency=valve.natural_frequency, baseline_time=baseline_time)
-    one = Replay(Estimator(settings_for(valve)), Monitor(settings), keep=keep)
+    windows = refits.for_valve(valve) if refits is not None else None
+    one = Replay(make_estimator(method, settings_for(valve)), Monitor(settings), keep=keep, refits=windows)
     expected = reader.topics[f"/{name}/acceleration"].messages
     with progress(f"replaying {name}", expected) as advance:
         for item in reader.stream(name):
@@ -96,6 +137,22 @@ def _valve_result(one: Replay, start: int) -> dict[str, Any]:
         "estimate": _estimate(one.estimator.latest),
         "health": _health(one.monitor.health),
         "events": [_event(event, start) for event in one.events],
+        **({} if one.refits is None else {"refits": [_refit(found, start) for found in one.refitted]}),
+    }
+
+
+def _refit(found: Refit, start: int) -> dict[str, Any]:
+    return {
+        "t_s": (found.stamp - start) * 1e-9,
+        "model": found.model,
+        "state": found.state.name.lower(),
+        "reason": found.reason,
+        "parameters": {quantity.name: _quantity(quantity) for quantity in found.parameters},
+        "fitted": list(found.fitted),
+        "correlations": np.reshape(found.correlations, (len(found.fitted),) * 2).tolist(),
+        "objective": found.objective.value,
+        "amplitude_ratio": found.amplitude_ratio.value,
+        "nrmse": found.nrmse.value,
     }
 
 

@@ -6,7 +6,6 @@ import base64
 import html
 import io
 from pathlib import Path
-from string import Template
 from typing import Any
 
 import matplotlib
@@ -20,19 +19,12 @@ from numpy.typing import NDArray
 from spool_bag.reader import BagReader
 from spool_stream.block_gate import malformed
 
+from .page import page, paragraph
+
 Array = NDArray[np.float64]
 
 #: Okabe and Ito's colours: apart for the colour-blind and in print.
 BODY, SPOOL, ESTIMATE, EVENT = "#0072B2", "#D55E00", "#009E73", "#E69F00"
-
-_PAGE = Template("""<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>$title</title><style>
-body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#222}
-img{width:100%}table{border-collapse:collapse;margin:1rem 0}td,th{padding:.25rem .8rem;text-align:left;
-border-bottom:1px solid #ccc}td.n{text-align:right;font-variant-numeric:tabular-nums}h2{margin-top:2.5rem}
-@media print{h2{break-before:page}}</style></head><body>
-<h1>$title</h1><p>$summary</p>$sections</body></html>
-""")
 
 
 def write_report(folder: Path, reader: BagReader, analysis: dict[str, Any]) -> Path:
@@ -51,16 +43,13 @@ def write_report(folder: Path, reader: BagReader, analysis: dict[str, Any]) -> P
         (folder / f"{name.replace('/', '_')}.png").write_bytes(picture.getvalue())
         sections.append(_section(name, valve, picture.getvalue()))
     lost = sum(valve["lost_blocks"] for valve in analysis["valves"].values())
-    page = _PAGE.substitute(
-        title="Spool valves: what the recording shows",
-        summary=html.escape(
-            f"{len(analysis['valves'])} valves, {analysis['duration_s'] or 0.0:.0f} s, {lost} blocks lost. "
-            "Estimates are given with two standard deviations; shaded stretches are events."
-        ),
-        sections="".join(sections),
+    summary = (
+        f"{len(analysis['valves'])} valves, {analysis['duration_s'] or 0.0:.0f} s, {lost} blocks lost. "
+        "Estimates are given with two standard deviations; shaded stretches are events."
     )
+    text = page("Spool valves: what the recording shows", [paragraph(summary), *sections])
     path = folder / "report.html"
-    path.write_text(page, encoding="utf-8")
+    path.write_text(text, encoding="utf-8")
     return path
 
 

@@ -61,11 +61,19 @@ def free_run_agreement(
 
 
 def agreement(run: FreeRun, responses: Sequence[Response]) -> Agreement:
-    """Return how the first set of ``responses`` agrees with the windows of ``run``."""
+    """Return how the first set of ``responses`` agrees with the windows of ``run``.
+
+    Samples are compared, or their means over the sample intervals where those agree better: of a record that
+    was band-limited before it was sampled, jumps of friction are smeared, which samples of a model are not.
+    """
     measured = [window.measured for window in run.windows]
     simulated = [response.acceleration[0] for response in responses]
+    means = [window.measured_means for window in run.windows]
+    simulated_means = [response.means[0] for response in responses]
+    if _squares(simulated_means, means) < _squares(simulated, measured):
+        measured, simulated = means, simulated_means
     errors = [one - other for one, other in zip(simulated, measured, strict=True)]
-    squares = float(sum(np.sum(error**2) for error in errors))
+    squares = _squares(simulated, measured)
     power = float(sum(np.sum(row**2) for row in measured))
     samples = sum(row.size for row in measured)
     sigma = PAPER_CHAIN.relative_uncertainty / np.sqrt(3.0) * np.sqrt(power / samples)
@@ -84,6 +92,10 @@ def agreement(run: FreeRun, responses: Sequence[Response]) -> Agreement:
         seconds=float(sum(row.size * period for row, period in zip(measured, periods, strict=True))),
         samples=samples,
     )
+
+
+def _squares(simulated: Sequence[Array], measured: Sequence[Array]) -> float:
+    return float(sum(np.sum((one - other) ** 2) for one, other in zip(simulated, measured, strict=True)))
 
 
 def _amplitude_ratios(

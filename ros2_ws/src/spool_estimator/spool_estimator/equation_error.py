@@ -22,11 +22,13 @@ from .zero_phase import ZeroPhase, relative_motion
 Array = NDArray[np.float64]
 
 #: s of data that the start is taken from.
-LONGEST = 20.0
+LONGEST = 8.0
 #: Random places from which parameters that are not linear are tried, and the decades they spread over.
-TRIALS, DECADES = 24, 1.0
+TRIALS, DECADES = 12, 1.0
+#: Samples at which the rank of the forces' slopes is judged, and the relative step of these.
+SLOPE_SAMPLES, SLOPE_STEP = 4000, 1e-5
 #: How many of them are followed by a descent.
-FOLLOWED = 3
+FOLLOWED = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +120,55 @@ class EquationError:
         self._others = [
             i for i in range(count) if i not in self._linear and self._own[i].name not in self.blind
         ]
+
+    def force_slopes(self, point: Array) -> Array:
+        """Return the slopes of the forces at the measured motion and at rest, shape (rows, all unknowns).
+
+        Not filtered and not simulated, hence smooth: their rank shows which unknowns act only together. A
+        sensor's unknowns have rows of their own.
+        """
+        own = np.array([point[self._unknowns.index(unknown)] for unknown in self._own])
+        step = SLOPE_STEP * np.maximum(np.abs(own), 0.1 * self._scale)
+        lows, highs = np.maximum(own - step, self._low), np.minimum(own + step, self._high)
+        columns = []
+        for place in range(own.size):
+            ends = np.repeat(own[np.newaxis], 2, axis=0)
+            ends[:, place] = lows[place], highs[place]
+            rows = self._plain_forces(ends)
+            columns.append((rows[1] - rows[0]) / (highs[place] - lows[place]))
+        slopes = np.zeros((columns[0].size + len(self._unknowns), len(self._unknowns)))
+        for unknown, column in zip(self._own, columns, strict=True):
+            slopes[: column.size, self._unknowns.index(unknown)] = column
+        for number, unknown in enumerate(self._unknowns):
+            if unknown not in self._own:
+                slopes[columns[0].size + number, number] = 1.0
+        return slopes
+
+    def _plain_forces(self, points: Array) -> Array:
+        """Return forces at some measured motion, and what friction takes up at rest, N, shape (s, rows)."""
+        sets = np.repeat(self._values, points.shape[0], axis=0)
+        sets[:, self._columns] = points
+        parts = []
+        for stretch in self._stretches[:1]:
+            some = slice(stretch.inside.start, stretch.inside.start + SLOPE_SAMPLES)
+            parts.append(
+                self._run.motion.forces(
+                    stretch.displacement[some],
+                    stretch.velocity[some],
+                    sets,
+                    sample_period=stretch.sample_period,
+                    first_sample=stretch.first_sample,
+                )
+            )
+        names = self._run.names
+        at_rest = []
+        for row in sets.tolist():
+            named = dict(zip(names, row, strict=True))
+            ends = [entry.at_rest(0.0, named) for entry in self._run.motion.terms]
+            at_rest.append([sum(low for low, _ in ends), sum(high for _, high in ends)])
+        # As many rows as weigh like the motion.
+        repeated = np.repeat(np.array(at_rest), SLOPE_SAMPLES // 4, axis=1)
+        return np.concatenate([*parts, repeated], axis=1)
 
     def _forces(self, points: Array) -> Array:
         """Return the conditioned forces at ``points`` (s, u), N, shape (s, all samples)."""

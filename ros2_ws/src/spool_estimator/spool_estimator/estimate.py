@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from spool_stream.quantity import Quantity
+from spool_stream.quantity import Quantity, Validity
 
 
 class State(enum.IntEnum):
@@ -62,3 +62,26 @@ class Estimate:
             if quantity.name == name:
                 return quantity
         raise KeyError(name)
+
+    def held(self) -> Estimate:
+        """Return this as stale: what was valid is held, what the signals showed is unknown."""
+        return replace(
+            self,
+            state=State.STALE,
+            parameters=tuple(_held(quantity) for quantity in self.parameters),
+            natural_frequency=_held(self.natural_frequency),
+            damping_ratio=_held(self.damping_ratio),
+            referred_viscous_coefficient=_held(self.referred_viscous_coefficient),
+            oil_temperature=_gone(self.oil_temperature),
+            residual=_gone(self.residual),
+            excitation=_gone(self.excitation),
+            relative_displacement=_gone(self.relative_displacement),
+        )
+
+
+def _held(quantity: Quantity) -> Quantity:
+    return replace(quantity, validity=Validity.HELD) if quantity.known else quantity
+
+
+def _gone(quantity: Quantity) -> Quantity:
+    return Quantity(quantity.name, quantity.unit)

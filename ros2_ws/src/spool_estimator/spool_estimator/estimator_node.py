@@ -8,18 +8,22 @@ import time
 from typing import ClassVar
 
 from sensor_msgs.msg import Temperature
-from spool_msgs.msg import AccelerationBlock, ModelEstimate, ValveDescription
+from spool_msgs.msg import AccelerationBlock, ModelEstimate, ValveDescription, WindowRefit
 from spool_node import qos
 from spool_node.diagnostics import DiagnosticPublisher, Level, Status
 from spool_node.managed_node import ManagedNode
 from spool_node.messages import nanoseconds, to_block
 from spool_node.parameters import Parameter
 from spool_node.running import run
-from spool_sim.valve import find_valve
+from spool_sim.model import load_model
+from spool_sim.valve import Valve, find_valve
 
 from .estimate import Estimate, State
-from .estimator import Estimator, settings_for
-from .messages import to_message
+from .estimator import EXPONENTIAL, FORGETTING, settings_for
+from .estimators import ESTIMATORS, StreamEstimator, make_estimator
+from .messages import to_message, to_refit_message
+from .refit import RefitSettings, WindowRefits
+from .refit_worker import RefitWorker
 from .valve_messages import to_description
 from .warm_up import warm_up_estimator
 
@@ -31,7 +35,17 @@ class EstimatorNode(ManagedNode):
         Parameter(
             "valve_file", "4weh10_soft", "Path of a YAML file or name of a shipped valve.", read_only=True,
         ),
-        Parameter("memory", 4.0, "Time constant of forgetting.", "s", 0.2, 3600.0, read_only=True),
+        Parameter(
+            "method", "prediction", "The model run beside the machine, or equation error.", read_only=True,
+            choices=tuple(ESTIMATORS),
+        ),
+        Parameter(
+            "forgetting", EXPONENTIAL, "How the past is forgotten.", choices=FORGETTING, read_only=True,
+        ),
+        Parameter(
+            "memory", 4.0, "Time constant of forgetting, or length of the window.",
+            "s", 0.2, 3600.0, read_only=True,
+        ),
         Parameter("low_cut", 4.0, "Lower edge of the band.", "Hz", 0.1, 100.0, read_only=True),
         Parameter("high_cut", 300.0, "Upper edge of the band.", "Hz", 10.0, 1e4, read_only=True),
         Parameter(
@@ -42,11 +56,16 @@ class EstimatorNode(ManagedNode):
         Parameter(
             "stale_after", 1.5, "Silence after which the estimate is stale.", "s", 0.2, 60.0, read_only=True,
         ),
+        Parameter("refit_period", 0.0, "Data time between refits, 0: none.", "s", 0.0, 3.6e3, read_only=True),
+        Parameter("refit_window", 4.0, "Length of the refitted window.", "s", 2.0, 60.0, read_only=True),
+        Parameter("refit_model", "coulomb", "Name of a model or path of a YAML file.", read_only=True),
     )  # fmt: skip
 
-    def __init__(self) -> None:
-        super().__init__("estimator")
-        self._core: Estimator | None = None
+    def __init__(self, namespace: str | None = None) -> None:
+        super().__init__("estimator", namespace)
+        self._core: StreamEstimator | None = None
+        self._refits: WindowRefits | None = None
+        self._worker: RefitWorker | None = None
         self._arrival = time.monotonic()
         self._reported = Level.OK
 
@@ -55,13 +74,24 @@ class EstimatorNode(ManagedNode):
         # Compiling takes seconds where the cache is old or can't be written: blocks would be lost meanwhile.
         warm_up_estimator()
         valve = find_valve(self.value("valve_file"))
-        names = ("memory", "low_cut", "high_cut", "minimum_excitation", "period")
-        self._core = Estimator(settings_for(valve, **{name: self.value(name) for name in names}))
+        names = ("forgetting", "memory", "low_cut", "high_cut", "minimum_excitation", "period")
+        settings = settings_for(valve, **{name: self.value(name) for name in names})
+        self._core = make_estimator(self.value("method"), settings)
         self._valve_id = valve.id
         self._publisher = self.create_lifecycle_publisher(ModelEstimate, "estimate", qos.state())
         self._description_publisher = self.create_lifecycle_publisher(ValveDescription, "valve", qos.state())
         self._description = to_description(valve)
+        self._configure_refits(valve)
         self._diagnostics = DiagnosticPublisher(self, valve.id)
+
+    def _configure_refits(self, valve: Valve) -> None:
+        model = load_model(self.value("refit_model"))
+        model.values_for(valve)
+        if self.value("refit_period") > 0.0:
+            settings = RefitSettings(valve, model, self.value("refit_period"), self.value("refit_window"))
+            self._refits = WindowRefits(settings)
+            self._worker = RefitWorker(settings)
+            self._refit_publisher = self.create_lifecycle_publisher(WindowRefit, "refit", qos.state())
 
     def activate(self) -> None:
         """Listen; the core goes on from where it was."""
@@ -70,6 +100,8 @@ class EstimatorNode(ManagedNode):
         self._description_publisher.publish(self._description)
         self.subscribe(AccelerationBlock, "acceleration", self._take, qos.samples_wanted())
         self.subscribe(Temperature, "oil_temperature", self._take_temperature, qos.samples_wanted())
+        if self._worker is not None:
+            self.every(0.05, self._collect, steady=True)
         self.every(0.25, self._watch, steady=True)
         self.every(1.0, self._report, steady=True)
 
@@ -78,16 +110,34 @@ class EstimatorNode(ManagedNode):
         self.destroy_publisher(self._publisher)
         self.destroy_publisher(self._description_publisher)
         self._diagnostics.destroy()
-        self._core = None
+        if self._worker is not None:
+            self._worker.close()
+            self.destroy_publisher(self._refit_publisher)
+        self._core = self._refits = self._worker = None
 
     def _take(self, message: AccelerationBlock) -> None:
         assert self._core is not None
         refused = self._core.gate.refused
-        estimates = self._core.update(to_block(message))
+        block = to_block(message)
+        estimates = self._core.update(block)
         if self._core.gate.refused == refused:
             self._arrival = time.monotonic()
         for estimate in estimates:
             self._publisher.publish(to_message(estimate, self._valve_id))
+        if self._refits is not None and self._worker is not None:
+            for task in self._refits.update(block, estimates):
+                self._worker.offer(task)
+
+    def _collect(self) -> None:
+        """Publish the refit that was finished since, if any."""
+        assert self._worker is not None
+        found = self._worker.collect()
+        if found is not None:
+            self._refit_publisher.publish(
+                to_refit_message(
+                    found, self._valve_id, refits=self._worker.done, skipped=self._worker.skipped
+                )
+            )
 
     def _take_temperature(self, message: Temperature) -> None:
         assert self._core is not None
@@ -131,6 +181,9 @@ class EstimatorNode(ManagedNode):
             "blocks refused": gate.refused,
             **{f"fault: {fault.value}": count for fault, count in gate.faults.items()},
         }
+        if self._worker is not None:
+            values["refits done"] = self._worker.done
+            values["refits skipped while busy"] = self._worker.skipped
         for quantity in (*latest.parameters, latest.oil_temperature) if latest else ():
             values[f"{quantity.name} ({quantity.unit})"] = quantity.value
         self._diagnostics.publish(Status("estimate", level, message, values))

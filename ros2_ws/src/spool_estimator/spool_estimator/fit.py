@@ -12,11 +12,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 from spool_sim.model import Model
 from spool_sim.terms import Parameter
 from spool_sim.valve import Valve
@@ -24,9 +23,11 @@ from spool_stream.errors import InputError
 from spool_stream.quantity import Quantity, Validity
 
 from .agreement import free_run_agreement
+from .descent import Descent, descend
 from .equation_error import EquationError
 from .fit_result import SPOOL_DELAY, SPOOL_GAIN, Fit, FitSettings
 from .free_run import FreeRun
+from .information import information_criterion
 from .observability import Combination, combinations, to_hold, unseen_directions
 from .record import Record
 from .residuals import Residuals, Unknown
@@ -35,21 +36,20 @@ Array = NDArray[np.float64]
 
 #: s of the blocks over which the weighted residual's slopes are summed for the standard deviations.
 BLOCK = 0.5
+#: s of data that the first descents from several starts use.
+FIRST_SECONDS = 8.0
+#: Steps of the first descents and of each later one, at most.
+FIRST_STEPS, STEPS = 30, 20
 #: Rounds with new weights after the first descent.
 ROUNDS = 2
 #: Sizes of what friction at rest may be, relative to its start value, that are tried.
 BLIND_FACTORS = (0.1, 0.3, 1.0, 3.0)
+#: Change of the whole weighted residual by a typical size below which an unknown does not show.
+SHOWS = 1e-2
 #: Relative standard deviation from which a quantity that cannot be 0 (a velocity, a length) is not told.
 UNTOLD = 0.5
 #: What the valve's description gives and yet is fitted.
 FITTED_OF_VALVE = ("spring_stiffness", "viscous_coefficient")
-
-
-@dataclass(frozen=True, slots=True)
-class _Descent:
-    point: Array
-    cost: float
-    converged: bool
 
 
 def unknowns_of(model: Model, valve: Valve, settings: FitSettings) -> tuple[Unknown, ...]:
@@ -129,32 +129,54 @@ def _fit(
     )
     if not any(np.any(window.measured) for window in run.windows):
         raise InputError(f"{records[0].name}: the spool's acceleration is 0 throughout; check the sensor")
-    points = _starts(run, unknowns, values, settings)
-    band = (settings.low_cut, settings.high_cut)
-    named = {unknown.name: float(value) for unknown, value in zip(unknowns, points[0], strict=True)}
-    full = {**values, **{name: value for name, value in named.items() if name in values}}
-    run.choose_substeps(full)
-    everything = Residuals(run, unknowns, values, band)
-    place = _inside(points[0], unknowns)
-    unseen = unseen_directions(everything.central_slopes(place), _scales(unknowns, place))
+    given = _inside(np.array([values.get(unknown.name, 0.0) for unknown in unknowns]), unknowns)
+    law = EquationError(run, unknowns, run.sets(values), settings.low_cut)
+    unseen = unseen_directions(law.force_slopes(given), _scales(unknowns, given))
     gauge = to_hold(unseen, [unknown.name for unknown in unknowns])
     free = tuple(unknown for unknown in unknowns if unknown.name not in gauge)
-    columns = [number for number, unknown in enumerate(unknowns) if unknown.name not in gauge]
-    fixed = {name: float(place[number]) for number, name in enumerate(named) if name in gauge}
-    residuals = Residuals(run, free, {**full, **fixed}, band)
-    descents = [_descend(residuals, _inside(point[columns], free), 12) for point in points]
-    best = min(descents, key=lambda descent: descent.cost)
-    for _ in range(ROUNDS):
+    balance = EquationError(run, free, run.sets(values), settings.low_cut) if gauge else law
+    points = _starts(run, balance, free, values, settings)
+    first = {unknown.name: float(value) for unknown, value in zip(free, points[0], strict=True)}
+    run.choose_substeps({**values, **{name: value for name, value in first.items() if name in values}})
+    band = (settings.low_cut, settings.high_cut)
+    some = Residuals(run.fewer(FIRST_SECONDS), free, values, band)
+    best = min((_descend(some, point, FIRST_STEPS) for point in points), key=lambda descent: descent.cost)
+    residuals = Residuals(run, free, values, band)
+    rings = residuals.rings(residuals.respond(best.point[np.newaxis]))
+    doubts = []
+    if rings and residuals.has_jumps:
+        # The filter's shape is not known: what the other reading gives is a measure of its effect.
+        residuals.band_limited = False
+        other = _refine(residuals, best, 1)
+        residuals.read_as_means()
+        best = _refine(residuals, best, ROUNDS)
+        doubts.append(other.point - best.point)
+    else:
+        residuals.band_limited = rings
+        best = _refine(residuals, best, ROUNDS)
+    return _result(run, residuals, best, unknowns, law, values, held, valve, settings, doubts)
+
+
+def _descend(residuals: Residuals, start: Array, steps: int) -> Descent:
+    return descend(residuals, start, _scales(residuals.unknowns, start), steps)
+
+
+def _refine(residuals: Residuals, start: Descent, rounds: int) -> Descent:
+    best = start
+    for _ in range(rounds):
         _reweigh(residuals, best.point)
-        best = _descend(residuals, best.point, 10)
-    return _result(run, residuals, best, unknowns, {**values, **fixed}, held, valve, settings)
+        best = _descend(residuals, best.point, STEPS)
+    return best
 
 
 def _starts(
-    run: FreeRun, unknowns: Sequence[Unknown], values: Mapping[str, float], settings: FitSettings
+    run: FreeRun,
+    balance: EquationError,
+    unknowns: Sequence[Unknown],
+    values: Mapping[str, float],
+    settings: FitSettings,
 ) -> list[Array]:
     """Return the best points to start from, judged by the free run."""
-    balance = EquationError(run, unknowns, run.sets(values), settings.low_cut)
     points = balance.starts()
     blind = [n for n, unknown in enumerate(unknowns) if unknown.name in balance.blind]
     given = np.array([values.get(unknown.name, 0.0) for unknown in unknowns])
@@ -174,8 +196,7 @@ def _starts(
     named_best = {u.name: float(v) for u, v in zip(unknowns, points[0], strict=True) if u.name in values}
     run.choose_substeps({**values, **named_best})
     trial = Residuals(run, unknowns, values, (settings.low_cut, settings.high_cut))
-    runs = trial.weighted(trial.differences(trial.respond(np.array(points))))
-    order = np.argsort(np.nan_to_num(np.sum(runs**2, axis=1), nan=np.inf))
+    order = np.argsort(trial.costs(np.array(points)))
     return [points[number] for number in order[: max(1, settings.starts)].tolist()]
 
 
@@ -188,23 +209,8 @@ def _inside(point: Array, unknowns: Sequence[Unknown]) -> Array:
 
 
 def _scales(unknowns: Sequence[Unknown], point: Array) -> Array:
-    return np.maximum(np.abs(point), 0.1 * np.array([unknown.scale for unknown in unknowns]))
-
-
-def _descend(residuals: Residuals, start: Array, steps: int) -> _Descent:
-    unknowns = residuals.unknowns
-    found = least_squares(
-        residuals.at,
-        start,
-        jac=residuals.slopes,
-        bounds=([unknown.low for unknown in unknowns], [unknown.high for unknown in unknowns]),
-        x_scale=_scales(unknowns, start),
-        xtol=1e-6,
-        ftol=1e-7,
-        gtol=1e-12,
-        max_nfev=steps,
-    )
-    return _Descent(np.asarray(found.x), float(found.cost), found.status > 0)
+    typical = np.array([unknown.scale for unknown in unknowns])
+    return np.asarray(np.maximum(np.abs(point), 0.1 * typical))
 
 
 def _reweigh(residuals: Residuals, point: Array) -> None:
@@ -214,19 +220,28 @@ def _reweigh(residuals: Residuals, point: Array) -> None:
 
 
 def covariance_of(slopes: Array, residual: Array, blocks: Sequence[slice]) -> Array:
-    """Return the sandwich covariance of a least-squares point, shape (u, u).
+    """Return the covariance of a least-squares point, shape (u, u).
+
+    It is that of a weighted residual that is white with variance 1. Where the blocks show more spread (the
+    sandwich form; noise whose strength changes along the record, errors of the model), it is as large as they
+    show, and a little more where they are few (the variance of Student's t).
 
     Args:
         slopes: Jacobian, shape (n, u), of full rank.
-        residual: at the point, shape (n,).
+        residual: at the point, shape (n,), weighed.
         blocks: pieces of the samples that hardly depend on each other.
     """
     bread = np.linalg.inv(slopes.T @ slopes)
     scores = np.array([slopes[block].T @ residual[block] for block in blocks])
     scores -= scores.mean(axis=0)
     count = len(blocks)
-    spread = scores.T @ scores * count / max(1, count - slopes.shape[1])
-    return np.asarray(bread @ spread @ bread)
+    sandwich = bread @ (scores.T @ scores) @ bread * count / max(1, count - slopes.shape[1])
+    # Where most of what is known of an unknown comes from: its share in each block.
+    shares = np.array([np.sum((slopes[block] @ bread) ** 2, axis=0) for block in blocks])
+    worth = shares.sum(axis=0) ** 2 / np.sum(shares**2, axis=0)
+    shown_spread = np.diag(sandwich) / np.diag(bread) * (1.0 + 2.0 / worth)
+    grown = np.sqrt(np.maximum(1.0, shown_spread))
+    return np.asarray(bread * np.outer(grown, grown))
 
 
 def _blocks(run: FreeRun, total: int) -> list[slice]:
@@ -254,35 +269,40 @@ def _padded(sizes: Sequence[int]) -> list[int]:
 def _result(
     run: FreeRun,
     residuals: Residuals,
-    best: _Descent,
+    best: Descent,
     unknowns: Sequence[Unknown],
+    law: EquationError,
     values: Mapping[str, float],
     held: Mapping[str, float],
     valve: Valve,
     settings: FitSettings,
+    doubts: Sequence[Array],
 ) -> Fit:
     free = residuals.unknowns
-    residual = residuals.at(best.point)
-    slopes = residuals.central_slopes(best.point)
-    covariance = covariance_of(slopes, residual, _blocks(run, residual.size))
+    names = [unknown.name for unknown in unknowns]
+    covariance = _covariance(run, residuals, best.point, settings, doubts)
+    shown = np.isfinite(np.diag(covariance))
     named = {unknown.name: float(value) for unknown, value in zip(free, best.point, strict=True)}
     final = {**values, **{name: value for name, value in named.items() if name in values}}
     sensor = {name: named[name] for name in (SPOOL_GAIN, SPOOL_DELAY) if name in named}
-    everything = Residuals(run, unknowns, final, residuals.band)
-    everything.kept, everything.spectrum = residuals.kept, residuals.spectrum
-    point = np.array([{**final, **sensor}[unknown.name] for unknown in unknowns])
+    constants = [p for p in run.model.parameters if p.name in held]
+    point = np.array([{**final, **sensor}[name] for name in names])
     scales = _scales(unknowns, point)
-    unseen = unseen_directions(everything.central_slopes(point), scales)
-    names = [unknown.name for unknown in unknowns]
-    lost, told = combinations(unseen, names, [u.unit for u in unknowns], {**final, **sensor}, scales)
+    unseen = unseen_directions(law.force_slopes(_inside(point, unknowns)), scales)
+    lost, told = combinations(
+        np.hstack([unseen, np.zeros((unseen.shape[0], len(constants)))]),
+        [*names, *(constant.name for constant in constants)],
+        [*(unknown.unit for unknown in unknowns), *(constant.unit for constant in constants)],
+        {**final, **sensor},
+        np.concatenate([scales, np.zeros(len(constants))]),
+    )
     deviations = dict(zip(named, np.sqrt(np.diag(covariance)).tolist(), strict=True))
-    places = [names.index(unknown.name) for unknown in free]
     parameters = []
     unclear = list(lost)
     for unknown in unknowns:
         deviation = deviations.get(unknown.name, math.nan)
         untold = unknown.low > 0.0 and not deviation < UNTOLD * abs(named.get(unknown.name, 0.0))
-        if unknown.name in lost or untold:
+        if unknown.name in lost or untold or not math.isfinite(deviation):
             parameters.append(Quantity(unknown.name, unknown.unit))
             unclear += [unknown.name] if unknown.name not in unclear else []
         else:
@@ -296,13 +316,19 @@ def _result(
         for unknown, value in zip(free, best.point.tolist(), strict=True)
         if min(value - unknown.low, unknown.high - value) <= 1e-6 * unknown.scale
     )
+    places = [names.index(unknown.name) for unknown in free]
+    criterion, samples = information_criterion(residuals, best.point, int(shown.sum()))
     return Fit(
         model=run.model,
         valve=valve.id,
         converged=best.converged,
         parameters=tuple(parameters),
         not_observable=tuple(unclear),
-        combinations=tuple(_told(entry, covariance, places) for entry in told),
+        combinations=tuple(
+            quantity
+            for quantity in (_told(entry, covariance, places) for entry in told)
+            if math.isfinite(quantity.standard_deviation)
+        ),
         held=held,
         values=final,
         sensor=sensor,
@@ -313,10 +339,37 @@ def _result(
             run.records, run.model, valve, final, sensor=sensor, run_in=settings.run_in,
             low_cut=settings.low_cut, compensate_oil=settings.compensate_oil,
         ),
+        information_criterion=criterion,
+        effective_samples=samples,
     )  # fmt: skip
+
+
+def _covariance(
+    run: FreeRun, residuals: Residuals, point: Array, settings: FitSettings, doubts: Sequence[Array]
+) -> Array:
+    """Return the covariance of the free unknowns; infinite variance for those that do not show."""
+    free = residuals.unknowns
+    residual = residuals.at(point)
+    slopes = residuals.central_slopes(point)
+    shown = np.linalg.norm(slopes * _scales(free, point), axis=0) > SHOWS
+    covariance = np.diag(np.where(shown, 0.0, math.inf))
+    slopes = slopes[:, shown]
+    if not shown.any():
+        return covariance
+    told = covariance_of(slopes, residual, _blocks(run, residual.size))
+    shifts = [doubt[shown] for doubt in doubts]
+    if settings.timing > 0.0 and not settings.fit_delay:
+        late = residuals.at_delay(point, settings.timing * run.records[0].sample_period)
+        shifts.append(np.linalg.lstsq(slopes, late - residual, rcond=None)[0])
+    for shift in shifts:
+        told += np.outer(shift, shift)
+    covariance[np.ix_(shown, shown)] = told
+    return covariance
 
 
 def _told(combination: Combination, covariance: Array, places: Sequence[int]) -> Quantity:
     gradient = combination.gradient[list(places)]
-    deviation = math.sqrt(max(0.0, float(gradient @ covariance @ gradient)))
+    counts = gradient != 0.0
+    part = gradient[counts]
+    deviation = math.sqrt(max(0.0, float(part @ covariance[np.ix_(counts, counts)] @ part)))
     return Quantity(combination.name, combination.unit, combination.value, deviation, Validity.VALID)

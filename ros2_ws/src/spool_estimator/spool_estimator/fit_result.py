@@ -32,6 +32,8 @@ class FitSettings:
         longest: s of data that are used at most, in windows spread evenly over the records.
         fit_gain: fit the relative gain error of the spool's sensor.
         fit_delay: fit the delay of the spool's sensor behind the body's, s.
+        timing: standard deviation of the time between both channels, in samples; it enters the standard
+            deviations. 0 where both are known to be sampled at one instant.
         starts: how many different starts are followed by simulation.
         compensate_oil: take the viscosity at each moment from the oil temperature, where record and valve
             give it.
@@ -47,6 +49,7 @@ class FitSettings:
     longest: float = 60.0
     fit_gain: bool = False
     fit_delay: bool = False
+    timing: float = 0.01
     starts: int = 2
     compensate_oil: bool = True
 
@@ -99,7 +102,7 @@ class Fit:
         observable: names of the rows of ``correlation``.
         at_bound: names of parameters that stopped at a bound.
         agreement: free run against the records that were fitted, ``None`` where there is no result.
-        information_criterion: BIC of the residual with its spectrum, see :mod:`.comparison`; smaller is
+        information_criterion: BIC of the residual with its spectrum, see :mod:`.information`; smaller is
             better.
         effective_samples: independent samples that the coloured residual is worth.
         warnings: what a reader should know, one line each.

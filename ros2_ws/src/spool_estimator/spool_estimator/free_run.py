@@ -8,6 +8,7 @@ without phase, so that it does not shake dry friction loose.
 
 from __future__ import annotations
 
+import copy
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -23,7 +24,7 @@ from spool_sim.valve import Valve
 from spool_stream.errors import InputError
 
 from .record import Record
-from .zero_phase import ZeroPhase, relative_motion
+from .zero_phase import ZeroPhase, interval_mean_response, relative_motion
 
 Array = NDArray[np.float64]
 
@@ -31,6 +32,8 @@ Array = NDArray[np.float64]
 MARGIN = 0.25
 #: How far the spectrum must stand out of the noise floor to count as excitation, in power.
 STANDS_OUT = 4.0
+#: Steps per sample at most, whatever a fit tries.
+MOST_STEPS = 16
 #: Gain of the drive falls from 1 to 0 from its highest frequency to this many times it.
 FALL = 1.3
 
@@ -48,7 +51,8 @@ class Window:
         length: samples of the drive.
         state: relative displacement (m) and velocity (m/s) at ``first``, from the accelerometers.
         measured: spool acceleration from ``start`` to ``stop``, m/s^2.
-        viscosity: ratio of the viscosity to that of the valve's description from ``first`` to ``stop``.
+        measured_means: its mean from each of these samples to the next, band-limited between them, m/s^2.
+        viscosity: its ratio to that of the valve's description from ``first`` to ``stop`` inclusive.
     """
 
     record: int
@@ -60,6 +64,7 @@ class Window:
     length: int
     state: tuple[float, float]
     measured: Array
+    measured_means: Array
     viscosity: Array | None
 
 
@@ -68,12 +73,14 @@ class Response:
     """Motion in one window for s parameter sets; every array has shape (s, n), n the samples that count.
 
     Attributes:
-        acceleration: of the spool, m/s^2, gain error included.
+        acceleration: of the spool at the samples, m/s^2, gain error included.
+        means: its mean from each sample to the next, exact whatever jumps in between.
         displacement, velocity: relative to the body, m, m/s.
         jumps: whether friction changed its direction, began or ended between a sample and the next.
     """
 
     acceleration: Array
+    means: Array
     displacement: Array
     velocity: Array
     jumps: NDArray[np.bool_]
@@ -144,8 +151,9 @@ class FreeRun:
         conditioning = ZeroPhase(period, low_cut)
         # At its ends the conditioned motion is not known; the free run may go on to the last sample.
         begin = conditioning.settling
+        means = ZeroPhase(period, 0.0).apply(entry.spool, interval_means=True)
         lead = max(1, round(run_in / period))
-        last = entry.body.size - 1  # the step to the sample after the last one needs its drive
+        last = entry.body.size - 2  # the steps to the two samples after the last one need their drive
         room = last - begin - lead
         if room < max(16, lead):
             return []
@@ -157,7 +165,7 @@ class FreeRun:
         cut = []
         for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
             first = start - lead
-            low, high = first - margin, stop + 1 + margin
+            low, high = first - margin, stop + 2 + margin
             drive = _limited(
                 _around(entry.body, low, high, max(1, margin // 2)), period, self.highest_frequency[number]
             )
@@ -172,7 +180,8 @@ class FreeRun:
                     drive.size,
                     (float(motion.displacement[first]), float(motion.velocity[first])),
                     entry.spool[start:stop],
-                    None if viscosity is None else viscosity[first:stop],
+                    means[start:stop],
+                    None if viscosity is None else viscosity[first : stop + 1],
                 )
             )
         return cut
@@ -189,11 +198,23 @@ class FreeRun:
         ]
         return np.interp(entry.oil_temperature, points, ratios)
 
+    def fewer(self, seconds: float) -> FreeRun:
+        """Return the same with windows for at most ``seconds``, evenly spread."""
+        some = copy.copy(self)
+        some.windows = _spread(list(self.windows), seconds, [entry.sample_period for entry in self.records])
+        return some
+
     def choose_substeps(self, values: Mapping[str, float]) -> bool:
         """Take as many steps per sample as the model needs with ``values``; return whether that changed."""
         before = list(self.substeps)
+        # However steep a law of sliding is near rest, the reversal itself is located within the step.
+        stepped = [
+            entry
+            for entry in self.model.terms
+            if "sliding_law" not in entry.laws or "force_law" in entry.laws
+        ]
         self.substeps = [
-            substeps_for(self.model.terms, values, entry.sample_period, highest)
+            min(MOST_STEPS, substeps_for(stepped, values, entry.sample_period, highest))
             for entry, highest in zip(self.records, self.highest_frequency, strict=True)
         ]
         return before != self.substeps
@@ -240,7 +261,13 @@ class FreeRun:
             substeps=substeps,
             first_sample=entry.first_sample + window.first,
         )
-        return _counted(trajectory, window.start - window.first, gains)
+        body_means = np.array(
+            [
+                _body_means(window, entry.sample_period, float(delay))
+                for delay in (delays[:1] if one_drive else delays)
+            ]
+        )
+        return _counted(trajectory, window.start - window.first, gains, body_means, entry.sample_period)
 
     def _tables(self, sets: Array, window: Window) -> Array:
         if window.viscosity is None or "viscous_coefficient" not in self.names:
@@ -253,17 +280,30 @@ class FreeRun:
 def half_steps(window: Window, sample_period: float, substeps: int, delay: float = 0.0) -> Array:
     """Return the drive (m/s^2) of ``window`` at the ends and midpoints of all steps, ``delay`` s earlier.
 
-    Shape (2 n substeps + 1,), n the samples from ``first`` to ``stop``.
+    Shape (2 n substeps + 1,), n the samples from ``first`` to ``stop`` inclusive.
     """
     finer = 2 * substeps
-    spectrum = window.drive
-    if delay != 0.0:
-        frequency = fft.rfftfreq(window.length, sample_period)
-        spectrum = spectrum * np.exp(-2j * np.pi * frequency * delay)
+    spectrum = _delayed(window, sample_period, delay)
     # The drive has nothing left at half the sample rate, so its line there needs no halving.
     fine = fft.irfft(spectrum, finer * window.length) * finer
     first = finer * window.margin
-    return np.asarray(fine[first : first + finer * (window.stop - window.first) + 1])
+    return np.asarray(fine[first : first + finer * (window.stop + 1 - window.first) + 1])
+
+
+def _delayed(window: Window, sample_period: float, delay: float) -> NDArray[np.complex128]:
+    if delay == 0.0:
+        return window.drive
+    frequency = fft.rfftfreq(window.length, sample_period)
+    return np.asarray(window.drive * np.exp(-2j * np.pi * frequency * delay))
+
+
+def _body_means(window: Window, sample_period: float, delay: float) -> Array:
+    """Return the mean of the drive from each sample that counts to the next, m/s^2."""
+    frequency = fft.rfftfreq(window.length, sample_period)
+    spectrum = _delayed(window, sample_period, delay) * interval_mean_response(frequency, sample_period)
+    first = window.margin + window.start - window.first
+    means = fft.irfft(spectrum, window.length)
+    return np.asarray(means[first : first + window.stop - window.start])
 
 
 def excitation_limit(entry: Record) -> float:
@@ -314,15 +354,18 @@ def _around(samples: Array, low: int, high: int, fade: int) -> Array:
     return around
 
 
-def _counted(trajectory: Trajectory, lead: int, gains: Array) -> Response:
+def _counted(
+    trajectory: Trajectory, lead: int, gains: Array, body_means: Array, sample_period: float
+) -> Response:
     velocity = trajectory.velocity[:, lead:]
     stuck = trajectory.stuck[:, lead:]
-    jumps = np.zeros(velocity.shape, dtype=np.bool_)
-    jumps[:, :-1] = (np.sign(velocity[:, 1:]) != np.sign(velocity[:, :-1])) | (stuck[:, 1:] != stuck[:, :-1])
+    jumps = (np.sign(velocity[:, 1:]) != np.sign(velocity[:, :-1])) | (stuck[:, 1:] != stuck[:, :-1])
+    gain = 1.0 + gains[:, np.newaxis]
     return Response(
-        trajectory.acceleration[:, lead:] * (1.0 + gains[:, np.newaxis]),
-        trajectory.displacement[:, lead:],
-        velocity,
+        gain * trajectory.acceleration[:, lead:-1],
+        gain * (np.diff(velocity, axis=1) / sample_period + body_means),
+        trajectory.displacement[:, lead:-1],
+        velocity[:, :-1],
         jumps,
     )
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from spool_msgs.msg import ModelEstimate
+from spool_msgs.msg import ModelEstimate, WindowRefit
 from spool_node.messages import from_quantity, nanoseconds, to_quantity, to_time
 
 from .estimate import Estimate, State
+from .refit import Refit
 
 _QUANTITIES = (
     "referred_viscous_coefficient",
@@ -43,3 +44,25 @@ def from_message(message: ModelEstimate) -> Estimate:
             **{name: from_quantity(getattr(message, name)) for name in _QUANTITIES},
         },
     )
+
+
+def to_refit_message(refit: Refit, valve_id: str, *, refits: int, skipped: int) -> WindowRefit:
+    """Return ``refit`` of the valve ``valve_id`` as a message, with what was done and skipped by then."""
+    message = WindowRefit(
+        model=refit.model,
+        state=int(refit.state),
+        reason=refit.reason,
+        last_sequence=refit.last_sequence,
+        window=refit.window,
+        parameters=[to_quantity(quantity) for quantity in refit.parameters],
+        fitted=list(refit.fitted),
+        correlations=list(refit.correlations),
+        objective=to_quantity(refit.objective),
+        amplitude_ratio=to_quantity(refit.amplitude_ratio),
+        nrmse=to_quantity(refit.nrmse),
+        refits=refits,
+        skipped=skipped,
+    )
+    message.header.frame_id = valve_id
+    message.header.stamp = to_time(refit.stamp)
+    return message

@@ -1,9 +1,10 @@
 """Which unknowns the records tell, and which only together with others.
 
-The information matrix J'J of the weighted slopes has full rank where every unknown shows in its own way. A
-direction in which it vanishes is a change of several unknowns that nothing sees: products such as a friction
-coefficient times a load, differences of two lengths. Such unknowns have no value of their own; what has one
-is a combination whose gradient is at a right angle to every such direction.
+The slopes of the forces along the measured motion, and of what friction takes up at rest, have full rank
+where every unknown shows in its own way. A direction in which they vanish is a change of several unknowns
+that nothing sees: products such as a friction coefficient times a load, differences of two lengths. Such
+unknowns have no value of their own; what has one is a combination whose gradient is at a right angle to every
+such direction.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ def unseen_directions(slopes: Array, scales: Array) -> Array:
     """Return an orthonormal basis (d, u) of the scaled changes that ``slopes`` (n, u) do not see.
 
     Args:
-        slopes: weighted Jacobian.
+        slopes: of the forces, or of a weighted residual.
         scales: typical size of each unknown; directions are in unknowns over these.
     """
     scaled = slopes * scales
@@ -88,9 +89,9 @@ def combinations(
 
     Args:
         unseen: from :func:`unseen_directions`, shape (d, u).
-        names, units: of the unknowns.
+        names, units: of the unknowns, and of given parameters after them.
         values: at the point.
-        scales: as in :func:`unseen_directions`.
+        scales: as in :func:`unseen_directions`; 0 for what is given.
     """
     involved = [
         place for place in range(len(names)) if unseen.size and np.abs(unseen[:, place]).max() >= IN_LINE
@@ -148,8 +149,8 @@ def _candidates(
                     {i: point[j] - point[k], j: point[i], k: -point[i]},
                 )
     for i in involved:
-        for j, k in itertools.combinations([place for place in involved if place != i], 2):
-            if _product(units[j], units[k]) == units[i]:
+        for j, k in itertools.combinations([place for place in range(count) if place != i], 2):
+            if (j in involved or k in involved) and _product(units[j], units[k]) == units[i]:
                 yield made(
                     f"{names[i]} - {names[j]}*{names[k]}",
                     units[i],

@@ -16,6 +16,10 @@ USUAL_DEVIATION = 0.5
 #: s, a temperature older than this is no longer known; a valve's oil warms within minutes.
 LONGEST_AGE = 60.0
 
+#: s, how long after its measurement a temperature is used: it may travel more slowly than the blocks.
+LAG = 0.5
+_LAG = round(LAG * 1e9)
+
 #: s, a stamp that goes back by more is a new start of time, by less a message that came late.
 LATE = 5.0
 
@@ -52,9 +56,9 @@ def oil_law(valve: Valve) -> OilLaw | None:
 class OilReference:
     """Follow the oil temperature of one valve and refer its viscous coefficient.
 
-    Temperatures are taken by their stamps: which of a temperature and a block arrives first makes no
-    difference as long as it is not later than the filters' delay. The coefficient is a mean over the memory
-    of the regression, so the viscosity is one over the same time.
+    Temperatures are taken by their stamps, ``LAG`` s behind the motion: which of a temperature and a block
+    arrives first makes no difference unless it comes later than that. The coefficient is a mean over the
+    memory of the regression, so the viscosity is one over the same time.
 
     Args:
         law: ``None`` where no law is known: then only the temperature is passed on.
@@ -89,9 +93,10 @@ class OilReference:
 
     def follow(self, stamp: int, seconds: float) -> None:
         """Move on to the motion at ``stamp`` (ns), of which ``seconds`` went into the regression since."""
+        stamp -= _LAG
         while self._waiting and self._waiting[0][0] <= stamp:
             self._present = self._waiting.popleft()
-        if self._present is None or self.law is None or not self.temperature(stamp).known:
+        if self._present is None or self.law is None or not self._fresh(stamp):
             self._ratio = math.nan
             return
         now = self.law.ratio(self._present[1])
@@ -100,9 +105,12 @@ class OilReference:
 
     def temperature(self, stamp: int) -> Quantity:
         """Return the temperature at ``stamp`` (ns), unknown where it is too old or there is none."""
-        if self._present is None or not 0 <= stamp - self._present[0] <= LONGEST_AGE * 1e9:
+        if self._present is None or not self._fresh(stamp - _LAG):
             return Quantity("oil_temperature", "deg C")
         return Quantity("oil_temperature", "deg C", self._present[1], self._present[2], Validity.VALID)
+
+    def _fresh(self, stamp: int) -> bool:
+        return self._present is not None and 0 <= stamp - self._present[0] <= LONGEST_AGE * 1e9
 
     def referred(self, viscous: Quantity) -> Quantity:
         """Return ``viscous`` (N s/m) as it would be at the reference temperature.

@@ -6,8 +6,9 @@ the chunk brings, so that a parameter that the machine does not excite is held w
 (Cao and Schwartz, Automatica 36 (2000) 1725, extended from a sample to a chunk).
 
 The covariance is the sandwich form for dependent residuals, carried through the same recursion
-(Liang and Zeger, Biometrika 73 (1986) 13, a chunk being a cluster). The first chunks are solved as one batch:
-before there is a fit, a residual is the signal itself and says nothing of the uncertainty.
+(Liang and Zeger, Biometrika 73 (1986) 13, a chunk being a cluster; neighbours within LAGS chunks may depend
+on each other, with Bartlett's weights: Newey and West, Econometrica 55 (1987) 703). The first chunks are
+solved as one batch: before there is a fit, a residual is the signal itself and tells nothing of uncertainty.
 """
 
 from __future__ import annotations
@@ -16,11 +17,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_stream.compiled import compiled
 
 Array = NDArray[np.float64]
 
 #: Chunks that are solved together before the recursion begins.
 BATCH = 10
+#: Chunks over which residuals may depend on each other.
+LAGS = 4
+#: Certainty (in units of the scale) beyond which a direction may be forgotten faster than the chunk replaces
+#: it, up to AHEAD times: what a strong excitation once said must not outweigh minutes of a weak one.
+ENOUGH, AHEAD = 0.003, 300.0
 
 
 @dataclass(slots=True)
@@ -40,36 +47,63 @@ class RecursiveLeastSquares:
     parameters: Array = field(init=False)
     information: Array = field(init=False)
     covariance: Array = field(init=False)
+    bias: Array = field(init=False)
     chunks: int = field(default=0, init=False)
     _first: list[tuple[Array, Array]] = field(default_factory=list, init=False)
+    _recent: Array = field(init=False)
 
     def __post_init__(self) -> None:
         self.parameters = np.zeros(self.scale.size)
         # All in units of ``scale``, so that one step of algebra serves any mix of units.
         self.information = np.eye(self.scale.size) * self.noise**2
         self.covariance = np.eye(self.scale.size)
+        self.bias = np.zeros(self.scale.size)
+        self._recent = np.zeros((LAGS, self.scale.size))
 
     def update(self, rows: Array, target: Array, weight: float = 1.0) -> None:
         """Take a chunk: ``rows`` of shape (n, p), ``target`` of shape (n,); a sample counts ``weight``."""
         scaled = rows * self.scale
         gram = scaled.T @ scaled * weight
         product = scaled.T @ target * weight
-        self.chunks += 1
-        if self.chunks <= BATCH:
+        if self.chunks < BATCH:
+            self.chunks += 1
             self._solve_batch(gram, product)
         else:
-            self._step(gram, product)
+            self.advance(gram, product - gram @ (self.parameters / self.scale), np.zeros(self.scale.size))
 
-    def _step(self, gram: Array, product: Array) -> None:
-        current = self.parameters / self.scale
-        score = product - gram @ current
-        kept = self._forget(gram)
-        inverse = np.linalg.inv(kept + gram)
-        shrink = inverse @ kept
-        change = inverse @ score
-        self.covariance = shrink @ self.covariance @ shrink.T + np.outer(change, change)
-        self.information = kept + gram
-        self.parameters = (current + change) * self.scale
+    def advance(self, gram: Array, score: Array, mean_score: Array) -> Array:
+        """Take a chunk by its sums over scaled, weighted rows: row row^T, and row times the present error.
+
+        ``mean_score`` is the part of ``score`` that a known cause makes on average: it goes into ``bias``.
+
+        Returns:
+            The change of the parameters, shape (p,).
+
+        """
+        self.chunks += 1
+        change = np.empty(score.size)
+        _step(
+            self.information, self.covariance, self._recent, self.bias, gram, score, mean_score,
+            self.forgetting, ENOUGH / self.noise, change,
+        )  # fmt: skip
+        moved = change * self.scale
+        self.parameters = self.parameters + moved
+        return moved
+
+    def begin(self, parameters: Array, grams: Array, scores: Array, mean_score: Array) -> None:
+        """Begin anew with ``parameters`` that fit n chunks.
+
+        ``grams`` (n, p, p) and ``scores`` (n, p) are as for ``advance``, ``mean_score`` is that of all, (p,).
+        """
+        self.chunks = BATCH + len(grams)
+        self._first.clear()
+        self.parameters = np.array(parameters)
+        self.information = grams.sum(axis=0) + np.eye(self.scale.size) * self.noise**2
+        self.covariance = sandwich(self.information, scores)
+        self.bias = np.asarray(np.linalg.solve(self.information, mean_score), dtype=np.float64)
+        self._recent[:] = 0.0
+        if self.forgetting > 0.0:
+            self.information *= min(1.0, 1.0 / (len(grams) * self.forgetting))
 
     def _solve_batch(self, gram: Array, product: Array) -> None:
         """Solve for all chunks so far; the covariance comes from their residual scores."""
@@ -89,21 +123,57 @@ class RecursiveLeastSquares:
             # No more than forgetting would have left, else a memory shorter than the batch is never reached.
             self.information *= min(1.0, 1.0 / (BATCH * self.forgetting)) if self.forgetting > 0.0 else 1.0
 
-    def discount(self, share: float) -> None:
-        """Take ``share`` of the information away in every direction: the past has become less true."""
-        self.information *= 1.0 - share
-        self.covariance /= 1.0 - share
-
     @property
     def standard_deviations(self) -> Array:
         """Standard deviations of the parameters, shape (p,)."""
         return np.sqrt(np.diag(self.covariance)) * self.scale
 
-    def _forget(self, gram: Array) -> Array:
-        """Return the information less what the chunk replaces, direction by direction."""
-        factor = np.linalg.cholesky(self.information)
-        inverse = np.linalg.inv(factor)
-        shares, directions = np.linalg.eigh(inverse @ gram @ inverse.T)
-        forgotten = np.clip(shares, 0.0, self.forgetting)
-        basis = factor @ directions
-        return np.asarray((basis * (1.0 - forgotten)) @ basis.T)
+
+def sandwich(information: Array, scores: Array) -> Array:
+    """Return the covariance for n chunks' scores, shape (n, p), neighbours within LAGS dependent."""
+    inverse = np.linalg.inv(information)
+    padded = np.pad(scores, ((LAGS - 1, LAGS - 1), (0, 0)))
+    sums = sum((padded[lag : lag + len(scores) + LAGS - 1] for lag in range(LAGS)), np.zeros(scores.shape[1]))
+    count, size = scores.shape
+    meat = sums.T @ sums / LAGS * (count / max(1, count - size))
+    return np.asarray(inverse @ meat @ inverse)
+
+
+@compiled
+def _step(
+    information: Array,
+    covariance: Array,
+    recent: Array,
+    bias: Array,
+    gram: Array,
+    score: Array,
+    mean_score: Array,
+    forgetting: float,
+    enough: float,
+    change: Array,
+) -> None:
+    """Forget, add the chunk, fill ``change`` of the parameters; the first four move on in place."""
+    factor = np.linalg.cholesky(information)
+    inverse = np.linalg.inv(factor)
+    shares, directions = np.linalg.eigh(inverse @ gram @ inverse.T)
+    basis = factor @ directions
+    dual = inverse.T @ directions
+    kept = np.zeros(information.shape)
+    for i in range(shares.size):
+        brought = max(shares[i], 0.0)
+        # A displacement along ``dual`` has the nominal deviation of its own length times the noise.
+        excess = 1.0 - np.sum(dual[:, i] ** 2) / enough**2
+        forgotten = min(forgetting, max(brought, min(AHEAD * brought, excess)))
+        kept += (1.0 - forgotten) * np.outer(basis[:, i], basis[:, i])
+    information[:] = kept + gram
+    gain = np.linalg.inv(information)
+    shrink = gain @ kept
+    change[:] = gain @ score
+    bias[:] = shrink @ bias + gain @ mean_score
+    neighbours = np.zeros(change.size)
+    for lag in range(recent.shape[0] - 1):
+        recent[lag] = shrink @ recent[lag + 1]
+        neighbours += (lag + 1.0) / recent.shape[0] * recent[lag]
+    recent[-1] = change
+    across = np.outer(neighbours, change)
+    covariance[:] = shrink @ covariance @ shrink.T + np.outer(change, change) + across + across.T

@@ -26,7 +26,11 @@ JUMP_TIME = 1.5e-4
 #: Share of samples that may be left out; where friction jumps more often, nothing is.
 MOST_LEFT_OUT = 0.6
 #: s of the pieces that the residual's spectrum is averaged over.
-SPECTRUM_PIECE = 0.5
+SPECTRUM_PIECE = 2.0
+#: Samples around a jump in which a filter before the sampling shows, and the share of power that it adds.
+RINGING, RINGS = 5, 0.15
+#: Highest frequency that is compared, as a share of the sample rate.
+HIGHEST_SHARE = 0.35
 #: Relative step of the slopes.
 STEP = 1e-3
 
@@ -61,6 +65,7 @@ class Residuals:
         run: the windows.
         unknowns: what is fitted, the order of every point.
         values: the model's parameters that a point does not hold.
+        band_limited: compare means over the sample intervals, not samples.
         kept: weight 0 or 1 of each sample, one array for each window.
         spectrum: of the residual, one for each record, or ``None`` for equal weights.
     """
@@ -77,27 +82,47 @@ class Residuals:
         self.unknowns = tuple(unknowns)
         self.values = dict(values)
         self.band = band
+        self.band_limited = True
         self.kept: list[Array] = [np.ones(window.measured.size) for window in run.windows]
         self.spectrum: list[Spectrum | None] = [None] * len(run.records)
         laws = {law for entry in run.model.terms for law in entry.laws}
         self._jumps = bool(laws & {"sliding_law", "memory_law"})
 
-    def respond(self, points: Array) -> list[Response]:
-        """Return the response at ``points`` (s, u) in each window."""
+    @property
+    def has_jumps(self) -> bool:
+        """Whether the model has friction that jumps."""
+        return self._jumps
+
+    def read_as_means(self) -> None:
+        """Compare means over the sample intervals from now on, all of them."""
+        self.band_limited = True
+        self.kept = [np.ones(kept.size) for kept in self.kept]
+
+    def at_delay(self, point: Array, delay: float) -> Array:
+        """Return the weighted residual at ``point`` with the spool's sensor later by ``delay`` s."""
+        return np.asarray(self.weighted(self.differences(self.respond(point[np.newaxis], delay)))[0])
+
+    def respond(self, points: Array, delay: float = 0.0) -> list[Response]:
+        """Return the response at ``points`` (s, u) in each window, the sensor ``delay`` s later still."""
         sets = np.repeat(self.run.sets(self.values), points.shape[0], axis=0)
         gains: Array = np.zeros(points.shape[0])
-        delays: Array = np.zeros(points.shape[0])
+        delays: Array = np.full(points.shape[0], delay)
         for place, unknown in enumerate(self.unknowns):
             if unknown.name == SPOOL_GAIN:
                 gains = points[:, place]
             elif unknown.name == SPOOL_DELAY:
-                delays = points[:, place]
+                delays = points[:, place] + delay
             else:
                 sets[:, self.run.names.index(unknown.name)] = points[:, place]
         return self.run.responses(sets, gains, delays)
 
     def differences(self, responses: Sequence[Response]) -> list[Array]:
         """Return model - measured where samples are kept, m/s^2, shape (s, n) for each window."""
+        if self.band_limited:
+            return [
+                response.means - window.measured_means
+                for response, window in zip(responses, self.run.windows, strict=True)
+            ]
         return [
             (response.acceleration - window.measured) * kept
             for response, window, kept in zip(responses, self.run.windows, self.kept, strict=True)
@@ -117,7 +142,7 @@ class Residuals:
         period = self.run.records[record].sample_period
         length = fft.next_fast_len(columns.shape[-1], real=True)
         frequency = fft.rfftfreq(length, period)
-        gain = ZeroPhase(period, *self.band).gain(frequency)
+        gain = ZeroPhase(period, self.band[0], min(self.band[1], HIGHEST_SHARE / period)).gain(frequency)
         spectrum = self.spectrum[record]
         if spectrum is not None:
             gain /= np.sqrt(spectrum.at(frequency) * 0.5 / period)
@@ -127,27 +152,32 @@ class Residuals:
         """Return the weighted residual at ``point`` (u,)."""
         return np.asarray(self.weighted(self.differences(self.respond(point[np.newaxis])))[0])
 
-    def steps(self, point: Array) -> Array:
+    def steps(self, point: Array, step: float = STEP) -> Array:
         """Return the steps of the slopes at ``point``, shape (u,), towards the inside of the bounds."""
         steps = np.array(
             [
-                STEP * max(abs(value), 0.1 * unknown.scale)
+                step * max(abs(value), 0.1 * unknown.scale)
                 for value, unknown in zip(point.tolist(), self.unknowns, strict=True)
             ]
         )
         beyond = point + steps > [unknown.high for unknown in self.unknowns]
         return np.where(beyond, -steps, steps)
 
-    def slopes(self, point: Array) -> Array:
-        """Return the Jacobian of ``at``, shape (all samples, u); all perturbed sets run in one call."""
+    def at_with_slopes(self, point: Array) -> tuple[Array, Array]:
+        """Return ``at`` and its Jacobian, shape (all samples, u); all perturbed sets run in one call."""
         steps = self.steps(point)
         points = np.vstack([point, point + np.diag(steps)])
         runs = self.weighted(self.differences(self.respond(points)))
-        return np.asarray(((runs[1:] - runs[0]) / steps[:, np.newaxis]).T)
+        return runs[0], np.asarray(((runs[1:] - runs[0]) / steps[:, np.newaxis]).T)
 
-    def central_slopes(self, point: Array) -> Array:
+    def costs(self, points: Array) -> Array:
+        """Return half the sum of squares at ``points`` (s, u), shape (s,); infinite where a run fails."""
+        runs = self.weighted(self.differences(self.respond(points)))
+        return np.asarray(np.nan_to_num(0.5 * np.sum(runs**2, axis=1), nan=np.inf))
+
+    def central_slopes(self, point: Array, step: float = STEP) -> Array:
         """Return the Jacobian by differences to both sides where the bounds leave room."""
-        steps = np.abs(self.steps(point))
+        steps = np.abs(self.steps(point, step))
         lows = np.maximum(point - steps, [unknown.low for unknown in self.unknowns])
         highs = np.minimum(point + steps, [unknown.high for unknown in self.unknowns])
         changes = np.diag(highs - point), np.diag(lows - point)
@@ -159,16 +189,37 @@ class Residuals:
 
     def leave_jumps_out(self, responses: Sequence[Response]) -> None:
         """Leave out the samples next to jumps of the friction in the first set of ``responses``."""
-        if not self._jumps:
+        if not self._jumps or self.band_limited:
             return
         for number, (response, window) in enumerate(zip(responses, self.run.windows, strict=True)):
             period = self.run.records[window.record].sample_period
             reach = max(1, math.ceil(JUMP_TIME / period))
-            jumps = response.jumps[0].astype(np.float64)
-            # The sample before a jump and the one after it, each with its neighbours.
-            near = np.convolve(jumps, np.ones(2 * reach + 2))[reach : reach + jumps.size] > 0.0
+            near = _within(response.jumps[0].astype(np.float64), reach)
             if near.mean() <= MOST_LEFT_OUT:
                 self.kept[number] = np.where(near, 0.0, 1.0)
+
+    def rings(self, responses: Sequence[Response]) -> bool:
+        """Return whether the samples around jumps of the friction ring: the record was band-limited first.
+
+        The first set of ``responses`` must fit about. Samples two to six away from a jump are compared with
+        those farther off; without a filter before the sampling, both differ from the model alike.
+        """
+        if not self._jumps:
+            return True
+        near_power, near_count, far_power, far_count = 0.0, 0, 0.0, 0
+        for response, window in zip(responses, self.run.windows, strict=True):
+            squares = (response.acceleration[0] - window.measured) ** 2
+            jumps = response.jumps[0].astype(np.float64)
+            reach = max(1, math.ceil(JUMP_TIME / self.run.records[window.record].sample_period))
+            close, wide = _within(jumps, reach), _within(jumps, reach + RINGING)
+            near_power += float(squares[wide & ~close].sum())
+            near_count += int((wide & ~close).sum())
+            far_power += float(squares[~wide].sum())
+            far_count += int((~wide).sum())
+        if min(near_count, far_count) < 50:
+            return True
+        ratio = near_power / near_count / (far_power / far_count)
+        return ratio > 1.0 + RINGS + 4.0 * math.sqrt(2.0 / min(near_count, far_count))
 
     def take_spectrum(self, differences: Sequence[Array]) -> None:
         """Weigh from now on by the spectrum of the first set of ``differences``."""
@@ -180,6 +231,12 @@ class Residuals:
             ]
             if rows:
                 self.spectrum[record] = residual_spectrum(rows, self.run.records[record].sample_period)
+
+
+def _within(jumps: Array, reach: int) -> NDArray[np.bool_]:
+    """Return which samples stand at most ``reach`` before or after the two around a jump, shape (n,)."""
+    near = np.convolve(jumps, np.ones(2 * reach + 2))[reach : reach + jumps.size]
+    return np.asarray(near > 0.5)
 
 
 def residual_spectrum(rows: Sequence[tuple[Array, Array]], sample_period: float) -> Spectrum:

@@ -10,6 +10,10 @@ from spool_sim import motion
 from spool_sim.motion import MotionState, advance
 
 from .conditioning import COLUMNS, Conditioning
+from .exponential import ExponentialForgetting
+from .prediction import Prediction
+from .recursive import RecursiveLeastSquares
+from .window import ChunkWindow
 
 
 def warm_up() -> None:
@@ -30,11 +34,18 @@ def warm_up() -> None:
 
 def warm_up_estimator() -> None:
     """Run every kernel of the estimator once."""
-    samples = np.ones(4, dtype=np.float32)
-    Conditioning(1e-3).take(samples, samples, np.empty((4, COLUMNS)))
+    scale = np.ones(3)
+    prediction = Prediction(1e-3, 0.18, scale)
+    samples = np.ones(16, dtype=np.float32)
     # Blocks of messages are read-only views of their bytes: numba compiles those apart.
-    view = np.frombuffer(samples.tobytes(), dtype=np.float32)
-    Conditioning(1e-3).take(view, view, np.empty((4, COLUMNS)))
+    for view in (samples, np.frombuffer(samples.tobytes(), dtype=np.float32)):
+        Conditioning(1e-3).take(view, view, np.empty((view.size, COLUMNS)))
+        prediction.take(view, view, np.array([1632.0, 4.0, 0.1]))
+    ExponentialForgetting(1, 0.9).update(np.ones((1, 1)), np.ones(1))
+    RecursiveLeastSquares(scale, 0.1, 1.0).advance(np.eye(3), scale, scale)
+    window = ChunkWindow(scale)
+    window.add_sums(np.eye(3), scale, 1.0, 1.0, scale)
+    window.judge(scale)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import cmath
 import math
 import pickle
 from collections.abc import Iterable
@@ -99,8 +100,8 @@ def test_one_estimate_a_second_stamped_with_the_newest_sample() -> None:
     for number, estimate in enumerate(estimates, start=1):
         assert estimate.stamp == blocks[0].stamp + number * 1_000_000_000 - 500_000
         assert estimate.last_sequence == 50 * number - 1
-    # Linear phase: half of each filter's length, in all about 3 / (2 low_cut).
-    assert estimates[-1].delay == pytest.approx(1.5 / SETTINGS.low_cut, rel=0.02)
+    # The body's acceleration between two samples takes three samples on each side.
+    assert estimates[-1].delay == pytest.approx(5 / 2000)
     assert estimates[-1].samples < 12 * 2000
 
 
@@ -278,10 +279,15 @@ def test_a_stale_estimate_is_held_and_claims_no_signal() -> None:
 def test_signals_are_reported_as_they_are() -> None:
     drive = MachineOrders(speed_profile=((0.0, 1200.0),), orders=((1.0, 10.0),))
     last = estimates_of(simulator(drive=drive, coulomb_force=0.0).records(8.0))[-1]
-    # At 2.5 / (length of the running mean) each of two high-passes lets 1 - (2 / (5 pi))^2 through.
-    passed = (1.0 - (2.0 / (5.0 * math.pi)) ** 2) ** 2
+    # Two equal stages of first order, 3 dB down together at low_cut.
+    turn = cmath.exp(2j * math.pi * 20.0 / 2000.0)
+    kept = math.exp(-2.0 * math.pi * SETTINGS.low_cut / 1.554 / 2000.0)
+    passed = abs((turn - 1.0) / (turn - kept)) ** 2
     assert last.excitation.value == pytest.approx(passed * 10.0 / math.sqrt(2.0), rel=0.003)
-    assert last.relative_displacement.value > 0.0
+    # Undamped but for the oil: z = -w'' / (w0^2 - w^2 + 2 i zeta w0 w).
+    natural, omega = math.sqrt(1632.0 / 0.18), 2.0 * math.pi * 20.0
+    moved = 10.0 / abs(natural**2 - omega**2 + 1j * omega * simulator().truth.viscous_coefficient / 0.18)
+    assert last.relative_displacement.value == pytest.approx(passed * moved / math.sqrt(2.0), rel=0.01)
 
 
 def test_an_unknown_parameter_is_a_key_error() -> None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from spool_estimator.estimate import Estimate
 from spool_estimator.estimator import Estimator, settings_for
-from spool_estimator.oil import LONGEST_AGE, USUAL_DEVIATION, OilReference, oil_law
+from spool_estimator.oil import LAG, LONGEST_AGE, USUAL_DEVIATION, OilReference, oil_law
 from spool_sim.presets import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import DEFAULT_START_STAMP, Simulator
@@ -109,7 +109,7 @@ def test_outside_of_the_law_nothing_is_referred(celsius: float) -> None:
 def test_an_old_temperature_is_no_longer_known() -> None:
     reference = OilReference(oil_law(VALVE), 4.0)
     reference.take(SECOND, 40.0)
-    end = SECOND + round(LONGEST_AGE * SECOND)
+    end = SECOND + round((LONGEST_AGE + LAG) * SECOND)
     reference.follow(end, 1.0)
     assert reference.temperature(end).standard_deviation == USUAL_DEVIATION
     assert reference.referred(VISCOUS).known
@@ -121,7 +121,7 @@ def test_an_old_temperature_is_no_longer_known() -> None:
 def test_time_that_goes_back_begins_anew() -> None:
     reference = OilReference(oil_law(VALVE), 4.0)
     reference.take(100 * SECOND, 40.0)
-    reference.follow(100 * SECOND, 1.0)
+    reference.follow(101 * SECOND, 1.0)
     reference.take(99 * SECOND, 45.0)
     assert reference.refused == 1
     reference.take(10 * SECOND, 30.0)

@@ -79,8 +79,8 @@ class Monitor:
 
     def update(self, block: Block) -> list[Event]:
         """Take one block; return what began or ended with it."""
-        before = self.gate.last
         verdict = self.gate.judge(block)
+        before = self.gate.before
         events = self._judge_data(block.stamp)
         if verdict is Verdict.REFUSED:
             return events

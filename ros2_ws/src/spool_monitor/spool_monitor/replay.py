@@ -7,8 +7,10 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from spool_estimator.estimate import Estimate
-from spool_estimator.estimator import Estimator
+from spool_estimator.estimators import StreamEstimator
+from spool_estimator.refit import Refit, WindowRefits, refit
 from spool_stream.block import Block
+from spool_stream.block_gate import BlockGate, SharedGate
 
 from .event import Event
 from .monitor import Monitor
@@ -20,18 +22,34 @@ class Replay:
 
     Attributes:
         estimates: every estimate, where ``keep`` asked for them; the last one is ``estimator.latest``.
+        refitted: every refit, where ``refits`` asked for them; none is skipped here.
         events: every event; a valve that flaps is bounded by its conditions' delays.
 
     """
 
-    estimator: Estimator
+    estimator: StreamEstimator
     monitor: Monitor
     keep: bool = False
+    refits: WindowRefits | None = None
     estimates: list[Estimate] = field(default_factory=list, init=False)
     events: list[Event] = field(default_factory=list, init=False)
+    refitted: list[Refit] = field(default_factory=list, init=False)
     first_stamp: int | None = field(default=None, init=False)
     last_stamp: int | None = field(default=None, init=False)
     samples: int = field(default=0, init=False)
+    _gate: SharedGate | None = field(default=None, init=False)
+
+    def __post_init__(self) -> None:
+        consumers: list[StreamEstimator | Monitor | WindowRefits] = [self.estimator, self.monitor]
+        if self.refits is not None:
+            consumers.append(self.refits)
+        first = self.estimator.gate
+        if isinstance(first, SharedGate) and all(consumer.gate is first for consumer in consumers):
+            self._gate = first
+        elif all(consumer.gate == BlockGate() for consumer in consumers):
+            self._gate = SharedGate()
+            for consumer in consumers:
+                consumer.gate = self._gate
 
     def run(self, blocks: Iterable[Block], progress: Callable[[Block], None] | None = None) -> None:
         """Drive both cores with ``blocks``; ``progress`` is called after each."""
@@ -46,13 +64,20 @@ class Replay:
 
     def update(self, block: Block) -> None:
         """Take one block through estimator and monitor, in the order of the data."""
-        refused = self.estimator.gate.refused
+        gate = self.estimator.gate
+        before = gate.refused
+        if self._gate is not None:
+            self._gate.admit(block)
         estimates = self.estimator.update(block)
-        if self.estimator.gate.refused == refused:
+        if gate.refused == before and gate.last is not None:
             self.samples += block.body.size
             self.first_stamp = block.stamp if self.first_stamp is None else self.first_stamp
-            self.last_stamp = block.end
-        self.events += self.monitor.update(block)
+            self.last_stamp = gate.last[1]
+        if self.refits is not None:
+            self.refitted += [refit(task) for task in self.refits.update(block, estimates)]
+        events = self.monitor.update(block)
+        if events:
+            self.events += events
         for estimate in estimates:
             self.events += self.monitor.update_estimate(estimate)
             if self.keep:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_stream.block import Block
+from spool_stream.block import Block, Samples
 
 #: Hz, below lies drift, above no spring of a directional valve resonates.
 BAND = (4.0, 250.0)
@@ -48,6 +48,7 @@ class LineTracker:
     _period: float = field(default=0.0, init=False)
     _filled: int = field(default=0, init=False)
     _fresh: int = field(default=0, init=False)
+    _waiting: list[tuple[Samples, Samples]] = field(default_factory=list, init=False)
 
     def restart(self, period: float) -> None:
         """Forget all samples; the next ones are ``period`` s apart."""
@@ -59,24 +60,31 @@ class LineTracker:
             self._taper = np.hanning(size).astype(np.float64)
             self._period = period
         self._filled = self._fresh = 0
+        self._waiting.clear()
         self.silent_at = None
 
     def update(self, block: Block) -> list[Line]:
         """Take a block; return the lines that fell due, the same for any split into blocks."""
+        total = block.body.size
+        if self._fresh + total < self._hop:
+            self._waiting.append((block.body, block.spool))
+            self._fresh += total
+            return []
         lines = []
-        body, spool = self._last
-        size, hop, total = self._taper.size, self._hop, block.body.size
+        size, hop = self._taper.size, self._hop
         taken = 0
         while taken < total:
             count = min(hop - self._fresh, total - taken)
-            begin = size + self._fresh
-            body[begin : begin + count] = block.body[taken : taken + count]
-            spool[begin : begin + count] = block.spool[taken : taken + count]
+            part = slice(taken, taken + count)
+            self._waiting.append((block.body[part], block.spool[part]))
             taken += count
             self._fresh += count
             if self._fresh < hop:
                 break
             self._fresh = 0
+            for side in (0, 1):
+                self._last[side, size:] = np.concatenate([pair[side] for pair in self._waiting])
+            self._waiting.clear()
             self._last[:, :size] = self._last[:, hop:]
             self._filled = min(size, self._filled + hop)
             if self._filled == size:
@@ -89,22 +97,24 @@ class LineTracker:
 
     def _find(self, stamp: int) -> Line | None:
         size = self._taper.size
-        window = self._last[:, :size]
-        body, spool = np.fft.rfft((window - window.mean(axis=1, keepdims=True)) * self._taper)
         step = 1.0 / (size * self._period)
         low = max(3, math.ceil(BAND[0] / step))
-        high = min(body.size - 3, math.floor(BAND[1] / step))
+        high = min(size // 2 - 2, math.floor(BAND[1] / step))
         if high <= low:
             return None
-        power = np.abs(body) ** 2
-        peak = low + int(np.argmax(power[low : high + 1]))
+        window = self._last[:, :size]
+        means = np.add.reduce(window, axis=1, dtype=np.float64, keepdims=True) / size
+        # Two lines beyond the band on either side: a tapered line at its edge spreads so far.
+        body, spool = np.fft.rfft((window - means) * self._taper)[:, low - 2 : high + 3]
+        power = body.real**2 + body.imag**2
+        peak = 2 + int(power[2:-2].argmax())
         around = slice(peak - 2, peak + 3)
         line_power = float(power[around].sum())
-        total = float(power[low - 2 : high + 3].sum())
+        total = float(power.sum())
         if line_power <= 0.0 or not math.isfinite(line_power):
             return None
         # The centre of gravity of a Hann-tapered line lies on its frequency.
-        frequency = float(np.arange(peak - 2, peak + 3) @ power[around]) / line_power * step
+        frequency = (low - 2 + float(np.arange(peak - 2, peak + 3) @ power[around]) / line_power) * step
         # A sine of amplitude A under the taper holds A^2 / 4 times the taper's energy times n.
         scale = 4.0 / (float(self._taper @ self._taper) * self._taper.size)
         amplitude = math.sqrt(line_power * scale)

@@ -35,8 +35,8 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = ()
 
-    def __init__(self, name: str = "node") -> None:
-        super().__init__(name)
+    def __init__(self, name: str = "node", namespace: str | None = None) -> None:
+        super().__init__(name, namespace=namespace)
         self._while_active: list[Callable[[], object]] = []
         self._table = {parameter.name: parameter for parameter in (AUTOSTART, *self.PARAMETERS)}
         declare(self, tuple(self._table.values()), self._parameter_overrides)

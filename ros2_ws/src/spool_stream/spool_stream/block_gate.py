@@ -54,6 +54,7 @@ class BlockGate:
         lost: blocks that never arrived, from jumps in ``sequence``.
         faults: how often each fault was seen.
         last: the last accepted block's stamp, end (ns), sequence and period (s), ``None`` before the first.
+        before: what ``last`` was when the newest block came.
     """
 
     accepted: int = 0
@@ -61,10 +62,12 @@ class BlockGate:
     lost: int = 0
     faults: dict[Fault, int] = field(default_factory=dict)
     last: tuple[int, int, int, float] | None = None
+    before: tuple[int, int, int, float] | None = None
     _unconfirmed: tuple[int, int, int, float] | None = None
 
     def judge(self, block: Block) -> Verdict:
         """Return what to do with ``block``; never raises for what a message can hold."""
+        self.before = self.last
         fault = malformed(block)
         if fault is not None:
             return self._refuse(fault)
@@ -98,8 +101,26 @@ class BlockGate:
         self.faults[fault] = self.faults.get(fault, 0) + 1
 
 
+@dataclass(slots=True)
+class SharedGate(BlockGate):
+    """One judgement for several consumers of the same stream: ``admit`` judges, ``judge`` says it again."""
+
+    _admitted: Block | None = None
+    _verdict: Verdict = Verdict.REFUSED
+
+    def admit(self, block: Block) -> Verdict:
+        """Judge ``block``, which every consumer then takes once."""
+        self._verdict = BlockGate.judge(self, block)
+        self._admitted = block
+        return self._verdict
+
+    def judge(self, block: Block) -> Verdict:
+        """Return what ``admit`` said of ``block``; judge it where it was not admitted."""
+        return self._verdict if block is self._admitted else BlockGate.judge(self, block)
+
+
 def _place(block: Block) -> tuple[int, int, int, float]:
-    return (block.stamp, block.end, block.sequence, block.sample_period)
+    return block.stamp, block.end, block.sequence, block.sample_period
 
 
 def _departure(last: tuple[int, int, int, float], block: Block) -> Fault | None:
@@ -113,7 +134,7 @@ def _departure(last: tuple[int, int, int, float], block: Block) -> Fault | None:
         return Fault.NEW_PERIOD
     duration = block.body.size * period * 1e9
     missing = block.sequence - sequence - 1
-    if missing:
+    if missing > 0:
         # Blocks may differ in length and clocks drift: only a stamp far ahead of the loss is not believed.
         return Fault.LOST if block.stamp - end <= 2.0 * missing * duration + 1e9 else Fault.GAP
     # Clocks of sources jitter: half a block is a gap, a few samples are not.

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_stream.block import Block
-from spool_stream.block_gate import BlockGate, Fault, Verdict, malformed
+from spool_stream.block_gate import BlockGate, Fault, SharedGate, Verdict, malformed
 
 SIZE, PERIOD = 40, 5e-4
 LENGTH = 20_000_000  # ns per block
@@ -178,3 +178,27 @@ def test_a_refused_block_never_changes_what_the_gate_knows(stream: list[Block]) 
             assert each.stamp > before[0]
     assert gate.accepted + gate.refused == len(stream)
     assert sum(gate.faults.values()) >= gate.refused
+
+
+def test_a_shared_gate_says_to_all_what_a_gate_of_their_own_would() -> None:
+    blocks = [block(n) for n in range(5)]
+    stream = [*blocks[:2], replace(blocks[2], stamp=0), *blocks[3:], blocks[0], blocks[1]]
+    own, shared = BlockGate(), SharedGate()
+    for one in stream:
+        verdict = own.judge(one)
+        assert shared.admit(one) is verdict
+        assert shared.judge(one) is verdict
+        assert shared.judge(one) is verdict
+        assert (shared.last, shared.before) == (own.last, own.before)
+    assert (shared.accepted, shared.refused, shared.lost) == (own.accepted, own.refused, own.lost)
+    assert shared.faults == own.faults
+
+
+def test_the_gate_tells_what_came_before_the_newest_block() -> None:
+    gate = BlockGate()
+    assert gate.before is None
+    gate.judge(block(0))
+    first = gate.last
+    assert gate.before is None
+    gate.judge(block(1))
+    assert gate.before == first

@@ -1,0 +1,21 @@
+"""Install spool_blind as an ament_python package."""
+
+from setuptools import find_packages, setup
+
+PACKAGE = "spool_blind"
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+    ],
+    zip_safe=True,
+    maintainer="Spool suite maintainers",
+    maintainer_email="maintainers@spool-suite.org",
+    description="Records in which an effect is hidden, from a simulator of its own.",
+    license="Apache-2.0",
+    entry_points={"console_scripts": []},
+)

@@ -1,0 +1,28 @@
+"""Write blind cases as files: python -m spool_blind SEED... --out FOLDER."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from .case import make
+from .writing import write
+
+
+def main() -> None:
+    """Write the cases of the seeds given, each into a folder of its own."""
+    parser = argparse.ArgumentParser(description="Write blind cases: record.csv.gz, valve.yaml, truth.json.")
+    parser.add_argument("seed", type=int, nargs="+")
+    parser.add_argument("--out", type=Path, required=True, help="folder; each case gets one inside")
+    parser.add_argument(
+        "--hidden", help="none, an effect, two joined by +, or a stranger; default: by the seed"
+    )
+    parser.add_argument("--factor", type=float, help="size over what is drawn; default: clear")
+    given = parser.parse_args()
+    for seed in given.seed:
+        case = make(seed, given.hidden, factor=given.factor)
+        print(write(case, given.out / f"case_{seed}"), case.hidden, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,208 @@
+"""One blind case: a record, what is hidden in it, and how visible that is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .channels import Channels
+from .condition import Condition, Scale, draw_condition
+from .effects import EFFECTS
+from .hidden import Hidden, Kind
+from .strangers import STRANGERS
+from .visibility import Visibility, look, threshold
+
+Array = NDArray[np.float64]
+
+NONE = "none"
+#: Seeds from here on belong to the published tables; below, nobody minds if something is tuned to them.
+PUBLISHED = 1000
+#: At clear size the remainder after the base is at least this many times the noise floor ...
+CLEAR = 1.0
+#: ... and the spool still moves by this share of what it would without.
+LEAST_TRAVEL = 0.2
+GROWTH, GROWTHS, DRAWS = 1.5, 3, 12
+#: Of 20 seeds in a row: so many with nothing hidden, one effect, two effects; the rest are strangers.
+SHARES = (4, 10, 3)
+
+PAIRS: tuple[str, ...] = tuple(
+    f"{one}+{other}"
+    for one, other in combinations(sorted(EFFECTS), 2)
+    if EFFECTS[one].group != EFFECTS[other].group
+    and {"gain", "delay"} != {EFFECTS[one].group, EFFECTS[other].group}
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A record with its truth.
+
+    Attributes:
+        seed: makes it again.
+        hidden: "none", an effect's id, two joined by "+", or a stranger's name.
+        accepted: verdicts that are right.
+        factor: size over the size that was drawn.
+        condition: drawn.
+        plant: drawn, with what is hidden.
+        channels: drawn, with what is hidden.
+        truth: values a fit should find, by effect, then by parameter; SI.
+        visibility: of what is hidden, together; ``None`` where nothing is.
+        time, body, spool: the record, s and m/s^2, shape (n,).
+    """
+
+    seed: int
+    hidden: str
+    accepted: tuple[str, ...]
+    factor: float
+    condition: Condition
+    plant: Mapping[str, float]
+    channels: Channels
+    truth: Mapping[str, Mapping[str, float]]
+    visibility: Visibility | None
+    time: Array
+    body: Array
+    spool: Array
+
+    @property
+    def kind(self) -> str:
+        """none, effect, pair or stranger."""
+        return kind_of(self.hidden)
+
+    @property
+    def threshold(self) -> float:
+        """Evidence at which a test that knows what is hidden would see it in half of the records."""
+        return threshold(max(1, sum(len(values) for values in self.truth.values())))
+
+
+def kind_of(hidden: str) -> str:
+    """Return none, effect, pair or stranger."""
+    if hidden == NONE:
+        return NONE
+    if "+" in hidden:
+        return "pair"
+    return "effect" if hidden in EFFECTS else "stranger"
+
+
+def hidden_by(seed: int) -> str:
+    """Return what the case of ``seed`` hides: any 20 seeds in a row hold the same mixture."""
+    none, single, pairs = SHARES
+    block, place = divmod(seed, 20)
+    if place < none:
+        return NONE
+    if place < none + single:
+        return sorted(EFFECTS)[(block * single + place - none) % len(EFFECTS)]
+    generator = np.random.default_rng([seed, 7])
+    if place < none + single + pairs:
+        return str(generator.choice(PAIRS))
+    each = 20 - none - single - pairs
+    return sorted(STRANGERS)[(block * each + place - none - single - pairs) % len(STRANGERS)]
+
+
+def make(seed: int, hidden: str | None = None, *, factor: float | None = None) -> Case:
+    """Make the case of ``seed``.
+
+    Args:
+        seed: the same gives the same record, bit for bit on one machine.
+        hidden: what to hide; left out, the seed decides.
+        factor: size over what is drawn; left out, the size is clear (see ``CLEAR``).
+
+    Raises:
+        KeyError: ``hidden`` names nothing that can be hidden.
+        RuntimeError: nothing clear was found in ``DRAWS`` draws.
+    """
+    hidden = hidden_by(seed) if hidden is None else hidden
+    kinds = [] if hidden == NONE else [_kind(name) for name in hidden.split("+")]
+    generator = np.random.default_rng(seed)
+    for _ in range(DRAWS):
+        condition = draw_condition(generator)
+        scale = condition.scale()
+        things = [kind.draw(generator, condition, scale) for kind in kinds]
+        noise_seed = int(generator.integers(2**31))
+        if not things or factor is not None:
+            size = 1.0 if factor is None else factor
+            return _record(
+                seed, hidden, _Trial(condition, [thing.sized(size) for thing in things]), noise_seed, size
+            )
+        for growth in range(GROWTHS + 1):
+            size = GROWTH**growth
+            grown = [thing.sized(size) for thing in things]
+            alone = [_Trial(condition, [thing]) for thing in grown]
+            if all(trial.clear(scale) for trial in alone):
+                trial = alone[0] if len(alone) == 1 else _Trial(condition, grown)
+                return _record(seed, hidden, trial, noise_seed, size)
+            if not all(thing.size or thing.edges for thing in things):
+                break
+    raise RuntimeError(f"seed {seed}: {hidden} was not clear under any of {DRAWS} conditions")
+
+
+def _kind(name: str) -> Kind:
+    return EFFECTS[name] if name in EFFECTS else STRANGERS[name]
+
+
+class _Trial:
+    """A motion with something hidden, and how visible that is."""
+
+    def __init__(self, condition: Condition, things: list[Hidden]) -> None:
+        plant = condition.base
+        for thing in things:
+            plant = plant.with_(**thing.plant)
+        self.condition, self.things, self.plant = condition, things, plant
+        self.motion = condition.move(plant)
+        moving = self.motion.time > 0.0
+        self.travel = float(self.motion.displacement[moving].std())
+        noise = condition.noise_share * float(self.motion.spool[moving].std())
+        values: dict[str, float] = {"gain": condition.gain, "delay": condition.delay, "noise": noise}
+        for thing in things:
+            values.update(thing.channel)
+        self.channels = Channels(**values)
+        self.visibility: Visibility | None = self._look() if things else None
+
+    def _look(self) -> Visibility:
+        condition = self.condition
+        t = sample_times(condition)
+        quiet = replace(self.channels, noise=0.0)
+        _, spool = quiet.read(self.motion, t, np.random.default_rng(0))
+        before = round(condition.before * condition.sample_rate)
+        whole = np.arange(-before, t.size) / condition.sample_rate
+        return look(
+            condition.base.numbers,
+            condition.amplitude * condition.drive.at(whole),
+            spool,
+            condition.sample_rate,
+            first=before,
+            noise=self.channels.noise,
+        )
+
+    def clear(self, scale: Scale) -> bool:
+        """Return whether what is hidden can be seen, and the spool still moves."""
+        seen = self.visibility is None or self.visibility.over_noise >= CLEAR
+        return seen and self.travel >= LEAST_TRAVEL * scale.travel
+
+
+def sample_times(condition: Condition) -> Array:
+    """Return the instants of the record's samples, s, shape (n,)."""
+    return np.arange(round(condition.duration * condition.sample_rate)) / condition.sample_rate
+
+
+def _record(seed: int, hidden: str, trial: _Trial, noise_seed: int, factor: float) -> Case:
+    t = sample_times(trial.condition)
+    body, spool = trial.channels.read(trial.motion, t, np.random.default_rng(noise_seed))
+    names = [] if hidden == NONE else hidden.split("+")
+    return Case(
+        seed=seed,
+        hidden=hidden,
+        accepted=STRANGERS[hidden].accepted if hidden in STRANGERS else (hidden,),
+        factor=factor,
+        condition=trial.condition,
+        plant=trial.plant.numbers,
+        channels=trial.channels,
+        truth={name: thing.truth for name, thing in zip(names, trial.things, strict=True) if thing.truth},
+        visibility=trial.visibility,
+        time=t,
+        body=body,
+        spool=spool,
+    )

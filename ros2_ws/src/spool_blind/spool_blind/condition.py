@@ -1,0 +1,134 @@
+"""Under which condition a record is made: valve, oil, drive, sampling, noise, nuisances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .drives import KINDS, Drive, draw
+from .linear import respond
+from .plant import AFTER, Motion, Plant, move, steps
+
+Array = NDArray[np.float64]
+
+SOFT, STIFF = 1632.0, 5846.0
+VISCOUS = (1.2, 8.5)
+MASS = (0.15, 0.22)
+AMPLITUDE = (3.0, 20.0)
+RATES = (1000.0, 1250.0, 2000.0, 2500.0, 4000.0, 5000.0)
+DURATION = (20.0, 60.0)
+NOISE = (0.003, 0.03)
+#: Declared tolerances of the sensors; a share of the records uses most of them.
+GAIN_TOLERANCE, DELAY_TOLERANCE = 0.05, 0.5e-3
+NUISANCE_SHARE = 0.4
+NUISANCE_USE = 0.9
+#: Hz at which the motion without effects is looked at.
+SCALE_RATE = 2000.0
+#: m, travel beyond which a drive is turned down: the valve's stroke.
+LARGEST_TRAVEL = 5e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """How the spool moves while nothing is hidden; sizes of effects are drawn in these terms.
+
+    Attributes:
+        force: rms of mass times the body's acceleration, N.
+        travel, travel_peak: rms and peak of the displacement, m.
+        velocity: rms, m/s.
+        acceleration, acceleration_peak: rms and peak of the spool's acceleration, m/s^2.
+    """
+
+    force: float
+    travel: float
+    travel_peak: float
+    velocity: float
+    acceleration: float
+    acceleration_peak: float
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """A condition that was drawn.
+
+    Attributes:
+        base: the spool with nothing hidden.
+        nominal_stiffness: what the valve's description says, N/m.
+        drive: of the body, to be multiplied with ``amplitude``.
+        amplitude: m/s^2.
+        sample_rate: Hz.
+        duration: s.
+        before: s of motion ahead of the record; 0: it starts at rest.
+        noise_share: rms of the noise over that of the spool's acceleration.
+        gain, delay: nuisances of the spool's channel, within the declared tolerances.
+    """
+
+    base: Plant
+    nominal_stiffness: float
+    drive: Drive
+    amplitude: float
+    sample_rate: float
+    duration: float
+    before: float
+    noise_share: float
+    gain: float
+    delay: float
+
+    def move(self, plant: Plant) -> Motion:
+        """Move ``plant`` under this condition's drive."""
+        time, h = steps(self.duration, self.sample_rate, self.before, plant.longest_step)
+        return move(plant, time, h, self.amplitude * self.drive.at(time))
+
+    def scale(self) -> Scale:
+        """Return how the base moves."""
+        t: Array = np.arange(-self.before, self.duration, 1.0 / SCALE_RATE, dtype=np.float64)
+        body = self.amplitude * self.drive.at(t)
+        numbers = self.base.numbers
+        spool = respond(numbers, body, SCALE_RATE)
+        z = respond(numbers, body, SCALE_RATE, travel=True)
+        part = t > 0.0
+        return Scale(
+            force=float(numbers["mass"] * body[part].std()),
+            travel=float(z[part].std()),
+            travel_peak=float(np.abs(z[part]).max()),
+            velocity=float((np.diff(z) * SCALE_RATE).std()),
+            acceleration=float(spool[part].std()),
+            acceleration_peak=float(np.abs(spool[part]).max()),
+        )
+
+
+def draw_condition(generator: np.random.Generator) -> Condition:
+    """Draw a condition whose travel stays within the stroke wherever the least amplitude allows it."""
+    nominal = float(generator.choice([SOFT, STIFF]))
+    base = Plant(
+        {
+            "mass": float(generator.uniform(*MASS)),
+            "stiffness": nominal * float(generator.uniform(0.96, 1.04)),
+            "damping": float(np.exp(generator.uniform(*np.log(VISCOUS)))),
+        }
+    )
+    resonance = float(np.sqrt(base.numbers["stiffness"] / base.numbers["mass"]) / (2.0 * np.pi))
+    duration = round(float(generator.uniform(*DURATION)))
+    before = float(generator.choice([0.0, 1.0]))
+    kind = str(generator.choice(list(KINDS)))
+    drive = draw(generator, kind, resonance, -before, duration + AFTER)
+    nuisance = generator.random() < NUISANCE_SHARE
+    use = NUISANCE_USE if nuisance else 0.0
+    condition = Condition(
+        base=base,
+        nominal_stiffness=nominal,
+        drive=drive,
+        amplitude=float(np.exp(generator.uniform(*np.log(AMPLITUDE)))),
+        sample_rate=float(generator.choice(list(RATES))),
+        duration=float(duration),
+        before=before,
+        noise_share=float(np.exp(generator.uniform(*np.log(NOISE)))),
+        gain=1.0 + use * GAIN_TOLERANCE * float(generator.uniform(-1.0, 1.0)),
+        delay=use * DELAY_TOLERANCE * float(generator.uniform(-1.0, 1.0)),
+    )
+    too_far = condition.scale().travel_peak / LARGEST_TRAVEL
+    if too_far > 1.0:
+        condition = replace(condition, amplitude=max(condition.amplitude / too_far, AMPLITUDE[0]))
+    return condition

@@ -1,0 +1,73 @@
+"""What is hidden is there, can be seen, and is the same each time."""
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+import spool_blind
+from spool_blind.case import NONE, hidden_by, kind_of, make
+from spool_blind.effects import EFFECTS
+from spool_blind.strangers import STRANGERS
+from spool_blind.visibility import look, threshold
+
+SOURCES = sorted(Path(spool_blind.__file__).parent.glob("*.py"))
+
+
+@pytest.mark.parametrize("source", SOURCES, ids=lambda path: path.name)
+def test_nothing_of_the_suite_is_shared_but_the_compiler(source):
+    names = []
+    for node in ast.walk(ast.parse(source.read_text())):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            names.append(str(node.module))
+    assert [name for name in names if name.startswith("spool_")] in ([], ["spool_stream.compiled"])
+
+
+@pytest.mark.parametrize("hidden", [*EFFECTS, *STRANGERS])
+def test_what_is_hidden_stands_out_of_the_noise(hidden):
+    case = make(3, hidden)
+    assert case.kind == kind_of(hidden)
+    assert case.visibility.over_noise >= 1.0
+    assert case.visibility.evidence > 10.0 * case.threshold
+    assert np.isfinite(case.body).all()
+    assert np.isfinite(case.spool).all()
+
+
+def test_a_seed_makes_the_same_record_again():
+    one, other = make(2), make(2)
+    assert one.hidden == NONE
+    assert np.array_equal(one.spool, other.spool)
+    assert np.array_equal(one.body, other.body)
+    assert not np.array_equal(one.spool[:100], make(1).spool[:100])
+
+
+def test_any_twenty_seeds_in_a_row_hold_every_kind():
+    for first in (0, 1000, 1040):
+        kinds = [kind_of(hidden_by(seed)) for seed in range(first, first + 20)]
+        assert [kinds.count(kind) for kind in ("none", "effect", "pair", "stranger")] == [4, 10, 3, 3]
+    hidden = {hidden_by(seed) for seed in range(1000, 1200)}
+    assert set(EFFECTS) <= hidden
+    assert set(STRANGERS) <= hidden
+
+
+def test_with_nothing_hidden_the_base_leaves_only_noise():
+    case = make(21)
+    condition = case.condition
+    rate = condition.sample_rate
+    before = round(condition.before * rate)
+    whole = np.arange(-before, case.time.size) / rate
+    body = condition.amplitude * condition.drive.at(whole)
+    seen = look(case.plant, body, case.spool, rate, first=before, noise=case.channels.noise)
+    assert seen.base["stiffness"] == pytest.approx(case.plant["stiffness"], rel=2e-3)
+    assert seen.base["damping"] == pytest.approx(case.plant["damping"], rel=1e-2)
+    assert seen.nrmse <= 1.05 * seen.noise_nrmse
+
+
+def test_the_threshold_is_where_half_of_the_records_pass_the_test():
+    generator = np.random.default_rng(1)
+    evidence = threshold(2)
+    draws = generator.standard_normal((200_000, 2)) + np.array([np.sqrt(evidence), 0.0])
+    critical = -2.0 * np.log(0.01)  # of two numbers
+    assert np.mean(np.sum(draws**2, axis=1) > critical) == pytest.approx(0.5, abs=0.01)

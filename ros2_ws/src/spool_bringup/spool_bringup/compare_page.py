@@ -1,0 +1,67 @@
+"""The page of a comparison: the verdict, the ranking as a picture, and each series in pictures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from . import fit_curves as curves
+from . import fit_pictures as pictures
+from . import page as html
+from .comparing import COLUMNS, parameter_lines, ranking_rows, series_rows
+from .fit_page import FRICTION, RATIO, SPECTRUM, WAVEFORM
+from .ranking import WORTH, Ranking, Series
+
+
+def compare_page(series: Sequence[Series], ranking: Ranking) -> str:
+    """Return the page of a comparison in which at least one model has a result."""
+    rows = ranking_rows(ranking)
+    shown = [entry for entry in ranking.ranks if math.isfinite(entry.error)]
+    sections = [
+        html.verdict(" ".join(ranking.sentences)),
+        html.drawing(
+            pictures.ranking_figure(
+                [entry.model for entry in shown],
+                [entry.excess for entry in shown],
+                [entry.held_out_error for entry in shown],
+                [entry.parameters for entry in shown],
+                WORTH,
+            ),
+            "Models, best first: what each leaves over beyond the least, and its error on held-out data.",
+        ),
+        html.table(list(rows[0]), rows),
+        html.listing(COLUMNS),
+    ]
+    for one in series:
+        sections += _series(one, ranking)
+    return html.page(f"Models of {', '.join(one.data.name for one in series)}", sections)
+
+
+def _series(one: Series, ranking: Ranking) -> list[str]:
+    order = [entry.model for entry in ranking.ranks]
+    judged = sorted(
+        (entry for entry in one.judged if entry.fit.reason is None), key=lambda entry: order.index(entry.name)
+    )
+    rows = [
+        {**row, "parameters": "; ".join(parameter_lines(judged))}
+        for row, judged in zip(series_rows(one), one.judged, strict=True)
+    ]
+    sections = [
+        html.heading(f"{one.data.name} ({one.data.valve.id})"),
+        html.table(list(rows[0]), rows),
+        html.paragraph("Parameters with one standard deviation. 'Not told': only combinations of them act."),
+    ]
+    if not judged:
+        return sections
+    fitted, valve = one.data.fitted, one.data.valve
+    overlays = {entry.name: curves.overlay(fitted, entry.fit, valve) for entry in judged}
+    agreements = {entry.name: entry.fit.agreement for entry in judged if entry.fit.agreement is not None}
+    run = next(iter(overlays.values())).run
+    friction = {entry.name: curves.friction(fitted, entry.fit, valve) for entry in judged}
+    return [
+        *sections,
+        html.drawing(pictures.waveform_figure(overlays, curves.stretches(run)), WAVEFORM),
+        html.drawing(pictures.ratio_figure(agreements, curves.highest_frequency(run)), RATIO),
+        html.drawing(pictures.friction_figure(friction), FRICTION),
+        html.drawing(pictures.spectrum_figure(agreements, curves.spectra(fitted)), SPECTRUM),
+    ]

@@ -1,0 +1,167 @@
+"""`./spool gap`: what the model lacks, named, added and measured again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from spool_bag.csv_record import DISPLACEMENT, FORCE, read_csv
+from spool_estimator.gap.analyse import analyse
+from spool_estimator.gap.force_analyse import analyse_forces
+from spool_estimator.gap.force_record import ForceRecord
+from spool_estimator.gap.result import GapResult, GapSettings
+from spool_sim.model import Model, load_model
+from spool_stream.errors import InputError
+
+from .commands import write_json
+from .fit_results import rounded
+from .progress import progress
+from .records import Selection, is_csv, load_recordings, stretches_of
+
+KINDS = ("accelerations", "driven", "imposed")
+
+
+@dataclass(frozen=True, slots=True)
+class GapOutputs:
+    """Files to write, ``None`` for those not wanted."""
+
+    json: Path | None = None
+    model: Path | None = None
+
+
+def run_gap(
+    records: Sequence[Path],
+    valve: str | None,
+    base: str,
+    kind: str,
+    selection: Selection,
+    outputs: GapOutputs,
+    *,
+    holdout: Sequence[Path] = (),
+    gain_tolerance: float = 0.05,
+    delay_tolerance: float = 0.5e-3,
+) -> int:
+    """Find what ``base`` lacks in ``records`` and say it; return 0, whatever the verdict.
+
+    Raises:
+        InputError: records, valve or model cannot be used.
+    """
+    if kind not in KINDS:
+        raise InputError(f"--kind {kind}: use one of {', '.join(KINDS)}")
+    for option, value, top in (
+        ("--gain-tolerance", gain_tolerance, 0.4),
+        ("--delay-tolerance", delay_tolerance, 4e-3),
+    ):
+        if not 0.0 <= value <= top:
+            raise InputError(f"{option} {value:g}: use 0 to {top:g}")
+    settings = GapSettings(gain_tolerance=gain_tolerance, delay_tolerance=delay_tolerance)
+    model = load_model(base)
+    done = 0.0
+    with progress("looking for the gap", 1.0) as advance:
+
+        def tell(_what: str, share: float) -> None:
+            nonlocal done
+            advance(max(0.0, share - done))
+            done = max(done, share)
+
+        if kind == "accelerations":
+            recordings, described = load_recordings(records, valve, selection)
+            held = load_recordings(holdout, valve, selection)[0] if holdout else []
+            result = analyse(
+                stretches_of(recordings), described, model, holdout=stretches_of(held), settings=settings,
+                progress=tell,
+            )  # fmt: skip
+        else:
+            result = analyse_forces(
+                _force_records(records, kind, selection), model, kind,
+                holdout=_force_records(holdout, kind, selection), settings=settings, progress=tell,
+            )  # fmt: skip
+    if outputs.json is not None:
+        write_json(outputs.json, result.to_dict())
+    show(result, Console())
+    if outputs.model is not None:
+        save_model(outputs.model, result)
+        print(f"{outputs.model}: the model with what was found")
+    return 0
+
+
+def _force_records(paths: Sequence[Path], kind: str, selection: Selection) -> list[ForceRecord]:
+    found = []
+    for path in paths:
+        if not is_csv(path):
+            raise InputError(f"{path}: a record of kind {kind} is a CSV file with displacement_m and force_N")
+        table = read_csv(path, kind, selection.columns, regular=False)
+        inside = (table.time - table.time[0] >= selection.start) & (
+            table.time - table.time[0] < selection.stop
+        )
+        for begin, end in pairwise([0, *table.gaps.tolist(), table.time.size]):
+            own = np.arange(begin, end)[inside[begin:end]]
+            if own.size < 30:
+                continue
+            time = table.time[own]
+            even = np.arange(time[0], time[-1] + 0.5 * table.period, table.period)
+            rows = (np.interp(even, time, table.columns[name][own]) for name in (DISPLACEMENT, FORCE))
+            found.append(ForceRecord(str(path), float(time[0]), table.period, *rows))
+    if paths and not found:
+        raise InputError(f"{paths[0]}: no stretch of 30 samples without a gap in it")
+    return found
+
+
+def show(result: GapResult, console: Console) -> None:
+    """Print the verdict, what was found and how the hypotheses rank."""
+    for warning in result.warnings:
+        console.print(f"warning: {warning}", style="yellow", markup=False, highlight=False, soft_wrap=True)
+    console.print(f"{result.verdict}  (confidence {result.confidence:.2f})", style="bold", highlight=False)
+    console.print(result.sentence, markup=False, highlight=False, soft_wrap=True)
+    console.print(f"Where it sat: {result.where.sentence}.", markup=False, highlight=False, soft_wrap=True)
+    if result.advice:
+        console.print(
+            f"What would tell more: {result.advice}.", markup=False, highlight=False, soft_wrap=True
+        )
+    numbers = Table("parameter", "value", "±", "unit", box=None, pad_edge=False)
+    for quantity in result.parameters:
+        numbers.add_row(
+            quantity.name, rounded(quantity.value, quantity.standard_deviation),
+            f"{quantity.standard_deviation:.2g}", quantity.unit,
+        )  # fmt: skip
+    console.print(numbers)
+    table = Table("hypothesis", "beside", "error after", "evidence", "", box=None, pad_edge=False)
+    for row in result.ranking[:10]:
+        note = "accepted" if row.accepted else row.reason
+        after = f"{100.0 * row.nrmse_after:.2f} %"
+        table.add_row(row.id, " + ".join(row.beside) or "the base", after, f"{row.evidence:.0f}", note)
+    if result.ranking:
+        console.print(table)
+
+
+def save_model(path: Path, result: GapResult) -> None:
+    """Write the model with what was found as YAML that simulator and estimator load.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    model: Model = result.model
+    known = {quantity.name: quantity for quantity in result.parameters}
+    lines = [
+        f"# {result.base_model} with what the gap analysis of {result.record} found: {result.verdict}",
+        f"name: {model.name[:93]}_gap",
+        f"terms: [{', '.join(term.name for term in model.terms)}]",
+        "parameters:",
+    ]
+    for parameter in model.parameters:
+        if parameter.name not in model.values:
+            continue
+        quantity = known.get(parameter.name)
+        note = "held" if quantity is None else f"std {quantity.standard_deviation:.2g}"
+        lines.append(
+            f"  {parameter.name}: {float(model.values[parameter.name])!r}  # {parameter.unit}, {note}"
+        )
+    try:
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from error

@@ -1,0 +1,107 @@
+"""How the blind study counts."""
+
+from pathlib import Path
+
+import pytest
+from spool_blind.case import make
+from spool_bringup.studies.gap import row_of, summary
+from spool_bringup.studies.gap_limit import Limit, limits_text
+from spool_bringup.studies.gap_page import PICTURE, write_page
+from spool_bringup.studies.gap_summary import Row, Share, confusion, targets
+from spool_bringup.studies.workers import spread
+from spool_bringup.study import run_study
+from spool_stream.errors import InputError
+
+
+def row(kind: str, hidden: str, verdict: str, **given: object) -> Row:
+    return Row(seed=1, kind=kind, hidden=hidden, accepted=(hidden,), factor=1.0, verdict=verdict, **given)
+
+
+@pytest.mark.parametrize(
+    ("kind", "hidden", "verdict", "right"),
+    [
+        ("none", "none", "none", True),
+        ("none", "none", "coulomb_friction", False),
+        ("none", "none", "unexplained", False),
+        ("effect", "end_stop", "end_stop", True),
+        ("effect", "end_stop", "end_stop+coulomb_friction", False),
+        ("effect", "end_stop", "refused", False),
+        ("pair", "a+b", "b+a", True),
+        ("pair", "a+b", "a", False),
+        ("stranger", "lugre_friction", "unexplained", True),
+        ("stranger", "lugre_friction", "stribeck_friction", False),
+    ],
+)
+def test_a_verdict_is_right_only_if_it_is_the_whole_truth(kind, hidden, verdict, right):
+    assert row(kind, hidden, verdict).right is right
+
+
+def test_shares_carry_wilsons_interval():
+    low, high = Share(98, 100).interval
+    assert (low, high) == pytest.approx((0.9300, 0.9945), abs=5e-4)
+    assert Share(0, 40).interval[1] == pytest.approx(0.0876, abs=5e-4)
+    assert Share(0, 0).value is None
+
+
+def test_targets_are_met_only_by_what_was_found():
+    good = [row("effect", "a", "a", truth={"a.x": 2.0}, found={"a.x": 2.1}, after=0.012, floor=0.01)]
+    bad = [row("effect", "a", "b"), row("none", "none", "a"), row("stranger", "s", "a")]
+    assert all(target.met for target in targets(good) if target.share.of)
+    assert {target.answer for target in targets(good) if not target.share.of} == {"unknown"}
+    met = {target.name: target.met for target in targets(good + bad)}
+    assert not met["one effect, named right"]
+    assert not met["nothing hidden, a false name"]
+    assert not met["strangers not given a name alone"]
+    assert met["parameters within 10 %"]
+
+
+def test_every_case_is_in_the_confusion_matrix_once(tmp_path: Path):
+    rows = [
+        row("none", "none", "none"),
+        row("effect", "end_stop", "cubic_stiffness"),
+        row("pair", "a+b", "b+a"),
+        row("pair", "a+b", "b"),
+        row("stranger", "lugre_friction", "unexplained"),
+        row("effect", "end_stop", "refused", message="too short"),
+    ]
+    hidden, verdicts, counts = confusion(rows)
+    assert counts.sum() == len(rows)
+    assert counts[hidden.index("pair"), verdicts.index("right pair")] == 1
+    assert counts[hidden.index("end_stop"), verdicts.index("refused")] == 1
+    page = write_page(rows, tmp_path, "./spool study gap").read_text()
+    assert "too short" in page
+    assert (tmp_path / PICTURE).stat().st_size > 1000
+    assert summary(rows)["cases"] == len(rows)
+
+
+def test_parameters_are_held_against_the_truth_under_the_names_of_the_catalogue():
+    case = make(13, "sensor_saturation")
+    limit = case.truth["sensor_saturation"]["full_scale"]
+    found = {"id": "sensor_saturation", "parameters": {"saturation_limit": {"value": 1.02 * limit}}}
+    judged = row_of(case, {"verdict": "sensor_saturation", "effects": [found]}, (1.0, 0.5))
+    assert judged.right
+    assert judged.errors == pytest.approx({"sensor_saturation.saturation_limit": 0.02})
+
+
+def test_the_limit_counts_conditions_where_nothing_was_named():
+    limits = [
+        Limit("coulomb_friction", seed, "coulomb_force", 0.001, named, ratio)
+        for seed, named, ratio in ((1, 0.004, 4.0), (2, 0.008, 8.0), (3, None, None))
+    ]
+    line = next(line for line in limits_text(limits, "x").splitlines() if "coulomb_friction" in line)
+    assert "| 0.001 | 0.008 | 8 | 2/3 |" in line
+
+
+def test_work_is_spread_over_processes_and_all_of_it_comes_back():
+    assert sorted(spread(abs, [-3, 1, -2], "numbers", 2)) == [1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("what", "cases", "seed", "workers", "named"),
+    [("nothing", 1, 0, None, "gap"), ("gap", 0, 0, None, "--cases"), ("gap", 1, -1, None, "--seed"),
+     ("gap", 1, 0, 0, "--workers")],
+)  # fmt: skip
+def test_a_study_that_cannot_be_run_is_refused_by_name(what, cases, seed, workers, named, tmp_path):
+    with pytest.raises(InputError, match=named):
+        run_study(what, cases, seed, tmp_path / "out", workers)
+    assert not (tmp_path / "out").exists()

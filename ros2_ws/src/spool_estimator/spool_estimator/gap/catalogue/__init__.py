@@ -1,0 +1,1 @@
+"""The effects that the analysis can name: one file each."""

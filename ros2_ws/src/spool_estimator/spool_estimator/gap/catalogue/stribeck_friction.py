@@ -1,0 +1,53 @@
+"""Dry friction that falls with speed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..effect import Array, Effect, Motion, scan
+
+
+class StribeckFriction(Effect):
+    """A jump at reversals that is larger at low speed."""
+
+    id = "stribeck_friction"
+    terms = ("stribeck_friction",)
+    replaces = ("coulomb_friction",)
+    fitted = ("coulomb_force", "static_force", "stribeck_velocity")
+    confused_with = ("coulomb_friction", "mixed_friction")
+    told_by = "low speeds and sticking: small amplitudes, low frequencies"
+
+    def shapes(self, motion: Motion) -> list[dict[str, float]]:
+        """Return the shapes to try."""
+        largest = motion.largest_velocity
+        return [{"stribeck_velocity": velocity} for velocity in scan(0.02 * largest, 0.6 * largest, 10)]
+
+    def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:
+        """Return the sign, and the sign at low speed for a row of Stribeck velocities."""
+        low = np.exp(-((motion.velocity / shape["stribeck_velocity"]) ** 2))
+        return np.array([motion.sign, motion.sign * low])
+
+    def values(
+        self,
+        coefficients: Array,
+        shape: Mapping[str, float],
+        motion: Motion,  # noqa: ARG002
+    ) -> dict[str, float] | None:
+        """Return both forces and the velocity."""
+        coulomb, excess = coefficients.tolist()
+        if excess <= 0.0 or coulomb + excess <= 0.0:
+            return None
+        return {
+            "coulomb_force": max(coulomb, 0.02 * excess),
+            "static_force": max(coulomb, 0.02 * excess) + excess,
+            **shape,
+        }
+
+    def sensible(self, values: Mapping[str, float], deviations: Mapping[str, float]) -> str:
+        """Return why ``values`` make no sense: friction at rest must exceed friction at speed."""
+        excess = values["static_force"] - values["coulomb_force"]
+        if excess < 3.0 * deviations.get("static_force", 0.0):
+            return "the force at rest does not significantly exceed the force at speed"
+        return ""

@@ -1,0 +1,146 @@
+"""Fit of a hypothesis by its free runs: damped Gauss-Newton, all slopes and steps of a round in one batch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .simulate import Point, Simulation
+
+Array = NDArray[np.float64]
+
+DAMPINGS = (1e-3, 1.0)
+#: A fall of the sum of squares below this share ends the descent.
+ENOUGH = 2e-4
+
+
+@dataclass(frozen=True, slots=True)
+class Free:
+    """A number that is fitted: bounds, typical size; ``absolute``: steps do not grow with it."""
+
+    name: str
+    low: float
+    high: float
+    scale: float
+    absolute: bool = False
+
+    def size(self, value: float) -> float:
+        """Return the size of ``value`` that steps are taken in proportion to."""
+        return self.scale if self.absolute else max(abs(value), 0.1 * self.scale)
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """A fitted hypothesis.
+
+    Attributes:
+        point: the numbers.
+        free: what was fitted.
+        squares: weighed sum of squares over the fitted windows.
+        deviations: standard deviation of each fitted number.
+        correlation: of the fitted numbers, shape (p, p).
+        at_bound: names of numbers that stopped at a bound.
+    """
+
+    point: Point
+    free: tuple[Free, ...]
+    squares: float
+    deviations: Mapping[str, float]
+    correlation: Array
+    at_bound: tuple[str, ...]
+
+
+def descend(
+    simulation: Simulation,
+    starts: Sequence[Point],
+    free: Sequence[Free],
+    *,
+    rounds: int = 8,
+    tries: int = 1,
+    enough: float = ENOUGH,
+) -> Fitted:
+    """Return the best fit from ``starts`` (same terms); the best ``tries`` of them are followed."""
+    chosen = simulation.training
+    names = [entry.name for entry in free]
+    low = np.array([entry.low for entry in free])
+    high = np.array([entry.high for entry in free])
+    inside = [
+        start.moved(names, np.clip([start.get(name) for name in names], low, high).tolist())
+        for start in starts
+    ]
+    residuals = simulation.weigh(simulation.errors(inside, chosen), chosen)
+    squares = np.sum(residuals**2, axis=1)
+    best: Fitted | None = None
+    for place in np.argsort(squares)[:tries].tolist():
+        found = _follow(simulation, inside[place], residuals[place], free, rounds, enough)
+        if best is None or found.squares < best.squares:
+            best = found
+    assert best is not None
+    return best
+
+
+def _follow(
+    simulation: Simulation, start: Point, residual: Array, free: Sequence[Free], rounds: int, enough: float
+) -> Fitted:
+    chosen = simulation.training
+    names = [entry.name for entry in free]
+    low = np.array([entry.low for entry in free])
+    high = np.array([entry.high for entry in free])
+    point, x = start, np.array([start.get(name) for name in names])
+    squares = float(residual @ residual)
+    damping = 1.0
+    information = np.eye(len(names))
+    for _ in range(rounds):
+        scale = np.array([entry.size(value) for entry, value in zip(free, x.tolist(), strict=True)])
+        step = 1e-3 * scale
+        step = np.where(x + step > high, -step, step)
+        moved = [point.moved(names, (x + step * unit).tolist()) for unit in np.eye(len(names))]
+        runs = simulation.weigh(simulation.errors(moved, chosen), chosen)
+        slopes = ((runs - residual) / step[:, np.newaxis]).T
+        information = slopes.T @ slopes
+        gradient = slopes.T @ residual
+        diagonal = np.diag(information) + 1e-12 * np.trace(information)
+        trials = []
+        for factor in DAMPINGS:
+            # What would leave its bounds stays there, and the others are solved for without it.
+            held = ((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0))
+            change = np.zeros(x.size)
+            own = np.flatnonzero(~held)
+            if own.size:
+                matrix = information[np.ix_(own, own)] + np.diag(damping * factor * diagonal[own])
+                change[own] = -np.linalg.lstsq(matrix, gradient[own], rcond=1e-12)[0]
+            limit = 0.7 * np.maximum(scale, [entry.scale for entry in free])
+            trials.append(np.clip(x + np.clip(change, -limit, limit), low, high))
+        points = [point.moved(names, trial.tolist()) for trial in trials]
+        outcomes = simulation.weigh(simulation.errors(points, chosen), chosen)
+        sums = np.sum(outcomes**2, axis=1)
+        winner = int(np.argmin(sums))
+        if not sums[winner] < squares:
+            if damping > 1e3:
+                break
+            damping *= 1e3
+            continue
+        fall = squares - float(sums[winner])
+        damping = float(np.clip(damping * DAMPINGS[winner] * 10.0, 1e-6, 1e3))
+        point, x, residual, squares = points[winner], trials[winner], outcomes[winner], float(sums[winner])
+        if fall < max(enough * squares, 1.0):
+            break
+    scale = np.array([entry.size(value) for entry, value in zip(free, x.tolist(), strict=True)])
+    covariance = np.linalg.pinv(information * np.outer(scale, scale), rcond=1e-12, hermitian=True)
+    # What the weight does not hold of the residual widens the intervals.
+    inflation = max(1.0, squares / max(1, residual.size - len(names)))
+    spread = np.sqrt(np.maximum(np.diag(covariance), 0.0) * inflation) * scale
+    spread_ = np.where(spread > 0.0, spread, 1.0)
+    correlation = covariance * inflation * np.outer(scale, scale) / np.outer(spread_, spread_)
+    room = 1e-6 * np.array([entry.scale for entry in free])
+    bound = tuple(
+        n
+        for n, value, least, most, r in zip(names, x, low, high, room, strict=True)
+        if value - least <= r or most - value <= r
+    )
+    return Fitted(
+        point, tuple(free), squares, dict(zip(names, spread.tolist(), strict=True)), correlation, bound
+    )

@@ -1,0 +1,155 @@
+"""What an effect of the catalogue tells about itself.
+
+An effect's file in ``catalogue/`` holds one class. Its law is that of force terms of :mod:`spool_sim.terms`;
+what stands here is how to find it: its signature at a measured motion, where a fit starts, its look-alikes.
+"""
+
+from __future__ import annotations
+
+from abc import ABC
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_sim.terms import term
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """Motion at which signatures are worked out; every array has shape (n,).
+
+    Attributes:
+        displacement, velocity, acceleration: relative to the body, m, m/s, m/s^2.
+        time: s, from where laws count it.
+        period: s between samples.
+        velocity_noise: rms, m/s: below it the sign of the velocity is not known.
+        peaks: frequencies (Hz) that stand out of the residual and are not the drive's.
+        mass, stiffness, damping: of the base as fitted, kg, N/m, N s/m.
+    """
+
+    displacement: Array
+    velocity: Array
+    acceleration: Array
+    time: Array
+    period: float
+    velocity_noise: float
+    mass: float
+    stiffness: float
+    damping: float
+    peaks: tuple[float, ...] = ()
+
+    @property
+    def sign(self) -> Array:
+        """Direction of the velocity, soft where a reversal falls within half a sample or into the noise."""
+        width = np.maximum(0.5 * self.period * np.abs(self.acceleration), 2.0 * self.velocity_noise)
+        return np.asarray(np.clip(self.velocity / np.maximum(width, 1e-12), -1.0, 1.0))
+
+    @property
+    def largest_displacement(self) -> float:
+        """The 99.9 % quantile of abs(z), m."""
+        return float(np.quantile(np.abs(self.displacement), 0.999))
+
+    @property
+    def largest_velocity(self) -> float:
+        """The 99 % quantile of abs(z'), m/s."""
+        return float(np.quantile(np.abs(self.velocity), 0.99))
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """An effect at one choice of the numbers in which its force is not linear.
+
+    Attributes:
+        columns: forces for coefficients of 1, shape (q, n).
+        shape: those numbers.
+    """
+
+    columns: Array
+    shape: Mapping[str, float] = field(default_factory=dict)
+
+
+class Effect(ABC):
+    """Something that the model may lack.
+
+    Attributes:
+        id: as in the contract.
+        kinds: of records that can show it.
+        terms: force terms that hold its law, switched on together; none for an effect of the data channels.
+        replaces: effects that it contains; one of them is not added beside it.
+        fitted: parameters that are its own, in the order of its report.
+        meaning: on the machine.
+        check: what to look at there.
+        confused_with: effects with a similar signature.
+        told_by: which drive tells them apart.
+        picture: what its signature is drawn over: ``velocity``, ``displacement``, ``time`` or ``samples``.
+    """
+
+    id: ClassVar[str]
+    kinds: ClassVar[tuple[str, ...]] = ("accelerations", "driven", "imposed")
+    terms: ClassVar[tuple[str, ...]] = ()
+    replaces: ClassVar[tuple[str, ...]] = ()
+    fitted: ClassVar[tuple[str, ...]] = ()
+    meaning: ClassVar[str] = ""
+    check: ClassVar[str] = ""
+    confused_with: ClassVar[tuple[str, ...]] = ()
+    told_by: ClassVar[str] = ""
+    picture: ClassVar[str] = "velocity"
+
+    @property
+    def on_the_machine(self) -> str:
+        """What it means, from the force term where the effect says nothing of its own."""
+        return self.meaning or term(self.terms[0]).meaning
+
+    @property
+    def to_check(self) -> str:
+        """What to look at."""
+        return self.check or term(self.terms[0]).check
+
+    @property
+    def law(self) -> str:
+        """Its law as text."""
+        return term(self.terms[0]).law if self.terms else ""
+
+    def shapes(self, motion: Motion) -> list[dict[str, float]]:  # noqa: ARG002
+        """Return the choices to try of the numbers in which the force is not linear."""
+        return [{}]
+
+    def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:
+        """Return the forces for coefficients of 1 along ``motion``, shape (q, n)."""
+        raise NotImplementedError
+
+    def trials(self, motion: Motion) -> Iterator[Trial]:
+        """Yield the signatures to look for at ``motion``."""
+        for shape in self.shapes(motion):
+            yield Trial(self.signature(motion, shape), shape)
+
+    def values(
+        self, coefficients: Array, shape: Mapping[str, float], motion: Motion
+    ) -> dict[str, float] | None:
+        """Return parameter values for the coefficients of a trial, ``None`` where those make no sense."""
+        raise NotImplementedError
+
+    def starts(self, values: Mapping[str, float]) -> list[dict[str, float]]:
+        """Return the points from which a fit by simulation starts, best first."""
+        return [dict(values)]
+
+    def sensible(self, values: Mapping[str, float], deviations: Mapping[str, float]) -> str:
+        """Return why the fitted ``values`` make no sense on a machine, or an empty string."""
+        for name in self.fitted:
+            if name in self.amplitudes and abs(values[name]) < 3.0 * deviations.get(name, 0.0):
+                return f"{name} is not significant"
+        return ""
+
+    @property
+    def amplitudes(self) -> tuple[str, ...]:
+        """Parameters that are 0 where the effect is absent."""
+        return ()
+
+
+def scan(low: float, high: float, count: int) -> list[float]:
+    """Return ``count`` numbers from ``low`` to ``high`` in equal ratios; none where there is no room."""
+    return np.geomspace(low, high, count).tolist() if 0.0 < low < high else []

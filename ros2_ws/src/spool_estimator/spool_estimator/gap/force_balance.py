@@ -1,0 +1,188 @@
+"""Force records: which force is missing, by regression at the measured motion.
+
+imposed:  force = c z' + k z + effects + zero of the load cell
+driven:   force = m z'' + c z' + k z + effects + zero of the load cell
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from .effect import Effect, Motion
+from .force_record import ForceRecord
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class ForceFit:
+    """A fitted set of effects.
+
+    Attributes:
+        effects: ids.
+        shapes: the numbers in which the force is not linear, of each effect.
+        names: of the linear columns, base first.
+        coefficients: in N over the column's unit.
+        deviations: their standard deviations.
+        train, held: measured - model of each record, N.
+        squares: of the training part, N^2.
+    """
+
+    effects: tuple[str, ...]
+    shapes: tuple[dict[str, float], ...]
+    names: tuple[str, ...]
+    coefficients: Array
+    deviations: Array
+    train: tuple[Array, ...]
+    held: tuple[Array, ...]
+    squares: float
+
+
+class ForceBalance:
+    """The regression over training records, judged on held-out ones."""
+
+    def __init__(
+        self, train: Sequence[ForceRecord], held: Sequence[ForceRecord], base: Sequence[str]
+    ) -> None:
+        """Take velocities; ``base`` names the columns out of mass, stiffness, damping, zero."""
+        self.train, self.held = tuple(train), tuple(held)
+        self.base = tuple(base)
+        centre = _centre(train)
+        self.motions = {id(r): _motion(r, centre) for r in (*train, *held)}
+        # The reaction to friction has the velocity's sign; a rig may count it the other way round.
+        power = sum(float(np.sum(r.force_at * m.velocity)) for r, m in self._pairs(self.train))
+        self.sign = -1.0 if power < 0.0 else 1.0
+
+    def _pairs(self, records: Sequence[ForceRecord]) -> list[tuple[_Oriented, Motion]]:
+        return [(_Oriented(r.force - r.force.mean()), self.motions[id(r)]) for r in records]
+
+    def columns(self, record: ForceRecord, chosen: Sequence[tuple[Effect, dict[str, float]]]) -> Array:
+        """Return the columns of base and effects, shape (n, q)."""
+        motion = self.motions[id(record)]
+        rows = {
+            "mass": motion.acceleration,
+            "damping": motion.velocity,
+            "stiffness": motion.displacement,
+            "zero": np.ones(motion.time.size),
+        }
+        found = [rows[name] for name in self.base]
+        for effect, shape in chosen:
+            found += list(effect.signature(motion, shape))
+        return np.array(found).T
+
+    def fit(self, chosen: Sequence[tuple[Effect, dict[str, float]]]) -> ForceFit:
+        """Return the least-squares fit of ``chosen`` beside the base."""
+        matrices = [self.columns(record, chosen) for record in self.train]
+        matrix = np.concatenate(matrices)
+        target = self.sign * np.concatenate([record.force for record in self.train])
+        scale = np.maximum(np.linalg.norm(matrix, axis=0), 1e-30)
+        solution, _, _, _ = np.linalg.lstsq(matrix / scale, target, rcond=1e-9)
+        coefficients = solution / scale
+        train = tuple(
+            self.sign * record.force - part @ coefficients
+            for record, part in zip(self.train, matrices, strict=True)
+        )
+        held = tuple(
+            self.sign * record.force - self.columns(record, chosen) @ coefficients for record in self.held
+        )
+        squares = float(sum(np.sum(row**2) for row in train))
+        independent = max(8.0, sum(independent_samples(row) for row in train))
+        covariance = np.linalg.pinv((matrix / scale).T @ (matrix / scale)) * squares / independent
+        first = self.motions[id(self.train[0])]
+        names = (
+            *self.base,
+            *(f"{e.id}.{n}" for e, shape in chosen for n in range(e.signature(first, shape).shape[0])),
+        )
+        return ForceFit(
+            tuple(e.id for e, _ in chosen), tuple(s for _, s in chosen), names, coefficients,
+            np.sqrt(np.maximum(np.diag(covariance), 0.0)) / scale, train, held, squares,
+        )  # fmt: skip
+
+    def best_shape(
+        self, effect: Effect, chosen: Sequence[tuple[Effect, dict[str, float]]]
+    ) -> dict[str, float] | None:
+        """Return the shape of ``effect`` that leaves least beside ``chosen``, scanned and then refined."""
+        motion = self.motions[id(max(self.train, key=lambda r: r.force.size))]
+        shapes = [dict(shape) for shape in effect.shapes(motion)]
+        shapes = [shape for shape in shapes if self.plausible(effect, chosen, shape)]
+        if not shapes:
+            return None
+        sums = [self.fit([*chosen, (effect, shape)]).squares for shape in shapes]
+        best = shapes[int(np.argmin(sums))]
+        for name in best:
+            if name == "force_frequency":
+                continue
+
+            def left(power: float, name: str = name, best: dict[str, float] = best) -> float:
+                return self.fit([*chosen, (effect, {**best, name: best[name] * 2.0**power})]).squares
+
+            found = minimize_scalar(left, bounds=(-1.2, 1.2), method="bounded", options={"xatol": 0.02})
+            if found.fun < left(0.0):
+                best = {**best, name: best[name] * 2.0 ** float(found.x)}
+        return best if self.plausible(effect, chosen, best) else None
+
+    def plausible(
+        self, effect: Effect, chosen: Sequence[tuple[Effect, dict[str, float]]], shape: dict[str, float]
+    ) -> bool:
+        """Whether the fitted coefficients of ``effect`` make sense on a machine."""
+        fit = self.fit([*chosen, (effect, shape)])
+        return self.values(effect, shape, fit) is not None
+
+    def values(self, effect: Effect, shape: dict[str, float], fit: ForceFit) -> dict[str, float] | None:
+        """Return the effect's parameters."""
+        own = [n for n, name in enumerate(fit.names) if name.startswith(f"{effect.id}.")]
+        base = dict(zip(self.base, fit.coefficients[: len(self.base)].tolist(), strict=True))
+        first = next(iter(self.motions.values()))
+        motion = Motion(
+            first.displacement, first.velocity, first.acceleration, first.time, first.period,
+            first.velocity_noise, base.get("mass", 0.0), abs(base.get("stiffness", 0.0)) or 1.0,
+            abs(base.get("damping", 0.0)) or 1.0,
+        )  # fmt: skip
+        return effect.values(fit.coefficients[own], shape, motion)
+
+    def nrmse(self, fit: ForceFit) -> float:
+        """Return rms(model - measured) / rms(measured) held out; the load cell's zero is taken off."""
+        zero = self.sign * fit.coefficients[self.base.index("zero")] if "zero" in self.base else 0.0
+        error = sum(float(np.sum(row**2)) for row in fit.held)
+        return float(np.sqrt(error / sum(float(np.sum((r.force - zero) ** 2)) for r in self.held)))
+
+
+@dataclass(frozen=True, slots=True)
+class _Oriented:
+    force_at: Array
+
+
+def _centre(records: Sequence[ForceRecord]) -> float:
+    """Return the middle of the motion, m; 0 where the rig's own zero lies near it."""
+    low = min(float(record.displacement.min()) for record in records)
+    high = max(float(record.displacement.max()) for record in records)
+    middle = 0.5 * (low + high)
+    return 0.0 if abs(middle) < 0.2 * (high - low) else middle
+
+
+def _motion(record: ForceRecord, centre: float) -> Motion:
+    velocity = record.derivative(1)
+    noise = float(np.std(np.diff(record.displacement, 3))) / np.sqrt(20.0) / record.period
+    noise /= record.smoothing() ** 1.5 / 3.5
+    return Motion(
+        record.displacement - centre, velocity, record.derivative(2), record.time, record.period,
+        max(noise, 1e-9), 1.0, 1.0, 1.0,
+    )  # fmt: skip
+
+
+def independent_samples(row: Array) -> float:
+    """Return how many independent samples a coloured residual is worth."""
+    centred = row - row.mean()
+    power = float(centred @ centred)
+    if power <= 0.0:
+        return float(row.size)
+    reach = min(row.size // 4, 400)
+    correlation = np.array([float(centred[lag:] @ centred[: row.size - lag]) for lag in range(reach)]) / power
+    below = np.flatnonzero(correlation < 0.05)
+    stop = int(below[0]) if below.size else reach
+    return row.size / (1.0 + 2.0 * float(np.sum(correlation[1:stop])))

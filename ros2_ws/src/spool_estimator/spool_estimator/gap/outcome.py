@@ -1,0 +1,146 @@
+"""The verdict: what is named, how sure that is, and when nothing is named."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from spool_stream.quantity import Quantity, Validity
+
+from .floor import Floor, excess, noise_floor
+from .registry import EFFECTS
+from .result import GapSettings, Hypothesis
+from .saturation import Saturation
+from .search import Search, Step
+
+#: Residual power over the floor's from which something is left to explain.
+LEFT_OVER = 1.6
+#: Share of the gap's amplitude, noise taken off, that may stay when an effect is named.
+MAY_STAY = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """The verdict with its reasons; fields as those of the result."""
+
+    verdict: str
+    confidence: float
+    sentence: str
+    effects: tuple[str, ...]
+    runner_up: Hypothesis | None
+    candidates: tuple[str, ...]
+    floor: Floor
+    extra: Mapping[str, Quantity]
+    warnings: tuple[str, ...]
+    advice: str
+
+
+def judge_outcome(
+    search: Search, final: Step, saturation: Saturation, settings: GapSettings, *, trusted: bool
+) -> Outcome:
+    """Return the verdict on what ``search`` accepted."""
+    del settings
+    simulation = search.simulation
+    first = search.steps[0]
+    floor = noise_floor(simulation, final.fitted.point, final.held)
+    before, after = search.nrmse(first), search.nrmse(final)
+    left = excess(simulation, final.held, floor)
+    gap = math.sqrt(max(before**2 - floor.nrmse**2, 0.0))
+    stays = math.sqrt(max(after**2 - floor.nrmse**2, 0.0)) / gap if gap > 0.0 else 0.0
+    named = list(final.effects)
+    extra: dict[str, Quantity] = {}
+    if saturation.channel == "spool":
+        named.append("sensor_saturation")
+        extra["saturation_limit"] = Quantity(
+            "saturation_limit", "m/s^2", saturation.limit, 0.01 * saturation.limit, Validity.VALID
+        )
+    runner = _runner_up(search)
+    unexplained = left > LEFT_OVER and (stays > MAY_STAY or not final.effects)
+    candidates: tuple[str, ...] = ()
+    warnings: list[str] = []
+    if unexplained and not (saturation.channel == "spool" and not final.effects and left < 3.0):
+        candidates = tuple(final.effects) or tuple(h.id for h in search.ranking[:1])
+        verdict = "unexplained"
+        confidence = 1.0 - 0.5 / max(1.0, left / LEFT_OVER)
+    elif named:
+        verdict = "+".join(named)
+        confidence = _confidence(search, final, left)
+    else:
+        verdict = "none"
+        confidence = min(0.99, 1.0 / max(1.0, left))
+    if not trusted:
+        verdict, confidence = "unexplained", min(confidence, 0.3)
+    effects = tuple(named) if verdict not in ("none", "unexplained") else ()
+    advice = "; ".join(
+        dict.fromkeys(
+            EFFECTS[n].told_by for n in (candidates or effects) if n in EFFECTS and EFFECTS[n].told_by
+        )
+    )
+    return Outcome(
+        verdict, confidence, sentence(verdict, effects, candidates, search, final, floor.nrmse, extra),
+        effects, runner, candidates, floor, extra, tuple(warnings), advice,
+    )  # fmt: skip
+
+
+def _runner_up(search: Search) -> Hypothesis | None:
+    others = [h for h in search.ranking if not h.accepted and not h.beside]
+    return max(others, key=lambda h: h.evidence, default=None)
+
+
+def _confidence(search: Search, final: Step, left: float) -> float:
+    """Return the confidence: from the evidence over the runner-up of each step, and what is left."""
+    sure = 0.99
+    for step in search.steps[1:]:
+        name = step.effects[-1]
+        own = next((h for h in search.ranking if h.id == name and h.accepted), None)
+        if own is None:
+            continue
+        rivals = [
+            h.evidence for h in search.ranking if h.beside == own.beside and h.id != own.id and not h.reason
+        ]
+        margin = own.evidence - max([0.0, *rivals])
+        sure *= 1.0 / (1.0 + math.exp(-0.08 * margin))
+    del final
+    return float(sure / math.sqrt(max(1.0, left / LEFT_OVER)))
+
+
+def sentence(
+    verdict: str,
+    effects: tuple[str, ...],
+    candidates: tuple[str, ...],
+    search: Search,
+    final: Step,
+    floor: float,
+    extra: Mapping[str, Quantity],
+) -> str:
+    """Return the verdict in a sentence."""
+    before, after = search.nrmse(search.steps[0]), search.nrmse(final)
+    base = search.base.name
+    if verdict == "none":
+        return (
+            f"Nothing is missing: '{base}' leaves {100.0 * after:.2g} % of the spool's acceleration, "
+            f"noise alone {100.0 * floor:.2g} %."
+        )
+    if verdict == "unexplained":
+        near = f"; nearest come {', '.join(candidates)}" if candidates else ""
+        return (
+            f"Something is missing that has no name here: '{base}' leaves {100.0 * before:.2g} % of "
+            f"the spool's acceleration, the best of the catalogue {100.0 * after:.2g} %, "
+            f"noise would leave {100.0 * floor:.2g} %{near}."
+        )
+    parts = []
+    for name in effects:
+        entry = EFFECTS[name]
+        numbers = []
+        for parameter in entry.fitted:
+            known = extra.get(parameter)
+            value = known.value if known else final.fitted.point.get(parameter)
+            numbers.append(f"{parameter} {value:.3g}")
+        parts.append(
+            f"{name.replace('_', ' ')} ({', '.join(numbers)}): {entry.on_the_machine}; check {entry.to_check}"
+        )
+    return (
+        f"The model lacks {'; and '.join(parts)}. With it the error falls from {100.0 * before:.2g} % to "
+        f"{100.0 * after:.2g} % of the spool's acceleration (noise alone: {100.0 * floor:.2g} %)."
+    )

@@ -1,0 +1,302 @@
+"""Hypotheses simulated: free runs over the windows, fitted and scored with one weight for all of them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft, signal
+from spool_sim.composed_motion import MotionState
+from spool_sim.step_size import substeps_for
+from spool_sim.terms import term
+from spool_stream.errors import InputError
+
+from ..free_run import Window, half_steps
+from .stretches import Stretch
+from .switchable import ALWAYS, SwitchableMotion
+
+Array = NDArray[np.float64]
+
+#: Most steps per sample that a hypothesis may ask for; a stiffer one is stepped more coarsely.
+MOST_SUBSTEPS = 8
+#: Upper end of the compared band over that of the drive, and at least so many Hz.
+HARMONICS, AT_LEAST = 6.0, 300.0
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """A full hypothesis: terms that are switched on, their numbers, gain and delay of the spool's channel."""
+
+    active: tuple[str, ...]
+    values: Mapping[str, float]
+    gain: float = 0.0
+    delay: float = 0.0
+
+    def get(self, name: str) -> float:
+        """Return a number by its name."""
+        if name == "spool_gain_error":
+            return self.gain
+        return self.delay if name == "spool_delay" else self.values[name]
+
+    def moved(self, names: Sequence[str], numbers: Sequence[float]) -> Point:
+        """Return this with other ``numbers`` of ``names``."""
+        given = dict(zip(names, numbers, strict=True))
+        gain, delay = given.pop("spool_gain_error", self.gain), given.pop("spool_delay", self.delay)
+        return replace(self, values={**self.values, **given}, gain=gain, delay=delay)
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What one window gave for s points; arrays of shape (s, n).
+
+    Attributes:
+        acceleration: of the spool at the samples, m/s^2, gain error included.
+        means: its mean from each sample to the next: exact and smooth in the parameters, whatever jumps.
+        displacement, velocity: relative to the body, m, m/s.
+    """
+
+    acceleration: Array
+    means: Array
+    displacement: Array
+    velocity: Array
+
+
+class Simulation:
+    """The windows of all stretches.
+
+    Attributes:
+        stretches: as given.
+        places: stretch, window and whether it is fitted, of each window.
+    """
+
+    def __init__(self, stretches: Sequence[Stretch], motions: Sequence[SwitchableMotion]) -> None:
+        """Prepare the bands and start with the weight of the channels' noise.
+
+        Args:
+            stretches: with their windows.
+            motions: kernels, quickest first; the first one that has all terms of a hypothesis steps it.
+        """
+        self.stretches = tuple(stretches)
+        self.motions = tuple(motions)
+        self.places = [
+            (stretch, window, training)
+            for stretch in stretches
+            for window, training in zip(stretch.windows, stretch.training, strict=True)
+        ]
+        self.density: list[Array] = [np.full(2, s.noise.spool + s.noise.body) for s in stretches]
+        self._lines: list[Array] = [np.array([0.0, 0.5 * s.noise.rate]) for s in stretches]
+        self.jumps: dict[int, Array] | None = None
+        self._number = {id(stretch): number for number, stretch in enumerate(stretches)}
+
+    def run(self, points: Sequence[Point], chosen: Sequence[int]) -> list[Run]:
+        """Simulate ``points`` (with the same terms) over the windows numbered ``chosen``."""
+        motion = next(entry for entry in self.motions if entry.has(points[0].active))
+        rows = np.array([motion.row(point.active, point.values) for point in points])
+        counts: dict[float, int] = {}
+        terms = [term(name) for name in dict.fromkeys((*ALWAYS, *points[0].active))]
+        values = {p.name: p.start for entry in terms for p in entry.parameters} | dict(points[0].values)
+
+        def substeps(stretch: Stretch) -> int:
+            period = stretch.record.sample_period
+            if period not in counts:
+                try:
+                    needed = substeps_for(terms, values, period, stretch.highest_frequency)
+                except InputError:
+                    needed = MOST_SUBSTEPS
+                counts[period] = min(needed, MOST_SUBSTEPS)
+            return counts[period]
+
+        for place in chosen:
+            substeps(self.places[place][0])
+        jobs = [
+            (*self.places[place][:2], counts[self.places[place][0].record.sample_period]) for place in chosen
+        ]
+        if len(jobs) == 1:
+            return [self._one(motion, points, rows, *jobs[0])]
+        with ThreadPoolExecutor(processors()) as pool:
+            return list(pool.map(lambda job: self._one(motion, points, rows, *job), jobs))
+
+    @staticmethod
+    def _one(
+        motion: SwitchableMotion,
+        points: Sequence[Point],
+        rows: Array,
+        stretch: Stretch,
+        window: Window,
+        substeps: int,
+    ) -> Run:
+        record = stretch.record
+        drives: dict[float, Array] = {}
+        for point in points:
+            if point.delay not in drives:
+                drives[point.delay] = half_steps(window, record.sample_period, substeps, point.delay)
+        lead = window.start - window.first
+        size = window.stop - window.start
+        result = [np.empty((len(points), size)) for _ in range(4)]
+        for delay, drive in drives.items():
+            own = [number for number, point in enumerate(points) if point.delay == delay]
+            state = MotionState(*window.state, float(np.sign(window.state[1])))
+            trajectory, _ = motion.advance_batch(
+                [state] * len(own),
+                drive[np.newaxis],
+                rows[own][:, np.newaxis, :],
+                sample_period=record.sample_period,
+                substeps=substeps,
+                first_sample=record.first_sample + window.first,
+            )
+            gains = np.array([1.0 + points[number].gain for number in own])[:, np.newaxis]
+            ahead = slice(lead, lead + size)
+            fine = drive[2 * substeps * lead :][: 2 * substeps * size + 1]
+            body = simpson_means(fine, substeps)
+            moved = np.diff(trajectory.velocity[:, lead : lead + size + 1], axis=1) / record.sample_period
+            result[0][own] = trajectory.acceleration[:, ahead] * gains
+            result[1][own] = (moved + body) * gains
+            result[2][own] = trajectory.displacement[:, ahead]
+            result[3][own] = trajectory.velocity[:, ahead]
+        return Run(*result)
+
+    def errors(self, points: Sequence[Point], chosen: Sequence[int]) -> list[Array]:
+        """Return model - measured, m/s^2, shape (s, n) for each window; 0 where a channel clips.
+
+        Compared are means over sample intervals: a jump of friction between two samples moves them in
+        proportion to its time, not at chance. Once the jumps are known well enough (``jumps``), samples are
+        compared and those beside a jump are left out: sampled jumps are not in the band of the means.
+        """
+        found = []
+        for place, run in zip(chosen, self.run(points, chosen), strict=True):
+            stretch, window, _ = self.places[place]
+            mask = stretch.kept[window.start : window.stop]
+            if self.jumps is None:
+                error = (run.means - window.measured_means) * mask
+            else:
+                error = (run.acceleration - window.measured) * mask * self.jumps[place]
+            found.append(np.nan_to_num(error, nan=1e6, posinf=1e6, neginf=-1e6))
+        return found
+
+    def choose_sampling(self, point: Point) -> bool:
+        """Compare samples beside known jumps of ``point`` where that leaves less; say whether it changed."""
+        everything = list(range(len(self.places)))
+        known, masks = self.jumps, {}
+        for place, run in zip(everything, self.run([point], everything), strict=True):
+            masks[place] = beside_no_jump(run.velocity[0])
+        left = []
+        for candidate in (None, masks):
+            self.jumps = candidate
+            errors = self.errors([point], everything)
+            share = 1.0 if candidate is None else float(np.mean(np.concatenate(list(masks.values()))))
+            left.append(float(np.sum(self.weigh(errors, everything) ** 2)) / max(share, 0.2))
+        self.jumps = masks if left[1] < left[0] else None
+        return (known is None) != (self.jumps is None) or self.jumps is not None
+
+    def weigh(self, errors: Sequence[Array], chosen: Sequence[int]) -> Array:
+        """Return ``errors`` weighed to variance 1, shape (s, m)."""
+        parts = []
+        for place, error in zip(chosen, errors, strict=True):
+            stretch, _, _ = self.places[place]
+            number = self._number[id(stretch)]
+            length = error.shape[-1]
+            taper = signal.windows.tukey(length, 0.1)
+            frequency = fft.rfftfreq(length, stretch.record.sample_period)
+            band = self.band(stretch, frequency)
+            density = np.interp(frequency[band], self._lines[number], self.density[number])
+            scale = np.sqrt(density * 0.25 * stretch.noise.rate * float(np.sum(taper**2)))
+            lines = fft.rfft(error * taper, axis=-1)[:, band] / scale
+            parts += [lines.real, lines.imag]
+        return np.concatenate(parts, axis=1)
+
+    @staticmethod
+    def band(stretch: Stretch, frequency: Array) -> slice:
+        """Return the lines that are compared."""
+        high = min(0.45 * stretch.noise.rate, max(HARMONICS * stretch.noise.high, AT_LEAST))
+        return slice(int(np.searchsorted(frequency, stretch.low_cut)), int(np.searchsorted(frequency, high)))
+
+    def spectra(self, errors: Sequence[Array], chosen: Sequence[int]) -> list[tuple[Array, Array]]:
+        """Return frequency and smoothed density of the first row of ``errors`` for each stretch."""
+        found: list[tuple[Array, Array]] = []
+        for stretch in self.stretches:
+            rows = [e[0] for e, place in zip(errors, chosen, strict=True) if self.places[place][0] is stretch]
+            if not rows:
+                found.append((np.array([0.0, 1.0]), np.zeros(2)))
+                continue
+            piece = min([*(row.size for row in rows), round(1.0 / stretch.record.sample_period)])
+            densities = []
+            for row in rows:
+                frequency, density = signal.welch(row, stretch.noise.rate, "hann", piece, detrend=False)
+                densities.append(density)
+            found.append((np.asarray(frequency), smoothed(np.asarray(np.mean(densities, axis=0)))))
+        return found
+
+    def take_weight(self, errors: Sequence[Array], chosen: Sequence[int], floor: Sequence[float]) -> None:
+        """Weigh from now on by the spectrum of ``errors``, at least by ``floor`` of each stretch."""
+        for number, (frequency, density) in enumerate(self.spectra(errors, chosen)):
+            self._lines[number] = frequency
+            self.density[number] = np.maximum(density, floor[number])
+
+    @property
+    def training(self) -> list[int]:
+        """Numbers of the windows that are fitted."""
+        return [number for number, (_, _, training) in enumerate(self.places) if training]
+
+    @property
+    def held_out(self) -> list[int]:
+        """Numbers of the windows that are held out."""
+        return [number for number, (_, _, training) in enumerate(self.places) if not training]
+
+    def measured(self, chosen: Sequence[int]) -> list[Array]:
+        """Return the measured spool acceleration of each window, 0 where a channel clips."""
+        if self.jumps is not None:
+            return [
+                self.places[p][1].measured
+                * self.places[p][0].kept[self.places[p][1].start : self.places[p][1].stop]
+                * self.jumps[p]
+                for p in chosen
+            ]
+        return [
+            self.places[p][1].measured_means
+            * self.places[p][0].kept[self.places[p][1].start : self.places[p][1].stop]
+            for p in chosen
+        ]
+
+    def nrmse(self, errors: Sequence[Array], chosen: Sequence[int]) -> Array:
+        """Return rms(model - measured) / rms(measured), shape (s,)."""
+        power = sum(np.sum(error**2, axis=-1) for error in errors)
+        return np.asarray(np.sqrt(power / sum(float(np.sum(row**2)) for row in self.measured(chosen))))
+
+
+def beside_no_jump(velocity: Array) -> Array:
+    """Return 0 for the two samples on each side of a change of sign of ``velocity`` (n,), else 1."""
+    sign = np.sign(velocity)
+    jumps = np.flatnonzero(sign[1:] != sign[:-1])
+    kept = np.ones(velocity.size)
+    for offset in (-1, 0, 1, 2):
+        kept[np.clip(jumps + offset, 0, velocity.size - 1)] = 0.0
+    return kept if kept.mean() > 0.4 else np.ones(velocity.size)
+
+
+def simpson_means(drive: Array, substeps: int) -> Array:
+    """Return the means over sample intervals of what the steps take as forcing, shape (n,).
+
+    Args:
+        drive: at the ends and midpoints of all steps, shape (2 n substeps + 1,).
+        substeps: steps per sample.
+    """
+    steps = (drive[:-2:2] + 4.0 * drive[1:-1:2] + drive[2::2]) / 6.0
+    return np.asarray(steps.reshape(-1, substeps).mean(axis=1))
+
+
+def smoothed(density: Array) -> Array:
+    """Return ``density`` averaged over a tenth of the frequency, at least five lines."""
+    half = np.maximum(2, (0.05 * np.arange(density.size)).astype(np.int64))
+    total: Array = np.concatenate([[0.0], np.cumsum(density)])
+    low = np.maximum(0, np.arange(density.size) - half)
+    high = np.minimum(density.size, np.arange(density.size) + half + 1)
+    return np.asarray((total[high] - total[low]) / (high - low))
+
+
+def processors() -> int:
+    """Return how many processors there are."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

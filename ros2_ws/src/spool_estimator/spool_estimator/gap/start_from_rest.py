@@ -1,0 +1,122 @@
+"""Friction that differs by direction: two accelerometers see that only where the motion starts from rest.
+
+To a moving spool the difference is a constant push, which shifts the middle of the motion but changes no
+acceleration.
+From rest the spool has to travel to that middle first, and rings there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_sim.composed_motion import MotionState
+from spool_sim.model import Model
+from spool_sim.valve import Valve
+
+from ..free_run import FreeRun, half_steps
+from .simulate import Point, Simulation, simpson_means
+from .stretches import Stretch
+
+Array = NDArray[np.float64]
+
+#: s from the start that are looked at.
+LOOKED_AT = 1.5
+#: s at the start in which the body must be quiet, and how quiet, over its rms later.
+QUIET_TIME, QUIET_SHARE = 0.01, 0.03
+#: Ratios (forward - backward) / (forward + backward) that are tried.
+RATIOS = np.linspace(-0.9, 0.9, 37)
+
+
+@dataclass(frozen=True, slots=True)
+class Asymmetry:
+    """What the start says.
+
+    Attributes:
+        ratio: (forward - backward) / (forward + backward).
+        deviation: its standard deviation.
+        evidence: twice the log likelihood ratio against equal forces.
+        left: residual power over that of the noise at the best ratio.
+    """
+
+    ratio: float
+    deviation: float
+    evidence: float
+    left: float
+
+
+def starts_at_rest(stretch: Stretch) -> bool:
+    """Whether the record begins before the motion does."""
+    record = stretch.record
+    count = max(4, round(QUIET_TIME * record.sample_rate))
+    noise = 2.0 * stretch.noise.body_rms
+    return record.first_sample == 0 and float(np.std(record.body[:count])) < max(
+        QUIET_SHARE * float(record.body.std()), noise
+    )
+
+
+def asymmetry(
+    simulation: Simulation, stretch: Stretch, point: Point, base: Model, valve: Valve
+) -> Asymmetry | None:
+    """Return what the start of ``stretch`` says about the friction of ``point``; ``None`` without a start.
+
+    Args:
+        simulation: gives the kernels.
+        stretch: with the record.
+        point: a hypothesis with Coulomb friction.
+        base: as analysed, for the window.
+        valve: as described.
+    """
+    if not starts_at_rest(stretch):
+        return None
+    record = stretch.record
+    period = record.sample_period
+    size = round(LOOKED_AT / period)
+    # In front of the record nothing moves: zeros there put the window's start on its first sample.
+    lead = round(1.0 / (stretch.low_cut * period)) + round(0.5 / period) + 4
+    quiet_body = stretch.quiet.apply(record.body)
+    padded = replace(
+        record.part(0, min(record.body.size, size + lead)),
+        body=np.concatenate([np.zeros(lead), quiet_body[: size + lead]]),
+        spool=np.concatenate([np.zeros(lead), record.spool[: size + lead]]),
+        oil_temperature=None,
+    )
+    run = FreeRun([padded], base, valve, run_in=0.5, low_cut=stretch.low_cut)
+    window = replace(run.windows[0], first=lead, start=lead, stop=lead + size)
+    margin = run.windows[0].margin + lead - run.windows[0].first
+    window = replace(window, margin=margin)
+    mean = point.values["coulomb_force"]
+    active = tuple("asymmetric_friction" if n == "coulomb_friction" else n for n in point.active)
+    motion = next(entry for entry in simulation.motions if entry.has(active))
+    rows = np.array(
+        [
+            motion.row(
+                active,
+                {**point.values, "forward_force": (1.0 + r) * mean, "backward_force": (1.0 - r) * mean},
+            )
+            for r in RATIOS
+        ]
+    )
+    substeps = 4
+    drive = half_steps(window, period, substeps, point.delay)
+    drive = drive[: 2 * substeps * size + 1]
+    trajectory, _ = motion.advance_batch(
+        [MotionState()] * RATIOS.size, drive[np.newaxis], rows[:, np.newaxis, :],
+        sample_period=period, substeps=substeps,
+    )  # fmt: skip
+    body = simpson_means(drive, substeps)[:-1]
+    means = (np.diff(trajectory.velocity, axis=1) / period + body) * (1.0 + point.gain)
+    measured = 0.5 * (record.spool[: size - 1] + record.spool[1:size])
+    # Averages over 4 ms: slow against the jumps of friction, quick against the ring.
+    width = max(1, round(0.004 / period))
+    kernel = np.full(width, 1.0 / width)
+    errors = np.array([np.convolve(row - measured, kernel, mode="valid")[::width] for row in means])
+    sums = np.sum(errors**2, axis=1)
+    place = int(np.argmin(sums))
+    noise = stretch.noise.spool_rms**2 / width
+    variance = max(float(sums[place]) / errors.shape[1], noise)
+    evidence = float(sums[RATIOS.size // 2] - sums[place]) / variance
+    near = np.flatnonzero(sums - sums[place] <= 4.0 * variance)
+    deviation = max(float(np.ptp(RATIOS[near])) / 4.0, float(RATIOS[1] - RATIOS[0]) / 3.0)
+    return Asymmetry(float(RATIOS[place]), deviation, evidence, variance / noise)

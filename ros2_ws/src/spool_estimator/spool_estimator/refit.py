@@ -1,0 +1,218 @@
+"""Refits of the last seconds: any model, nonlinear, by free-run simulation, started from the recursion.
+
+:class:`WindowRefits` collects windows from the stream, :func:`refit` fits one. A window gives the same refit
+wherever it is fitted, so that a replay has those of the live node.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from spool_sim.model import Model
+from spool_sim.valve import Valve
+from spool_stream.block import Block, Samples
+from spool_stream.block_gate import BlockGate, Verdict
+from spool_stream.quantity import Quantity, Validity
+
+from .estimate import Estimate, State
+from .fit_result import Fit, FitSettings
+from .record import Record
+
+#: Relative error from which a model explains nothing worth the name: a fifth of the power at most.
+NOTHING = 0.9
+
+#: States of the recursion in which the window holds motion to fit.
+_MOVING = (State.LEARNING, State.TRACKING)
+
+
+class RefitState(enum.IntEnum):
+    """How a refit ended; the numbers are those of ``spool_msgs/msg/WindowRefit``."""
+
+    UNKNOWN = 0
+    CONVERGED = 1
+    NOT_CONVERGED = 2
+    FAILED = 3
+
+
+@dataclass(frozen=True, slots=True)
+class RefitSettings:
+    """What is fitted how often: ``model`` to the last ``window`` s, every ``period`` s of data."""
+
+    valve: Valve
+    model: Model
+    period: float = 5.0
+    window: float = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class WindowTask:
+    """One window on its way to a fit.
+
+    ``stamp`` (ns) is that of its newest sample, ``last_sequence`` of the block it came in, ``start`` what the
+    recursion knew by then, by name; ``idle`` why there is nothing to fit, empty where there is.
+    """
+
+    settings: RefitSettings
+    stamp: int
+    last_sequence: int
+    record: Record
+    start: Mapping[str, float]
+    idle: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Refit:
+    """What a window said; fields as in ``WindowRefit``. ``correlations`` is of ``fitted``, row by row."""
+
+    stamp: int
+    model: str
+    state: RefitState
+    reason: str
+    last_sequence: int
+    window: float
+    parameters: tuple[Quantity, ...] = ()
+    fitted: tuple[str, ...] = ()
+    correlations: tuple[float, ...] = ()
+    objective: Quantity = field(default_factory=lambda: Quantity("objective", "1"))
+    amplitude_ratio: Quantity = field(default_factory=lambda: Quantity("amplitude_ratio", "1"))
+    nrmse: Quantity = field(default_factory=lambda: Quantity("nrmse", "1"))
+
+
+@dataclass(slots=True)
+class WindowRefits:
+    """Keep the last seconds of one valve's stream and say when a window is due.
+
+    Windows end at multiples of the period after the last gap, however the stream is split into blocks.
+    """
+
+    settings: RefitSettings
+    gate: BlockGate = field(default_factory=BlockGate)
+    _kept: deque[tuple[Samples, Samples]] = field(default_factory=deque, init=False)
+    _held: int = field(default=0, init=False)
+    _count: int = field(default=0, init=False)
+    _estimates: deque[Estimate] = field(default_factory=deque, init=False)
+
+    def update(self, block: Block, estimates: Sequence[Estimate]) -> list[WindowTask]:
+        """Take a block and the ``estimates`` that fell due within it; return the windows that did."""
+        verdict = self.gate.judge(block)
+        self._estimates.extend(estimates)
+        if verdict is Verdict.REFUSED:
+            return []
+        if verdict is Verdict.RESTARTS:
+            self._kept.clear()
+            self._estimates.clear()
+            self._estimates.extend(estimates)
+            self._held = self._count = 0
+        size = max(16, round(self.settings.window / block.sample_period))
+        hop = max(1, round(self.settings.period / block.sample_period))
+        tasks = []
+        taken = 0
+        while taken < block.body.size:
+            count = min(hop - self._count % hop, block.body.size - taken)
+            part = slice(taken, taken + count)
+            self._keep(block.body[part], block.spool[part], size)
+            taken += count
+            self._count += count
+            if self._count % hop == 0 and self._held >= size:
+                stamp = block.stamp + round((taken - 1) * block.sample_period * 1e9)
+                tasks.append(self._task(stamp, block, size))
+        while len(self._estimates) > 1:  # what comes next is at least as new as the newest one
+            self._estimates.popleft()
+        return tasks
+
+    def _keep(self, body: Samples, spool: Samples, size: int) -> None:
+        self._kept.append((body, spool))
+        self._held += body.size
+        while self._held - self._kept[0][0].size >= size:
+            self._held -= self._kept.popleft()[0].size
+
+    def _task(self, stamp: int, block: Block, size: int) -> WindowTask:
+        body, spool = (np.concatenate([pair[side] for pair in self._kept])[-size:] for side in (0, 1))
+        start = stamp - round((size - 1) * block.sample_period * 1e9)
+        record = Record("window", start, block.sample_period, body.astype(float), spool.astype(float))
+        # Stamps are rounded: half a sample later is the same sample.
+        limit = stamp + round(0.5e9 * block.sample_period)
+        newest = next((one for one in reversed(self._estimates) if one.stamp <= limit), None)
+        idle = ""
+        if newest is not None and newest.state not in _MOVING:
+            idle = f"nothing to fit: the recursion is {newest.state.name.lower().replace('_', ' ')}"
+        return WindowTask(self.settings, stamp, block.sequence, record, _start(self.settings, newest), idle)
+
+
+def _start(settings: RefitSettings, newest: Estimate | None) -> dict[str, float]:
+    """Return the recursion's values of what the model has, where they are known and within its bounds."""
+    known = {} if newest is None else {one.name: one.value for one in newest.parameters if one.known}
+    return {
+        entry.name: known[entry.name]
+        for entry in settings.model.parameters
+        if entry.name in known and entry.low <= known[entry.name] <= entry.high
+    }
+
+
+def refit(task: WindowTask) -> Refit:
+    """Return the fit of one window; whatever goes wrong is a result with a reason."""
+    settings = task.settings
+    window = task.record.duration
+    nothing = Refit(task.stamp, settings.model.name, RefitState.FAILED, task.idle, task.last_sequence, window)
+    if task.idle:
+        return nothing
+    from .fit import fit  # noqa: PLC0415 - who only collects windows needs no scipy
+
+    found = fit(
+        [task.record], settings.model, settings.valve, FitSettings(start=task.start, window=window, starts=1)
+    )
+    if found.reason is not None or found.agreement is None:
+        return Refit(
+            task.stamp, settings.model.name, RefitState.FAILED, found.reason or "the fit gave no result",
+            task.last_sequence, window,
+        )  # fmt: skip
+    return Refit(
+        task.stamp,
+        settings.model.name,
+        RefitState.CONVERGED if found.converged and _explains(found) else RefitState.NOT_CONVERGED,
+        _reason(found),
+        task.last_sequence,
+        window,
+        _parameters(found),
+        found.observable,
+        tuple(np.asarray(found.correlation, dtype=float).ravel().tolist()),
+        _figure("objective", found.agreement.objective),
+        _figure("amplitude_ratio", found.agreement.amplitude_ratio),
+        _figure("nrmse", found.agreement.nrmse),
+    )
+
+
+def _explains(found: Fit) -> bool:
+    """Return whether the model is better than none, whose relative error is 1."""
+    return found.agreement is not None and found.agreement.nrmse < NOTHING
+
+
+def _reason(found: Fit) -> str:
+    said = ["a minimum was found" if found.converged else "the steps allowed did not reach a minimum"]
+    if not _explains(found):
+        said.append("the model explains nothing of the spool's acceleration")
+    if found.not_observable:
+        said.append(f"the window does not tell {', '.join(found.not_observable)}")
+    if found.at_bound:
+        said.append(f"at its bound: {', '.join(found.at_bound)}")
+    return "; ".join([*said, *found.warnings])
+
+
+def _parameters(found: Fit) -> tuple[Quantity, ...]:
+    """Return all parameters in the model's order; what was given is held."""
+    fitted = {one.name: one for one in found.parameters}
+    return tuple(
+        fitted.get(entry.name)
+        or Quantity(entry.name, entry.unit, float(found.held[entry.name]), validity=Validity.HELD)
+        for entry in found.model.parameters
+    )
+
+
+def _figure(name: str, value: float) -> Quantity:
+    validity = Validity.VALID if math.isfinite(value) else Validity.UNKNOWN
+    return Quantity(name, "1", float(value) if math.isfinite(value) else math.nan, validity=validity)

@@ -1,0 +1,343 @@
+"""Parameters that follow the machine: least squares of prediction errors with forgetting, and restarts."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .history import Descent, Fitter, History, told_apart
+from .prediction import (
+    BAND_LIMITED,
+    BODY,
+    COUNT,
+    DISPLACEMENT,
+    POINTWISE,
+    RESIDUAL,
+    TARGET,
+    VELOCITY,
+    Prediction,
+)
+from .recursive import RecursiveLeastSquares
+from .sliding import SlidingLeastSquares
+from .window import ChunkWindow
+
+Array = NDArray[np.float64]
+Samples = NDArray[np.float32]
+
+#: s, samples are taken into the regression in chunks of this length.
+CHUNK = 0.1
+#: N, force noise that the prior is weighed with, and the least that a record is believed to have.
+NOISE, SMALLEST_NOISE = 0.05, 1.0e-3
+#: s of samples that are kept for starts, and how many of them the first one needs.
+KEPT, NEEDED = 3.0, 2.0
+#: The valve has changed when the parameters leave CHANGED times the residual power of the best fit to the
+#: last chunks (one of these lengths), and when what that fit gains, in residual variances, is SIGNIFICANT and
+#: UNUSUAL times what it gained lately: noise shaped by a resonance, or a poor model, gains always.
+CHANGED, SIGNIFICANT, UNUSUAL, LENGTHS = 1.25, 300.0, 8.0, (4, 10)
+#: The past is thrown away only for a parameter that changed by its share here, and by so many deviations;
+#: their squares are those for white errors times COLOURED, as a resonance colours them.
+NOTABLE, CERTAIN, COLOURED = (0.01, 0.05, 0.05), 3.0, 40.0
+#: Share by which a chunk moves what is usual, and how far at once.
+USUAL, USUAL_STEP = 0.03, 3.0
+#: A refit has to leave less than this share of the residual power to be believed.
+BETTER = 0.85
+#: Relative standard deviation that a change of a parameter is believed to have.
+LARGEST_STEP = 0.5
+#: Refits saved up at most, and how many more a chunk allows: a model that does not fit must not cost more.
+MOST_REFITS, REFITS = 6.0, 0.05
+#: Relative residual above which the model does not describe what is seen and a new start is tried, and the
+#: residual power, relative to the least seen lately, above which it may be in the wrong valley.
+POOR, WORSE = 0.5, 16.0
+#: Relative standard deviation of the stiffness that a start must reach.
+STARTED = 0.1
+#: Time constants 2 m / c of the motion after which a start from rest is forgotten, and its limits, s.
+FORGOTTEN, SHORTEST_SETTLING, LONGEST_SETTLING = 8.0, 0.5, 1.5
+#: m/s, rms velocity above which the spool moves.
+MOVING = 2.0e-3
+#: Force that no estimate is better than: share of the inertia force that the pair of sensors and the sampling
+#: of the drive are believed to, and shares of F_c that the shape of a band-limited or a point jump leaves.
+MATCHED, JUMP_SHAPE, POINT_SHAPE = 1.5e-4, 1.5e-3, 1.0e-4
+#: The latter where noise hides which of both the samples are, per second of sample period.
+UNTOLD_SHAPE = 15.0
+
+#: Share of the correction for the noise of the body's sensor that counts as uncertainty.
+DOUBT = 0.5
+
+_POWERS = (RESIDUAL, TARGET, BODY, DISPLACEMENT, VELOCITY)
+
+
+@dataclass(slots=True)
+class Tracker:
+    """Follow k (N/m), c (N s/m) and F_c (N) of one valve from its samples, chunk by chunk.
+
+    Args:
+        sample_period: s.
+        mass: kg.
+        scale: orders of magnitude of the parameters, shape (3,).
+        memory: s, time constant of forgetting, or length of the sliding window.
+        sliding: forget by a sliding window.
+        low_cut, high_cut: Hz, the band.
+        sliding_velocity: m/s, see :class:`~.conditioning.Conditioning`.
+        minimum_excitation: m/s^2, rms body acceleration below which parameters are held.
+
+    Attributes:
+        started: whether the parameters are those of a fit.
+        excited, settling: of the last chunk.
+        powers: mean squares over the last second or so: error, inertia force (N), body acceleration (m/s^2),
+            displacement (m), velocity (m/s); NaN before the first.
+        refits: how often the model was fitted anew to the last samples.
+
+    """
+
+    sample_period: float
+    mass: float
+    scale: Array
+    memory: float
+    sliding: bool
+    low_cut: float
+    high_cut: float
+    sliding_velocity: float
+    minimum_excitation: float
+    regression: RecursiveLeastSquares | SlidingLeastSquares = field(init=False)
+    prediction: Prediction = field(init=False)
+    chunk: int = field(init=False)
+    started: bool = field(default=False, init=False)
+    excited: bool = field(default=False, init=False)
+    settling: bool = field(default=True, init=False)
+    powers: Array = field(init=False)
+    refits: int = field(default=0, init=False)
+    filled: int = field(default=0, init=False)
+    _waiting: NDArray[np.float32] = field(init=False)
+    _history: History = field(init=False)
+    _fitter: Fitter = field(init=False)
+    _window: ChunkWindow = field(init=False)
+    _earlier: deque[Prediction] = field(init=False)
+    _usual: Array = field(init=False)
+    _sizes: Array = field(init=False)
+    _evidence: Array = field(init=False)
+    _told: bool = field(default=False, init=False)
+    _least: float = field(default=math.inf, init=False)
+    _since_restart: int = field(default=0, init=False)
+    _allowed: float = field(default=MOST_REFITS, init=False)
+    _pause: int = field(default=0, init=False)
+    _patience: int = field(default=5, init=False)
+
+    def __post_init__(self) -> None:
+        self.powers = np.full(len(_POWERS), math.nan)
+        self._sizes = np.zeros(3)
+        self._evidence = np.zeros(2)
+        self.regression = self._fresh()
+        self._window = ChunkWindow(self.scale)
+        self._earlier = deque(maxlen=max(LENGTHS))
+        self._usual = np.full(len(LENGTHS), SIGNIFICANT / UNUSUAL)
+        self.set_period(self.sample_period)
+
+    def set_period(self, sample_period: float) -> None:
+        """Go on with samples of another period (s): what was learned is kept."""
+        self.sample_period = sample_period
+        self.chunk = max(8, round(CHUNK / sample_period))
+        self._waiting = np.empty((2, self.chunk), np.float32)
+        self.prediction = Prediction(sample_period, self.mass, self.scale, self.low_cut)
+        self._history = History(round(KEPT / CHUNK) * self.chunk)
+        self._fitter = Fitter(
+            sample_period,
+            self.mass,
+            self.scale,
+            self.low_cut,
+            self.high_cut,
+            self.sliding_velocity,
+            self.chunk,
+        )
+
+    def restart(self) -> None:
+        """Begin the motion anew after a gap: what was learned is kept."""
+        pointwise, offset = self.prediction.pointwise, self.prediction.offset
+        self.prediction.reset(offset if self.started else math.nan)
+        self.prediction.pointwise = pointwise
+        self._history.clear()
+        self._window.clear()
+        self._earlier.clear()
+        self._since_restart = self.filled = self._pause = 0
+        self._patience = 5
+
+    def take(self, body: Samples, spool: Samples) -> bool:
+        """Take samples of shape (n,), m/s^2, at most what the chunk lacks; return whether it is full."""
+        place = slice(self.filled, self.filled + body.size)
+        self._waiting[0, place] = body
+        self._waiting[1, place] = spool
+        self.filled += body.size
+        if self.filled < self.chunk:
+            return False
+        body, spool = self._waiting
+        self.filled = 0
+        self._history.take(body, spool)
+        self.prediction.take(body, spool, self.regression.parameters if self.started else self._nominal)
+        self._close()
+        return True
+
+    @property
+    def systematic(self) -> Array:
+        """Standard deviations that no amount of data removes, shape (3,)."""
+        shape = POINT_SHAPE if self.prediction.pointwise else JUMP_SHAPE
+        if not self._told:
+            shape = UNTOLD_SHAPE * self.sample_period
+        force = math.hypot(MATCHED * math.sqrt(self._sizes[0]), shape * float(self.regression.parameters[2]))
+        sizes = np.sqrt(np.maximum(self._sizes, 1e-20))
+        return np.array([force / sizes[1], force / sizes[2], force])
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of k, c, F_c, shape (3, 3): of the regression, and what no amount of data removes."""
+        bias = self.regression.bias
+        chance = (self.regression.covariance + np.outer(bias, bias)) * np.outer(self.scale, self.scale)
+        return np.asarray(chance + np.diag(self.systematic**2))
+
+    @property
+    def _nominal(self) -> Array:
+        return np.asarray(self.scale * np.array([1.0, 1.0, 0.2]))
+
+    def _fresh(self) -> RecursiveLeastSquares | SlidingLeastSquares:
+        if self.sliding:
+            return SlidingLeastSquares(self.scale, max(5, round(self.memory / CHUNK)), NOISE)
+        return RecursiveLeastSquares(self.scale, min(1.0, CHUNK / self.memory), NOISE)
+
+    def _settling_chunks(self) -> int:
+        viscous = max(float(self.regression.parameters[1] if self.started else self.scale[1]), 1e-9)
+        time = min(LONGEST_SETTLING, max(SHORTEST_SETTLING, FORGOTTEN * 2.0 * self.mass / viscous))
+        return math.ceil(time / CHUNK)
+
+    def _close(self) -> None:
+        sums = self.prediction.sums
+        self._since_restart += 1
+        count = max(1.0, float(sums[COUNT]))
+        powers = sums[list(_POWERS)] / count
+        self.settling = self._since_restart <= self._settling_chunks()
+        self._allowed = min(MOST_REFITS, self._allowed + REFITS)
+        self._pause -= 1
+        self.excited = not self.settling and bool(
+            powers[2] > self.minimum_excitation**2 and powers[4] > MOVING**2
+        )
+        if not self.settling:
+            share = CHUNK / 1.0
+            self.powers = np.where(
+                np.isnan(self.powers), powers, (1.0 - share) * self.powers + share * powers
+            )
+        if self.excited:
+            # Of the motion that taught the parameters; at a standstill they stay what they were.
+            self._sizes = self.powers[[1, 3, 4]]
+            # Weighed by how well the model fits: while the valve changes, neither does.
+            left = max(float(sums[RESIDUAL]), 1e-30)
+            self._evidence += USUAL * (sums[[POINTWISE, BAND_LIMITED]] / left - self._evidence)
+        if self.excited and self.started:
+            self._regress(count)
+        elif self.excited and self._since_restart * CHUNK >= NEEDED - 1e-9:
+            self._start(math.inf)
+        self.prediction.clear()
+        self._earlier.append(self.prediction.copy())
+
+    def _regress(self, count: float) -> None:
+        prediction, regression = self.prediction, self.regression
+        noise_score = prediction.noise_score(regression.parameters)
+        score = prediction.product - noise_score
+        self._window.add_sums(
+            prediction.gram, score, float(prediction.sums[RESIDUAL]), count, regression.parameters
+        )
+        present = own = math.inf
+        for which, last in enumerate(LENGTHS):
+            present, own, samples = self._window.judge(regression.parameters, last)
+            if self._window.count < last:
+                continue
+            gain = (present / own - 1.0) * samples
+            usual = self._usual[which]
+            self._usual[which] += USUAL * (min(gain, USUAL_STEP * usual) - usual)
+            changed = present > CHANGED * own and gain > max(SIGNIFICANT, UNUSUAL * usual)
+            if changed and self._refit(last, present, float(usual)):
+                return
+        # A descent may have ended in the wrong valley: far more is left than was once.
+        self._least = min(1.01 * self._least, own / self.powers[1])
+        poor = own > POOR**2 * self.powers[1] or own > WORSE * self._least * self.powers[1]
+        if poor and self._since_restart * CHUNK >= NEEDED and self._start(0.5 * present):
+            return
+        weight = NOISE**2 / (own + SMALLEST_NOISE**2)
+        change = regression.advance(prediction.gram * weight, score * weight, DOUBT * weight * noise_score)
+        prediction.shift(change)
+        pointwise, band_limited = self._evidence.tolist()
+        prediction.pointwise = told_apart(pointwise, band_limited, present=prediction.pointwise)
+        surely = told_apart(pointwise, band_limited, present=True)
+        self._told = self._told or surely == told_apart(pointwise, band_limited, present=False)
+        if not (np.all(np.isfinite(regression.parameters)) and regression.parameters[0] > 0.0):
+            self.started = False
+            self.regression = self._fresh()
+
+    def _start(self, present: float) -> bool:
+        """Fit to all samples that are kept; believe it where it leaves less than ``present`` (N^2)."""
+        if self._pause > 0:
+            return False
+        self._pause = self._patience
+        self._patience = min(self._patience + 1, 100)
+        body, spool = self._history.samples(self._history.length)
+        first = self._fitter.start(body, spool)
+        guesses = [self._nominal] if first is None or first[0] <= 0.0 else [first, self._nominal]
+        if self.started:
+            guesses.append(self.regression.parameters)
+        last = body.size // self.chunk - self._settling_chunks()
+        offset = float(np.average(body, weights=np.hanning(body.size + 2)[1:-1]))
+        found = self._fitter.descend(body, spool, guesses, last, begin=self._fitter.at_rest(offset))
+        if found is None or not found.variance < BETTER * present:
+            return False
+        former = self.regression
+        self.regression = self._fresh()
+        self._adopt(found)
+        if self.regression.standard_deviations[0] > STARTED * found.parameters[0]:
+            self.regression = former
+            return False
+        self.prediction = found.prediction
+        self.started = True
+        self._patience = 5
+        return True
+
+    def _refit(self, last: int, present: float, usual: float) -> bool:
+        """Fit to the last chunks, weakly held to what was known; believe it where it is clearly better."""
+        if self._allowed < 1.0:
+            return False
+        self._allowed -= 1.0
+        known = self.regression.parameters
+        if len(self._earlier) < last:
+            return False
+        body, spool = self._history.samples(last * self.chunk)
+        # Dry friction makes valleys: it is tried from both sides.
+        guesses = [known, known * np.array([1.0, 1.0, 1.25]), known * np.array([1.0, 1.0, 0.75])]
+        best = self._window.best(last)
+        if 0.1 < best[0] / known[0] < 10.0 and best[1] > 0.0:
+            guesses.append(best)
+        width = LARGEST_STEP * np.maximum(np.abs(known) / self.scale, 0.2)
+        found = self._fitter.descend(
+            body, spool, guesses, last, begin=self._earlier[-last], prior=present / width**2
+        )
+        if found is None or not found.variance < BETTER * present:
+            return False
+        information = found.grams.sum(axis=0) / (found.variance * max(COLOURED, usual))
+        deviation = np.sqrt(np.abs(np.diag(np.linalg.pinv(information)))) * self.scale
+        notable = np.array(NOTABLE) * np.maximum(np.abs(known), 0.1 * self.scale)
+        if np.all(np.abs(found.parameters - known) < np.maximum(notable, CERTAIN * deviation)):
+            return False
+        self._adopt(found)
+        self.prediction = found.prediction
+        return True
+
+    def _adopt(self, found: Descent) -> None:
+        weight = NOISE**2 / (found.variance + SMALLEST_NOISE**2)
+        self.regression.begin(
+            found.parameters, found.grams * weight, found.scores * weight, DOUBT * weight * found.noise_score
+        )
+        self.powers[0] = found.variance
+        self._window.clear()
+        for gram, score, power, count in zip(
+            found.grams, found.scores, found.powers, found.counts, strict=True
+        ):
+            self._window.add_sums(gram, score, float(power), float(count), found.parameters)
+        self.refits += 1

@@ -1,0 +1,197 @@
+"""What holds for every estimator of the package, found by what it can do."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import math
+import pickle
+import pkgutil
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+import spool_estimator
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from spool_estimator.estimate import Estimate, State
+from spool_estimator.estimator import EstimatorSettings
+from spool_estimator.estimators import ESTIMATORS, StreamEstimator
+from spool_sim.excitation import MachineOrders
+from spool_sim.presets import PRESETS
+from spool_sim.sensors import Sensor
+from spool_sim.simulator import Simulator
+from spool_sim.valve import find_valve
+from spool_stream.block import Block
+
+Make = Callable[[EstimatorSettings], StreamEstimator]
+
+SETTINGS = EstimatorSettings(0.18, spring_stiffness=1632.0, viscous_coefficient=8.2)
+ALL = pytest.mark.parametrize("make", ESTIMATORS.values(), ids=ESTIMATORS.keys())
+
+
+@lru_cache(maxsize=4)
+def record(seconds: float = 12.0, rate: float = 2000.0) -> tuple[Block, ...]:
+    noisy = Sensor(noise=0.03)
+    source = Simulator(
+        find_valve("4weh10_soft"),
+        PRESETS["multisine"],
+        coulomb_force=0.2,
+        sample_rate=rate,
+        block_size=round(rate / 50),
+        seed=1,
+        body_sensor=noisy,
+        spool_sensor=noisy,
+    )
+    return tuple(source.records(seconds))
+
+
+def estimates_of(estimator: StreamEstimator, blocks: Iterable[Block]) -> list[Estimate]:
+    return [estimate for block in blocks for estimate in estimator.update(block)]
+
+
+def bits(estimates: Iterable[Estimate], **same: int) -> list[str]:
+    """Return text in which every bit of every number shows, ``same`` made equal."""
+    return [repr(replace(estimate, **same)) for estimate in estimates]
+
+
+def spoiled(block: Block, value: float) -> Block:
+    spool = block.spool.copy()
+    spool[block.spool.size // 2] = value
+    return replace(block, spool=spool)
+
+
+def test_every_class_that_turns_blocks_into_estimates_is_registered() -> None:
+    found = set()
+    for module in pkgutil.iter_modules(spool_estimator.__path__, "spool_estimator."):
+        if module.name.endswith(("_node", "messages")):
+            continue
+        loaded = importlib.import_module(module.name)
+        for _, thing in inspect.getmembers(loaded, inspect.isclass):
+            does = all(callable(getattr(thing, name, None)) for name in ("update", "stale"))
+            if does and thing.__module__ == module.name and thing is not StreamEstimator:
+                found.add(thing)
+    assert found == set(ESTIMATORS.values())
+
+
+@ALL
+def test_it_learns_what_was_simulated(make: Make) -> None:
+    last = estimates_of(make(SETTINGS), record())[-1]
+    assert last.state is State.TRACKING
+    assert last.parameter("spring_stiffness").value == pytest.approx(1632.0, rel=0.01)
+    assert last.parameter("viscous_coefficient").value == pytest.approx(8.203, rel=0.1)
+    assert last.parameter("coulomb_force").value == pytest.approx(0.2, rel=0.2)
+    assert last.natural_frequency.value == pytest.approx(15.15, rel=0.005)
+
+
+@ALL
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e30])
+def test_a_senseless_sample_costs_its_block_and_no_more(make: Make, value: float) -> None:
+    blocks = list(record())
+    blocks[200] = spoiled(blocks[200], value)
+    estimator = make(SETTINGS)
+    estimates = estimates_of(estimator, blocks)
+    assert estimator.gate.refused == 1
+    assert estimates[-1].state is State.TRACKING
+    for estimate in estimates:
+        for quantity in estimate.parameters:
+            assert not quantity.known or math.isfinite(quantity.value)
+    assert estimates[-1].parameter("spring_stiffness").value == pytest.approx(1632.0, rel=0.01)
+
+
+@ALL
+@pytest.mark.parametrize("value", [0.0, 1e-40, -1e-45])
+def test_zeros_and_denormals_teach_nothing_and_break_nothing(make: Make, value: float) -> None:
+    quiet = [
+        replace(block, body=np.full_like(block.body, value), spool=np.full_like(block.spool, value))
+        for block in record()
+    ]
+    estimates = estimates_of(make(SETTINGS), quiet)
+    assert {estimate.state for estimate in estimates} <= {State.SETTLING, State.NOT_EXCITED, State.LEARNING}
+    assert all(math.isnan(quantity.value) for one in estimates for quantity in one.parameters)
+
+
+@ALL
+def test_a_gap_restarts_the_filters_and_keeps_what_is_known(make: Make) -> None:
+    blocks = record()
+    estimator = make(SETTINGS)
+    before = estimates_of(estimator, blocks[:400])[-1]
+    after = estimates_of(estimator, blocks[450:])
+    assert estimator.gate.lost == 50
+    assert after[0].lost_blocks == 50
+    for estimate in after:
+        value = estimate.parameter("spring_stiffness").value
+        assert value == pytest.approx(before.parameter("spring_stiffness").value, rel=0.01)
+
+
+@ALL
+def test_time_that_goes_back_begins_anew_once_it_is_confirmed(make: Make) -> None:
+    blocks = record()
+    estimator = make(SETTINGS)
+    estimates_of(estimator, blocks)
+    again = estimates_of(estimator, blocks)
+    assert estimator.gate.refused == 1
+    assert again[-1].stamp <= blocks[-1].end
+    assert again[-1].state is State.TRACKING
+
+
+@ALL
+@pytest.mark.parametrize("cut", [1, 137, 400])
+def test_a_pickle_goes_on_as_if_nothing_had_happened(make: Make, cut: int) -> None:
+    whole, first = make(SETTINGS), make(SETTINGS)
+    blocks = record()
+    head = estimates_of(first, blocks[:cut])
+    second = pickle.loads(pickle.dumps(first))
+    assert bits([*head, *estimates_of(second, blocks[cut:])]) == bits(estimates_of(whole, blocks))
+
+
+@ALL
+def test_the_same_data_give_the_same_bits_and_a_new_one_knows_nothing(make: Make) -> None:
+    one, other = make(SETTINGS), make(SETTINGS)
+    assert other.latest is None
+    assert other.stale() is None
+    assert bits(estimates_of(one, record())) == bits(estimates_of(other, record()))
+
+
+@ALL
+@settings(max_examples=8, deadline=None)
+@given(sizes=st.lists(st.integers(1, 5000), min_size=1, max_size=20))
+def test_how_the_stream_is_split_changes_no_bit(make: Make, sizes: list[int]) -> None:
+    blocks = record(6.0)
+    body = np.concatenate([block.body for block in blocks])
+    spool = np.concatenate([block.spool for block in blocks])
+    period = blocks[0].sample_period
+    split = []
+    taken = 0
+    while taken < body.size:
+        size = min(sizes[len(split) % len(sizes)], body.size - taken)
+        stamp = blocks[0].stamp + round(taken * period * 1e9)
+        part = slice(taken, taken + size)
+        split.append(Block(stamp, len(split), period, body[part], spool[part]))
+        taken += size
+    expected = bits(estimates_of(make(SETTINGS), blocks), last_sequence=0)
+    assert bits(estimates_of(make(SETTINGS), split), last_sequence=0) == expected
+
+
+@ALL
+def test_memory_does_not_grow_over_an_hour(make: Make) -> None:
+    rate = 250.0
+    slow = replace(SETTINGS, high_cut=100.0)
+    drive = MachineOrders(speed_profile=((0.0, 800.0), (900.0, 1100.0)), orders=((1.0, 6.0), (2.0, 3.0)))
+    source = Simulator(
+        find_valve("4weh10_soft"), drive, coulomb_force=0.2, sample_rate=rate, block_size=125, seed=2
+    )
+    estimator = make(slow)
+    sizes = []
+    for number, block in enumerate(source.records(3600.0)):
+        estimator.update(block)
+        estimator.update_temperature(block.stamp, 40.0)
+        if number % 360 == 359:
+            sizes.append(len(pickle.dumps(estimator)))
+    assert len(sizes) == 20
+    assert max(sizes[2:]) <= 1.05 * sizes[1]
+    latest = estimator.latest
+    assert latest is not None
+    assert all(math.isfinite(quantity.value) for quantity in latest.parameters if quantity.known)

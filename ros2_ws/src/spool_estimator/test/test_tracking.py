@@ -1,0 +1,181 @@
+"""What the estimator promises of parameters that change, and of its standard deviations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from spool_estimator.estimate import Estimate, State
+from spool_estimator.estimator import WINDOW, Estimator, settings_for
+from spool_sim.excitation import Excitation, Multisine, Part, Sequence
+from spool_sim.presets import PRESETS
+from spool_sim.sensors import Sensor
+from spool_sim.simulator import Simulator
+from spool_sim.valve import find_valve
+
+Array = NDArray[np.float64]
+NAMES = ("spring_stiffness", "viscous_coefficient", "coulomb_force")
+PERIOD = 0.1
+
+
+def simulator(
+    drive: str | Excitation = "multisine",
+    coulomb_force: float = 0.3,
+    *,
+    valve: str = "4weh10_soft",
+    noise: float = 0.03,
+    rate: float = 2000.0,
+    seed: int = 1,
+    viscous_coefficient: float | None = None,
+) -> Simulator:
+    given = {} if viscous_coefficient is None else {"viscous_coefficient": viscous_coefficient}
+    return Simulator(
+        find_valve(valve),
+        PRESETS[drive] if isinstance(drive, str) else drive,
+        parameters=given,
+        coulomb_force=coulomb_force,
+        sample_rate=rate,
+        block_size=round(rate / 50),
+        seed=seed,
+        body_sensor=Sensor(noise=noise),
+        spool_sensor=Sensor(noise=noise, bias=9.81),
+    )
+
+
+def follow(source: Simulator, seconds: float, estimator: Estimator) -> list[Estimate]:
+    return [one for block in source.records(seconds) for one in estimator.update(block)]
+
+
+def values(estimates: Iterable[Estimate], name: str) -> Array:
+    return np.array([estimate.parameter(name).value for estimate in estimates])
+
+
+def step(source: Simulator, quantity: str, target: float, **settings: object) -> tuple[float, Array]:
+    """Return the value before the step, and those of 8 s after it, every PERIOD."""
+    estimator = Estimator(settings_for(source.valve, period=PERIOD, **settings))
+    before = values(follow(source, 12.0, estimator), quantity)[-1]
+    source.set_drift(quantity, target)
+    return float(before), values(follow(source, 8.0, estimator), quantity)
+
+
+def settled(inside: NDArray[np.bool_]) -> float:
+    """Return when ``inside`` begins to hold for good, s."""
+    outside = np.flatnonzero(~inside)
+    return 0.0 if outside.size == 0 else (outside[-1] + 2) * PERIOD
+
+
+@pytest.mark.parametrize("drive", ["multisine", "sweep", "orders"])
+@pytest.mark.parametrize("change", [0.8, 1.2])
+@pytest.mark.parametrize("force", [0.3, 0.8])
+def test_a_fifth_more_or_less_dry_friction_is_seen_within_3_s(
+    drive: str, change: float, force: float
+) -> None:
+    target = force * change
+    before, after = step(simulator(drive, force), "coulomb_force", target)
+    assert settled(np.abs(after / target - 1.0) < 0.1) < 3.0
+    overshoot = np.nanmax((after - before) / (target - before)) - 1.0
+    assert overshoot < 0.3
+
+
+@pytest.mark.parametrize("drive", ["multisine", "sweep"])
+@pytest.mark.parametrize("coulomb_force", [0.0, 0.3])
+def test_oil_that_thins_to_a_third_is_seen_within_1_s(drive: str, coulomb_force: float) -> None:
+    source = simulator(drive, coulomb_force, viscous_coefficient=3.97)
+    before, after = step(source, "viscous_coefficient", 1.28)
+    assert settled((after - before) / (1.28 - before) > 0.9) <= 1.0
+    assert np.std(after[10:20]) < 0.02 * 1.28
+
+
+@pytest.mark.parametrize("change", [0.4, 1.8, 2.5])
+def test_a_spring_that_jumps_is_seen_within_1_s(change: float) -> None:
+    source = simulator()
+    target = change * 1632.0
+    _, after = step(source, "spring_stiffness", target)
+    assert settled(np.abs(after / target - 1.0) < 0.02) <= 1.0
+
+
+def test_a_small_change_is_followed_after_the_excitation_dropped_to_a_tenth() -> None:
+    strong, weak = (Multisine(low_frequency=10.0, high_frequency=100.0, rms=rms) for rms in (7.0, 0.7))
+    drive = Sequence(parts=(Part(duration=12.0, excitation=strong), Part(duration=40.0, excitation=weak)))
+    source = simulator(drive, 0.02, noise=0.01)
+    estimator = Estimator(settings_for(source.valve))
+    follow(source, 13.0, estimator)
+    source.set_drift("spring_stiffness", 1632.0 * 1.02)
+    after = values(follow(source, 16.0, estimator), "spring_stiffness")
+    # The memory is 4 s: after four of it the old value is forgotten.
+    assert after[-1] == pytest.approx(1632.0 * 1.02, rel=0.003)
+
+
+@pytest.mark.parametrize("rate", [1000.0, 5000.0, 10000.0])
+def test_the_sample_rate_changes_nothing(rate: float) -> None:
+    source = simulator(rate=rate)
+    last = follow(source, 12.0, Estimator(settings_for(source.valve)))[-1]
+    for name, truth in zip(NAMES, (1632.0, source.truth.viscous_coefficient, 0.3), strict=True):
+        quantity = last.parameter(name)
+        assert quantity.value == pytest.approx(truth, rel=0.01)
+        assert abs(quantity.value - truth) < 3.0 * quantity.standard_deviation
+
+
+def test_a_sliding_window_forgets_at_once_what_is_older() -> None:
+    source = simulator()
+    estimator = Estimator(settings_for(source.valve, forgetting=WINDOW, memory=3.0))
+    last = follow(source, 10.0, estimator)[-1]
+    assert last.state is State.TRACKING
+    for name, truth in zip(NAMES, (1632.0, source.truth.viscous_coefficient, 0.3), strict=True):
+        assert last.parameter(name).value == pytest.approx(truth, rel=0.01)
+    source.set_drift(
+        "viscous_coefficient", 1.03 * source.truth.viscous_coefficient
+    )  # too small for a restart
+    after = follow(source, 4.0, estimator)[-1].parameter("viscous_coefficient")
+    assert after.value == pytest.approx(source.truth.viscous_coefficient, rel=0.005)
+
+
+def test_minutes_at_rest_neither_wind_up_nor_freeze_the_covariance() -> None:
+    drive = Sequence(
+        parts=(
+            Part(duration=8.0, excitation=PRESETS["multisine"]),
+            Part(duration=300.0, excitation=PRESETS["standstill"]),
+            Part(duration=10.0, excitation=PRESETS["multisine"]),
+        )
+    )
+    source = simulator(drive, rate=1000.0)
+    estimator = Estimator(settings_for(source.valve))
+    before = follow(source, 8.0, estimator)[-1]
+    during = follow(source, 299.0, estimator)
+    held = during[-1]
+    assert held.state is State.NOT_EXCITED
+    for name in NAMES:
+        assert held.parameter(name).value == pytest.approx(before.parameter(name).value, rel=0.01)
+        assert held.parameter(name).standard_deviation < 2.0 * before.parameter(name).standard_deviation
+    source.set_drift("viscous_coefficient", 4.0)
+    after = follow(source, 7.0, estimator)[-1]
+    assert after.state is State.TRACKING
+    assert after.parameter("viscous_coefficient").value == pytest.approx(4.0, rel=0.03)
+
+
+def test_two_standard_deviations_cover_the_truth() -> None:
+    """A small sample of the study in docs/estimation.md: springs, oils, friction, drives, noise, rates."""
+    generator = np.random.default_rng(2024)
+    distances = []
+    for number in range(16):
+        drive = ("multisine", "sweep", "stepped", "orders")[number % 4]
+        source = simulator(
+            drive,
+            float(generator.uniform(0.1, 0.8)),
+            valve=("4weh10_soft", "4weh10_stiff")[number // 2 % 2],
+            noise=7.0 * float(generator.uniform(0.005, 0.03)),
+            rate=float(generator.choice([1000.0, 2000.0, 5000.0])),
+            seed=number,
+            viscous_coefficient=float(generator.choice([2.65, 5.0, 8.2])),
+        )
+        last = follow(source, 15.0, Estimator(settings_for(source.valve)))[-1]
+        truth = (source.truth.spring_stiffness, source.truth.viscous_coefficient, source.truth.coulomb_force)
+        for name, true in zip(NAMES, truth, strict=True):
+            quantity = last.parameter(name)
+            assert quantity.value == pytest.approx(true, rel=0.05)
+            distances.append((quantity.value - true) / quantity.standard_deviation)
+    assert np.mean(np.abs(distances) < 2.0) >= 0.9
+    # Not by claiming nothing: the deviations are of the size of the errors.
+    assert np.sqrt(np.mean(np.square(distances))) > 0.3

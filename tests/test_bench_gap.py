@@ -1,0 +1,19 @@
+"""The peer of the gap workflow in the benchmarks gets a fair chance."""
+
+from spool_blind.case import make
+from spool_bringup.benchmarks.gap import seeds
+from spool_bringup.benchmarks.gap_peer import library, named
+from spool_bringup.studies.gap import given
+
+
+def test_pysindy_finds_a_hardening_spring_from_the_library():
+    case = make(6, "cubic_stiffness")
+    found = library(*given(case))
+    assert set(found.owners) > {"base", "cubic_stiffness", "coulomb_friction"}
+    assert "cubic_stiffness" in named(found, ensemble=False)
+
+
+def test_the_records_hide_only_what_a_library_can_hold():
+    chosen = seeds(8)
+    assert len(set(chosen)) == 8
+    assert min(chosen) >= 1000

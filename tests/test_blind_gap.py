@@ -1,0 +1,89 @@
+"""The gap workflow on records of a second simulator: named right, nothing made up, bad records not judged.
+
+Few cases, all below the seeds of the published study; `./spool study gap` runs that.
+"""
+
+from __future__ import annotations
+
+import json
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from spool_blind.case import Case, make
+from spool_blind.plant import Plant, move
+from spool_blind.spoiling import SPOILINGS
+from spool_blind.writing import write, write_record
+from spool_bringup.cli import main
+from spool_bringup.studies.gap import judge
+from spool_sim.composed_motion import ComposedMotion, MotionState
+from spool_sim.excitation import SweptSine
+from spool_sim.model import MODELS
+from spool_sim.motion import half_step_times
+
+VALUES = {"mass": 0.18, "spring_stiffness": 1632.0, "viscous_coefficient": 4.0, "coulomb_force": 0.4}
+
+
+def test_both_simulators_agree_on_the_motion_with_dry_friction():
+    rate, seconds = 2000.0, 10.0
+    sweep = SweptSine(start_frequency=8.0, stop_frequency=60.0, duration=seconds, amplitude=10.0)
+    forcing = sweep.acceleration(half_step_times(0, round(seconds * rate), rate, 8))
+    motion = ComposedMotion(MODELS["coulomb"].terms)
+    ours, _ = motion.advance(
+        MotionState(), forcing, motion.table(VALUES, 1), sample_period=1.0 / rate, substeps=8
+    )
+    h = 1.0 / rate / 40
+    t = (np.arange(round(seconds / h)) + 0.5) * h
+    plant = Plant({"mass": 0.18, "stiffness": 1632.0, "damping": 4.0, "coulomb_force": 0.4})
+    other = move(plant, t, h, sweep.acceleration(t))
+    samples = np.arange(ours.displacement.size) / rate
+    inner = samples > 0.01
+    expected = np.interp(samples, t, other.displacement)
+    difference = np.std((ours.displacement - expected)[inner]) / np.std(expected)
+    assert difference < 1e-3
+
+
+@lru_cache(maxsize=1)
+def good() -> Case:
+    return make(3, "coulomb_friction")
+
+
+@pytest.mark.parametrize(
+    ("seed", "hidden"), [(2, "none"), (5, "coulomb_friction"), (12, "quadratic_damping")]
+)
+def test_what_is_hidden_is_named_with_its_size(seed: int, hidden: str) -> None:
+    row = judge(make(seed, hidden))
+    assert row.verdict == hidden, row
+    assert all(abs(error) < 0.10 for error in row.errors.values()), row.errors
+    if hidden != "none":
+        assert set(row.errors) == set(row.truth)
+
+
+@pytest.mark.parametrize("name", [name for name, spoiling in SPOILINGS.items() if not spoiling.usable])
+def test_a_bad_record_is_refused_for_what_is_wrong(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One line that names the matter, and no verdict."""
+    case, spoiling = good(), SPOILINGS[name]
+    write(case, tmp_path)
+    record = tmp_path / "bad.csv"
+    write_record(record, *spoiling.spoil(case.time, case.body, case.spool))
+    code = main(["gap", str(record), "--valve", str(tmp_path / "valve.yaml")])
+    said = capsys.readouterr()
+    assert code == 2, said
+    assert any(word in said.err for word in spoiling.words), said.err
+    assert len(said.err.splitlines()) == 1
+
+
+@pytest.mark.parametrize("name", [name for name, spoiling in SPOILINGS.items() if spoiling.usable])
+def test_a_record_that_is_bad_in_part_is_judged_with_a_warning(name: str, tmp_path: Path) -> None:
+    case, spoiling = good(), SPOILINGS[name]
+    write(case, tmp_path)
+    record, found = tmp_path / "bad.csv", tmp_path / "gap.json"
+    write_record(record, *spoiling.spoil(case.time, case.body, case.spool))
+    code = main(["gap", str(record), "--valve", str(tmp_path / "valve.yaml"), "--json", str(found)])
+    assert code in (0, 1)
+    result = json.loads(found.read_text())
+    assert any(word in line for word in spoiling.words for line in result["warnings"]), result["warnings"]
+    assert result["verdict"] in ("coulomb_friction", "unexplained")

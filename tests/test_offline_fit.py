@@ -1,0 +1,51 @@
+"""Offline fits of the repository's records, which another simulator made, and of the study's own."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from spool_bag.reader import BagReader
+from spool_bringup.studies.estimation import run
+from spool_estimator.fit import fit
+from spool_estimator.record import records_from_blocks
+from spool_sim.model import MODELS
+from spool_sim.valve import find_valve
+
+BAGS = Path(__file__).parents[1] / "bags"
+
+
+@pytest.mark.parametrize(
+    ("bag", "valve", "model", "truth"),
+    [
+        ("practice_01", "4weh10_soft", "fluid", (1632.0, 4.0)),
+        ("practice_03", "4weh10_soft", "coulomb", (1632.0, 4.0, 0.5)),
+        ("practice_04", "4weh10_stiff", "coulomb", (5846.0, 8.2, 0.3)),
+    ],
+)
+def test_the_truth_lies_within_two_standard_deviations(
+    bag: str, valve: str, model: str, truth: tuple[float, ...]
+) -> None:
+    records = records_from_blocks(BagReader(BAGS / bag).blocks("valve_1"), bag)
+    result = fit(records, MODELS[model], find_valve(valve))
+    assert result.converged
+    names = ("spring_stiffness", "viscous_coefficient", "coulomb_force")
+    for name, value in zip(names, truth, strict=False):
+        found = result.parameter(name)
+        assert abs(found.value - value) < 2.0 * found.standard_deviation
+        assert found.value == pytest.approx(value, rel=0.01)
+
+
+def test_the_study_writes_what_it_counted(tmp_path: Path) -> None:
+    rows = run(5, 1, tmp_path, workers=1)
+    assert [row.model for row in rows] == ["fluid", "microwedge", "mixed", "coulomb_hydrodynamic", "coulomb"]
+    told = [entry for row in rows for entry in row.estimates if row.converged]
+    assert all(abs(entry.score) < 5.0 for entry in told)
+    stiffnesses = [entry for entry in told if entry.quantity == "spring_stiffness"]
+    assert all(abs(entry.error) < 0.01 for entry in stiffnesses)
+    counted = json.loads((tmp_path / "estimation.json").read_text())["summary"]
+    assert counted[-1]["fits"] == len(told)
+    page = (tmp_path / "estimation_study.md").read_text()
+    assert "`./spool study estimation --cases 5 --seed 1`" in page
+    assert (tmp_path / "estimation_scores.png").stat().st_size > 1000
