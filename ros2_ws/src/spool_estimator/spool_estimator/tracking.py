@@ -64,6 +64,10 @@ MATCHED, JUMP_SHAPE, POINT_SHAPE = 1.5e-4, 1.5e-3, 1.0e-4
 #: The latter where noise hides which of both the samples are, per second of sample period.
 UNTOLD_SHAPE = 15.0
 
+#: Error over the body's force (both squared) beyond which the model's motion ran away: of data that no
+#: passive valve makes, a dead channel's, least squares make a model that is driven by its own drag.
+RAN_AWAY = 1.0e6
+
 #: Share of the correction for the noise of the body's sensor that counts as uncertainty.
 DOUBT = 0.5
 
@@ -205,6 +209,15 @@ class Tracker:
             return SlidingLeastSquares(self.scale, max(5, round(self.memory / CHUNK)), NOISE)
         return RecursiveLeastSquares(self.scale, min(1.0, CHUNK / self.memory), NOISE)
 
+    def _forget(self) -> None:
+        """Begin with nothing known: what was learned does not describe anything."""
+        self.started, self.excited, self.settling = False, False, True
+        self.regression = self._fresh()
+        self.powers = np.full(len(_POWERS), math.nan)
+        self._sizes, self._evidence = np.zeros(3), np.zeros(2)
+        self.prediction.pointwise = False
+        self.restart()
+
     def _settling_chunks(self) -> int:
         viscous = max(float(self.regression.parameters[1] if self.started else self.scale[1]), 1e-9)
         time = min(LONGEST_SETTLING, max(SHORTEST_SETTLING, FORGOTTEN * 2.0 * self.mass / viscous))
@@ -212,6 +225,11 @@ class Tracker:
 
     def _close(self) -> None:
         sums = self.prediction.sums
+        if self.started and not sums[RESIDUAL] <= RAN_AWAY * self.mass**2 * max(
+            sums[BODY], sums[COUNT] * self.minimum_excitation**2
+        ):
+            self._forget()
+            return
         self._since_restart += 1
         count = max(1.0, float(sums[COUNT]))
         powers = sums[list(_POWERS)] / count

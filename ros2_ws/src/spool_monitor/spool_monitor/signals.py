@@ -17,6 +17,9 @@ BAND = (3.0, 200.0)
 #: Depths, as a share of half the span, of the strip at a channel's extremes that a flat top fills.
 DEPTHS = (0.002, 0.02)
 
+#: Times as long in that strip as in those below it that no wave spends there.
+FLATTER = 6
+
 
 @dataclass(frozen=True, slots=True)
 class Channel:
@@ -152,14 +155,15 @@ def _channel(samples: Array, mean: float) -> Channel:
 def flat_top(samples: Array, peak: float, half: float) -> float:
     """Return the share of ``samples`` on a flat top at ``peak``, 0 for the top of any wave.
 
-    A sine spends as long within a depth below its peak as in the strip from there to four times that depth;
-    a clipped one spends much more, and neighbours of each sample in the strip lie in it too.
+    A sine spends as long within a depth below its peak as in the strip from there to four times that depth,
+    the flattest sum of two waves (a top with two humps) 4.4 times as long; a clipped one spends much more,
+    and neighbours of each sample in the strip lie in it too.
     """
     for depth in DEPTHS:
         at_top = samples >= peak - depth * half
         count = int(np.count_nonzero(at_top))
         pairs = int(np.count_nonzero(at_top[1:] & at_top[:-1]))
         below = int(np.count_nonzero(samples >= peak - 4.0 * depth * half)) - count
-        if pairs >= max(4, 0.005 * samples.size) and count > 3 * (below + 1):
+        if pairs >= max(4, 0.005 * samples.size) and count > FLATTER * (below + 1):
             return count / samples.size
     return 0.0

@@ -14,7 +14,8 @@ from spool_monitor.event import EventState
 from spool_monitor.monitor import Monitor, MonitorSettings
 from spool_monitor.replay import Replay
 from spool_monitor.study.case import Case, ChannelFault
-from spool_monitor.study.draw import SCENARIOS, draw_cases, healthy
+from spool_monitor.study.draw import SCENARIOS, draw_cases
+from spool_monitor.study.healthy import healthy
 from spool_monitor.study.run import judge, replay, run_case, stream
 from spool_monitor.study.table import markdown, rows
 from spool_sim.simulator import DEFAULT_START_STAMP

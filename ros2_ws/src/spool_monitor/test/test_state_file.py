@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_monitor.state_file import FolderLock, StateFile, default_folder
 
@@ -36,6 +36,7 @@ def test_the_copy_before_is_kept(tmp_path: Path) -> None:
     assert StateFile(tmp_path / "a.json").load() == 1
 
 
+@settings(deadline=None)
 @given(position=st.integers(0, 10_000), flip=st.integers(1, 255))
 def test_any_damaged_byte_is_seen_and_the_last_good_copy_used(
     tmp_path_factory: pytest.TempPathFactory, position: int, flip: int

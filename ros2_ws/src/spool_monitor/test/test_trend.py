@@ -46,7 +46,7 @@ def test_a_span_goes_on_after_a_restart(tmp_path: Path) -> None:
     assert (span.count, span.minimum, span.mean, span.maximum) == (2, 1.0, 2.0, 3.0)
 
 
-@settings(max_examples=20)
+@settings(max_examples=20, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 300), st.floats(-1e6, 1e6)), min_size=1, max_size=60), st.randoms())
 def test_it_does_not_matter_when_it_is_written(
     tmp_path_factory: pytest.TempPathFactory, values: list[tuple[int, float]], chance: random.Random

@@ -18,16 +18,14 @@ from river import drift as river_drift
 from spool_estimator.estimate import Estimate
 from spool_monitor.drift import Baseline, ParameterDrift
 from spool_monitor.study.case import Case
-from spool_monitor.study.draw import (
+from spool_monitor.study.drifts import (
     contamination,
     contamination_warming,
-    healthy_speed,
-    healthy_standstill,
-    healthy_warming,
     wear_ramp,
     wear_step,
     wear_warming,
 )
+from spool_monitor.study.healthy import healthy_speed, healthy_standstill, healthy_warming
 from spool_monitor.study.run import replay
 from spool_sim.simulator import DEFAULT_START_STAMP
 
