@@ -182,7 +182,8 @@ class Detection:
     def _show(self, moment: Moment) -> list[Event]:
         events: list[Event] = []
         for one in self.detectors:
-            finding = one.update(replace(moment, distrust=self._distrust(moment.stamp, one.rank)))
+            distrust = self._distrust(moment.stamp, one.rank)
+            finding = one.update(replace(moment, distrust=distrust) if distrust else moment)
             if finding is not None:
                 events += self._judge(one, finding)
             active = self.conditions[one.name].active is not None and one.judgement is not Judgement.JUDGED
