@@ -24,6 +24,9 @@ UNEXPLAINED, TIMES_USUAL = 0.07, 2.5
 #: estimator follows leaves more and more. One that jumps itself is explained again by the second in a row.
 BEFORE, IN_A_ROW = 0.35, 2
 
+#: Estimates in a row without any model, after there was one, that show the same.
+LOST = 4
+
 #: Windows or estimates over which the usual is followed, and the slow pace where the gain moved.
 FOLLOWED, SLOWLY = 20.0, 100.0
 
@@ -55,7 +58,7 @@ class SensorScale(Detector):
         super().__init__(settings)
         self._usual_residual = math.nan
         self._recent = math.nan
-        self._unexplained = 0
+        self._unexplained = self._lost = 0
         self._before = (0.0, 0.0)
         self._found = False
         self._near = -(10**18)
@@ -63,7 +66,7 @@ class SensorScale(Detector):
     def update(self, moment: Moment) -> Finding | None:
         """Judge the response of ``moment``, if there is a new one; take note of an estimate's residual."""
         if moment.distrust:
-            self._unexplained = 0
+            self._unexplained = self._lost = 0
             if moment.signals is not None:
                 self.judgement, self.suspicious = Judgement.NOT_JUDGED, ""
             return None
@@ -85,11 +88,13 @@ class SensorScale(Detector):
     def restart(self) -> None:
         """Take note that samples are missing."""
         super().restart()
-        self._unexplained = 0
+        self._unexplained = self._lost = 0
 
     def _compare(self, estimate: Estimate) -> None:
         """Count the estimates in a row that leave more unexplained than usual."""
         residual = estimate.residual.value
+        lost = estimate.state is State.LEARNING and not math.isnan(self._usual_residual)
+        self._lost = self._lost + 1 if lost else 0
         if estimate.state is not State.TRACKING or not math.isfinite(residual):
             return
         usual = self._usual_residual
@@ -112,12 +117,12 @@ class SensorScale(Detector):
             self._recent = start.value if start.frozen else response.gain
         change = response.gain / self._recent - 1.0
         limit = self.settings.gain_change + MISFIT * response.misfit
-        proven = self._unexplained >= IN_A_ROW
+        proven = self._unexplained >= IN_A_ROW or self._lost >= LOST
         if proven and abs(change) > limit:
             self._found = True
         elif abs(change) < SUSPICIOUS * limit:
             self._found = False
-        if self._unexplained == 0 and not self._found:
+        if self._unexplained == self._lost == 0 and not self._found:
             pace = FOLLOWED if abs(change) < SUSPICIOUS * limit else SLOWLY
             self._recent += (response.gain - self._recent) / pace
             start.learn(moment.stamp, response.gain)
