@@ -51,7 +51,7 @@ LARGEST_STEP = 0.5
 MOST_REFITS, REFITS = 6.0, 0.05
 #: Relative residual above which the model does not describe what is seen and a new start is tried, and the
 #: residual power, relative to the least seen lately, above which it may be in the wrong valley.
-POOR, WORSE = 0.5, 16.0
+POOR, WORSE = 0.25, 16.0
 #: Relative standard deviation of the stiffness that a start must reach.
 STARTED = 0.1
 #: Time constants 2 m / c of the motion after which a start from rest is forgotten, and its limits, s.
