@@ -180,7 +180,11 @@ class Tracker:
         self.filled = 0
         self._history.take(body, spool)
         self.prediction.take(body, spool, self.regression.parameters if self.started else self._nominal)
-        self._close()
+        try:
+            self._close()
+        except np.linalg.LinAlgError:
+            # Channels of no passive valve, exchanged or dead ones, lead to sums that overflow.
+            self._forget()
         return True
 
     @property
