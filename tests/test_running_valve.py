@@ -21,8 +21,8 @@ TASKS = {
     "valve_1/simulator: simulation",
     "valve_1/estimator: estimate",
     "valve_1/monitor: data",
-    "valve_1/monitor: resonance",
-    "valve_1/monitor: friction and spring",
+    "valve_1/monitor: condition",
+    "valve_1/monitor: alarms",
 }
 
 
@@ -56,6 +56,13 @@ def _valve(
 
 def test_diagnostics_follow_the_rules(valve: Valve) -> None:
     system = valve.system
+    system.until(
+        lambda: all(
+            system.statuses(task) and system.statuses(task)[-1][1].hardware_id == "4weh10_soft"
+            for task in TASKS
+        ),
+        "each task says which valve it is of",
+    )
     begin = time.monotonic()
     system.watch(3.5)
     arrays = [one.message for one in system.diagnostics.heard if one.arrival >= begin]
@@ -79,7 +86,7 @@ def test_diagnostics_follow_the_rules(valve: Valve) -> None:
     ("name", "value", "reason"),
     [
         ("drift_quantity", "colour", "'colour' is not one of none, viscous_coefficient"),
-        ("drift_target", -1.0, "drift_target"),
+        ("drift_target", -100.0, "drift_target"),
         ("drift_duration", 1e9, "drift_duration"),
         ("drift_quantity", 3, "expected 'Type.STRING'"),
         ("sample_rate", 4000.0, "read-only"),

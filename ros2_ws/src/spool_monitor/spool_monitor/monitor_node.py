@@ -212,9 +212,8 @@ class MonitorNode(ManagedNode):
         stale = health.level is core.Level.STALE
         self._diagnostics.publish(
             self._data(health.summary, stale),
-            self._task("resonance", ("resonance",), stale, health.dominant_frequency, health.amplification,
-                       health.natural_frequency),
-            self._task("friction and spring", ("friction_drift", "spring_change", "stuck_spool"), stale,
+            self._task("condition", ("resonance", "friction_drift", "spring_change", "stuck_spool"), stale,
+                       health.dominant_frequency, health.amplification, health.natural_frequency,
                        health.viscous_drift, health.coulomb_drift),
             self._desk.status(health.namur, self._trends),
         )  # fmt: skip
