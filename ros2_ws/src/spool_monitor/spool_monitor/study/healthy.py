@@ -42,7 +42,7 @@ def draw_machine(
     below = bool(draw.random() < 0.5) if below is None else below
     profile = profile or ((0.0, away(draw, valve, below=below)),)
     first = draw.uniform(2.5, 10.0)
-    orders = ((1.0, first), (2.0, draw.uniform(0.2, 0.5) * first))
+    orders: Profile = ((1.0, first), (2.0, draw.uniform(0.2, 0.5) * first))
     if below:
         orders = (*orders, (4.0, 0.2 * first))
     return StoppingMachine(
