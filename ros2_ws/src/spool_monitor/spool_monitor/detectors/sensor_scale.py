@@ -35,7 +35,7 @@ IMPRECISE = 0.3
 
 #: Relative distance from the natural frequency that counts as near, shares of the body's and the spool's
 #: power there from which the machine shakes the valve at resonance, and s for which that bends the response.
-NEAR, SHAKEN, ANSWERED, BENT = 0.25, 0.1, 0.5, 4.0 * MEMORY
+NEAR, SHAKEN, ANSWERED, BENT = 0.17, 0.1, 0.5, 4.0 * MEMORY
 
 #: Of the misfit of the linear response, what a gain may explain, and share of the limit that is suspicious.
 MISFIT, SUSPICIOUS = 0.15, 0.6
