@@ -127,7 +127,11 @@ class System:
         with log.open("wb") as output:
             popen = subprocess.Popen(
                 [str(find_executable(PACKAGES[executable], executable)), *arguments],
-                env={**os.environ, "ROS_DOMAIN_ID": str(self.domain_id)},
+                env={
+                    **os.environ,
+                    "XDG_STATE_HOME": str(self.folder / "state"),
+                    "ROS_DOMAIN_ID": str(self.domain_id),
+                },
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,
@@ -268,8 +272,9 @@ def claimed_domain() -> Iterator[int]:
 
 
 @pytest.fixture(autouse=True, scope="session")
-def _on_this_machine_only() -> Iterator[None]:
+def _on_this_machine_only(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
         patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", LOCALHOST)
         yield
 

@@ -21,8 +21,8 @@ TASKS = {
     "valve_1/simulator: simulation",
     "valve_1/estimator: estimate",
     "valve_1/monitor: data",
-    "valve_1/monitor: resonance",
-    "valve_1/monitor: friction and spring",
+    "valve_1/monitor: condition",
+    "valve_1/monitor: alarms",
 }
 
 
@@ -56,6 +56,13 @@ def _valve(
 
 def test_diagnostics_follow_the_rules(valve: Valve) -> None:
     system = valve.system
+    system.until(
+        lambda: all(
+            system.statuses(task) and system.statuses(task)[-1][1].hardware_id == "4weh10_soft"
+            for task in TASKS
+        ),
+        "each task says which valve it is of",
+    )
     begin = time.monotonic()
     system.watch(3.5)
     arrays = [one.message for one in system.diagnostics.heard if one.arrival >= begin]

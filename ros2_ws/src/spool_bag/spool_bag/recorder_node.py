@@ -6,6 +6,7 @@ import importlib
 import sys
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, ClassVar
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -20,6 +21,8 @@ from .cdr import CdrError, header_stamp
 from .definitions import ACCELERATION_BLOCK, starts_with_header
 from .names import check_valve
 from .recorder import LATCHED, TOPICS, LossCount, free_space, new_bag, select_topics
+from .snapshot import Message, SnapshotKeeper
+from .snapshot_desk import SnapshotDesk
 from .writer import BagWriter, RecordingError
 
 DISCOVERY_PERIOD = 0.5
@@ -62,6 +65,21 @@ class RecorderNode(ManagedNode):
             unit="B",
             minimum=0,
         ),
+        Parameter(
+            "snapshot_folder",
+            "",
+            "Where an alarm's surroundings are kept as a bag of their own; empty: snapshots beside the bag.",
+            read_only=True,
+        ),
+        Parameter("snapshot_before", 60.0, "Kept from before an alarm.", "s", 0.0, 600.0, read_only=True),
+        Parameter("snapshot_after", 60.0, "Kept from after it.", "s", 0.0, 600.0, read_only=True),
+        Parameter(
+            "snapshot_limit",
+            100,
+            "Bags in that folder at which no more are made; 0: no snapshots.",
+            minimum=0,
+            maximum=100000,
+        ),
     )
 
     def __init__(self) -> None:
@@ -74,6 +92,7 @@ class RecorderNode(ManagedNode):
         self._losses = LossCount()
         self._activations = 0
         self._ended = ""
+        self._snapshots: SnapshotDesk | None = None
 
     def configure(self) -> None:
         """Check the parameters before anything is made."""
@@ -90,6 +109,11 @@ class RecorderNode(ManagedNode):
         self._losses, self._ended = LossCount(), ""
         self._left_out.clear()
         self._channels.clear()
+        self._snapshots = SnapshotDesk(
+            SnapshotKeeper(self.value("snapshot_before"), self.value("snapshot_after")),
+            Path(self.value("snapshot_folder") or path.absolute().parent / "snapshots").expanduser(),
+            self.get_logger(),
+        )
         self.get_logger().info(f"recording to {path}")
         self._discover()
         self.every(DISCOVERY_PERIOD, self._discover, steady=True)
@@ -99,6 +123,9 @@ class RecorderNode(ManagedNode):
     def deactivate(self) -> None:
         """Finish the bag."""
         self._subscriptions_by_topic.clear()
+        if self._snapshots is not None:
+            self._snapshots.close()
+            self._snapshots = None
         self._finish("")
 
     def cleanup(self) -> None:
@@ -158,6 +185,8 @@ class RecorderNode(ManagedNode):
         self._try(lambda writer: writer.write(self._channel(writer, topic, kind), received, data, published))
         if kind == ACCELERATION_BLOCK:
             self._losses.see(topic, data)
+        if self._snapshots is not None and self.value("snapshot_limit") > 0:
+            self._snapshots.keeper.take(Message(topic, kind, received, published, data))
 
     def _channel(self, writer: BagWriter, topic: str, kind: str) -> int:
         """Return the channel of ``topic``; made with its first message, when its offers are known."""
@@ -170,6 +199,9 @@ class RecorderNode(ManagedNode):
 
     def _flush(self) -> None:
         self._try(BagWriter.flush_if_due)
+        if self._snapshots is not None:
+            now = self.get_clock().now().nanoseconds or time.time_ns()
+            self._snapshots.watch(now, self.value("snapshot_limit"))
 
     def _try(self, action: Callable[[BagWriter], None]) -> None:
         if self._writer is None:
@@ -213,6 +245,8 @@ class RecorderNode(ManagedNode):
             if free < least:
                 self._finish(text)
                 self.get_logger().error(text)
+        if self._snapshots is not None:
+            values["snapshots [1]"] = self._snapshots.written
         for topic, lost in self._losses.lost.items():
             values[f"lost blocks {topic.rpartition('/')[0]} [1]"] = lost
         if self._diagnostics is not None:

@@ -49,6 +49,11 @@ def generate_launch_description() -> LaunchDescription:
                 description="Bag to be made; empty: recording_<time> in the working directory.",
             ),
             DeclareLaunchArgument(
+                "state_folder",
+                default_value="",
+                description="Where the monitors keep alarms, baselines and trends; empty: as in params_file.",
+            ),
+            DeclareLaunchArgument(
                 "use_sim_time", default_value="false", choices=["true", "false"], description="Follow /clock."
             ),
             DeclareLaunchArgument(
@@ -69,12 +74,14 @@ def _nodes(context) -> list:
         for name in ("use_sim_time", "autostart")
     }
     params_file = LaunchConfiguration("params_file")
+    state_folder = LaunchConfiguration("state_folder").perform(context)
+    kept = {"state_folder": ParameterValue(state_folder, value_type=str)} if state_folder else {}
     nodes = []
     for valve in valves:
         own = {"valve_file": valve["valve_file"]} if "valve_file" in valve else {}
         for package, executable, extra, condition in (
             ("spool_estimator", "estimator", own, None),
-            ("spool_monitor", "monitor", {}, None),
+            ("spool_monitor", "monitor", kept, None),
             ("spool_sim", "simulator", own, IfCondition(LaunchConfiguration("simulate"))),
         ):
             nodes.append(

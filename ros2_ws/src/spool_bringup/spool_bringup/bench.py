@@ -13,7 +13,7 @@ from .benchmarks.timing import Timing
 from .commands import write_json
 
 #: Each is a module of ``benchmarks`` with ``run() -> Iterator[Timing]``.
-BENCHMARKS = ("sim", "bag", "estimate", "gap", "nodes")
+BENCHMARKS = ("sim", "bag", "estimate", "gap", "monitor", "nodes")
 
 
 def run_bench(what: str | None, json: Path | None) -> None:

@@ -11,6 +11,7 @@ from spool_stream.errors import InputError
 from typer.exceptions import TyperException
 
 from . import commands
+from .alarm_cli import app as alarm_app
 from .replaying import RefitRequest
 
 app = typer.Typer(
@@ -369,7 +370,10 @@ def paper(
 def study(
     what: Annotated[
         str,
-        typer.Argument(help="gap: effects named right? gap-limit: how small? estimation: do intervals hold?"),
+        typer.Argument(
+            help="gap: effects named right? gap-limit: how small? estimation: do intervals hold? "
+            "monitor: events found in time? monitor-hours: quiet over healthy hours?"
+        ),
     ],
     out: Annotated[Path, typer.Option(help="Folder for tables and pictures.")],
     cases: Annotated[int, typer.Option(help="How many.")] = 200,
@@ -383,6 +387,33 @@ def study(
     from .study import run_study  # noqa: PLC0415
 
     run_study(what, cases, seed, out, workers)
+
+
+@app.command()
+def trend(
+    valve: Annotated[str, typer.Argument(metavar="VALVE", help="Namespace of the valve, e.g. valve_1.")],
+    state_folder: Annotated[
+        Path | None, typer.Option(help="The monitors' state_folder; default: where they keep it by default.")
+    ] = None,
+    parameter: Annotated[
+        list[str] | None, typer.Option(help="Once for each, e.g. coulomb_force; default: all.")
+    ] = None,
+    since: Annotated[
+        str | None, typer.Option(help="How long ago, e.g. 6h, 7d, or a time (UTC); default: all.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Picture FILE.png or page FILE.html.")] = None,
+    json: JsonFile = None,
+) -> None:
+    """Show what the monitor kept of a valve: minimum, mean, maximum per minute, hour or day, and counters.
+
+    Example: ./spool trend valve_1 --since 7d --out valve_1.html
+    """
+    from .trend import show_trend  # noqa: PLC0415 - matplotlib is needed here only
+
+    show_trend(valve, state_folder, parameter or [], since, out, json)
+
+
+app.add_typer(alarm_app, name="alarm")
 
 
 @app.command()

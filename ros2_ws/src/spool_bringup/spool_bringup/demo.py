@@ -145,7 +145,9 @@ def _start(nodes: Nodes, folder: Path, seconds: float) -> None:
         excitation = valve.write_excitation(folder, seconds)
         baseline = ["-p", f"baseline_time:={_baseline(seconds)}"]
         nodes.start(f"estimator {valve.name}", "spool_estimator", "estimator", [*space, *file])
-        nodes.start(f"monitor {valve.name}", "spool_monitor", "monitor", [*space, *baseline])
+        # A state of its own: what an earlier run learned is not to be compared with.
+        kept = ["-p", f"state_folder:={folder / 'state'}"]
+        nodes.start(f"monitor {valve.name}", "spool_monitor", "monitor", [*space, *baseline, *kept])
         # Estimator, monitor and recorder: so the bag begins with the first block.
         own = (
             "wait_for_subscribers:=3",

@@ -14,8 +14,9 @@ from spool_estimator.estimate import Estimate
 from spool_estimator.estimator import phase_of, settings_for
 from spool_estimator.estimators import make_estimator
 from spool_estimator.refit import Refit, RefitSettings, WindowRefits
+from spool_monitor.detectors import JUDGEMENT_TEXTS
 from spool_monitor.event import Event
-from spool_monitor.monitor import Monitor, MonitorSettings
+from spool_monitor.monitor import Health, Monitor, MonitorSettings
 from spool_monitor.replay import Replay
 from spool_sim.model import load_model
 from spool_sim.valve import Valve, find_valve
@@ -136,6 +137,7 @@ def _valve_result(one: Replay, start: int) -> dict[str, Any]:
         "lost_blocks": gate.lost,
         "samples": one.samples,
         "estimate": _estimate(one.estimator.latest),
+        "health": _health(one.monitor.health),
         "events": [_event(event, start) for event in one.events],
         **({} if one.refits is None else {"refits": [_refit(found, start) for found in one.refitted]}),
     }
@@ -153,6 +155,16 @@ def _refit(found: Refit, start: int) -> dict[str, Any]:
         "objective": found.objective.value,
         "amplitude_ratio": found.amplitude_ratio.value,
         "nrmse": found.nrmse.value,
+    }
+
+
+def _health(health: Health) -> dict[str, Any]:
+    """Return the last judgement; what could not be judged is said by detector."""
+    return {
+        "level": health.level.name.lower(),
+        "baseline": health.baseline.name.lower(),
+        "summary": health.summary,
+        "judgements": {name: JUDGEMENT_TEXTS[judgement] for name, judgement in health.judgements},
     }
 
 

@@ -8,7 +8,13 @@ from pathlib import Path
 from spool_stream.errors import InputError
 
 #: Each is a module of ``studies`` with ``run(cases, seed, out, workers)``.
-STUDIES = {"gap": "gap", "gap-limit": "gap_limit", "estimation": "estimation"}
+STUDIES = {
+    "gap": "gap",
+    "gap-limit": "gap_limit",
+    "estimation": "estimation",
+    "monitor": "monitor",
+    "monitor-hours": "monitor_hours",
+}
 
 
 def run_study(what: str, cases: int, seed: int, out: Path, workers: int | None) -> None:

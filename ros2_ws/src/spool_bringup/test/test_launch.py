@@ -91,9 +91,9 @@ def _description(monkeypatch: pytest.MonkeyPatch) -> LaunchDescription:
     return made
 
 
-def nodes(description: LaunchDescription, valves_file: Path) -> list[LifecycleNode]:
+def nodes(description: LaunchDescription, valves_file: Path, state_folder: str = "") -> list[LifecycleNode]:
     (function,) = (one.function for one in description.entities if isinstance(one, OpaqueFunction))
-    return function({"valves_file": str(valves_file)})
+    return function({"valves_file": str(valves_file), "state_folder": state_folder})
 
 
 def write(path: Path, valves: object) -> Path:
@@ -129,6 +129,7 @@ def test_every_argument_is_described_and_defaults_exist(description: LaunchDescr
         "simulate",
         "record",
         "output",
+        "state_folder",
         "use_sim_time",
         "autostart",
     }
@@ -175,6 +176,12 @@ def test_two_valves_have_a_namespace_and_three_nodes_each_and_share_a_recorder(
         "valves": ["left", "plant/right"],
         "output": ParameterValue(LaunchConfiguration("output"), str),
     }
+
+
+def test_the_monitors_keep_their_state_where_it_is_said(description: LaunchDescription) -> None:
+    made = nodes(description, PACKAGE / "config" / "valves.yaml", "/var/lib/spool")
+    folder = {"state_folder": ParameterValue("/var/lib/spool", str)}
+    assert [one.executable for one in made if folder in one.parameters] == ["monitor", "monitor"]
 
 
 def test_the_shipped_list_is_taken(description: LaunchDescription) -> None:

@@ -34,7 +34,9 @@ def test_the_result_has_the_keys_that_scripts_rely_on(
     assert result["bag"] == str(bag)
     assert result["duration_s"] == pytest.approx(6.0)
     valve = result["valves"]["valve_1"]
-    assert set(valve) == {"blocks", "lost_blocks", "samples", "estimate", "events"}
+    assert set(valve) - {"health"} == {"blocks", "lost_blocks", "samples", "estimate", "events"}
+    assert valve["health"]["baseline"] == "learning"
+    assert valve["health"]["judgements"]["friction_drift"] == "learning"
     assert (valve["blocks"], valve["lost_blocks"], valve["samples"]) == (298, 2, 298 * 40)
     estimate = valve["estimate"]
     # "state" is said beyond what was agreed on.
@@ -151,6 +153,6 @@ def test_the_time_of_the_baseline_reaches_the_monitor(
 ) -> None:
     reader = BagReader(make_bag(tmp_path / "bag", {"a": recorded(seconds=8.0)}))
     short, long = (replay_valve(reader, "a", SOFT, baseline_time=time) for time in (3.0, None))
-    assert short.monitor.drifts[0].baseline.frozen
-    assert not long.monitor.drifts[0].baseline.frozen
+    assert short.monitor.detection.parameters["coulomb_force"].baseline.frozen
+    assert not long.monitor.detection.parameters["coulomb_force"].baseline.frozen
     assert math.isfinite(short.monitor.health.viscous_drift.value)

@@ -48,7 +48,7 @@ LARGEST_STEP = 0.5
 MOST_REFITS, REFITS = 6.0, 0.05
 #: Relative residual above which the model does not describe what is seen and a new start is tried, and the
 #: residual power, relative to the least seen lately, above which it may be in the wrong valley.
-POOR, WORSE = 0.5, 16.0
+POOR, WORSE = 0.25, 16.0
 #: Relative residual below which a start needs no other guess.
 FITS = 0.1
 #: Relative standard deviation of the stiffness that a start must reach.
@@ -62,6 +62,10 @@ MOVING = 2.0e-3
 MATCHED, JUMP_SHAPE, POINT_SHAPE = 1.5e-4, 1.5e-3, 1.0e-4
 #: The latter where noise hides which of both the samples are, per second of sample period.
 UNTOLD_SHAPE = 15.0
+
+#: Error over the body's force (both squared) beyond which the model's motion ran away: of data that no
+#: passive valve makes, a dead channel's, least squares make a model that is driven by its own drag.
+RAN_AWAY = 1.0e6
 
 #: Share of the correction for the noise of the body's sensor that counts as uncertainty.
 DOUBT = 0.5
@@ -172,7 +176,11 @@ class Tracker:
         self.filled = 0
         self._history.take(body, spool)
         self.prediction.take(body, spool, self.regression.parameters if self.started else self._nominal)
-        self._close()
+        try:
+            self._close()
+        except np.linalg.LinAlgError:
+            # Channels of no passive valve, exchanged or dead ones, lead to sums that overflow.
+            self._forget()
         return True
 
     @property
@@ -203,6 +211,15 @@ class Tracker:
             return SlidingLeastSquares(self.scale, max(5, round(self.memory / CHUNK)), NOISE)
         return RecursiveLeastSquares(self.scale, min(1.0, CHUNK / self.memory), NOISE)
 
+    def _forget(self) -> None:
+        """Begin with nothing known: what was learned does not describe anything."""
+        self.started, self.excited, self.settling = False, False, True
+        self.regression = self._fresh()
+        self.powers = np.full(len(MEAN_SQUARES), math.nan)
+        self._sizes, self._evidence = np.zeros(len(MEAN_SQUARES)), (0.0, 0.0)
+        self.prediction.pointwise = False
+        self.restart()
+
     def _settling_chunks(self) -> int:
         viscous = max(float(self.regression.parameters[1] if self.started else self.scale[1]), 1e-9)
         time = min(LONGEST_SETTLING, max(SHORTEST_SETTLING, FORGOTTEN * 2.0 * self.mass / viscous))
@@ -210,6 +227,11 @@ class Tracker:
 
     def _close(self) -> None:
         sums = self.prediction.sums
+        if self.started and not sums[RESIDUAL] <= RAN_AWAY * self.mass**2 * max(
+            sums[BODY], sums[COUNT] * self.minimum_excitation**2
+        ):
+            self._forget()
+            return
         self._since_restart += 1
         count = max(1.0, float(sums[COUNT]))
         powers = self.prediction.mean_squares

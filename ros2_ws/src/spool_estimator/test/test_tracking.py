@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from spool_sim.valve import find_valve
 Array = NDArray[np.float64]
 NAMES = ("spring_stiffness", "viscous_coefficient", "coulomb_force")
 PERIOD = 0.1
+Broken = Callable[[Array, Array], tuple[Array, Array]]
 
 
 def simulator(
@@ -179,3 +181,37 @@ def test_two_standard_deviations_cover_the_truth() -> None:
     assert np.mean(np.abs(distances) < 2.0) >= 0.9
     # Not by claiming nothing: the deviations are of the size of the errors.
     assert np.sqrt(np.mean(np.square(distances))) > 0.3
+
+
+def exchanged(body: Array, spool: Array) -> tuple[Array, Array]:
+    return spool, body
+
+
+def dead_spool(body: Array, spool: Array) -> tuple[Array, Array]:
+    return body, np.full_like(spool, 9.81)
+
+
+def dead_body(body: Array, spool: Array) -> tuple[Array, Array]:
+    return np.zeros_like(body), spool
+
+
+def turned(body: Array, spool: Array) -> tuple[Array, Array]:
+    return body, -spool
+
+
+@pytest.mark.parametrize("fault", [exchanged, dead_spool, dead_body, turned])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_broken_channels_stop_nothing_and_are_forgotten(fault: Broken, seed: int) -> None:
+    """No passive valve makes such channels: a model of them may run away."""
+    source = simulator("multisine", noise=0.05, rate=1000.0, seed=seed)
+    estimator = Estimator(settings_for(source.valve))
+    assert follow(source, 15.0, estimator)[-1].state is State.TRACKING
+    for block in source.records(25.0):
+        body, spool = fault(block.body, block.spool)
+        estimator.update(replace(block, body=body, spool=spool))
+    healed = follow(source, 25.0, estimator)[-1]
+    assert healed.state is State.TRACKING
+    assert healed.parameter("spring_stiffness").value == pytest.approx(
+        source.valve.spring_stiffness, rel=0.02
+    )
+    assert healed.parameter("coulomb_force").value == pytest.approx(0.3, rel=0.1)

@@ -6,10 +6,13 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 from spool_estimator.estimate import Estimate, State
 from spool_stream.quantity import Quantity, Validity
 
-from .event import Condition, Event, Severity
+from .baseline_record import HealthyValue
+from .event import Severity
+from .sequential import CumulativeSum, threshold_for
 
 #: Standard deviations that a change must exceed before its size is judged at all.
 SIGNIFICANCE = 4.0
@@ -20,18 +23,36 @@ VISCOUS = "viscous_coefficient"
 #: s, estimates do not come closer; it bounds how many are kept for a start value.
 SHORTEST_PERIOD = 0.1
 
+#: Of the change that must be found: what is let pass for ever, what a single value counts for at most, below
+#: what it is over, and above what uncertainty nothing is judged.
+ALLOWANCE, CAP, RELEASE, UNCERTAIN = 0.65, 2.5, 0.45, 0.25
+
+#: s, what the sum needs at least: a change that just matters takes 8.6 s from when the estimate shows it.
+SHORTEST_SUM = 3.0
+
+#: s, time constant over which the change that is shown is smoothed.
+SMOOTHING = 3.0
+
+#: 1/K, relative error of an oil's law per degree away from where the start value was learned.
+LAW_ERROR = 0.002
+
 
 @dataclass(slots=True)
 class Baseline:
     """Start value of one parameter: median of the valid estimates of ``duration`` s, three at least.
 
     Each estimate counts for the shortest time between two, so that standstills do not count. ``value`` and
-    ``spread`` (robust standard deviation) are NaN while it is being learned.
+    ``spread`` (robust standard deviation) are NaN while it is being learned, and so are ``mean`` and
+    ``deviation`` of the ``count`` estimates and ``correlation``, that of neighbours.
     """
 
     duration: float
     value: float = field(default=math.nan, init=False)
     spread: float = field(default=math.nan, init=False)
+    mean: float = field(default=math.nan, init=False)
+    deviation: float = field(default=math.nan, init=False)
+    correlation: float = field(default=math.nan, init=False)
+    count: int = field(default=0, init=False)
     _seen: list[float] = field(default_factory=list, init=False)
     _last: int | None = field(default=None, init=False)
     _period: float = field(default=math.inf, init=False)
@@ -54,75 +75,166 @@ class Baseline:
             self.value = float(np.median(self._seen))
             # 1.4826: median absolute deviation to standard deviation of a normal distribution.
             self.spread = 1.4826 * float(np.median(np.abs(np.array(self._seen) - self.value)))
+            self._describe(np.array(self._seen))
             self._seen.clear()
 
     def restart(self) -> None:
         """Learn from here on; a fixed start value is forgotten."""
-        self.value = self.spread = math.nan
+        self.value = self.spread = self.mean = self.deviation = self.correlation = math.nan
+        self.count = 0
         self._seen.clear()
+
+    def restore(self, kept: HealthyValue) -> None:
+        """Go on with a start value that was learned before."""
+        self.restart()
+        self.value, self.spread = kept.value, kept.spread
+        self.mean, self.deviation, self.correlation = kept.mean, kept.standard_deviation, kept.correlation
+        self.count = kept.count
+
+    def _describe(self, seen: NDArray[np.float64]) -> None:
+        self.count, self.mean = seen.size, float(seen.mean())
+        self.deviation = float(seen.std(ddof=1))
+        around = seen - self.mean
+        power = float(around @ around)
+        self.correlation = float(around[1:] @ around[:-1]) / power if power > 0.0 else math.nan
 
 
 @dataclass(slots=True)
-class DriftDetector:
-    """Compare one parameter of each estimate with its baseline.
+class ParameterDrift:
+    """Test one parameter of each estimate against its baseline.
 
     Where the estimates carry it, the viscous coefficient is compared as referred to one oil temperature; a
-    start value learned so is never compared with one at any other.
+    start value learned so is never compared with one at any other. Not judged is what is held, what is too
+    uncertain, and what ``update`` is told to distrust.
 
-    ``warning`` and ``alarm`` are changes, relative to the baseline or absolute (``relative``); below
-    ``deadband`` times the warning it clears. ``kind`` names the event, ``causes`` those of a fall and a rise.
+    ``matters`` is the change that must be found, relative to the baseline or absolute (``relative``).
+    ``run_length`` is the mean time, s, to a false alarm that the spread of the baseline may cause.
+
+    Attributes:
+        tolerance: what is let pass on top, in units of the change that matters.
+        change: of the parameter, smoothed, with its standard deviation.
+        quantity: the parameter as it was compared last.
+        level: ``None`` while the sum is below its threshold.
+        released: whether the change is small enough to be over.
+        since: when the change most likely began, ns; 0 where there is none.
+        judged: whether the last estimate was.
+
     """
 
     parameter: str
-    kind: str
-    warning: float
-    alarm: float
+    matters: float
     relative: bool
-    causes: tuple[str, str]
     baseline: Baseline
-    deadband: float = 0.7
-    on_delay: float = 2.0
-    off_delay: float = 3.0
+    run_length: float = 3.6e6
+    tolerance: float = field(default=0.0, init=False)
     referred: bool = field(default=False, init=False)
+    temperature: float = field(default=math.nan, init=False)
+    sum: CumulativeSum = field(init=False)
     change: Quantity = field(init=False)
-    condition: Condition = field(init=False)
+    quantity: Quantity = field(init=False)
+    level: Severity | None = field(default=None, init=False)
+    released: bool = field(default=False, init=False)
+    judged: bool = field(default=False, init=False)
+    _smoothed: float = field(default=math.nan, init=False)
+    _last: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
-        self.condition = Condition(self.kind, self.on_delay, self.off_delay)
+        self.sum = CumulativeSum(ALLOWANCE, CAP)
         self.change = Quantity(f"{self.parameter}_change", "1")
+        self.quantity = Quantity(self.parameter, "")
 
-    def update(self, estimate: Estimate) -> list[Event]:
-        """Judge ``estimate``; return the event that follows, if any. Held parameters are not judged."""
-        quantity = estimate.parameter(self.parameter)
-        if estimate.state is not State.TRACKING or quantity.validity is not Validity.VALID:
-            return []
-        if self.parameter == VISCOUS:
-            at_reference = estimate.referred_viscous_coefficient
-            if at_reference.known and not self.referred and not self.baseline.frozen:
-                self.baseline.restart()
-                self.referred = True
-            if self.referred:
-                if at_reference.validity is not Validity.VALID:
-                    return []
-                quantity = at_reference
+    @property
+    def since(self) -> int:
+        """When the change most likely began, ns; 0 where there is none."""
+        return self.sum.since
+
+    @property
+    def share(self) -> float:
+        """The smoothed change in units of the one that matters; 0 while unknown."""
+        return 0.0 if math.isnan(self._smoothed) else self._smoothed
+
+    def reset(self) -> None:
+        """Forget the sum: what went before may not be believed."""
+        self.sum.reset()
+        self.level = None
+        self.released = False
+        self._smoothed = math.nan
+
+    def update(self, estimate: Estimate, *, distrust: bool = False) -> None:
+        """Take ``estimate``; parameters that are held are not judged."""
+        self.judged = False
+        quantity = self._comparable(estimate)
+        if distrust:
+            self.reset()
+            return
+        if quantity is None:
+            return
+        reference = self.baseline.value
+        size = self.matters * (abs(reference) if self.relative and self.baseline.frozen else 1.0)
+        if self.relative and not self.baseline.frozen:
+            size = self.matters * abs(quantity.value)
+        if not quantity.standard_deviation <= UNCERTAIN * size:
+            return
+        celsius = estimate.oil_temperature.value
         if not self.baseline.frozen:
             self.baseline.learn(estimate.stamp, quantity.value)
-            return []
-        reference = self.baseline.value
-        unit = "1" if self.relative else quantity.unit
-        size = abs(reference) if self.relative else 1.0
-        change = (quantity.value - reference) / size
+            self.temperature = celsius if math.isnan(self.temperature) else self.temperature
+            return
+        seconds = (estimate.stamp - self._last) * 1e-9
+        self._last = estimate.stamp
+        if not 0.0 < seconds <= 3.0:
+            seconds = 0.0
+        self._judge(estimate, quantity, size, seconds, abs(celsius - self.temperature))
+
+    def _comparable(self, estimate: Estimate) -> Quantity | None:
+        """Return what is compared with the baseline, ``None`` where nothing can be."""
+        quantity = estimate.parameter(self.parameter)
+        if estimate.state is not State.TRACKING or quantity.validity is not Validity.VALID:
+            return None
+        if self.parameter != VISCOUS:
+            return quantity
+        at_reference = estimate.referred_viscous_coefficient
+        if at_reference.known and not self.referred and not self.baseline.frozen:
+            self.baseline.restart()
+            self.referred = True
+        if not self.referred:
+            return quantity
+        return at_reference if at_reference.validity is Validity.VALID else None
+
+    def _judge(
+        self, estimate: Estimate, quantity: Quantity, size: float, seconds: float, warmer: float
+    ) -> None:
+        self.judged = True
+        self.quantity = quantity
+        change = float(quantity.value - self.baseline.value) / size
         deviation = math.hypot(quantity.standard_deviation, self.baseline.spread) / size
-        self.change = Quantity(f"{self.parameter}_change", unit, change, deviation, Validity.VALID)
-        indicated = None
-        if abs(change) >= self.warning and abs(change) > SIGNIFICANCE * deviation:
-            indicated = Severity.ALARM if abs(change) >= self.alarm else Severity.WARNING
-        text = f"{quantity.name.replace('_', ' ')} {quantity.value:.4g} {quantity.unit}, was {reference:.4g}"
-        return self.condition.judge(
-            estimate.stamp,
-            indicated,
-            released=abs(change) < self.deadband * self.warning,
-            cause=self.causes[0] if change < 0.0 else self.causes[1],
-            quantity=self.change,
-            message=text,
-        )
+        if math.isnan(self._smoothed):
+            self._smoothed = change
+        self._smoothed += (1.0 - math.exp(-seconds / SMOOTHING)) * (change - self._smoothed)
+        law = LAW_ERROR * warmer / self.matters if self.referred and not math.isnan(warmer) else 0.0
+        self.sum.allowance = ALLOWANCE + law + self.tolerance
+        self.sum.update(estimate.stamp, change, seconds)
+        unit = "1" if self.relative else quantity.unit
+        shown, uncertain = self._smoothed * self.matters, deviation * self.matters
+        self.change = Quantity(f"{self.parameter}_change", unit, shown, uncertain, Validity.VALID)
+        self.level = None
+        if self._exceeds(deviation, estimate.memory):
+            self.level = Severity.ALARM if abs(self._smoothed) >= 2.0 else Severity.WARNING
+        self.released = abs(self._smoothed) < RELEASE
+        if self.released and self.sum.size > 0.0:
+            # Otherwise a long drift that was mended would take as long to be forgotten.
+            self.sum.up = min(self.sum.up, SHORTEST_SUM)
+            self.sum.down = min(self.sum.down, SHORTEST_SUM)
+
+    def _exceeds(self, deviation: float, memory: float) -> bool:
+        """Whether the sum tells of a change; estimates that forget over ``memory`` s are not independent."""
+        if self.sum.size < SHORTEST_SUM or self.sum.side * self._smoothed <= self.sum.allowance:
+            return False
+        # The mean of a first-order process over a long time has the variance of 2 T per s.
+        threshold = threshold_for(self.run_length, self.sum.allowance, 2.0 * memory * deviation**2)
+        return self.sum.size >= threshold and abs(self._smoothed) > SIGNIFICANCE * deviation
+
+    def text(self) -> str:
+        """Return what changed, for people."""
+        name, unit = self.quantity.name.replace("_", " "), self.quantity.unit
+        return f"{name} {self.quantity.value:.4g} {unit}, was {self.baseline.value:.4g}"

@@ -24,9 +24,17 @@ class Severity(enum.IntEnum):
     ALARM = 2
 
 
+def condition_name(kind: str, source: str) -> str:
+    """Return the name of a condition of a valve."""
+    return f"{kind}/{source}" if source else kind
+
+
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something began or ended at ``stamp`` (ns, acquisition time)."""
+    """Something began or ended at ``stamp`` (ns, acquisition time).
+
+    ``source`` says which one of a kind's conditions it is, e.g. ``coulomb_force``; empty where there is one.
+    """
 
     stamp: int
     kind: str
@@ -35,6 +43,7 @@ class Event:
     cause: str
     quantity: Quantity
     message: str
+    source: str = ""
 
 
 @dataclass(slots=True)
@@ -48,6 +57,7 @@ class Condition:
     kind: str
     on_delay: float
     off_delay: float
+    source: str = ""
     active: Severity | None = field(default=None, init=False)
     cause: str = field(default="", init=False)
     _since: int | None = field(default=None, init=False)
@@ -68,7 +78,7 @@ class Condition:
             self._since = None
             if indicated > self.active:
                 self.active, self.cause = indicated, cause
-                return [Event(stamp, self.kind, EventState.RAISED, indicated, cause, quantity, message)]
+                return [self._event(stamp, EventState.RAISED, quantity, message)]
             return []
         if not wanted:
             self._since = None
@@ -81,13 +91,26 @@ class Condition:
         if self.active is None:
             assert indicated is not None
             self.active, self.cause = indicated, cause
-            return [Event(stamp, self.kind, EventState.RAISED, indicated, cause, quantity, message)]
+            return [self._event(stamp, EventState.RAISED, quantity, message)]
         return self.clear(stamp, quantity, f"{self.kind} is over: {message}")
 
     def clear(self, stamp: int, quantity: Quantity, message: str) -> list[Event]:
         """End the condition at once where it is active."""
         if self.active is None:
             return []
-        severity, cause = self.active, self.cause
+        event = self._event(stamp, EventState.CLEARED, quantity, message)
         self.active, self.cause, self._since = None, "", None
-        return [Event(stamp, self.kind, EventState.CLEARED, severity, cause, quantity, message)]
+        return [event]
+
+    @property
+    def name(self) -> str:
+        """What tells this condition from the valve's others, e.g. ``friction_drift/coulomb_force``."""
+        return condition_name(self.kind, self.source)
+
+    def restore(self, severity: Severity, cause: str) -> None:
+        """Go on as active, as it was before a restart; no event follows."""
+        self.active, self.cause, self._since = severity, cause, None
+
+    def _event(self, stamp: int, state: EventState, quantity: Quantity, message: str) -> Event:
+        assert self.active is not None
+        return Event(stamp, self.kind, state, self.active, self.cause, quantity, message, self.source)

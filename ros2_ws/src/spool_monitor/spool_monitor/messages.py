@@ -1,10 +1,16 @@
-"""Health and events as messages."""
+"""Health, events and alarms as messages."""
 
 from __future__ import annotations
 
-from spool_msgs.msg import HealthEvent, ValveHealth
+from collections.abc import Iterable
+
+from spool_msgs.msg import Alarm as AlarmMessage
+from spool_msgs.msg import AlarmList, HealthEvent, ValveHealth
 from spool_node.messages import to_quantity, to_time
 
+from .alarm import Alarm
+from .alarm_code import code
+from .detectors import JUDGEMENT_TEXTS
 from .event import Event
 from .monitor import Health
 
@@ -16,6 +22,10 @@ _QUANTITIES = (
     "coulomb_drift",
 )
 
+_ALARM_FIELDS = (
+    "name", "kind", "cause", "code", "occurrence", "value", "unit", "message", "acknowledged_by", "comment",
+)  # fmt: skip
+
 
 def to_event_message(event: Event, valve_id: str) -> HealthEvent:
     """Return ``event`` of the valve ``valve_id`` as a message."""
@@ -26,6 +36,8 @@ def to_event_message(event: Event, valve_id: str) -> HealthEvent:
         severity=int(event.severity),
         quantity=to_quantity(event.quantity),
         message=event.message,
+        source=event.source,
+        code=code(event.kind, event.cause),
     )
     message.header.frame_id = valve_id
     message.header.stamp = to_time(event.stamp)
@@ -39,8 +51,33 @@ def to_health_message(health: Health, valve_id: str) -> ValveHealth:
         baseline=int(health.baseline),
         summary=health.summary,
         active=list(health.active),
+        judgements=[f"{name}: {JUDGEMENT_TEXTS[judgement]}" for name, judgement in health.judgements],
+        namur=int(health.namur),
         **{name: to_quantity(getattr(health, name)) for name in _QUANTITIES},
     )
     message.header.frame_id = valve_id
     message.header.stamp = to_time(health.stamp)
+    return message
+
+
+def to_alarm_message(alarm: Alarm, valve_id: str) -> AlarmMessage:
+    """Return ``alarm`` of the valve ``valve_id`` as a message."""
+    message = AlarmMessage(
+        namur=int(alarm.namur),
+        state=int(alarm.state),
+        underlying=int(alarm.underlying),
+        severity=int(alarm.severity),
+        **{name: getattr(alarm, name) for name in _ALARM_FIELDS},
+        **{name: to_time(getattr(alarm, name)) for name in ("raised_at", "acknowledged_at", "shelved_until")},
+    )
+    message.header.frame_id = valve_id
+    message.header.stamp = to_time(alarm.changed_at)
+    return message
+
+
+def to_alarm_list(alarms: Iterable[Alarm], stamp: int, valve_id: str) -> AlarmList:
+    """Return ``alarms`` in their order, published at ``stamp`` (ns)."""
+    message = AlarmList(alarms=[to_alarm_message(alarm, valve_id) for alarm in alarms])
+    message.header.frame_id = valve_id
+    message.header.stamp = to_time(stamp)
     return message

@@ -10,10 +10,12 @@ from spool_stream.block import Block
 from spool_stream.block_gate import BlockGate, Verdict
 from spool_stream.quantity import Quantity, Validity
 
-from .drift import Baseline, DriftDetector
+from .alarm_code import Namur, namur
+from .detection import Detection
+from .detectors import Judgement
 from .event import Condition, Event, EventState, Severity
-from .resonance import ResonanceDetector
-from .spectrum import Line, LineTracker
+from .settings import MonitorSettings
+from .spectrum import Line
 
 #: s, an estimator that starts with the data needs this long for its first estimate.
 FIRST_ESTIMATE = 2.0
@@ -38,28 +40,6 @@ class BaselineState(enum.IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class MonitorSettings:
-    """Thresholds of one valve's monitor.
-
-    ``natural_frequency`` (Hz) holds until the estimator knows better. Changes are relative for the viscous
-    coefficient and the stiffness, in N for the Coulomb force; each alarm level is twice the warning.
-    ``baseline_time`` (s) of valid estimates makes the start values. ``stale_after`` (s) without data or
-    estimates is reported.
-    """
-
-    natural_frequency: float = 15.0
-    resonance_band: float = 0.2
-    amplification_on: float = 1.8
-    amplification_off: float = 1.5
-    minimum_body: float = 0.5
-    viscous_change: float = 0.2
-    coulomb_change: float = 0.1
-    stiffness_change: float = 0.1
-    baseline_time: float = 15.0
-    stale_after: float = 1.5
-
-
-@dataclass(frozen=True, slots=True)
 class Health:
     """What the monitor makes of the valve at ``stamp`` (ns); fields as in ``ValveHealth``."""
 
@@ -73,6 +53,8 @@ class Health:
     natural_frequency: Quantity
     viscous_drift: Quantity
     coulomb_drift: Quantity
+    judgements: tuple[tuple[str, Judgement], ...]
+    namur: Namur = Namur.UNKNOWN
 
 
 @dataclass(slots=True)
@@ -81,10 +63,7 @@ class Monitor:
 
     settings: MonitorSettings = field(default_factory=MonitorSettings)
     gate: BlockGate = field(default_factory=BlockGate)
-    lines: LineTracker = field(default_factory=LineTracker)
-    resonance: ResonanceDetector = field(init=False)
-    drifts: tuple[DriftDetector, ...] = field(init=False)
-    line: Line | None = field(default=None, init=False)
+    detection: Detection = field(init=False)
     estimate: Estimate | None = field(default=None, init=False)
     _stale: dict[str, Condition] = field(init=False)
     _data_fault: Condition = field(init=False)
@@ -92,40 +71,10 @@ class Monitor:
     _last_fault: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
-        settings = self.settings
-        self.resonance = ResonanceDetector(
-            settings.resonance_band,
-            settings.amplification_on,
-            settings.amplification_off,
-            settings.minimum_body,
-        )
-
-        def drift(
-            parameter: str, kind: str, warning: float, relative: bool, causes: tuple[str, str]
-        ) -> DriftDetector:
-            baseline = Baseline(settings.baseline_time)
-            return DriftDetector(parameter, kind, warning, 2.0 * warning, relative, causes, baseline)
-
-        self.drifts = (
-            drift(
-                "viscous_coefficient",
-                "friction_drift",
-                settings.viscous_change,
-                True,
-                ("wear", "oil_viscosity"),
-            ),
-            drift(
-                "coulomb_force",
-                "friction_drift",
-                settings.coulomb_change,
-                False,
-                ("unknown", "oil_contamination"),
-            ),
-            drift(
-                "spring_stiffness", "spring_change", settings.stiffness_change, True, ("softer", "stiffer")
-            ),
-        )
-        self._stale = {source: Condition("stale", 0.0, 0.0) for source in ("acceleration", "estimate")}
+        self.detection = Detection(self.settings)
+        self._stale = {
+            source: Condition("stale", 0.0, 0.0, source) for source in ("acceleration", "estimate")
+        }
         self._data_fault = Condition("data_fault", 0.0, 5.0)
 
     def update(self, block: Block) -> list[Event]:
@@ -146,23 +95,15 @@ class Monitor:
                 block.stamp, _seconds(0.0), "acceleration arrives again"
             )
         if verdict is Verdict.RESTARTS:
-            self.lines.restart(block.sample_period)
-        for line in self.lines.update(block):
-            self.line = line
-            events += self.resonance.update(line, self._natural_frequency.value)
-        if self.lines.silent_at is not None:
-            self.line = None
-            events += self.resonance.silent(self.lines.silent_at)
-        return events
+            self.detection.restart(block.sample_period)
+        return events + self.detection.update(block, self._natural_frequency.value)
 
     def update_estimate(self, estimate: Estimate) -> list[Event]:
         """Take one estimate; return what began or ended with it."""
         events = self._stale["estimate"].clear(estimate.stamp, _seconds(0.0), "estimates arrive again")
         self.estimate = estimate
         self._stamp = max(self._stamp, estimate.stamp)
-        for drift in self.drifts:
-            events += drift.update(estimate)
-        return events
+        return events + self.detection.update_estimate(estimate, self._natural_frequency.value)
 
     def idle(self, without_blocks: float, without_estimates: float) -> list[Event]:
         """Say how long (s, on a steady clock) nothing has arrived; return what follows from it."""
@@ -187,12 +128,26 @@ class Monitor:
     def set_natural_frequency(self, frequency: float) -> None:
         """Take the start value (Hz) from a valve's data; estimates replace it."""
         self.settings = replace(self.settings, natural_frequency=frequency)
+        self.detection.configure(self.settings)
+
+    @property
+    def line(self) -> Line | None:
+        """The strongest line of the body now, ``None`` where there is none."""
+        return self.detection.line
+
+    @property
+    def conditions(self) -> tuple[Condition, ...]:
+        """All that can be raised, each under a name of its own; a restart restores those that were."""
+        return (*self._judged, *self._stale.values())
+
+    @property
+    def _judged(self) -> list[Condition]:
+        return [*self.detection.conditions.values(), self._data_fault]
 
     @property
     def health(self) -> Health:
         """The present judgement."""
-        conditions = [self.resonance.condition, self._data_fault, *(drift.condition for drift in self.drifts)]
-        active = [condition for condition in conditions if condition.active is not None]
+        active = [condition for condition in self._judged if condition.active is not None]
         stale = [source for source, condition in self._stale.items() if condition.active is not None]
         # Who joins a dead valve late hears the held estimate and no silence that could be timed.
         held = self.estimate is not None and self.estimate.state is State.STALE
@@ -205,8 +160,8 @@ class Monitor:
             level = Level.UNKNOWN
         else:
             level = Level.OK
-        viscous, coulomb, _ = self.drifts
-        frozen = all(drift.baseline.frozen for drift in (viscous, coulomb))
+        viscous, coulomb, _ = self.detection.parameters.values()
+        frozen = all(one.baseline.frozen for one in (viscous, coulomb))
         baseline = BaselineState.FROZEN if frozen else BaselineState.LEARNING
         line = self.line
         known = Validity.UNKNOWN if line is None or stale else Validity.VALID
@@ -221,6 +176,8 @@ class Monitor:
             natural_frequency=self._natural_frequency,
             viscous_drift=viscous.change,
             coulomb_drift=coulomb.change,
+            judgements=tuple(self.detection.judgements.items()),
+            namur=_namur(level, baseline, [one for one in self.conditions if one.active is not None]),
         )
 
     @property
@@ -265,6 +222,15 @@ class Monitor:
             quantity=Quantity("faulty_blocks", "1", float(faults), validity=Validity.VALID),
             message=f"{self.gate.lost} blocks lost, {self.gate.refused} refused since the start",
         )
+
+
+def _namur(level: Level, baseline: BaselineState, active: list[Condition]) -> Namur:
+    """Return the worst status that applies; what is still being learned is a function check."""
+    if level is Level.UNKNOWN:
+        return Namur.UNKNOWN
+    learning = Namur.NORMAL if baseline is BaselineState.FROZEN else Namur.FUNCTION_CHECK
+    silent = Namur.FAILURE if level is Level.STALE else Namur.NORMAL
+    return max(learning, silent, *(namur(one.kind, one.cause) for one in active), Namur.NORMAL)
 
 
 def _seconds(value: float) -> Quantity:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 from typing import ClassVar
 
 from spool_estimator.messages import from_message
@@ -19,8 +20,15 @@ from spool_node.running import run
 from spool_stream.quantity import Quantity
 
 from . import monitor as core
-from .event import Condition, Event, Severity
+from .alarm_book import AlarmBook
+from .alarm_code import LATCHING
+from .alarm_desk import AlarmDesk
+from .detectors import JUDGEMENT_TEXTS, Judgement
+from .event import Event, Severity
 from .messages import to_event_message, to_health_message
+from .state_file import default_folder, valve_folder
+from .trend_writer import TrendWriter
+from .valve_state import TRENDS, ValveState
 
 _SETTINGS = (
     Parameter(
@@ -28,7 +36,7 @@ _SETTINGS = (
         "Hz", 0.0, 1e3, read_only=True,
     ),
     Parameter(
-        "resonance_band", 0.2, "Relative distance that counts as near resonance.",
+        "resonance_band", 0.15, "Relative distance that counts as near resonance.",
         "1", 0.01, 1.0, read_only=True,
     ),
     Parameter(
@@ -43,10 +51,29 @@ _SETTINGS = (
         "coulomb_change", 0.1, "Change of the Coulomb force that warns.", "N", 1e-4, 1e4, read_only=True,
     ),
     Parameter("stiffness_change", 0.1, "Relative change that warns.", "1", 0.001, 10.0, read_only=True),
+    Parameter("gain_change", 0.1, "Relative change of a channel's gain.", "1", 0.02, 1.0, read_only=True),
+    Parameter("offset_change", 0.5, "Change of a channel's mean.", "m/s^2", 0.01, 1e3, read_only=True),
+    Parameter(
+        "false_alarm_hours", 1000.0, "Mean time between false alarms that noise alone may cause.",
+        "h", 1.0, 1e6, read_only=True,
+    ),
     Parameter(
         "baseline_time", 15.0, "Time of valid estimates for the start values.", "s", 3.0, 1e5, read_only=True,
     ),
     Parameter("stale_after", 1.5, "Silence that is reported.", "s", 0.2, 60.0, read_only=True),
+)  # fmt: skip
+
+_KEEPING = (
+    Parameter(
+        "state_folder", "",
+        "Where alarms, baseline and trends are kept, each valve in a folder of its own; empty: "
+        "$XDG_STATE_HOME/spool, else ~/.local/state/spool; none: nowhere.",
+        read_only=True,
+    ),
+    Parameter(
+        "latched_kinds", list(LATCHING), "Kinds of events whose alarms stay until they are reset.",
+        read_only=True,
+    ),
 )  # fmt: skip
 
 _LEVELS = {
@@ -61,11 +88,13 @@ _LEVELS = {
 class MonitorNode(ManagedNode):
     """Judge resonance, drift and silence of one valve from its blocks and estimates."""
 
-    PARAMETERS: ClassVar = _SETTINGS
+    PARAMETERS: ClassVar = (*_SETTINGS, *_KEEPING)
 
     def __init__(self) -> None:
         super().__init__("monitor")
         self._core: core.Monitor | None = None
+        self._desk: AlarmDesk | None = None
+        self._trends: TrendWriter | None = None
         self._valve_id = self.get_namespace().strip("/")
         self._block_arrival = self._estimate_arrival = time.monotonic()
         self._level = core.Level.UNKNOWN
@@ -76,6 +105,13 @@ class MonitorNode(ManagedNode):
         if values["natural_frequency"] == 0.0:
             del values["natural_frequency"]
         self._core = core.Monitor(core.MonitorSettings(**values))
+        kinds = tuple(kind for kind in self.value("latched_kinds") if kind)
+        warn = self.get_logger().warning
+        state = ValveState(self._core, self._folder(), warn, AlarmBook(kinds))
+        state.open()
+        self._desk = AlarmDesk(self, state)
+        if state.writable and state.folder is not None:
+            self._trends = TrendWriter(state.folder / TRENDS, warn)
         self._health_publisher = self.create_lifecycle_publisher(ValveHealth, "health", qos.state())
         self._event_publisher = self.create_lifecycle_publisher(HealthEvent, "events", qos.state(depth=100))
         self._diagnostics = DiagnosticPublisher(self, self._valve_id)
@@ -83,6 +119,8 @@ class MonitorNode(ManagedNode):
     def activate(self) -> None:
         """Listen; estimates and the valve's description are latched, so a late start misses neither."""
         self._block_arrival = self._estimate_arrival = time.monotonic()
+        assert self._desk is not None
+        self._desk.open()
         self.subscribe(ValveDescription, "valve", self._take_description, qos.state())
         self.subscribe(AccelerationBlock, "acceleration", self._take_block, qos.samples_wanted())
         self.subscribe(ModelEstimate, "estimate", self._take_estimate, qos.state(depth=10))
@@ -94,11 +132,29 @@ class MonitorNode(ManagedNode):
         self.destroy_publisher(self._health_publisher)
         self.destroy_publisher(self._event_publisher)
         self._diagnostics.destroy()
-        self._core = None
+        if self._desk is not None:
+            self._desk.close()
+        if self._trends is not None:
+            self._trends.close()
+        self._core = self._desk = self._trends = None
+
+    def _folder(self) -> Path | None:
+        """Return where this valve's state is kept, ``None`` for nowhere."""
+        given = self.value("state_folder")
+        if given == "none":
+            return None
+        try:
+            base = Path(given).expanduser() if given else default_folder()
+        except RuntimeError:
+            self.get_logger().warning("state_folder: there is no home folder: nothing is kept, name a folder")
+            return None
+        return valve_folder(base, self.get_namespace())
 
     def _take_description(self, message: ValveDescription) -> None:
         assert self._core is not None
+        assert self._desk is not None
         self._valve_id = self._diagnostics.hardware_id = message.header.frame_id
+        self._desk.identify(message.header.frame_id, message.oil)
         if self.value("natural_frequency") == 0.0:
             self._core.set_natural_frequency(from_description(message).natural_frequency)
 
@@ -106,9 +162,12 @@ class MonitorNode(ManagedNode):
         assert self._core is not None
         gate = self._core.gate
         accepted = gate.accepted
-        events = self._core.update(to_block(message))
+        block = to_block(message)
+        events = self._core.update(block)
         if gate.accepted > accepted:
             self._block_arrival = time.monotonic()
+            if self._trends is not None:
+                self._trends.update(block)
         if accepted == 0:
             self._estimate_arrival = self._block_arrival
         self._publish(events)
@@ -116,19 +175,29 @@ class MonitorNode(ManagedNode):
     def _take_estimate(self, message: ModelEstimate) -> None:
         assert self._core is not None
         self._estimate_arrival = time.monotonic()
-        self._publish(self._core.update_estimate(from_message(message)))
+        estimate = from_message(message)
+        self._publish(self._core.update_estimate(estimate))
+        assert self._desk is not None
+        self._desk.take_estimate(estimate)
+        if self._trends is not None:
+            self._trends.update_estimate(estimate)
 
     def _watch(self) -> None:
         assert self._core is not None
         now = time.monotonic()
         self._publish(self._core.idle(now - self._block_arrival, now - self._estimate_arrival))
+        assert self._desk is not None
+        self._desk.watch()
 
     def _publish(self, events: list[Event]) -> None:
         assert self._core is not None
+        assert self._desk is not None
+        if events:
+            self._desk.take(events)
         for event in events:
             self._event_publisher.publish(to_event_message(event, self._valve_id))
             self.get_logger().info(f"{event.kind} {event.state.name.lower()}: {event.message}")
-        if events and self._core.health.level is not self._level:
+        if events or self._core.health.level is not self._level:
             self._report()
 
     def _report(self) -> None:
@@ -137,42 +206,60 @@ class MonitorNode(ManagedNode):
         if health.stamp == 0:  # before the first block the node's clock is all there is
             health = replace(health, stamp=self.get_clock().now().nanoseconds)
         self._level = health.level
+        assert self._desk is not None
+        health = replace(health, namur=max(health.namur, self._desk.namur))
         self._health_publisher.publish(to_health_message(health, self._valve_id))
-        gate = self._core.gate
         stale = health.level is core.Level.STALE
-        resonance = self._core.resonance.condition
-        frictions = [drift.condition for drift in self._core.drifts]
-        faulty = gate.lost + gate.refused
-        data = Status(
-            "data",
-            Level.STALE if stale else Level.WARNING if faulty else Level.OK,
-            health.summary if stale else f"{gate.lost} blocks lost, {gate.refused} refused",
-            {
-                "blocks used": gate.accepted,
-                "blocks lost": gate.lost,
-                "blocks refused": gate.refused,
-                **{f"fault: {fault.value}": count for fault, count in gate.faults.items()},
-            },
-        )
         self._diagnostics.publish(
-            data,
-            _status("resonance", [resonance], stale, health.dominant_frequency, health.amplification,
-                    health.natural_frequency),
-            _status("friction and spring", frictions, stale, health.viscous_drift, health.coulomb_drift),
+            self._data(health.summary, stale),
+            self._task("condition", ("resonance", "friction_drift", "spring_change", "stuck_spool"), stale,
+                       health.dominant_frequency, health.amplification, health.natural_frequency,
+                       health.viscous_drift, health.coulomb_drift),
+            self._desk.status(health.namur, self._trends),
         )  # fmt: skip
 
+    def _data(self, summary: str, stale: bool) -> Status:
+        """Return what arrives, and whether the sensors can be believed."""
+        assert self._core is not None
+        gate = self._core.gate
+        sensors = self._task("data", ("sensor_fault",), stale)
+        level, text = sensors.level, f"{gate.lost} blocks lost, {gate.refused} refused"
+        if stale:
+            text = summary
+        elif level is not Level.OK:
+            text = sensors.message
+        elif gate.lost + gate.refused:
+            level = Level.WARNING
+        counts = {
+            "blocks used": gate.accepted,
+            "blocks lost": gate.lost,
+            "blocks refused": gate.refused,
+            **{f"fault: {fault.value}": count for fault, count in gate.faults.items()},
+        }
+        return Status("data", level, text, {**counts, **sensors.values})
 
-def _status(task: str, conditions: list[Condition], stale: bool, *values: Quantity) -> Status:
-    active = [condition for condition in conditions if condition.active is not None]
-    worst = max((condition.active for condition in active if condition.active is not None), default=None)
-    level = {None: Level.OK, Severity.WARNING: Level.WARNING}.get(worst, Level.ERROR)
-    text = ", ".join(f"{one.kind} {one.cause}".strip().replace("_", " ") for one in active) or "nothing found"
-    return Status(
-        task,
-        Level.STALE if stale else level,
-        "no data" if stale else text,
-        {f"{value.name} ({value.unit})": value.value for value in values},
-    )
+    def _task(self, task: str, kinds: tuple[str, ...], stale: bool, *values: Quantity) -> Status:
+        """Return what the detectors of ``kinds`` say; what they can't judge is said as well."""
+        assert self._core is not None
+        detection = self._core.detection
+        ours = [one for one in detection.detectors if one.kind in kinds]
+        active = [detection.conditions[one.name] for one in ours]
+        active = [condition for condition in active if condition.active is not None]
+        worst = max((condition.active for condition in active if condition.active is not None), default=None)
+        level = {None: Level.OK, Severity.WARNING: Level.WARNING}.get(worst, Level.ERROR)
+        text = ", ".join(f"{one.kind} {one.cause}".strip().replace("_", " ") for one in active)
+        if not text:
+            open_ = {one.judgement for one in ours if one.judgement is not Judgement.JUDGED}
+            text = ", ".join(JUDGEMENT_TEXTS[judgement] for judgement in sorted(open_)) or "nothing found"
+        return Status(
+            task,
+            Level.STALE if stale else level,
+            "no data" if stale else text,
+            {
+                **{f"{value.name} ({value.unit})": value.value for value in values},
+                **{one.name.replace("_", " "): JUDGEMENT_TEXTS[one.judgement] for one in ours},
+            },
+        )
 
 
 def main() -> int:

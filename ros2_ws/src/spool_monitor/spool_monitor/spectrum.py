@@ -35,13 +35,12 @@ class Line:
 class LineTracker:
     """Look for the dominant line in the last ``window`` s, every ``hop`` s of data.
 
-    ``silent_at`` (ns) is the stamp of the last look if that found no vibration at all,
-    ``None`` if it found a line.
+    ``silent`` holds the stamps (ns) of the looks in the last ``update`` that found no vibration at all.
     """
 
     window: float = 1.0
     hop: float = 0.25
-    silent_at: int | None = field(default=None, init=False)
+    silent: list[int] = field(default_factory=list, init=False)
     _last: NDArray[np.float32] = field(default_factory=lambda: np.zeros((2, 0), np.float32), init=False)
     _hop: int = field(default=1, init=False)
     _taper: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0), init=False)
@@ -61,11 +60,12 @@ class LineTracker:
             self._period = period
         self._filled = self._fresh = 0
         self._waiting.clear()
-        self.silent_at = None
+        self.silent = []
 
     def update(self, block: Block) -> list[Line]:
         """Take a block; return the lines that fell due, the same for any split into blocks."""
         total = block.body.size
+        self.silent = []
         if self._fresh + total < self._hop:
             self._waiting.append((block.body, block.spool))
             self._fresh += total
@@ -90,8 +90,9 @@ class LineTracker:
             if self._filled == size:
                 stamp = block.stamp + round((taken - 1) * block.sample_period * 1e9)
                 line = self._find(stamp)
-                self.silent_at = stamp if line is None else None
-                if line is not None:
+                if line is None:
+                    self.silent.append(stamp)
+                else:
                     lines.append(line)
         return lines
 

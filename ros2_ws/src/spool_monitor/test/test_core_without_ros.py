@@ -17,7 +17,7 @@ sys.meta_path.insert(0, Blocker())
 """
 USE = """
 from spool_estimator.estimator import Estimator, settings_for
-from spool_monitor import drift, event, monitor, replay, resonance, spectrum
+from spool_monitor import detection, drift, event, monitor, replay, spectrum
 from spool_sim.presets import PRESETS
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve

@@ -5,7 +5,7 @@ import math
 import pytest
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
-from spool_monitor.drift import Baseline, DriftDetector
+from spool_monitor.drift import Baseline, ParameterDrift
 from spool_monitor.event import Event
 from spool_monitor.monitor import Monitor, MonitorSettings
 from spool_monitor.replay import Replay
@@ -71,10 +71,8 @@ def at(second: float, drag: float, referred: float | None) -> Estimate:
     )
 
 
-def detector() -> DriftDetector:
-    return DriftDetector(
-        "viscous_coefficient", "friction_drift", 0.2, 0.4, True, ("wear", "oil_viscosity"), Baseline(3.0)
-    )
+def detector() -> ParameterDrift:
+    return ParameterDrift("viscous_coefficient", 0.2, True, Baseline(3.0))
 
 
 def test_a_start_value_learned_at_one_temperature_is_compared_at_that_temperature_only() -> None:
@@ -84,7 +82,8 @@ def test_a_start_value_learned_at_one_temperature_is_compared_at_that_temperatur
     assert made.baseline.value == 3.0
     # The thermometer fails: the drag as it is may not be judged against the referred start value.
     for second in range(3, 30):
-        assert made.update(at(second, 2.0, None)) == []
+        made.update(at(second, 2.0, None))
+        assert not made.judged
     assert math.isnan(made.change.value)
     made.update(at(30, 1.0, 3.3))
     assert made.change.value == pytest.approx(0.1)

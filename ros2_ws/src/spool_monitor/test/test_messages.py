@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
+from spool_monitor.alarm_code import LATCHING
+from spool_monitor.detectors import Judgement
 from spool_monitor.event import Event, EventState, Severity
 from spool_monitor.messages import to_event_message, to_health_message
 from spool_monitor.monitor import BaselineState, Health, Level, Monitor, MonitorSettings
@@ -73,12 +75,14 @@ def test_health_goes_through_its_message_with_every_field() -> None:
         baseline=BaselineState.FROZEN,
         summary="resonance",
         active=("resonance", "friction_drift"),
+        judgements=(("resonance", Judgement.JUDGED), ("friction_drift", Judgement.NOT_EXCITED)),
         **quantities,
     )
     message = deserialize_message(serialize_message(to_health_message(health, "valve")), ValveHealth)
     assert message.level == ValveHealth.LEVEL_WARNING
     assert message.baseline == ValveHealth.BASELINE_FROZEN
     assert (message.summary, list(message.active)) == ("resonance", ["resonance", "friction_drift"])
+    assert list(message.judgements) == ["resonance: judged", "friction_drift: not enough excitation"]
     for name, quantity in quantities.items():
         assert getattr(message, name).value == quantity.value
         assert getattr(message, name).name == name
@@ -98,7 +102,10 @@ def test_what_is_not_known_stays_so() -> None:
 def test_the_nodes_parameters_are_the_cores_settings_with_their_defaults() -> None:
     core = {field.name: field.default for field in fields(MonitorSettings)}
     node = {parameter.name: parameter.default for parameter in MonitorNode.PARAMETERS}
-    assert list(node) == list(core)
+    # What is kept is the node's business.
+    assert list(node) == [*core, "state_folder", "latched_kinds"]
+    assert node.pop("state_folder") == ""
+    assert tuple(node.pop("latched_kinds")) == LATCHING
     # 0 Hz asks for the value from the valve's description.
     assert node.pop("natural_frequency") == 0.0
     del core["natural_frequency"]

@@ -45,6 +45,16 @@ def test_every_definition_is_built() -> None:
     assert sorted(re.findall(r'"msg/(\w+)\.msg"', listed)) == NAMES
     for name in NAMES:
         assert generated(name)().get_fields_and_field_types()
+    services = sorted(path.stem for path in (Path(__file__).resolve().parents[1] / "srv").glob("*.srv"))
+    assert sorted(re.findall(r'"srv/(\w+)\.srv"', listed)) == services
+    for name in services:
+        response = getattr(importlib.import_module("spool_msgs.srv"), name).Response
+        assert {"success", "reason"} <= set(response.get_fields_and_field_types())
+
+
+def test_an_alarm_has_a_severity_and_a_status_of_the_other_messages() -> None:
+    fields = generated("Alarm").get_fields_and_field_types()
+    assert (fields["severity"], fields["namur"], fields["underlying"]) == ("uint8",) * 3
 
 
 @pytest.mark.parametrize("name", NAMES)

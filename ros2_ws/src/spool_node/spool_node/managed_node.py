@@ -92,6 +92,26 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         self._while_active.append(lambda: self.destroy_timer(timer))
         return timer
 
+    def serve(self, service_type: Any, name: str, answer: Callable[[Any, Any], Any]) -> Any:
+        """Offer a service while active; ``answer`` gets request and response and returns the response.
+
+        What it raises is logged; an :class:`InputError` is a refusal, said in the response's ``reason``.
+        """
+
+        def guarded(request: Any, response: Any) -> Any:
+            try:
+                return answer(request, response)
+            except InputError as error:
+                response.success, response.reason = False, str(error)
+            except Exception as error:
+                self._log_failure(f"{name} failed", error)
+                response.success, response.reason = False, f"{name} failed: see the node's log"
+            return response
+
+        service = self.create_service(service_type, name, guarded)
+        self._while_active.append(lambda: self.destroy_service(service))
+        return service
+
     # Transitions.
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:

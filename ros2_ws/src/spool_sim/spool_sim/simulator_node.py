@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from typing import Any, ClassVar
 
 from sensor_msgs.msg import Temperature
@@ -22,6 +23,10 @@ from .valve import find_valve
 
 #: Blocks sent in one turn when the node fell behind; what is older is dropped, with its sequence numbers.
 _CATCH_UP = 25
+
+#: s, for which those that are waited for are seen before the first block: one that is seen by us may not have
+#: seen us yet, and drops what it gets until then.
+_KNOWN = 0.5
 
 
 class SimulatorNode(ManagedNode):
@@ -78,6 +83,7 @@ class SimulatorNode(ManagedNode):
         self._simulator: Simulator | None = None
         self._started: int | None = None
         self._last_turn = 0
+        self._complete: float | None = None
         self._sent = 0
         self._skipped = 0
 
@@ -151,6 +157,16 @@ class SimulatorNode(ManagedNode):
             spool_sensor=Sensor(gain_error=self.value("spool_gain_error"), noise=self.value("noise")),
         )
 
+    def _heard(self) -> bool:
+        """Return whether as many listen as are waited for, and have for a while."""
+        wanted = self.value("wait_for_subscribers")
+        if self._publisher.get_subscription_count() < wanted:
+            self._complete = None
+            return False
+        if self._complete is None:
+            self._complete = time.monotonic()
+        return bool(wanted == 0 or time.monotonic() - self._complete >= _KNOWN)
+
     def _turn(self) -> None:
         """Send what is due by now."""
         now = self.get_clock().now().nanoseconds
@@ -159,7 +175,7 @@ class SimulatorNode(ManagedNode):
         back, self._last_turn = now < self._last_turn, now
         if self._started is None or back:
             self._started = None
-            if self._publisher.get_subscription_count() < self.value("wait_for_subscribers"):
+            if not self._heard():
                 return
             self._started = now
             self._simulator = self._build(start_stamp=now)

@@ -1,0 +1,227 @@
+"""All detectors of one valve, shown each moment of its data; their conditions make the events."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+from spool_estimator.estimate import Estimate
+from spool_stream.block import Block
+
+from .detectors import Detector, Finding, Judgement, Moment, detectors
+from .drift import Baseline, ParameterDrift
+from .event import Condition, Event
+from .response import Response, ResponseTracker
+from .settings import MonitorSettings
+from .signals import Signals, SignalTracker
+from .spectrum import Line, LineTracker
+
+#: s after the last suspicion before parameters are judged again, in memories of the estimator.
+WARY = 2.5
+
+#: Damping ratio that a valve is taken to have until it is known.
+USUAL_DAMPING = 0.25
+
+#: What the channels show of a healthy valve and sensors: names of the start values, and s for each.
+LEARNED = ("channel_gain", "body_mean", "spool_mean")
+
+#: Change of stiffness that dry friction can feign, each in units of what matters.
+STICKING = 0.5
+
+#: Dry friction over rms inertia force from which a spool sticks too much to tell its stiffness.
+STICKS = 0.55
+
+#: Rank of what judges parameters.
+PARAMETERS = 9
+
+#: Windows that fit the usual response before it follows them, and by how much it does each.
+FOLLOWS = 0.1
+
+
+@dataclass(slots=True)
+class Detection:
+    """Show blocks and estimates to the detectors.
+
+    Attributes:
+        parameters: tests of the estimated parameters, by name.
+        learned: start values of what the channels show, by name.
+        conditions: delays and state of each detector's event, by the detector's name.
+
+    """
+
+    settings: MonitorSettings
+    lines: LineTracker = field(default_factory=LineTracker)
+    signals: SignalTracker = field(default_factory=SignalTracker)
+    response: ResponseTracker = field(default_factory=ResponseTracker)
+    usual: Response = field(init=False)
+    detectors: tuple[Detector, ...] = field(init=False)
+    parameters: dict[str, ParameterDrift] = field(init=False)
+    learned: dict[str, Baseline] = field(init=False)
+    conditions: dict[str, Condition] = field(init=False)
+    line: Line | None = field(default=None, init=False)
+    _suspicions: dict[str, tuple[int, int, str]] = field(default_factory=dict, init=False)
+    _memory: float = field(default=4.0, init=False)
+    _velocity: float = field(default=math.nan, init=False)
+    _stamp: int = field(default=0, init=False)
+
+    def __post_init__(self) -> None:
+        settings = self.settings
+        self.usual = configured(settings.natural_frequency)
+        self.detectors = detectors(settings)
+        self.conditions = {
+            one.name: Condition(
+                one.kind, one.on_delay, one.off_delay, "" if one.name == one.kind else one.name
+            )
+            for one in self.detectors
+        }
+        run_length = settings.false_alarm_hours * 3600.0
+        self.parameters = {
+            name: ParameterDrift(name, matters, relative, Baseline(settings.baseline_time), run_length)
+            for name, matters, relative in (
+                ("viscous_coefficient", settings.viscous_change, True),
+                ("coulomb_force", settings.coulomb_change, False),
+                ("spring_stiffness", settings.stiffness_change, True),
+            )
+        }
+        self.learned = {name: Baseline(settings.baseline_time) for name in LEARNED}
+
+    @property
+    def distrust(self) -> str:
+        """Why parameters can't be judged now, empty where they can."""
+        return self._distrust(self._stamp, PARAMETERS)
+
+    @property
+    def judgements(self) -> dict[str, Judgement]:
+        """How far each detector can judge now, by its name."""
+        return {one.name: one.judgement for one in self.detectors}
+
+    def configure(self, settings: MonitorSettings) -> None:
+        """Take new settings, of which only the configured natural frequency differs."""
+        self.settings = settings
+        if math.isnan(self.usual.misfit):
+            self.usual = configured(settings.natural_frequency)
+
+    def restart(self, period: float) -> None:
+        """Take note that samples are missing, or of the first ones, ``period`` s apart."""
+        self.lines.restart(period)
+        self.signals.restart(period)
+        self.response.restart()
+        for one in self.detectors:
+            one.restart()
+
+    def update(self, block: Block, natural_frequency: float) -> list[Event]:
+        """Take a block that continues the last one; return what began or ended with it."""
+        looks: list[Signals | Line | int] = [*self.signals.update(block), *self.lines.update(block)]
+        looks += self.lines.silent
+        events: list[Event] = []
+        # In the order of the data, however long the block is; of one instant, the levels first.
+        for look in sorted(looks, key=lambda one: one if isinstance(one, int) else one.stamp):
+            self._stamp = look if isinstance(look, int) else look.stamp
+            if isinstance(look, Signals):
+                events += self._show_signals(look, natural_frequency)
+            else:
+                self.line = None if isinstance(look, int) else look
+                events += self._show(
+                    self._moment(self._stamp, natural_frequency, line=self.line, silent=self.line is None)
+                )
+        self._stamp = block.end
+        return events
+
+    def update_estimate(self, estimate: Estimate, natural_frequency: float) -> list[Event]:
+        """Take an estimate; return what began or ended with it."""
+        self._memory = estimate.memory
+        self._stamp = max(self._stamp, estimate.stamp)
+        distrust = bool(self.distrust)
+        # A spool that sticks more of the time also looks as if it had another spring.
+        dry = max(0.0, self.parameters["coulomb_force"].share)
+        self.parameters["spring_stiffness"].tolerance = STICKING * dry
+        for name, parameter in self.parameters.items():
+            if name == "spring_stiffness" and _sticks(estimate):
+                parameter.judged = False
+            else:
+                parameter.update(estimate, distrust=distrust)
+        return self._show(self._moment(estimate.stamp, natural_frequency, estimate=estimate))
+
+    def _show_signals(self, signals: Signals, natural_frequency: float) -> list[Event]:
+        shaken = signals.body.rms >= self.settings.minimum_body
+        if shaken:
+            self._velocity = signals.relative_velocity
+        response = self.response.update(signals, self.usual) if shaken else None
+        if not shaken:
+            self.response.restart()
+        moment = self._moment(signals.stamp, natural_frequency, signals=signals)
+        events = self._show(replace(moment, response=response))
+        if response is not None and not self.distrust and 0.7 < response.gain < 1.4:
+            self._follow(response)
+        return events
+
+    def _follow(self, response: Response) -> None:
+        """Let the usual response follow what was measured, slowly, and never beyond what a valve has."""
+        old, new = self.usual, response
+        ratio = new.natural_frequency / old.natural_frequency
+        if new.misfit > 0.5 or not 0.5 < ratio < 2.0:
+            return
+        self.usual = replace(
+            old,
+            natural_frequency=old.natural_frequency * ratio**FOLLOWS,
+            damping=old.damping * min(2.0, max(0.5, new.damping / old.damping)) ** FOLLOWS,
+            misfit=new.misfit,
+        )
+
+    def _moment(
+        self,
+        stamp: int,
+        natural_frequency: float,
+        *,
+        line: Line | None = None,
+        silent: bool = False,
+        signals: Signals | None = None,
+        estimate: Estimate | None = None,
+    ) -> Moment:
+        return Moment(
+            stamp, natural_frequency, self.usual, self.parameters, self.learned,
+            line, silent, signals, None, estimate, self._velocity,
+        )  # fmt: skip
+
+    def _show(self, moment: Moment) -> list[Event]:
+        events: list[Event] = []
+        for one in self.detectors:
+            distrust = self._distrust(moment.stamp, one.rank)
+            finding = one.update(replace(moment, distrust=distrust) if distrust else moment)
+            if finding is not None:
+                events += self._judge(one, finding)
+            active = self.conditions[one.name].active is not None and one.judgement is not Judgement.JUDGED
+            if one.suspicious or (active and one.rank < PARAMETERS):
+                reason = one.suspicious or f"{one.name.replace('_', ' ')} is active"
+                self._suspicions[one.name] = (moment.stamp, one.rank, reason)
+        return events
+
+    def _distrust(self, now: int, rank: int) -> str:
+        """Return why a detector of ``rank`` can't believe what it sees at ``now`` (ns), empty if it can."""
+        for stamp, doubting, reason in self._suspicions.values():
+            if doubting < rank and 0 <= now - stamp <= WARY * self._memory * 1e9:
+                return reason
+        return ""
+
+    def _judge(self, one: Detector, finding: Finding) -> list[Event]:
+        return self.conditions[one.name].judge(
+            finding.stamp,
+            finding.indicated,
+            released=finding.released,
+            cause=finding.cause,
+            quantity=finding.quantity,
+            message=finding.message,
+        )
+
+
+def _sticks(estimate: Estimate) -> bool:
+    """Whether dry friction holds the spool for so long that little is seen of its spring."""
+    natural = 2.0 * math.pi * estimate.natural_frequency.value
+    mass = estimate.parameter("spring_stiffness").value / natural**2
+    return estimate.parameter("coulomb_force").value > STICKS * mass * estimate.excitation.value
+
+
+def configured(natural_frequency: float) -> Response:
+    """Return the response of a valve of which only the natural frequency (Hz) is known."""
+    damping = 2.0 * USUAL_DAMPING * 2.0 * math.pi * natural_frequency
+    return Response(natural_frequency, damping, 1.0, math.inf, math.nan)

@@ -1,0 +1,60 @@
+"""A clipping channel: its tops are flat, at the same level again and again."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import ClassVar
+
+from spool_stream.quantity import Quantity, Validity
+
+from ..diagnosis import advice
+from ..event import Severity
+from ..settings import MonitorSettings
+from .base import Detector, Finding, Judgement, Moment
+
+#: Windows that are looked back on, and how many of them must show a flat top.
+WINDOWS, FLAT = 6, 3
+
+#: Share of flat samples below which a window shows none.
+LEAST = 0.006
+
+
+class SensorClipping(Detector):
+    """Look for flat tops in each window; a machine does not clip at every moment."""
+
+    name = "sensor_clipping"
+    kind = "sensor_fault"
+    rank = 1
+    off_delay: ClassVar[float] = 15.0
+
+    def __init__(self, settings: MonitorSettings) -> None:
+        super().__init__(settings)
+        self._flat: deque[tuple[str, float]] = deque(maxlen=WINDOWS)
+
+    def update(self, moment: Moment) -> Finding | None:
+        """Judge the window of ``moment``, if there is a new one."""
+        signals = moment.signals
+        if signals is None:
+            return None
+        channels = {"body": signals.body, "spool": signals.spool}
+        name = max(channels, key=lambda one: channels[one].flat_top)
+        share, loud = channels[name].flat_top, channels[name].rms >= self.settings.minimum_body
+        self.judgement = Judgement.JUDGED if loud else Judgement.NOT_EXCITED
+        self._flat.append((name, share if loud else 0.0))
+        flat = [(one, value) for one, value in self._flat if value >= LEAST]
+        self.suspicious = f"the {flat[-1][0]} accelerometer clips" if flat else ""
+        latest = flat[-1] if flat else (name, 0.0)
+        return Finding(
+            moment.stamp,
+            Severity.ALARM if len(flat) >= FLAT else None,
+            not flat,
+            "clipping",
+            Quantity("flat_share", "1", latest[1], validity=Validity.VALID),
+            f"{latest[0]} accelerometer: {100.0 * latest[1]:.0f} % of its samples lie on a flat top"
+            + advice(self.kind, "clipping"),
+        )
+
+    def restart(self) -> None:
+        """Forget the windows before a gap."""
+        super().restart()
+        self._flat.clear()

@@ -1,0 +1,68 @@
+"""An offset: the mean of one channel moves against the other's, which no vibration does."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+from spool_stream.quantity import Quantity, Validity
+
+from ..diagnosis import advice
+from ..event import Severity
+from ..settings import MonitorSettings
+from .base import Detector, Finding, Judgement, Moment
+
+#: Windows that the mean is smoothed over.
+SMOOTHING = 4.0
+
+
+class SensorOffset(Detector):
+    """Compare the difference of the channels' means with what it was; a tilted machine moves both alike."""
+
+    name = "sensor_offset"
+    kind = "sensor_fault"
+    rank = 2
+    on_delay: ClassVar[float] = 3.0
+
+    def __init__(self, settings: MonitorSettings) -> None:
+        super().__init__(settings)
+        self._means = {"body": math.nan, "spool": math.nan}
+
+    def update(self, moment: Moment) -> Finding | None:
+        """Judge the window of ``moment``, if there is a new one."""
+        signals = moment.signals
+        if signals is None:
+            return None
+        if moment.distrust:
+            self.judgement = Judgement.NOT_JUDGED
+            return None
+        for name, channel in (("body", signals.body), ("spool", signals.spool)):
+            old = self._means[name]
+            self._means[name] = channel.mean if math.isnan(old) else old + (channel.mean - old) / SMOOTHING
+        starts = {name: moment.learned[f"{name}_mean"] for name in self._means}
+        if not all(start.frozen for start in starts.values()):
+            for name, start in starts.items():
+                start.learn(moment.stamp, self._means[name])
+            self.judgement = Judgement.LEARNING
+            return None
+        self.judgement = Judgement.JUDGED
+        moved = {name: self._means[name] - starts[name].value for name in starts}
+        apart = moved["spool"] - moved["body"]
+        spread = math.hypot(*(start.spread for start in starts.values()))
+        limit = max(self.settings.offset_change, 8.0 * spread)
+        name = max(moved, key=lambda one: abs(moved[one]))
+        # A constant is filtered away before anything is estimated: parameters may still be judged.
+        return Finding(
+            moment.stamp,
+            Severity.WARNING if abs(apart) >= limit else None,
+            abs(apart) < 0.6 * limit,
+            "offset",
+            Quantity("offset_change", "m/s^2", moved[name], spread, Validity.VALID),
+            f"mean of the {name} accelerometer moved by {moved[name]:+.2f} m/s^2 to {self._means[name]:+.2f}"
+            + advice(self.kind, "offset"),
+        )
+
+    def restart(self) -> None:
+        """Begin the smoothing anew."""
+        super().restart()
+        self._means = dict.fromkeys(self._means, math.nan)

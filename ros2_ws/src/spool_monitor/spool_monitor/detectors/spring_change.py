@@ -1,0 +1,37 @@
+"""Spring change: the stiffness differs from what it was on the healthy valve."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+from ..diagnosis import advice
+from .base import Detector, Finding, Moment, judgement
+
+
+class SpringChange(Detector):
+    """Raise what the sequential test of the stiffness finds."""
+
+    name = "spring_change"
+    kind = "spring_change"
+    on_delay: ClassVar[float] = 3.0
+    off_delay: ClassVar[float] = 5.0
+
+    def update(self, moment: Moment) -> Finding | None:
+        """Judge the estimate of ``moment``, if there is a new one."""
+        if moment.estimate is None:
+            return None
+        stiffness = moment.parameters["spring_stiffness"]
+        self.judgement = judgement(moment, (stiffness,))
+        cause = "softer" if stiffness.share < 0.0 else "stiffer"
+        since = f" for {1e-9 * (moment.stamp - stiffness.since):.0f} s" if stiffness.since else ""
+        natural = moment.estimate.natural_frequency.value
+        at = f", natural frequency now {natural:.1f} Hz" if math.isfinite(natural) else ""
+        return Finding(
+            moment.stamp,
+            stiffness.level,
+            stiffness.released,
+            cause,
+            stiffness.change,
+            f"{stiffness.text()}{since}{at}{advice(self.kind, cause)}",
+        )

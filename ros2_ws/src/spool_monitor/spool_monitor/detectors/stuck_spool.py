@@ -1,0 +1,74 @@
+"""A stuck spool: the machine shakes and the spool moves with its body."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+import numpy as np
+from spool_stream.quantity import Quantity, Validity
+
+from ..diagnosis import advice
+from ..event import Severity
+from ..settings import MonitorSettings
+from .base import Detector, Finding, Judgement, Moment
+
+#: Share of the due relative motion below which the spool is stuck, and above which it moves.
+STUCK, MOVES = 0.2, 0.4
+
+#: Inertia force over dry friction (rms over amplitude) from which a healthy spool surely slides.
+SLIDES = 1.5
+
+
+class StuckSpool(Detector):
+    """Compare the relative acceleration with what the usual response makes of the body's."""
+
+    name = "stuck_spool"
+    kind = "stuck_spool"
+    rank = 5
+    on_delay: ClassVar[float] = 2.0
+
+    def __init__(self, settings: MonitorSettings) -> None:
+        super().__init__(settings)
+        self._friction = 0.0
+
+    def update(self, moment: Moment) -> Finding | None:
+        """Judge the window of ``moment``, if there is a new one; learn the friction from an estimate."""
+        if moment.estimate is not None and not moment.distrust:
+            self._learn_friction(moment)
+        signals = moment.signals
+        if signals is None:
+            return None
+        if moment.distrust:
+            self.judgement, self.suspicious = Judgement.NOT_JUDGED, ""
+            return Finding(moment.stamp, None, False, "", Quantity("relative_motion", "1"), moment.distrust)
+        relative = np.abs(moment.usual.transfer(signals.frequency) - 1.0) ** 2
+        due = math.sqrt(float(signals.body_power @ relative))
+        body = math.sqrt(float(signals.body_power.sum()))
+        slides = body > max(self.settings.minimum_body, SLIDES * self._friction)
+        if not slides or due < max(self.settings.minimum_body, 0.1 * body):
+            self.judgement, self.suspicious = Judgement.NOT_EXCITED, ""
+            return Finding(
+                moment.stamp, None, False, "", Quantity("relative_motion", "1"), "the body is at rest"
+            )
+        self.judgement = Judgement.JUDGED
+        share = signals.relative_rms / due
+        self.suspicious = "the spool moves with its body" if share < MOVES else ""
+        return Finding(
+            moment.stamp,
+            Severity.ALARM if share < STUCK else None,
+            share > MOVES,
+            "",
+            Quantity("relative_motion", "1", share, validity=Validity.VALID),
+            f"body shakes with {body:.1f} m/s^2 rms and the spool moves {100.0 * share:.0f} % of what is due"
+            + advice(self.kind),
+        )
+
+    def _learn_friction(self, moment: Moment) -> None:
+        """Take the dry friction per mass, m/s^2, of the healthy valve."""
+        assert moment.estimate is not None
+        coulomb, stiffness = moment.parameters["coulomb_force"], moment.parameters["spring_stiffness"]
+        if coulomb.baseline.frozen and stiffness.baseline.frozen and self._friction == 0.0:
+            natural = 2.0 * math.pi * moment.usual.natural_frequency
+            mass = stiffness.baseline.value / natural**2
+            self._friction = max(0.0, coulomb.baseline.value) / mass

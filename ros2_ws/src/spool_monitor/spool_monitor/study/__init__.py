@@ -1,0 +1,1 @@
+"""Scenarios whose truth is known, and how the monitor does on them."""

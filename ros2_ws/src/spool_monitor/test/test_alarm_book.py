@@ -1,0 +1,206 @@
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from spool_monitor.alarm import AlarmRefusedError, AlarmState, Operator
+from spool_monitor.alarm_book import AlarmBook
+from spool_monitor.alarm_code import Namur
+from spool_monitor.event import Condition, Event, EventState, Severity
+from spool_stream.errors import InputError
+from spool_stream.quantity import Quantity
+
+SECOND = 1_000_000_000
+CONDITIONS = (
+    Condition("resonance", 0.5, 1.0),
+    Condition("friction_drift", 2.0, 3.0, "viscous_coefficient"),
+    Condition("friction_drift", 2.0, 3.0, "coulomb_force"),
+    Condition("stuck_spool", 2.0, 3.0),
+)
+RAISED, CLEARED = EventState.RAISED, EventState.CLEARED
+
+
+def book() -> AlarmBook:
+    made = AlarmBook()
+    made.expect(CONDITIONS)
+    return made
+
+
+def event(name: str, state: EventState, stamp: int = 1, severity: Severity = Severity.WARNING) -> Event:
+    kind, _, source = name.partition("/")
+    return Event(stamp, kind, state, severity, "", Quantity("x", "1"), f"{name} {state.name}", source)
+
+
+def eva(stamp: int = 5) -> Operator:
+    return Operator("Eva", stamp)
+
+
+def states(of: AlarmBook) -> dict[str, AlarmState]:
+    return {name: alarm.state for name, alarm in of.alarms.items() if alarm.state is not AlarmState.NORMAL}
+
+
+def test_two_conditions_of_a_kind_are_two_alarms() -> None:
+    alarms = book()
+    alarms.update(event("friction_drift/coulomb_force", RAISED))
+    alarms.update(event("friction_drift/viscous_coefficient", RAISED))
+    alarms.update(event("friction_drift/coulomb_force", CLEARED))
+    assert states(alarms) == {
+        "friction_drift/coulomb_force": AlarmState.RETURNED_UNACKNOWLEDGED,
+        "friction_drift/viscous_coefficient": AlarmState.UNACKNOWLEDGED,
+    }
+
+
+def test_one_a_kind_or_all_can_be_named() -> None:
+    alarms = book()
+    for name in alarms.alarms:
+        alarms.update(event(name, RAISED))
+    assert len(alarms.acknowledge("friction_drift/coulomb_force", eva())) == 1
+    # Of the kind's two only one still waits.
+    (only,) = alarms.acknowledge("friction_drift", eva())
+    assert only.after.name == "friction_drift/viscous_coefficient"
+    assert len(alarms.acknowledge("", eva())) == 2
+    with pytest.raises(AlarmRefusedError, match="none of 4 alarms can"):
+        alarms.acknowledge("", eva())
+
+
+def test_what_there_is_not_is_refused_with_what_there_is() -> None:
+    with pytest.raises(AlarmRefusedError, match="no alarm 'wear'; there are: friction_drift/coulomb_force, "):
+        book().acknowledge("wear", eva())
+
+
+def test_any_expected_alarm_can_be_put_aside_before_it_comes() -> None:
+    alarms = book()
+    alarms.suppress("resonance", eva(), on=True)
+    assert alarms.update(event("resonance", RAISED)).actions == ()
+    assert states(alarms) == {"resonance": AlarmState.SUPPRESSED}
+
+
+def test_time_ends_the_shelves_that_are_due() -> None:
+    alarms = book()
+    alarms.shelve("resonance", eva(), 10.0)
+    alarms.shelve("friction_drift", eva(), 20.0)
+    assert alarms.advance(5 + 10 * SECOND - 1) == []
+    (ended,) = alarms.advance(5 + 10 * SECOND)
+    assert ended.after.name == "resonance"
+    assert len(alarms.advance(5 + 20 * SECOND)) == 2
+
+
+def test_those_that_wait_for_an_operator_are_shown_first() -> None:
+    alarms = book()
+    for stamp, name in enumerate(alarms.alarms, 1):
+        high = name.startswith("stuck")
+        alarms.update(event(name, RAISED, stamp, Severity.ALARM if high else Severity.WARNING))
+    alarms.acknowledge("friction_drift/viscous_coefficient", eva())
+    alarms.shelve("resonance", eva(), 10.0)
+    assert [alarm.name for alarm in alarms.shown] == [
+        "stuck_spool",
+        "friction_drift/coulomb_force",
+        "friction_drift/viscous_coefficient",
+        "resonance",
+    ]
+
+
+def test_the_worst_status_counts_and_maintenance_is_a_function_check() -> None:
+    alarms = book()
+    assert alarms.namur is Namur.NORMAL
+    alarms.update(event("friction_drift/coulomb_force", RAISED))
+    assert alarms.namur is Namur.MAINTENANCE_REQUIRED
+    alarms.update(event("resonance", RAISED))
+    assert alarms.namur is Namur.OUT_OF_SPECIFICATION
+    alarms.maintain("resonance", eva(), on=True)
+    assert alarms.namur is Namur.FUNCTION_CHECK
+    alarms.update(event("stuck_spool", RAISED))
+    assert alarms.namur is Namur.FAILURE
+
+
+def test_after_a_restart_a_condition_that_is_over_ends_its_alarm() -> None:
+    before = book()
+    before.update(event("resonance", RAISED, severity=Severity.ALARM))
+    after = book()
+    after.load(json.loads(json.dumps(before.dump(), allow_nan=False)))
+    condition = Condition("resonance", 0.5, 1.0)
+    after.restore([condition])
+    assert condition.active is Severity.ALARM
+    nothing = Quantity("amplification", "1", 1.0)
+    events = [
+        one
+        for stamp in (10 * SECOND, 11 * SECOND)
+        for one in condition.judge(stamp, None, released=True, cause="", quantity=nothing, message="")
+    ]
+    for one in events:
+        after.update(one)
+    assert states(after) == {"resonance": AlarmState.RETURNED_UNACKNOWLEDGED}
+
+
+@pytest.mark.parametrize(
+    "content", [None, 5, [{}], [{"kind": "resonance", "value": 1.0, "severity": 9}], [{"value": None}], ["x"]]
+)
+def test_what_cannot_be_read_is_refused_and_changes_nothing(content: object) -> None:
+    alarms = book()
+    before = dict(alarms.alarms)
+    with pytest.raises(InputError, match="the kept alarms can't be read"):
+        alarms.load(content)
+    assert alarms.alarms == before
+
+
+def test_a_kind_that_latches_no_more_is_let_go() -> None:
+    before = book()
+    before.update(event("stuck_spool", RAISED))
+    before.update(event("stuck_spool", CLEARED))
+    assert states(before) == {"stuck_spool": AlarmState.LATCHED_UNACKNOWLEDGED}
+    after = AlarmBook(latching=())
+    after.load(before.dump())
+    assert states(after) == {"stuck_spool": AlarmState.RETURNED_UNACKNOWLEDGED}
+
+
+NAMES = [condition.name for condition in CONDITIONS]
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(["warn", "alarm", "clear", "ack", "reset", "shelve", "unshelve", "on", "off"]),
+            st.sampled_from([*NAMES, "", "friction_drift"]),
+            st.integers(0, 100),
+        ),
+        max_size=60,
+    )
+)
+def test_whatever_happens_it_survives_a_restart_unchanged(steps: list[tuple[str, str, int]]) -> None:
+    alarms = book()
+    for what, name, stamp in steps:
+        operator = eva(stamp * SECOND)
+        name_of_one = name if name in NAMES else NAMES[0]
+        try:
+            if what in ("warn", "alarm"):
+                severity = Severity.WARNING if what == "warn" else Severity.ALARM
+                alarms.update(event(name_of_one, RAISED, stamp, severity))
+            elif what == "clear":
+                alarms.update(event(name_of_one, CLEARED, stamp))
+            elif what == "ack":
+                alarms.acknowledge(name, operator)
+            elif what == "reset":
+                alarms.reset(name, operator)
+            elif what == "shelve":
+                alarms.shelve(name, operator, 10.0)
+            elif what == "unshelve":
+                alarms.unshelve(name, operator)
+            else:
+                alarms.suppress(name, operator, on=what == "on")
+        except AlarmRefusedError:
+            continue
+        alarms.advance(stamp * SECOND)
+    again = book()
+    again.load(json.loads(json.dumps(alarms.dump(), allow_nan=False)))
+    assert list(again.alarms) == list(alarms.alarms)
+    for name, alarm in alarms.alarms.items():
+        kept = again.alarms[name]
+        # NaN is not equal to itself.
+        assert {k: getattr(kept, k) for k in type(kept).__slots__ if k != "value"} == {
+            k: getattr(alarm, k) for k in type(alarm).__slots__ if k != "value"
+        }
+        assert kept.value == alarm.value or (math.isnan(kept.value) and math.isnan(alarm.value))
+    assert len(alarms.alarms) == len(CONDITIONS)

@@ -1,0 +1,59 @@
+from __future__ import annotations
+
+from enum import IntEnum
+
+import pytest
+from rclpy.serialization import deserialize_message, serialize_message
+from spool_monitor.alarm import AlarmState, Operator
+from spool_monitor.alarm_book import AlarmBook
+from spool_monitor.alarm_code import Namur
+from spool_monitor.event import Event, EventState, Severity
+from spool_monitor.messages import to_alarm_list
+from spool_msgs.msg import Alarm, AlarmList, ValveHealth
+from spool_stream.quantity import Quantity
+
+SECOND = 1_000_000_000
+
+
+@pytest.mark.parametrize(
+    ("enumeration", "message", "prefix"), [(AlarmState, Alarm, "STATE_"), (Namur, ValveHealth, "NAMUR_")]
+)
+def test_numbers_are_those_of_the_message(enumeration: type[IntEnum], message: type, prefix: str) -> None:
+    found = {
+        name.removeprefix(prefix): getattr(message, name)
+        for name in dir(type(message))
+        if name.startswith(prefix)
+    }
+    assert found == {member.name: int(member) for member in enumeration}
+
+
+def test_alarms_go_through_their_message_in_their_order() -> None:
+    book = AlarmBook()
+    for number, kind in enumerate(("resonance", "friction_drift"), 1):
+        quantity = Quantity("change", "N", 0.25)
+        source = "coulomb_force" if kind == "friction_drift" else ""
+        event = Event(
+            number * SECOND,
+            kind,
+            EventState.RAISED,
+            Severity.ALARM,
+            "wear" if source else "",
+            quantity,
+            "m",
+            source,
+        )
+        book.update(event)
+    book.acknowledge("resonance", Operator("Eva", 9 * SECOND + 5, "seen"))
+    book.shelve("friction_drift", Operator("Eva", 9 * SECOND), 60.0)
+    sent = to_alarm_list(book.shown, 10 * SECOND, "4weh10_soft")
+    message = deserialize_message(serialize_message(sent), AlarmList)
+    assert (message.header.frame_id, message.header.stamp.sec) == ("4weh10_soft", 10)
+    first, second = message.alarms
+    assert (first.name, first.state, first.code) == ("resonance", Alarm.STATE_ACKNOWLEDGED, 100)
+    assert (first.acknowledged_by, first.comment, first.acknowledged_at.sec) == ("Eva", "seen", 9)
+    assert first.namur == ValveHealth.NAMUR_OUT_OF_SPECIFICATION
+    assert (second.name, second.cause, second.code) == ("friction_drift/coulomb_force", "wear", 201)
+    assert (second.state, second.underlying) == (Alarm.STATE_SHELVED, Alarm.STATE_UNACKNOWLEDGED)
+    assert (second.shelved_until.sec, second.raised_at.sec, second.occurrence) == (69, 2, 1)
+    assert (second.value, second.unit, second.severity) == (0.25, "N", Severity.ALARM)
+    assert first.header.stamp.nanosec == 5

@@ -1,0 +1,127 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from spool_monitor.detection import configured
+from spool_monitor.response import Response, ResponseTracker, transfer
+from spool_monitor.signals import Signals, SignalTracker, flat_top
+from spool_stream.block import Block
+
+RATE = 1000.0
+Array = NDArray[np.float64]
+
+
+def windows(body: Array, spool: Array, size: int = 100) -> list[Signals]:
+    tracker = SignalTracker()
+    tracker.restart(1.0 / RATE)
+    found = []
+    for number in range(body.size // size):
+        part = slice(number * size, (number + 1) * size)
+        stamp = 10**18 + round(number * size / RATE * 1e9)
+        found += tracker.update(
+            Block(stamp, number, 1.0 / RATE, body[part].astype(np.float32), spool[part].astype(np.float32))
+        )
+    return found
+
+
+def broadband(seconds: float, seed: int = 1) -> tuple[Array, Array]:
+    """Return body and spool of a linear valve of 15 Hz, 60 1/s: lines on a grid of 0.1 Hz, as it settled."""
+    generator = np.random.default_rng(seed)
+    t = np.arange(round(seconds * RATE)) / RATE
+    frequency = np.arange(40, 1000) * 0.1
+    line = generator.standard_normal(frequency.size) + 1j * generator.standard_normal(frequency.size)
+    answer = transfer(frequency, (2.0 * math.pi * 15.0) ** 2, 60.0) * line
+    body, spool = np.zeros(t.size), np.zeros(t.size)
+    for one, other, f in zip(line, answer, frequency, strict=True):
+        wave = np.exp(2j * np.pi * f * t)
+        body += 0.1 * np.real(one * wave)
+        spool += 0.1 * np.real(other * wave)
+    return body, spool
+
+
+def test_levels_and_means_are_those_of_the_signal() -> None:
+    t = np.arange(4000) / RATE
+    body = 3.0 + 5.0 * np.sin(2.0 * math.pi * 20.0 * t)
+    last = windows(body, 0.5 * body - 4.0)[-1]
+    assert last.body.mean == pytest.approx(3.0, abs=1e-3)
+    assert last.spool.mean == pytest.approx(-2.5, abs=1e-3)
+    assert last.body.rms == pytest.approx(5.0 / math.sqrt(2.0), rel=0.01)
+    assert last.body_power.sum() == pytest.approx(12.5, rel=0.01)
+    assert last.relative_rms == pytest.approx(2.5 / math.sqrt(2.0), rel=0.01)
+    assert last.relative_velocity == pytest.approx(last.relative_rms / (2.0 * math.pi * 20.0), rel=0.01)
+    assert not last.body.constant
+
+
+@given(size=st.sampled_from([1, 7, 100, 333, 1200]))
+@settings(max_examples=5, deadline=None)
+def test_how_the_stream_is_split_changes_nothing(size: int) -> None:
+    body, spool = broadband(3.0)
+    first, other = windows(body[:2400], spool[:2400], 50), windows(body[:2400], spool[:2400], size)
+    for one, two in zip(first, other, strict=False):
+        assert abs(one.stamp - two.stamp) <= 2
+        assert np.array_equal(one.cross, two.cross)
+
+
+@pytest.mark.parametrize("level", [0.4, 0.7, 0.9])
+@pytest.mark.parametrize("frequency", [9.0, 25.0, 61.7])
+def test_a_clipped_sine_has_a_flat_top_and_no_other_wave_has(level: float, frequency: float) -> None:
+    t = np.arange(1000) / RATE
+    wave = np.sin(2.0 * math.pi * frequency * t)
+    cut = np.clip(wave, -level, level)
+    assert flat_top(cut, level, level) > 0.05
+    assert flat_top(wave, float(wave.max()), 1.0) == 0.0
+
+
+@given(seed=st.integers(0, 10_000), noise=st.floats(0.0, 0.3), frequency=st.floats(5.0, 90.0))
+@example(seed=33, noise=0.0, frequency=5.0)  # both waves make a top with two humps
+@settings(max_examples=200, deadline=None)
+def test_no_mixture_of_waves_and_noise_has_a_flat_top(seed: int, noise: float, frequency: float) -> None:
+    generator = np.random.default_rng(seed)
+    t = np.arange(1000) / RATE
+    wave = np.sin(2.0 * math.pi * (frequency * t + generator.random()))
+    wave += 0.3 * np.sin(4.0 * math.pi * (frequency * t + generator.random()))
+    wave += noise * generator.standard_normal(t.size)
+    half = 0.5 * float(wave.max() - wave.min())
+    assert flat_top(wave, float(wave.max()), half) == 0.0
+
+
+def test_the_relative_motion_of_a_passive_valve_takes_energy_and_exchanged_channels_turn_it_round() -> None:
+    body, spool = broadband(6.0)
+    right, swapped = windows(body, spool)[-1], windows(spool, body)[-1]
+    assert right.dissipation == pytest.approx(60.0, rel=0.1)
+    assert swapped.dissipation == pytest.approx(-60.0, rel=0.1)
+    dead = windows(body, np.zeros_like(spool))[-1]
+    assert abs(dead.dissipation) < 1.0
+    assert dead.spool.constant
+
+
+def fit(body: Array, spool: Array) -> Response:
+    tracker = ResponseTracker()
+    found = [tracker.update(one, configured(17.0)) for one in windows(body, spool)]
+    assert found[:3] == [None, None, None]
+    assert found[-1] is not None
+    return found[-1]
+
+
+@pytest.mark.parametrize("gain", [1.0, 0.8, 1.3])
+def test_the_fit_finds_frequency_damping_and_gain(gain: float) -> None:
+    body, spool = broadband(12.0)
+    noise = np.random.default_rng(3).normal(0.0, 0.05, (2, body.size))
+    found = fit(body + noise[0], gain * spool + noise[1])
+    assert found.natural_frequency == pytest.approx(15.0, rel=0.02)
+    assert found.damping == pytest.approx(60.0, rel=0.08)
+    assert found.gain == pytest.approx(gain, abs=max(0.02, 5.0 * found.gain_deviation))
+    assert found.gain_deviation < 0.03
+
+
+def test_one_tone_alone_tells_no_gain() -> None:
+    t = np.arange(8000) / RATE
+    answer = transfer(np.array([40.0]), (2.0 * math.pi * 15.0) ** 2, 60.0)[0]
+    wave = 5.0 * np.exp(2j * np.pi * 40.0 * t)
+    noise = np.random.default_rng(3).normal(0.0, 0.05, (2, t.size))
+    assert fit(wave.real + noise[0], (answer * wave).real + noise[1]).gain_deviation > 0.06

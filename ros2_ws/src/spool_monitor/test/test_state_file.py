@@ -1,0 +1,176 @@
+"""What is kept survives whatever happens between two instructions."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from spool_monitor.state_file import FolderLock, StateFile, default_folder
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def test_what_is_saved_is_loaded(tmp_path: Path) -> None:
+    assert StateFile(tmp_path / "a.json").load() is None
+    StateFile(tmp_path / "a.json").save({"a": [1, 2.5, "ü", None]})
+    assert StateFile(tmp_path / "a.json").load() == {"a": [1, 2.5, "ü", None]}
+
+
+def test_the_copy_before_is_kept(tmp_path: Path) -> None:
+    file = StateFile(tmp_path / "a.json")
+    file.save(1)
+    file.save(2)
+    assert names(tmp_path) == {"a.json", "a.json.last"}
+    (tmp_path / "a.json").unlink()
+    assert StateFile(tmp_path / "a.json").load() == 1
+
+
+@settings(deadline=None)
+@given(position=st.integers(0, 10_000), flip=st.integers(1, 255))
+def test_any_damaged_byte_is_seen_and_the_last_good_copy_used(
+    tmp_path_factory: pytest.TempPathFactory, position: int, flip: int
+) -> None:
+    folder = tmp_path_factory.mktemp("state")
+    file = StateFile(folder / "a.json")
+    file.save({"value": 1})
+    file.save({"value": 2})
+    data = bytearray((folder / "a.json").read_bytes())
+    data[position % len(data)] ^= flip
+    (folder / "a.json").write_bytes(data)
+    again = StateFile(folder / "a.json")
+    loaded = again.load()
+    # White space carries nothing, so a change there may pass; a changed value never does.
+    assert loaded == {"value": 2 if not again.warnings else 1}
+    if again.warnings:
+        assert "a.json.last is used" in again.warnings[0]
+
+
+def test_a_damaged_file_does_not_push_the_good_copy_out(tmp_path: Path) -> None:
+    file = StateFile(tmp_path / "a.json")
+    file.save(1)
+    file.save(2)
+    (tmp_path / "a.json").write_text("{")
+    again = StateFile(tmp_path / "a.json")
+    assert again.load() == 1
+    again.save(3)
+    (tmp_path / "a.json").unlink()
+    assert StateFile(tmp_path / "a.json").load() == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "Expecting value"),
+        ("[]", "not a state file"),
+        (json.dumps({"format": 9, "sequence": 1, "sha256": "", "content": 1}), "has format 9"),
+        (json.dumps({"format": 1, "sequence": 1, "sha256": "0", "content": 1}), "checksum does not fit"),
+        (json.dumps({"format": 1, "sequence": "1", "sha256": "0", "content": 1}), "checksum does not fit"),
+    ],
+)
+def test_what_is_no_state_is_said_and_not_used(tmp_path: Path, text: str, reason: str) -> None:
+    (tmp_path / "a.json").write_text(text)
+    file = StateFile(tmp_path / "a.json")
+    assert file.load() is None
+    assert reason in file.warnings[0]
+
+
+def test_what_json_cannot_hold_leaves_the_state_as_it_was(tmp_path: Path) -> None:
+    file = StateFile(tmp_path / "a.json")
+    file.save(1)
+    with pytest.raises(ValueError, match="JSON"):
+        file.save(float("nan"))
+    assert StateFile(tmp_path / "a.json").load() == 1
+
+
+WRITER = """
+import sys
+from pathlib import Path
+from spool_monitor.state_file import StateFile
+file = StateFile(Path(sys.argv[1]))
+first = (file.load() or {"count": 0})["count"]
+for count in range(first + 1, first + 1000000):
+    file.save({"count": count, "ballast": "x" * (count % 7000)})
+    print(count, flush=True)
+"""
+
+
+def test_killed_at_random_moments_it_keeps_the_last_state_that_was_reported(tmp_path: Path) -> None:
+    """What was said to be saved is there after every kill, and nothing is ever torn."""
+    path = tmp_path / "a.json"
+    chance = random.Random(1)
+    for _ in range(12):
+        writer = subprocess.Popen(
+            [sys.executable, "-c", WRITER, str(path)],
+            stdout=subprocess.PIPE,
+            env={**os.environ, "PYTHONPATH": ":".join(filter(None, sys.path))},
+        )
+        assert writer.stdout is not None
+        for _ in range(chance.randrange(1, 60)):
+            writer.stdout.readline()
+        writer.send_signal(signal.SIGKILL)
+        told = writer.stdout.read().split()
+        writer.wait()
+        file = StateFile(path)
+        content: Any = file.load()
+        assert file.warnings == []
+        assert content["ballast"] == "x" * (content["count"] % 7000)
+        if told:
+            assert content["count"] in (int(told[-1]), int(told[-1]) + 1)
+
+
+@pytest.mark.parametrize("step", range(1, 5))
+def test_interrupted_at_any_step_one_whole_state_is_there(
+    tmp_path: Path, step: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The steps that a power loss can fall between: write, sync, and two renames."""
+    file = StateFile(tmp_path / "a.json")
+    file.save("old")
+    calls = 0
+    fsync, replace = os.fsync, Path.replace
+
+    def counted(real: Any) -> Any:
+        def call(*arguments: Any) -> Any:
+            nonlocal calls
+            calls += 1
+            if calls == step:
+                raise KeyboardInterrupt
+            return real(*arguments)
+
+        return call
+
+    monkeypatch.setattr(os, "fsync", counted(fsync))
+    monkeypatch.setattr(Path, "replace", counted(replace))
+    with pytest.raises(KeyboardInterrupt):
+        file.save("new")
+    monkeypatch.undo()
+    again = StateFile(tmp_path / "a.json")
+    assert again.load() in (("old", "new") if step == 1 else ("new",))
+    again.save("newer")
+    assert StateFile(tmp_path / "a.json").load() == "newer"
+
+
+def test_only_one_process_writes_in_a_folder(tmp_path: Path) -> None:
+    held = FolderLock(tmp_path / "made")
+    with pytest.raises(BlockingIOError):
+        FolderLock(tmp_path / "made")
+    held.release()
+    FolderLock(tmp_path / "made").release()
+
+
+def test_state_is_kept_where_the_user_says(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    assert default_folder() == tmp_path / "spool"
+    monkeypatch.setenv("XDG_STATE_HOME", "relative")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert default_folder() == tmp_path / ".local/state/spool"

@@ -1,0 +1,134 @@
+"""Latch and acknowledgement are there after a kill at any moment."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from spool_monitor.alarm import Operator
+from spool_monitor.event import Event, EventState, Severity
+from spool_monitor.monitor import Monitor
+from spool_monitor.valve_state import ALARMS, ValveState
+from spool_stream.quantity import Quantity
+
+
+def opened(folder: Path | None) -> tuple[ValveState, list[str]]:
+    warnings: list[str] = []
+    state = ValveState(Monitor(), folder, warnings.append)
+    state.open()
+    return state, warnings
+
+
+def stuck(state: EventState, stamp: int) -> Event:
+    return Event(stamp, "stuck_spool", state, Severity.ALARM, "", Quantity("x", "1"), "m")
+
+
+WORKER = """
+import sys
+from pathlib import Path
+from spool_monitor.alarm import Operator
+from spool_monitor.event import Event, EventState, Severity
+from spool_monitor.monitor import Monitor
+from spool_monitor.valve_state import ValveState
+from spool_stream.quantity import Quantity
+
+state = ValveState(Monitor(), Path(sys.argv[1]), print)
+state.open()
+stamp = 0
+def event(what):
+    global stamp
+    stamp += 1
+    state.alarms.update(Event(stamp, "stuck_spool", what, Severity.ALARM, "", Quantity("x", "1"), "m"))
+def kept():
+    state.keep_alarms()
+    alarm = state.alarms.alarms["stuck_spool"]
+    print(int(alarm.state), alarm.occurrence, alarm.acknowledged_by, flush=True)
+while True:
+    event(EventState.RAISED); kept()
+    event(EventState.CLEARED); kept()
+    number = state.alarms.alarms["stuck_spool"].occurrence
+    state.alarms.acknowledge("stuck_spool", Operator(f"operator_{number}", stamp)); kept()
+    state.alarms.reset("stuck_spool", Operator("Eva", stamp)); kept()
+"""
+
+
+def test_latch_and_acknowledgement_survive_kills_at_random_moments(tmp_path: Path) -> None:
+    chance = random.Random(1)
+    for _ in range(8):
+        worker = subprocess.Popen(
+            [sys.executable, "-c", WORKER, str(tmp_path)],
+            stdout=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "PYTHONPATH": ":".join(filter(None, sys.path))},
+        )
+        assert worker.stdout is not None
+        lines = [worker.stdout.readline() for _ in range(chance.randrange(1, 60))]
+        worker.send_signal(signal.SIGKILL)
+        lines += worker.stdout.read().splitlines(keepends=True)
+        worker.wait()
+        told = [line.split() for line in lines if line.endswith("\n")][-1]
+        state, warnings = opened(tmp_path)
+        state.close()
+        assert warnings == []
+        alarm = state.alarms.alarms["stuck_spool"]
+        # What was told last, or the step after it, which was on the disk but not told any more.
+        step = {4: 2, 2: 5, 5: 6, 6: 1, 1: 2}
+        assert int(alarm.state) in (int(told[0]), step[int(told[0])])
+        if int(alarm.state) == int(told[0]):
+            assert alarm.occurrence == int(told[1])
+            assert alarm.acknowledged_by == (told[2] if len(told) > 2 else "")
+
+
+def test_a_condition_that_was_active_goes_on(tmp_path: Path) -> None:
+    state, _ = opened(tmp_path)
+    state.alarms.update(stuck(EventState.RAISED, 1))
+    state.keep_alarms()
+    state.close()
+    again, _ = opened(tmp_path)
+    (condition,) = (one for one in again.monitor.conditions if one.name == "stuck_spool")
+    assert condition.active is Severity.ALARM
+    assert "stuck_spool" in again.monitor.health.active
+    again.close()
+
+
+def test_a_damaged_file_is_said_and_the_good_copy_used(tmp_path: Path) -> None:
+    state, _ = opened(tmp_path)
+    state.alarms.update(stuck(EventState.RAISED, 1))
+    state.keep_alarms()
+    state.alarms.acknowledge("stuck_spool", Operator("Eva", 2))
+    state.keep_alarms()
+    state.close()
+    (tmp_path / ALARMS).write_text("{}")
+    again, warnings = opened(tmp_path)
+    again.close()
+    assert len(warnings) == 1
+    assert "alarms.json.last is used" in warnings[0]
+    assert again.alarms.alarms["stuck_spool"].active
+
+
+def test_a_folder_in_use_is_left_alone(tmp_path: Path) -> None:
+    first, _ = opened(tmp_path)
+    second, warnings = opened(tmp_path)
+    assert not second.writable
+    assert len(warnings) == 1
+    assert "in use by another monitor" in warnings[0]
+    second.alarms.update(stuck(EventState.RAISED, 1))
+    second.keep_alarms()
+    assert not (tmp_path / ALARMS).exists()
+    first.close()
+
+
+@pytest.mark.parametrize("folder", [None, Path("/proc/nowhere")])
+def test_without_a_folder_it_warns_once_and_works(folder: Path | None) -> None:
+    state, warnings = opened(folder)
+    state.alarms.update(stuck(EventState.RAISED, 1))
+    state.keep_alarms()
+    state.keep_alarms()
+    assert len(warnings) == (0 if folder is None else 1)
+    assert state.alarms.alarms["stuck_spool"].active
+    state.close()

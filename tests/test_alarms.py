@@ -1,0 +1,298 @@
+"""Alarms, baseline and diagnostics of real nodes, over restarts and kills."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from spool_bag.reader import BagReader
+from spool_bringup.processes import find_executable
+from spool_msgs.msg import Alarm, AlarmList, HealthEvent, ValveHealth
+from spool_msgs.srv import AcknowledgeAlarm, ManageBaseline, ResetAlarms, ShelveAlarm, SuppressAlarm
+
+if TYPE_CHECKING:
+    from .conftest import Heard, Process, System, Topic
+
+MONITOR = "/valve_1/monitor"
+SILENCE = "stale/acceleration"
+
+
+def alarm(topic: Topic, name: str = SILENCE) -> Any:
+    return next((one for one in topic.last.alarms if one.name == name), None) if topic.heard else None
+
+
+def state(topic: Topic, name: str = SILENCE) -> int:
+    found = alarm(topic, name)
+    return -1 if found is None else int(found.state)
+
+
+def ask(system: System, kind: Any, service: str, **fields: object) -> Any:
+    return system.call(kind, f"{MONITOR}/{service}", kind.Request(**fields))
+
+
+def valve(system: System, **parameters: object) -> tuple[Process, Process, Process]:
+    """Start simulator, estimator and monitor of a valve and wait until it is judged."""
+    monitor = system.start("monitor", baseline_time=3.0, **parameters)
+    estimator = system.start("estimator")
+    simulator = system.start("simulator", excitation="multisine", wait_for_subscribers=2)
+    return simulator, estimator, monitor
+
+
+def stop_data(system: System, simulator: Process, alarms: Topic) -> None:
+    simulator.end()
+    system.until(lambda: state(alarms) == Alarm.STATE_UNACKNOWLEDGED, "the silence is an alarm")
+
+
+def test_an_acknowledged_alarm_and_the_baseline_survive_a_kill(system: System) -> None:
+    alarms = system.listen(AlarmList, "/valve_1/alarms", latched=True)
+    events = system.listen(HealthEvent, "/valve_1/events", latched=True)
+    simulator, _, monitor = valve(system)
+
+    def baseline() -> Any:
+        return ask(system, ManageBaseline, "manage_baseline", action=ManageBaseline.Request.SHOW)
+
+    system.until(lambda: baseline().version == 1, "a baseline is learned", timeout=60)
+    frozen = ask(system, ManageBaseline, "manage_baseline", action=ManageBaseline.Request.FREEZE, who="Eva")
+    assert (frozen.success, frozen.stage, frozen.valve_id) == (True, "frozen", "4weh10_soft")
+    learned = {value.name: value.value for value in frozen.values}
+    assert {"viscous_coefficient", "coulomb_force", "spring_stiffness"} <= set(learned)
+    assert all(value.standard_deviation > 0.0 for value in frozen.values[:3])
+    assert min(frozen.counts) >= 3
+
+    stop_data(system, simulator, alarms)
+    answer = ask(system, AcknowledgeAlarm, "acknowledge_alarm", alarm=SILENCE, who="Eva", comment="I look")
+    assert (answer.success, list(answer.changed)) == (True, [SILENCE])
+    monitor.kill()
+    alarms.heard.clear()
+
+    system.start("monitor", baseline_time=3.0)
+    system.until(lambda: state(alarms) == Alarm.STATE_ACKNOWLEDGED, "the acknowledgement is still there")
+    kept = alarm(alarms)
+    assert (kept.acknowledged_by, kept.comment, kept.code) == ("Eva", "I look", 801)
+    system.until(lambda: baseline().version == 1, "the baseline is taken up")
+    after = baseline()
+    assert (after.stage, after.frozen_by) == ("frozen", "Eva")
+    assert {value.name: value.value for value in after.values} == learned
+
+    # The condition ends after the restart, so its end is seen, too.
+    system.start("simulator", excitation="multisine")
+    system.until(lambda: state(alarms) == Alarm.STATE_NORMAL, "the alarm is over")
+    system.until(
+        lambda: events.first(
+            lambda one: one.source == "acceleration" and one.state == HealthEvent.STATE_CLEARED
+        ),
+        "the event says so",
+    )
+
+
+def test_operators_acknowledge_shelve_suppress_and_are_refused_with_a_reason(system: System) -> None:
+    alarms = system.listen(AlarmList, "/valve_1/alarms", latched=True)
+    health = system.listen(ValveHealth, "/valve_1/health", latched=True)
+    simulator, _, _ = valve(system)
+    system.until(lambda: health.heard and health.last.level == ValveHealth.LEVEL_OK, "data are judged")
+    stop_data(system, simulator, alarms)
+    assert alarm(alarms).namur == ValveHealth.NAMUR_FAILURE
+    system.until(lambda: health.last.namur == ValveHealth.NAMUR_FAILURE, "health says failure")
+
+    nobody = ask(system, AcknowledgeAlarm, "acknowledge_alarm", alarm=SILENCE)
+    assert (nobody.success, nobody.reason) == (False, "who: say who does this")
+    unknown = ask(system, AcknowledgeAlarm, "acknowledge_alarm", alarm="smoke", who="Eva")
+    assert not unknown.success
+    assert unknown.reason.startswith("no alarm 'smoke'; there are: ")
+    active = ask(system, ResetAlarms, "reset_alarms", alarm=SILENCE, who="Eva")
+    assert active.reason == f"{SILENCE}: it is still active, so it can't be reset"
+    past = ask(system, AcknowledgeAlarm, "acknowledge_alarm", alarm=SILENCE, who="Eva", occurrence=7)
+    assert "occurrence 7 is past, now it is 1" in past.reason
+
+    shelved = ask(system, ShelveAlarm, "shelve_alarm", alarm=SILENCE, shelved=True, duration=2.0, who="Eva")
+    assert shelved.success
+    system.until(lambda: state(alarms) == Alarm.STATE_SHELVED, "it is on the shelf")
+    assert alarm(alarms).underlying == Alarm.STATE_UNACKNOWLEDGED
+    since = time.monotonic()
+    system.until(lambda: state(alarms) == Alarm.STATE_UNACKNOWLEDGED, "the shelf ends by itself")
+    assert time.monotonic() - since < 4.0
+
+    out = SuppressAlarm.Request.OUT_OF_SERVICE
+    assert ask(
+        system, SuppressAlarm, "suppress_alarm", alarm=SILENCE, way=out, suppressed=True, who="E"
+    ).success
+    system.until(lambda: state(alarms) == Alarm.STATE_OUT_OF_SERVICE, "it is out of service")
+    assert ask(system, SuppressAlarm, "suppress_alarm", alarm=SILENCE, way=out, who="E").success
+    wrong = ask(system, SuppressAlarm, "suppress_alarm", alarm=SILENCE, way=9, suppressed=True, who="E")
+    assert wrong.reason == "way: 9 is not one of [0, 1]"
+    assert ask(system, AcknowledgeAlarm, "acknowledge_alarm", alarm="", who="Eva").success
+    system.until(lambda: state(alarms) == Alarm.STATE_ACKNOWLEDGED, "it is acknowledged")
+
+
+def test_the_baseline_of_another_valve_is_refused_by_name(system: System) -> None:
+    _, estimator, monitor = valve(system)
+
+    def shown() -> Any:
+        return ask(system, ManageBaseline, "manage_baseline", action=ManageBaseline.Request.SHOW)
+
+    system.until(lambda: shown().version == 1, "a baseline is learned", timeout=60)
+    monitor.end()
+    estimator.end()
+    system.start("estimator", valve_file="4weh10_stiff")
+    other = system.start("monitor", baseline_time=3.0)
+    system.until(lambda: "is of valve 4weh10_soft, not of 4weh10_stiff" in other.said, "it is refused")
+    system.until(lambda: shown().version == 2, "another is learned in its place", timeout=60)
+    assert shown().valve_id == "4weh10_stiff"
+    back = ask(
+        system, ManageBaseline, "manage_baseline", action=ManageBaseline.Request.RESTORE, version=1, who="Eva"
+    )
+    assert not back.success
+    assert "is of valve 4weh10_soft, not of 4weh10_stiff" in back.reason
+    again = ask(system, ManageBaseline, "manage_baseline", action=ManageBaseline.Request.LEARN, who="Eva")
+    assert (again.success, again.stage) == (True, "learning")
+
+
+@pytest.mark.parametrize("folder", ["none", "/proc/nowhere"])
+def test_a_monitor_works_where_nothing_can_be_kept(system: System, folder: str) -> None:
+    health = system.listen(ValveHealth, "/valve_1/health", latched=True)
+    _, _, monitor = valve(system, state_folder=folder)
+    system.until(lambda: health.heard and health.last.level == ValveHealth.LEVEL_OK, "data are judged")
+    assert monitor.end(signal.SIGINT) == 0
+    assert monitor.said.count("can't be written") == (0 if folder == "none" else 1)
+
+
+def spool(system: System, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run the command line in the system's domain."""
+    return subprocess.run(
+        [str(find_executable("spool_bringup", "spool")), *arguments],
+        env={**os.environ, "ROS_DOMAIN_ID": str(system.domain_id)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
+def test_an_operator_works_from_a_terminal_and_the_alarm_keeps_its_surroundings(
+    system: System, tmp_path: Path
+) -> None:
+    alarms = system.listen(AlarmList, "/valve_1/alarms", latched=True)
+    folder = tmp_path / "snapshots"
+    recorder = system.start(
+        "recorder", namespace="", output=tmp_path / "bag", valves="[valve_1]",
+        snapshot_folder=folder, snapshot_before=5.0, snapshot_after=1.0,
+    )  # fmt: skip
+    simulator, _, _ = valve(system)
+    system.until(lambda: alarms.heard, "the monitor shows its alarms")
+    assert spool(system, "alarm", "list", "valve_1").returncode == 0
+    stop_data(system, simulator, alarms)
+    listed = spool(system, "alarm", "list", "valve_1")
+    assert listed.returncode == 1
+    assert SILENCE in listed.stdout
+    done = spool(system, "alarm", "acknowledge", "valve_1", SILENCE, "--who", "Eva")
+    assert (done.returncode, done.stdout.strip()) == (0, f"valve_1: {SILENCE}")
+    system.until(lambda: state(alarms) == Alarm.STATE_ACKNOWLEDGED, "it is acknowledged")
+    again = spool(system, "alarm", "acknowledge", "valve_1", SILENCE, "--who", "Eva")
+    assert again.returncode == 2
+    assert again.stderr.strip().endswith("no acknowledgement is due, Eva has done it")
+    assert "Traceback" not in again.stderr
+    # The recorder's own words say that the bag is complete.
+    system.until(lambda: "snapshot " in recorder.said, "the alarm's surroundings are kept")
+    (bag,) = folder.iterdir()
+    assert bag.name.startswith("valve_1_stale_")
+    reader = BagReader(bag)
+    assert len(list(reader.blocks("valve_1"))) > 50
+    kinds = [one.kind for one in reader.messages("/valve_1/events")]
+    assert "stale" in kinds
+    replayed = spool(system, "replay", str(bag))
+    assert replayed.returncode == 0, replayed.stderr
+    assert "valve_1" in replayed.stdout
+
+
+# By the rules of the standard tools: REP 107 and what diagnostic_aggregator and rqt show.
+
+
+def until_stale(system: System, tasks: list[str], after: float) -> Callable[[], bool]:
+    def stale() -> bool:
+        newest = [system.statuses(task, after=after) for task in tasks]
+        return all(one and one[-1][1].level == DiagnosticStatus.STALE for one in newest)
+
+    return stale
+
+
+def test_diagnostics_follow_the_rules_of_the_standard_tools(system: System) -> None:
+    assert system.diagnostics is not None
+    events = system.listen(HealthEvent, "/valve_1/events", latched=True)
+    simulator, _, _ = valve(system)
+
+    def own() -> dict[str, DiagnosticStatus]:
+        found = {}
+        for heard in system.diagnostics.messages:
+            for one in heard.status:
+                if one.name.startswith(("valve_1/monitor: ", "valve_1/estimator: ")):
+                    found[one.name] = one
+        return found
+
+    ours = [f"valve_1/monitor: {task}" for task in ("data", "condition", "alarms")]
+    system.until(
+        lambda: (
+            {*ours, "valve_1/estimator: estimate"} <= set(own())
+            and all(one.hardware_id == "4weh10_soft" for one in own().values())
+        ),
+        "every task says which valve it is of",
+    )
+    system.until(
+        lambda: any(value.key.startswith("viscous_coefficient_change") and value.value != "nan"
+                    for value in own()[ours[1]].values),
+        "the drift is known",
+        timeout=60,
+    )  # fmt: skip
+    assert len(own()) <= 4  # and one of the simulator, where there is one
+    for name, one in own().items():
+        assert one.level in (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR), name
+        assert one.message
+        for value in one.values:
+            # A count says what is counted in its name.
+            if re.fullmatch(r"-?(\d+\.\d*|\d+e.*|nan|inf)", value.value):
+                assert re.search(r"\([^)]+\)$", value.key), f"{name}: no unit in {value.key!r}"
+    keys = [value.key for one in own().values() for value in one.values]
+    assert all(keys)
+    assert all(len({value.key for value in one.values}) == len(one.values) for one in own().values())
+
+    # Once a second and not more: a display of a hundred valves has to follow. One more at either end, and one
+    # where the level became known.
+    arrivals = [arrival for arrival, _ in system.statuses(ours[0])]
+    assert len(arrivals) <= 3 + (arrivals[-1] - arrivals[0]) + 2 * len(events.heard)
+
+    gone = time.monotonic()
+    simulator.end()
+    system.until(until_stale(system, ours[:2], gone), "the tasks go stale")
+
+    def silent() -> Heard | None:
+        return events.first(
+            lambda one: one.kind == "stale" and one.state == HealthEvent.STATE_RAISED, after=gone
+        )
+
+    # Two topics: either may come first.
+    system.until(lambda: silent() is not None, "the event says so")
+    raised = silent()
+    assert raised is not None
+    system.until(
+        lambda: any(SILENCE in one.message for _, one in system.statuses(ours[2], after=gone)),
+        "the alarm is shown",
+    )
+    shown = next(
+        arrival
+        for arrival, one in system.statuses(ours[2], after=gone)
+        if one.level == DiagnosticStatus.ERROR and SILENCE in one.message
+    )
+    assert shown - raised.arrival < 0.3
+    first = next(
+        arrival
+        for arrival, one in system.statuses(ours[0], after=gone)
+        if one.level == DiagnosticStatus.STALE
+    )
+    assert first - gone < 1.5 + 1.0
