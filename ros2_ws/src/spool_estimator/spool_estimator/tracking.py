@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from .history import Descent, Fitter, History, told_apart
 from .prediction import (
     BAND_LIMITED,
+    BODY,
     COUNT,
     MEAN_SQUARES,
     POINTWISE,
