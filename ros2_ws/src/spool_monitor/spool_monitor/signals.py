@@ -163,7 +163,10 @@ def flat_top(samples: Array, peak: float, half: float) -> float:
         at_top = samples >= peak - depth * half
         count = int(np.count_nonzero(at_top))
         pairs = int(np.count_nonzero(at_top[1:] & at_top[:-1]))
+        triples = int(np.count_nonzero(at_top[2:] & at_top[1:-1] & at_top[:-2]))
         below = int(np.count_nonzero(samples >= peak - 4.0 * depth * half)) - count
-        if pairs >= max(4, 0.005 * samples.size) and count > FLATTER * (below + 1):
+        # A wave whose period is a whole number of samples may show the same two of each top.
+        long_enough = pairs >= max(4, 0.005 * samples.size) and triples >= 0.02 * pairs
+        if long_enough and count > FLATTER * (below + 1):
             return count / samples.size
     return 0.0

@@ -78,6 +78,7 @@ def test_a_clipped_sine_has_a_flat_top_and_no_other_wave_has(level: float, frequ
 
 
 @given(seed=st.integers(0, 10_000), noise=st.floats(0.0, 0.3), frequency=st.floats(5.0, 90.0))
+@example(seed=447, noise=0.0, frequency=50.0)  # twenty samples a period, two of them on each top
 @example(seed=33, noise=0.0, frequency=5.0)  # both waves make a top with two humps
 @settings(max_examples=200, deadline=None)
 def test_no_mixture_of_waves_and_noise_has_a_flat_top(seed: int, noise: float, frequency: float) -> None:
