@@ -44,6 +44,7 @@ def test_an_effect_is_analysed_on_request_beside_the_stream_and_recorded(
     found = answers.last
     assert found.state == GapAnalysis.STATE_DONE
     assert found.verdict == "coulomb_friction", found.sentence
+    assert 0.5 < found.confidence.value <= 1.0
     whole = json.loads(found.json)
     assert whole["effects"][0]["parameters"]["coulomb_force"]["value"] > 0.3
     for process in (simulator, estimator, recorder):

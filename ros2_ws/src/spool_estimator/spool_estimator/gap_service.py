@@ -14,6 +14,7 @@ from spool_node.messages import to_quantity, to_time
 from spool_sim.model import Model
 from spool_sim.valve import Valve
 from spool_stream.block import Block
+from spool_stream.quantity import Quantity, Validity
 from std_srvs.srv import Trigger
 
 from .estimate import Estimate
@@ -90,12 +91,13 @@ class GapService:
         return message
 
     def _message(self, answer: GapAnswer) -> GapAnalysis:
+        validity = Validity.VALID if answer.done else Validity.UNKNOWN
         message = GapAnalysis(
             state=GapAnalysis.STATE_DONE if answer.done else GapAnalysis.STATE_FAILED,
             verdict=answer.verdict,
-            confidence=answer.confidence,
+            confidence=to_quantity(Quantity("confidence", "1", answer.confidence, validity=validity)),
             sentence=answer.sentence,
-            duration=answer.duration,
+            window=answer.duration,
             json=answer.json,
         )
         message.header.frame_id = self._valve.id
