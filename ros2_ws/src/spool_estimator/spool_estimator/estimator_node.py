@@ -79,7 +79,7 @@ class EstimatorNode(ManagedNode):
         self._refits: WindowRefits | None = None
         self._worker: RefitWorker | None = None
         self._arrival = time.monotonic()
-        self._reported = Level.OK
+        self._reported = (Level.OK, 0)
 
     def configure(self) -> None:
         """Build the core and say which valve it is for."""
@@ -168,7 +168,7 @@ class EstimatorNode(ManagedNode):
         self._core.update_temperature(nanoseconds(message.header.stamp), message.temperature, deviation)
 
     def _watch(self) -> None:
-        """Publish once that the estimate is held, and report a worse level at once."""
+        """Publish once that the estimate is held, and report another level or a refused block at once."""
         assert self._core is not None
         latest = self._core.latest
         silent = time.monotonic() - self._arrival > self.value("stale_after")
@@ -177,7 +177,7 @@ class EstimatorNode(ManagedNode):
             assert stale is not None
             self._core.latest = stale
             self._publisher.publish(to_message(stale, self._valve_id))
-        if self._level() is not self._reported:
+        if (self._level(), self._core.gate.refused) != self._reported:
             self._report()
 
     def _level(self) -> Level:
@@ -191,7 +191,8 @@ class EstimatorNode(ManagedNode):
         assert self._core is not None
         gate = self._core.gate
         latest: Estimate | None = self._core.latest
-        level = self._reported = self._level()
+        level = self._level()
+        self._reported = (level, gate.refused)
         if level is Level.STALE:
             message = "no usable blocks arrive"
         elif level is Level.WARNING:
