@@ -18,6 +18,7 @@ from spool_bag.reader import BagReader
 from spool_bringup.replaying import replay_valve
 from spool_bringup.valve_record import recorded_valve
 from spool_estimator.estimate import Estimate, State
+from spool_estimator.estimator import phase_of
 from spool_estimator.messages import from_message
 from spool_monitor.replay import Replay
 from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate
@@ -204,8 +205,9 @@ def prime(
 
 
 def test_malformed_blocks_are_told_and_change_nothing(system: System) -> None:
+    assert phase_of("tidy") == phase_of("dirty")  # else their estimates come at different moments
     estimates = {
-        name: system.listen(ModelEstimate, f"/{name}/estimate", latched=True) for name in ("clean", "dirty")
+        name: system.listen(ModelEstimate, f"/{name}/estimate", latched=True) for name in ("tidy", "dirty")
     }
     events = system.listen(HealthEvent, "/dirty/events", latched=True)
     _ = system.diagnostics
@@ -250,7 +252,7 @@ def test_malformed_blocks_are_told_and_change_nothing(system: System) -> None:
         lambda: all(system.numbers(task).get("blocks used") == used for task in tasks.values()),
         "both estimators have had every good block",
     )
-    for name, faults in (("clean", {}), ("dirty", sent)):
+    for name, faults in (("tidy", {}), ("dirty", sent)):
         numbers = system.numbers(tasks[name])
         assert numbers["blocks lost"] == "3"
         assert numbers["blocks refused"] == str(primed[name] + (refused if faults else 0))
@@ -266,12 +268,12 @@ def test_malformed_blocks_are_told_and_change_nothing(system: System) -> None:
     assert 0.0 < warned - told[0] < 0.75
     assert events.first(lambda event: event.kind == "data_fault" and event.header.frame_id == "4weh10_soft")
 
-    clean, dirty = (
+    tidy, dirty = (
         [from_message(message) for message in estimates[name].messages if message.state != State.STALE]
-        for name in ("clean", "dirty")
+        for name in ("tidy", "dirty")
     )
-    assert len(clean) >= 7
-    assert clean[-1].state is State.TRACKING
-    assert [bits(estimate) for estimate in dirty] == [bits(estimate) for estimate in clean]
-    assert clean[-1].refused_blocks == primed["clean"]
+    assert len(tidy) >= 7
+    assert tidy[-1].state is State.TRACKING
+    assert [bits(estimate) for estimate in dirty] == [bits(estimate) for estimate in tidy]
+    assert tidy[-1].refused_blocks == primed["tidy"]
     assert dirty[-1].refused_blocks == primed["dirty"] + refused

@@ -96,6 +96,7 @@ class MonitorNode(ManagedNode):
         self._desk: AlarmDesk | None = None
         self._trends: TrendWriter | None = None
         self._valve_id = self.get_namespace().strip("/")
+        self._described = False
         self._block_arrival = self._estimate_arrival = time.monotonic()
         self._level = core.Level.UNKNOWN
 
@@ -154,6 +155,7 @@ class MonitorNode(ManagedNode):
         assert self._core is not None
         assert self._desk is not None
         self._valve_id = self._diagnostics.hardware_id = message.header.frame_id
+        self._described = True
         self._desk.identify(message.header.frame_id, message.oil)
         if self.value("natural_frequency") == 0.0:
             self._core.set_natural_frequency(from_description(message).natural_frequency)
@@ -163,6 +165,8 @@ class MonitorNode(ManagedNode):
         gate = self._core.gate
         accepted = gate.accepted
         block = to_block(message)
+        if not self._described and message.header.frame_id:
+            self._valve_id = self._diagnostics.hardware_id = message.header.frame_id
         events = self._core.update(block)
         if gate.accepted > accepted:
             self._block_arrival = time.monotonic()
