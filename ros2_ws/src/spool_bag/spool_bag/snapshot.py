@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
+from typing import Any
 
 from rosbags.serde import SerdeError
 
@@ -174,17 +175,17 @@ class SnapshotKeeper:
 
     def _judge(self, valve: str, ring: _Ring, message: Message) -> None:
         try:
-            event = typestore().deserialize_cdr(message.data, HEALTH_EVENT)
+            event: Any = typestore().deserialize_cdr(message.data, HEALTH_EVENT)
             stamp = header_stamp(message.data)
         except (CdrError, SerdeError):
             return
-        raised = event.state == _RAISED and event.severity == _ALARM  # type: ignore[attr-defined]
+        raised = event.state == _RAISED and event.severity == _ALARM
         if not raised or not ring.blocks or stamp < ring.blocks[0]:
             return
         if sum(one.valve == valve for one in self._waiting) >= MOST_WAITING:
             self.refused += 1
             return
-        kind = "".join(c if c.isalnum() or c == "_" else "_" for c in event.kind)[:40]  # type: ignore[attr-defined]
+        kind = "".join(c if c.isalnum() or c == "_" else "_" for c in event.kind)[:40]
         end = message.received + self._length
         self._waiting.append(
             Snapshot(valve, kind, stamp, end, dict(ring.latched), list(ring.messages), ring.bytes)

@@ -139,14 +139,14 @@ class EstimatorNode(ManagedNode):
 
     def _take(self, message: AccelerationBlock) -> None:
         assert self._core is not None
-        refused = self._core.gate.refused
+        accepted = self._core.gate.accepted
         block = to_block(message)
         estimates = self._core.update(block)
-        if self._core.gate.refused == refused:
+        if self._core.gate.accepted > accepted:
             self._arrival = time.monotonic()
+            self._gap.take(block, estimates)
         for estimate in estimates:
             self._publisher.publish(to_message(estimate, self._valve_id))
-        self._gap.take(block, estimates)
         if self._refits is not None and self._worker is not None:
             for task in self._refits.update(block, estimates):
                 self._worker.offer(task)

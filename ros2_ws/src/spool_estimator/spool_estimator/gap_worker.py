@@ -9,22 +9,27 @@ import signal
 from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from spool_sim.model import Model
 from spool_sim.valve import Valve
-from spool_stream.block import Block
+from spool_stream.block import Block, joined
 from spool_stream.errors import InputError
 
 from .record import Record, records_from_blocks
 
 #: The worker gives way to the stream where processors are short.
 NICENESS = 10
+#: s, length of the runs in which recent samples are held.
+RUN = 1.0
 
 
 @dataclass(slots=True)
 class RecentBlocks:
-    """The last ``seconds`` s of one valve's blocks, as received.
+    """The last ``seconds`` s of one valve's sound blocks, and up to a second more.
+
+    They are held as runs of about a second: thousands of small objects would make the collector stop a
+    process that serves many valves.
 
     Attributes:
         seconds: that are kept.
@@ -33,23 +38,55 @@ class RecentBlocks:
 
     seconds: float
     stamp: int = field(default=0, init=False)
-    _kept: deque[Block] = field(default_factory=deque, init=False)
+    _runs: deque[tuple[Block, bool]] = field(default_factory=deque, init=False)
+    _fresh: list[Block] = field(default_factory=list, init=False)
+    _last: Block | None = field(default=None, init=False)
+    _after_gap: bool = field(default=True, init=False)
     _duration: float = field(default=0.0, init=False)
 
     def take(self, block: Block) -> None:
         """Keep ``block`` and forget what is too old."""
-        if block.body.size < 1 or not block.sample_period > 0.0:
-            return
-        self._kept.append(block)
-        self._duration += block.body.size * block.sample_period
+        gap = self._last is None or not _goes_on(self._last, block)
+        if gap and self._fresh:
+            self._close_run()
+        self._after_gap = self._after_gap or gap
+        self._fresh.append(block)
+        self._last = block
         self.stamp = block.end - round(block.sample_period * 1e9)
-        while self._duration > self.seconds and len(self._kept) > 1:
-            oldest = self._kept.popleft()
-            self._duration -= oldest.body.size * oldest.sample_period
+        if (block.end - self._fresh[0].stamp) * 1e-9 >= RUN:
+            self._close_run()
 
     def records(self, name: str) -> list[Record]:
         """Return what is kept as stretches without gaps."""
-        return records_from_blocks(self._kept, name)
+        runs = [*self._runs, (joined(self._fresh), self._after_gap)] if self._fresh else list(self._runs)
+        stretches: list[list[Block]] = []
+        for run, after_gap in runs:
+            if after_gap or not stretches:
+                stretches.append([])
+            stretches[-1].append(replace(run, sequence=len(stretches[-1])))
+        found = [record for stretch in stretches for record in records_from_blocks(stretch, name)]
+        return [replace(record, origin=found[0].start) for record in found]
+
+    def _close_run(self) -> None:
+        run = joined(self._fresh)
+        self._runs.append((run, self._after_gap))
+        self._fresh, self._after_gap = [], False
+        self._duration += _length(run)
+        while self._duration - _length(self._runs[0][0]) >= self.seconds:
+            self._duration -= _length(self._runs.popleft()[0])
+
+
+def _length(run: Block) -> float:
+    return run.body.size * run.sample_period
+
+
+def _goes_on(last: Block, block: Block) -> bool:
+    """Return whether ``block`` follows ``last`` with no more jitter than clocks of sources have."""
+    return (
+        block.sequence == last.sequence + 1
+        and block.sample_period == last.sample_period
+        and abs(block.stamp - last.end) <= 2.0e9 * block.sample_period
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -70,5 +70,22 @@ def test_only_the_last_seconds_are_kept_and_a_gap_splits_them() -> None:
         stamp = round((number + (5 if number > 90 else 0)) * 0.1e9)
         recent.take(Block(stamp, number if number <= 90 else number + 5, 1e-3, row, row))
     records = recent.records("valve")
-    assert [record.duration for record in records] == pytest.approx([2.0, 0.9])
+    # Whole runs of a second are forgotten: 3 s are kept before the 0.9 s of the run that is not full.
+    assert [record.duration for record in records] == pytest.approx([3.1, 0.9])
+    assert [record.first_sample for record in records] == [0, 3600]
     assert recent.stamp == pytest.approx(10.499e9 - 1, abs=2)
+
+
+def test_thousands_of_blocks_are_held_in_few_pieces_and_jitter_splits_nothing() -> None:
+    recent = RecentBlocks(60.0)
+    generator = np.random.default_rng(1)
+    sent = []
+    for number in range(1500):
+        row = generator.standard_normal(40).astype(np.float32)
+        sent.append(row)
+        stamp = 10**18 + number * 20_000_000 + int(generator.integers(-200_000, 200_000))
+        recent.take(Block(stamp, number, 5e-4, row, -row))
+    (record,) = recent.records("valve")
+    np.testing.assert_array_equal(record.body, np.concatenate(sent))
+    np.testing.assert_array_equal(record.spool, -record.body)
+    assert len(recent._runs) + len(recent._fresh) < 90

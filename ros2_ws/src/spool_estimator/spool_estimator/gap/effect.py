@@ -118,9 +118,9 @@ class Effect(ABC):
         """Return the choices to try of the numbers in which the force is not linear."""
         return [{}]
 
-    def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:
-        """Return the forces for coefficients of 1 along ``motion``, shape (q, n)."""
-        raise NotImplementedError
+    def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:  # noqa: ARG002
+        """Return the forces for coefficients of 1 along ``motion``, shape (q, n); a sensor has none."""
+        return np.empty((0, motion.displacement.size))
 
     def trials(self, motion: Motion) -> Iterator[Trial]:
         """Yield the signatures to look for at ``motion``."""
@@ -128,10 +128,13 @@ class Effect(ABC):
             yield Trial(self.signature(motion, shape), shape)
 
     def values(
-        self, coefficients: Array, shape: Mapping[str, float], motion: Motion
+        self,
+        coefficients: Array,  # noqa: ARG002
+        shape: Mapping[str, float],  # noqa: ARG002
+        motion: Motion,  # noqa: ARG002
     ) -> dict[str, float] | None:
         """Return parameter values for the coefficients of a trial, ``None`` where those make no sense."""
-        raise NotImplementedError
+        return None
 
     def starts(self, values: Mapping[str, float], reach: float) -> list[dict[str, float]]:  # noqa: ARG002
         """Return the points from which a fit by simulation starts; ``reach`` is the largest travel, m."""

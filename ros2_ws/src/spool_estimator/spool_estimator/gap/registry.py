@@ -2,26 +2,12 @@
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
-
+from spool_stream.discovery import classes_in
 from spool_stream.errors import InputError
 
 from .effect import Effect
 
-
-def _find() -> dict[str, Effect]:
-    package = importlib.import_module(f"{__package__}.catalogue")
-    found: dict[str, Effect] = {}
-    for module_info in sorted(pkgutil.iter_modules(package.__path__), key=lambda info: info.name):
-        module = importlib.import_module(f"{package.__name__}.{module_info.name}")
-        for entry in vars(module).values():
-            if isinstance(entry, type) and issubclass(entry, Effect) and entry.__module__ == module.__name__:
-                found[entry.id] = entry()
-    return found
-
-
-EFFECTS: dict[str, Effect] = _find()
+EFFECTS: dict[str, Effect] = {entry.id: entry() for entry in classes_in(f"{__package__}.catalogue", Effect)}
 
 
 def effect(name: str) -> Effect:
