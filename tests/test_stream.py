@@ -60,6 +60,10 @@ def _run_10_khz(
         recorder = system.start("recorder", "", output=folder / "bag")
         system.start("estimator")
         system.start("monitor")
+        # The recorder and the monitor: the first estimate follows a second after the first block.
+        system.until(
+            lambda: system.node.count_subscribers("/valve_1/estimate") >= 2, "the estimates are listened to"
+        )
         # The fourth is the test itself.
         simulator = system.start(
             "simulator",
