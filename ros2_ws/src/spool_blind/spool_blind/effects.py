@@ -25,7 +25,8 @@ def stribeck(generator: Generator, _: Condition, scale: Scale) -> Hidden:
     force = between(generator, 0.35, 0.65) * static
     speed = between(generator, 0.2, 0.5) * scale.velocity
     numbers = {"coulomb_force": force, "static_force": static, "stribeck_velocity": speed}
-    return Hidden(numbers, {}, numbers, ("coulomb_force", "static_force"))
+    exponent = between(generator, 1.0, 2.0)
+    return Hidden({**numbers, "stribeck_exponent": exponent}, {}, numbers, ("coulomb_force", "static_force"))
 
 
 def mixed(generator: Generator, condition: Condition, scale: Scale) -> Hidden:

@@ -20,7 +20,7 @@ NAMES: tuple[str, ...] = (
     "mass", "stiffness", "damping",
     "coulomb_force",  # dry friction at speed
     "static_force",  # dry friction at rest, where it differs
-    "stribeck_velocity",
+    "stribeck_velocity", "stribeck_exponent",  # m/s, 1
     "asymmetry",  # added to the friction for v > 0, taken off for v < 0
     "root_drag",  # mixed friction: N per sqrt(m/s)
     "contact_power",  # mixed friction: N m/s
@@ -46,6 +46,7 @@ PLACE: dict[str, int] = {name: index for index, name in enumerate(NAMES)}
 
 MASS, STIFFNESS, DAMPING = PLACE["mass"], PLACE["stiffness"], PLACE["damping"]
 COULOMB, STATIC, STRIBECK = PLACE["coulomb_force"], PLACE["static_force"], PLACE["stribeck_velocity"]
+STEEPNESS = PLACE["stribeck_exponent"]
 ASYMMETRY, ROOT, CONTACT = PLACE["asymmetry"], PLACE["root_drag"], PLACE["contact_power"]
 CONTACT_VELOCITY = PLACE["contact_velocity"]
 BRISTLE, BRISTLE_DAMPING = PLACE["bristle_stiffness"], PLACE["bristle_damping"]
@@ -105,7 +106,7 @@ def dry(speed: float, direction: float, p: Array) -> float:
         return 0.0  # it acts through the bristles
     force = p[COULOMB] + direction * p[ASYMMETRY]
     if p[STRIBECK] > 0.0:
-        force += (p[STATIC] - p[COULOMB]) * math.exp(-((speed / p[STRIBECK]) ** 2))
+        force += (p[STATIC] - p[COULOMB]) * math.exp(-((speed / p[STRIBECK]) ** p[STEEPNESS]))
     if p[CONTACT] > 0.0:
         force += p[ROOT] * math.sqrt(speed) + p[CONTACT] / (speed + p[CONTACT_VELOCITY])
     return float(force)
@@ -116,7 +117,7 @@ def bristle_limit(speed: float, p: Array) -> float:
     """Return the force to which friction with memory tends, N: Dahl's constant, LuGre's falls with speed."""
     force = p[COULOMB]
     if p[STRIBECK] > 0.0:
-        force += (p[STATIC] - p[COULOMB]) * math.exp(-((speed / p[STRIBECK]) ** 2))
+        force += (p[STATIC] - p[COULOMB]) * math.exp(-((speed / p[STRIBECK]) ** p[STEEPNESS]))
     return float(force)
 
 

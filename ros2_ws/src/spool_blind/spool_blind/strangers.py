@@ -17,6 +17,7 @@ def lugre(generator: Generator, _: Condition, scale: Scale) -> Hidden:
             "static_force": static,
             "coulomb_force": between(generator, 0.4, 0.6) * static,
             "stribeck_velocity": between(generator, 0.2, 0.5) * scale.velocity,
+            "stribeck_exponent": 2.0,
             "bristle_stiffness": stiffness,
             "bristle_damping": between(generator, 0.1, 0.4) * float(np.sqrt(stiffness * 0.18)),
         },

@@ -60,7 +60,7 @@ def test_viscous_decay_has_the_logarithmic_decrement():
     "friction",
     [
         {"coulomb_force": 0.5},
-        {"coulomb_force": 0.2, "static_force": 0.5, "stribeck_velocity": 0.03},
+        {"coulomb_force": 0.2, "static_force": 0.5, "stribeck_velocity": 0.03, "stribeck_exponent": 1.0},
         {"contact_power": 0.005, "contact_velocity": 0.01, "root_drag": 0.5},
         {"coulomb_force": 0.6, "asymmetry": 0.1},
     ],
@@ -112,7 +112,13 @@ def test_frequency_of_free_oscillation_follows_the_spring(numbers, share):
 
 
 def test_a_quarter_of_the_step_gives_the_same_motion():
-    numbers = {**BASE, "coulomb_force": 0.3, "static_force": 0.5, "stribeck_velocity": 0.03, "cubic": 3e7}
+    stribeck = {
+        "coulomb_force": 0.3,
+        "static_force": 0.5,
+        "stribeck_velocity": 0.03,
+        "stribeck_exponent": 2.0,
+    }
+    numbers = {**BASE, **stribeck, "cubic": 3e7}
     found = []
     for halvings in (0, 2):
         h = H / 2**halvings

@@ -60,6 +60,7 @@ def unknowns_of(model: Model, valve: Valve, settings: FitSettings) -> tuple[Unkn
     found = []
     for parameter in model.parameters:
         given = parameter.valve_attribute is not None and parameter.name not in FITTED_OF_VALVE
+        given = given or parameter.held
         if parameter.name in settings.held or (given and parameter.name not in settings.free):
             continue
         found.append(

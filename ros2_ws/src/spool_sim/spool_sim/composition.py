@@ -16,6 +16,7 @@ from types import ModuleType
 from typing import Any, TypeVar, cast
 
 from spool_stream import compiled as compiling
+from spool_stream.compiled import cache_folder
 from spool_stream.errors import InputError
 
 from .terms import Parameter, Term
@@ -134,15 +135,6 @@ def kernel_source(terms: Sequence[Term]) -> str:
     if not found:
         raise RuntimeError(f"spool_sim.stepping has no line '{_LAWS_LINE}'")
     return f"{before}{laws_source(terms)}\n\n{after.partition(chr(10))[2]}"
-
-
-def cache_folder() -> Path:
-    """Return where kernels are kept: ``NUMBA_CACHE_DIR``, else the user's cache folder."""
-    chosen = os.environ.get("NUMBA_CACHE_DIR")
-    if chosen:
-        return Path(chosen) / "spool_kernels"
-    home = os.environ.get("XDG_CACHE_HOME")
-    return (Path(home) if home else Path.home() / ".cache") / "spool_sim" / "kernels"
 
 
 def compiled_in_memory(function: Function) -> Function:

@@ -196,6 +196,10 @@ def test_laws_at_speeds_where_their_value_is_known() -> None:
 
     values = start("stribeck_friction", coulomb_force=0.4, static_force=0.6, stribeck_velocity=0.02)
     assert at(TERMS["stribeck_friction"], values, 0.0, 0.02, 0.0) == pytest.approx(0.4 + 0.2 / math.e)
+    for exponent in (1.0, 2.0):
+        values["stribeck_exponent"] = exponent
+        fallen = 0.4 + 0.2 * math.exp(-(3.0**exponent))
+        assert at(TERMS["stribeck_friction"], values, 0.0, 0.06, 0.0) == pytest.approx(fallen)
     values = start("hess_soom_friction", hess_soom_drag=2.0)
     assert at(TERMS["hess_soom_friction"], values, 0.0, -0.02, 0.0) == pytest.approx(-0.04 - 0.5)
     values = start("tustin_friction", tustin_drag=0.0)

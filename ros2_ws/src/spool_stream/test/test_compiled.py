@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -48,3 +49,51 @@ def test_without_numba_functions_run_as_they_are_and_one_line_says_what_it_costs
     assert done.stdout.split() == ["False", "False", "False", "3.0"]
     assert len(done.stderr.splitlines()) == 1
     assert "100 times slower" in done.stderr
+
+
+def test_a_change_in_a_function_that_a_kernel_calls_is_seen(tmp_path: Path) -> None:
+    package = tmp_path / "two_files"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "caller.py").write_text(
+        "from spool_stream.compiled import compiled\nfrom .called import factor\n\n"
+        "@compiled\ndef times(x):\n    return factor() * x\n"
+    )
+    stream = str(Path(spool_stream.__file__).parents[1])
+    found = []
+    for factor in (2.0, 3.0):
+        (package / "called.py").write_text(
+            f"from spool_stream.compiled import compiled\n\n@compiled\ndef factor():\n    return {factor}\n"
+        )
+        done = subprocess.run(
+            [sys.executable, "-c", "from two_files.caller import times; print(times(1.0))"],
+            env={
+                **os.environ,
+                "PYTHONPATH": f"{stream}:{tmp_path}",
+                "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+            },
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        found.append(float(done.stdout))
+    assert found == [2.0, 3.0]
+
+
+def test_kernels_run_where_none_can_be_kept(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    stream = str(Path(spool_stream.__file__).parents[1])
+    package = tmp_path / "one_file"
+    package.mkdir()
+    (package / "__init__.py").write_text(
+        "from spool_stream.compiled import compiled\n\n@compiled\ndef half(x):\n    return 0.5 * x\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", "from one_file import half; print(half(3.0))"],
+        env={**os.environ, "PYTHONPATH": f"{stream}:{tmp_path}", "NUMBA_CACHE_DIR": str(tmp_path / "file")},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.split() == ["1.5"]
+    assert done.stderr == ""

@@ -72,10 +72,8 @@ class Fitting:
         """Return what is fitted for ``effects``."""
         found = []
         for parameter in self.base.parameters:
-            if parameter.valve_attribute is None or parameter.name in (
-                "spring_stiffness",
-                "viscous_coefficient",
-            ):
+            given = parameter.held or parameter.valve_attribute is not None
+            if not given or parameter.name in ("spring_stiffness", "viscous_coefficient"):
                 start = max(abs(parameter.start_for(self.valve)), 1e-9)
                 found.append(Free(parameter.name, parameter.low, parameter.high, start))
         for name in effects:

@@ -169,6 +169,7 @@ class Search(Fitting):
         if not sensible:
             return None
         winner = self._simplest(step, self._polished(sensible[0]), ranked)
+        winner = self._sensor_alone(step, winner) or winner
         if step.effects and not self._still_better(step, winner):
             return None
         name = winner.effects[-1]
@@ -232,6 +233,30 @@ class Search(Fitting):
             if best.cost - entry.cost - self._price * numbers > clear:
                 best = entry
         return best
+
+    def _sensor_alone(self, step: Step, winner: Step) -> Step | None:
+        """Return gain or delay alone where ``winner`` let it free and adds nothing that counts beside it."""
+        name = winner.effects[-1]
+        freed = tuple(e for e in winner.effects if e in (GAIN, DELAY) and e not in step.effects and e != name)
+        if not freed:
+            return None
+        effects = (*step.effects, *freed)
+        point = replace(winner.fitted.point, active=self.terms_of(effects))
+        alone = self._polished(self.fit(effects, [point]))
+        alone.trials = step.trials
+        if self._refusal(step, alone, self._evidence(step, alone)):
+            return None
+        if not self._refusal(alone, winner, self._evidence(alone, winner)):
+            return None
+        here = [row for row in self.ranking if row.beside == step.effects]
+        self.ranking = [row for row in self.ranking if row not in here]
+        for row in here:
+            within = set(freed) <= set(self.tried[row.id, row.beside].effects)
+            reason = f"beside {' and '.join(freed)} it adds nothing that counts" if within else row.reason
+            if row.id != freed[-1]:
+                self.ranking.append(replace(row, reason=reason))
+        self._note(step, alone)
+        return alone
 
     def _still_better(self, step: Step, winner: Step) -> bool:
         """Whether ``winner`` beats ``step`` even where that goes on from the numbers of ``winner``."""
@@ -352,6 +377,7 @@ class Search(Fitting):
 FREE_TO_VANISH = (
     "mixed_root_coefficient",
     "coulomb_force",
+    "stribeck_exponent",
     "preload_travel",
     "stop_dissipation",
     "mixed_velocity",

@@ -56,6 +56,7 @@ class Parameter:
         meaning: one line.
         valve_attribute: attribute of :class:`Valve` that gives the start value, if any.
         factor: the start value is ``factor`` times that attribute.
+        held: a fit leaves it at its value unless it is set free.
     """
 
     name: str
@@ -66,6 +67,7 @@ class Parameter:
     meaning: str
     valve_attribute: str | None = None
     factor: float = 1.0
+    held: bool = False
 
     def start_for(self, valve: Valve) -> float:
         """Return the start value for ``valve``, in ``unit``."""

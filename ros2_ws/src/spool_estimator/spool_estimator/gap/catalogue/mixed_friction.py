@@ -15,7 +15,7 @@ class MixedFriction(Effect):
 
     id = "mixed_friction"
     terms = ("mixed_friction",)
-    replaces = ("coulomb_friction", "stribeck_friction")
+    replaces = ("coulomb_friction",)
     fitted = ("mixed_root_coefficient", "mixed_inverse_coefficient", "mixed_velocity")
     confused_with = ("stribeck_friction", "coulomb_friction")
     told_by = "a wide range of speeds: several amplitudes, from sticking to fast slip"

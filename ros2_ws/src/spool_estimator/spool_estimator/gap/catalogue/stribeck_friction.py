@@ -15,18 +15,23 @@ class StribeckFriction(Effect):
     id = "stribeck_friction"
     terms = ("stribeck_friction",)
     replaces = ("coulomb_friction",)
-    fitted = ("coulomb_force", "static_force", "stribeck_velocity")
+    fitted = ("coulomb_force", "static_force", "stribeck_velocity", "stribeck_exponent")
     confused_with = ("coulomb_friction", "mixed_friction")
     told_by = "low speeds and sticking: small amplitudes, low frequencies"
 
     def shapes(self, motion: Motion) -> list[dict[str, float]]:
         """Return the shapes to try."""
         largest = motion.largest_velocity
-        return [{"stribeck_velocity": velocity} for velocity in scan(0.02 * largest, 0.6 * largest, 10)]
+        return [
+            {"stribeck_velocity": velocity, "stribeck_exponent": exponent}
+            for velocity in scan(0.02 * largest, 0.6 * largest, 10)
+            for exponent in (1.0, 2.0)
+        ]
 
     def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:
         """Return the sign, and the sign at low speed for a row of Stribeck velocities."""
-        low = np.exp(-((motion.velocity / shape["stribeck_velocity"]) ** 2))
+        ratio = np.abs(motion.velocity) / shape["stribeck_velocity"]
+        low = np.exp(-(ratio ** shape["stribeck_exponent"]))
         return np.array([motion.sign, motion.sign * low])
 
     def values(
