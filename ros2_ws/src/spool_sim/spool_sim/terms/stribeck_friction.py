@@ -36,8 +36,8 @@ class StribeckFriction(Term):
     )
     law = "F = [F_c + (F_s - F_c) exp(-(abs(z')/v_s)^p)] Sgn(z')"
     source = (
-        "equation (2) without its viscous part: p = 2 is Gauss's form, p = 1 Tustin's; records seldom tell p, "
-        "so a fit holds it unless it is set free"
+        "equation (2) without its viscous part: p = 2 is Gauss's form, p = 1 Tustin's; records seldom tell "
+        "p, so a fit holds it unless it is set free"
     )
     meaning = "mixed lubrication: the film carries more of the load the faster the spool moves"
     check = "surface finish, oil viscosity at running temperature, time at rest under pressure"
