@@ -147,6 +147,7 @@ def _result(
         seconds=sum((w.stop - w.start) * s.record.sample_period for s, w, _ in simulation.places),
         elapsed=time.monotonic() - begun,
         advice=outcome.advice,
+        foretold=outcome.rest.shares,
     )
 
 

@@ -12,14 +12,17 @@ from spool_stream.quantity import Quantity, Validity
 from .fitting import Step
 from .floor import Floor, excess, noise_floor
 from .registry import EFFECTS
+from .remainder import Remainder, remainder
 from .result import GapSettings, Hypothesis
 from .saturation import Saturation
-from .search import Search
+from .search import EVIDENCE, SMALLEST, Search
 
-#: Residual power over the floor's from which something is left to explain.
-LEFT_OVER = 1.6
-#: Share of the gap's amplitude, noise taken off, that may stay when an effect is named.
-MAY_STAY = 0.3
+#: Residual power over the floor's, in the drive's band, from which something is left to explain ...
+LEFT_OVER = 1.8
+#: ... where the error is this many times the floor's, too.
+CLOSED = 1.3
+#: Share of what is left that smooth functions of the motion may foretell when an effect is named.
+FORETOLD = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +36,7 @@ class Outcome:
     runner_up: Hypothesis | None
     candidates: tuple[str, ...]
     floor: Floor
+    rest: Remainder
     extra: Mapping[str, Quantity]
     warnings: tuple[str, ...]
     advice: str
@@ -44,12 +48,12 @@ def judge_outcome(
     """Return the verdict on what ``search`` accepted."""
     del settings
     simulation = search.simulation
-    first = search.steps[0]
     floor = noise_floor(simulation, final.fitted.point, final.held)
-    before, after = search.nrmse(first), search.nrmse(final)
+    after = search.nrmse(final)
     left = excess(simulation, final.held, floor)
-    gap = math.sqrt(max(before**2 - floor.nrmse**2, 0.0))
-    stays = math.sqrt(max(after**2 - floor.nrmse**2, 0.0)) / gap if gap > 0.0 else 0.0
+    search.take_weight(final)
+    rest = remainder(simulation, final.fitted.point, final.train, final.held)
+    follows = rest.share > FORETOLD and rest.evidence > EVIDENCE and math.sqrt(rest.share) * after > SMALLEST
     named = list(final.effects)
     extra: dict[str, Quantity] = {}
     if saturation.channel == "spool":
@@ -58,13 +62,13 @@ def judge_outcome(
             "saturation_limit", "m/s^2", saturation.limit, 0.01 * saturation.limit, Validity.VALID
         )
     runner = _runner_up(search)
-    unexplained = left > LEFT_OVER and (stays > MAY_STAY or not final.effects)
+    unexplained = follows or (left > LEFT_OVER and after > CLOSED * floor.nrmse)
     candidates: tuple[str, ...] = ()
     warnings: list[str] = []
     if unexplained and not (saturation.channel == "spool" and not final.effects and left < 3.0):
         candidates = tuple(final.effects) or tuple(h.id for h in search.ranking[:1])
         verdict = "unexplained"
-        confidence = 1.0 - 0.5 / max(1.0, left / LEFT_OVER)
+        confidence = 1.0 - 0.5 / max(1.0, left / LEFT_OVER, rest.evidence / EVIDENCE)
     elif named:
         verdict = "+".join(named)
         confidence = _confidence(search, final, left)
@@ -81,8 +85,8 @@ def judge_outcome(
         )
     )
     return Outcome(
-        verdict, confidence, sentence(verdict, effects, candidates, search, final, floor.nrmse, extra),
-        effects, runner, candidates, floor, extra, tuple(warnings), advice,
+        verdict, confidence, sentence(verdict, effects, candidates, search, final, floor.nrmse, rest, extra),
+        effects, runner, candidates, floor, rest, extra, tuple(warnings), advice,
     )  # fmt: skip
 
 
@@ -121,6 +125,7 @@ def sentence(
     search: Search,
     final: Step,
     floor: float,
+    rest: Remainder,
     extra: Mapping[str, Quantity],
 ) -> str:
     """Return the verdict in a sentence."""
@@ -133,6 +138,8 @@ def sentence(
         )
     if verdict == "unexplained":
         near = f"; nearest come {', '.join(candidates)}" if candidates else ""
+        if rest.share > FORETOLD:
+            near += f". What is left follows {rest.follows}: {100.0 * rest.share:.0f} % of it can be foretold"
         return (
             f"Something is missing that has no name here: '{base}' leaves {100.0 * before:.2g} % of "
             f"the spool's acceleration, the best of the catalogue {100.0 * after:.2g} %, "

@@ -43,6 +43,7 @@ def result_to_dict(result: GapResult) -> dict[str, Any]:
             "after": _agreement(result.after),
             "noise_floor": number(result.noise_floor),
         },
+        "foretold": {name: number(share) for name, share in result.foretold.items()},
         "warnings": list(result.warnings),
         "advice": result.advice or None,
         "seconds_of_data": number(result.seconds),

@@ -184,6 +184,7 @@ class GapResult:
         model: with everything that was found, to simulate with.
         warnings: what a reader should know, one line each.
         seconds: of data used; ``elapsed``: s of computing.
+        foretold: share of what is left that can be foretold, by what from, see :mod:`.remainder`.
     """
 
     record: str
@@ -211,6 +212,7 @@ class GapResult:
     seconds: float = 0.0
     elapsed: float = 0.0
     advice: str = ""
+    foretold: Mapping[str, float] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result in plain types, as ``--json`` writes it: SI units, ``None`` for unknown."""
