@@ -92,15 +92,16 @@ def analyse(
         )
         pieces = pieces_of(whole, longest, gain, delay)
         return Search(
-            pieces, Simulation(pieces, motions), base, valve, chosen, whole, thinned(whole, 3 * longest), tell
-        )
+            pieces, Simulation(pieces, motions), base, valve, chosen,
+            whole, Simulation(thinned(whole, longest), motions), thinned(whole, 3 * longest), tell,
+        )  # fmt: skip
 
     # A first look at the damping says how long a window takes to forget its start.
     rough = search_with(0.5 * valve.viscous_coefficient, 0.0, 0.0, chosen.longest // 2)
     point = rough.base_fit(start, rounds=6).fitted.point
     search = search_with(point.get("viscous_coefficient"), point.gain, point.delay, chosen.longest)
     final = search.run(point)
-    final = search.judge_by(Simulation(thinned(search.whole, chosen.longest), motions), final)
+    final = search.judge_by(search.longer, final)
     tell("measuring what is left", 0.9)
     outcome = judge_outcome(search, final, saturation, chosen, trusted=trusted)
     return _result(records, base, search, final, outcome, tuple(warnings), begun)

@@ -13,6 +13,9 @@ from .simulate import Point, Simulation
 Array = NDArray[np.float64]
 
 DAMPINGS = (1e-3, 1.0)
+#: Step of a number over its size for slopes, and the share of the signal that a window may move by it:
+#: more means a jump to another motion, whose slope says nothing.
+STEP, JUMP = 1e-3, 0.1
 #: A fall of the sum of squares below this share ends the descent.
 ENOUGH = 2e-4
 
@@ -92,15 +95,16 @@ def _follow(
     point, x = start, np.array([start.get(name) for name in names])
     squares = float(simulation.cost(residual[np.newaxis], chosen)[0])
     damping = 1.0
+    signal = simulation.weigh([row[np.newaxis] for row in simulation.measured(chosen)], chosen)[0]
     information: Array = np.eye(len(names))
     scale: Array = np.ones(len(names))
     for _ in range(rounds):
         scale = np.array([entry.size(value) for entry, value in zip(free, x.tolist(), strict=True)])
-        step = 1e-3 * scale
+        step = STEP * scale
         step = np.where(x + step > high, -step, step)
         moved = [point.moved(names, (x + step * unit).tolist()) for unit in np.eye(len(names))]
         runs = simulation.weigh(simulation.errors(moved, chosen), chosen)
-        trust = simulation.trust(residual, chosen)
+        trust = simulation.trust(residual, chosen) * simulation.smooth(runs - residual, JUMP * signal, chosen)
         # In units of the numbers' sizes: stiffnesses and delays differ by ten powers of ten.
         slopes = ((runs - residual) * trust * (scale / step)[:, np.newaxis]).T
         information = slopes.T @ slopes

@@ -140,6 +140,10 @@ class Effect(ABC):
         """Return the points from which a fit by simulation starts; ``reach`` is the largest travel, m."""
         return [dict(values)]
 
+    def acting_like(self, contained: Mapping[str, float]) -> dict[str, float]:  # noqa: ARG002
+        """Return numbers with which it acts much like the effect that it ``replaces``, with those numbers."""
+        return {}
+
     def sensible(self, values: Mapping[str, float], deviations: Mapping[str, float]) -> str:
         """Return why the fitted ``values`` make no sense on a machine, or an empty string."""
         for name in self.fitted:

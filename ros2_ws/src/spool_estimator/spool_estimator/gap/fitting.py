@@ -22,6 +22,7 @@ from .stretches import Stretch
 Array = NDArray[np.float64]
 
 GAIN, DELAY = "spool_gain_error", "spool_delay"
+BASE_NUMBERS = ("spring_stiffness", "viscous_coefficient", GAIN, DELAY)
 WIDE = {GAIN: 0.5, DELAY: 5e-3}
 
 
@@ -133,8 +134,12 @@ class Fitting:
 
     def take_weight(self, step: Step) -> None:
         """Weigh by what ``step`` leaves on the training windows, at least by the channels' noise."""
-        floor = [s.noise.spool * 0.5 for s in self.stretches]
-        self.simulation.take_weight(step.train, self.simulation.training, floor)
+        self.simulation.take_weight(step.train, self.simulation.training, self.least_density)
+
+    @property
+    def least_density(self) -> list[float]:
+        """Power density of what is left by which a stretch is weighed at least, (m/s^2)^2/Hz."""
+        return [stretch.noise.spool * 0.5 for stretch in self.stretches]
 
 
 def parameters_of(name: str) -> tuple[Parameter, ...]:

@@ -12,17 +12,15 @@ from spool_stream.quantity import Quantity, Validity
 from .fitting import Step
 from .floor import Floor, excess, noise_floor
 from .registry import EFFECTS
-from .remainder import Remainder, remainder
+from .remainder import FORETOLD, Remainder, remainder
 from .result import GapSettings, Hypothesis
 from .saturation import Saturation
-from .search import EVIDENCE, SMALLEST, Search
+from .search import EVIDENCE, Search
 
 #: Residual power over the floor's, in the drive's band, from which something is left to explain ...
 LEFT_OVER = 1.8
 #: ... where the error is this many times the floor's, too.
 CLOSED = 1.3
-#: Share of what is left that smooth functions of the motion may foretell when an effect is named.
-FORETOLD = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +51,6 @@ def judge_outcome(
     left = excess(simulation, final.held, floor)
     search.take_weight(final)
     rest = remainder(simulation, final.fitted.point, final.train, final.held)
-    follows = rest.share > FORETOLD and rest.evidence > EVIDENCE and math.sqrt(rest.share) * after > SMALLEST
     named = list(final.effects)
     extra: dict[str, Quantity] = {}
     if saturation.channel == "spool":
@@ -62,7 +59,7 @@ def judge_outcome(
             "saturation_limit", "m/s^2", saturation.limit, 0.01 * saturation.limit, Validity.VALID
         )
     runner = _runner_up(search)
-    unexplained = follows or (left > LEFT_OVER and after > CLOSED * floor.nrmse)
+    unexplained = rest.tells(after) or (left > LEFT_OVER and after > CLOSED * floor.nrmse)
     candidates: tuple[str, ...] = ()
     warnings: list[str] = []
     if unexplained and not (saturation.channel == "spool" and not final.effects and left < 3.0):
@@ -101,7 +98,7 @@ def _confidence(search: Search, final: Step, left: float) -> float:
     for step in search.steps[1:]:
         name = step.effects[-1]
         own = next((h for h in search.ranking if h.id == name and h.accepted), None)
-        if own is None:
+        if own is None or name not in final.effects:
             continue
         # A law that contains this one always fits a little better, and was weighed against it.
         rivals = [
@@ -110,11 +107,14 @@ def _confidence(search: Search, final: Step, left: float) -> float:
             if h.beside == own.beside
             and h.id != own.id
             and not h.reason
+            and h.id not in search.overruled
             and own.id not in EFFECTS[h.id].replaces
         ]
         margin = own.evidence - max([0.0, *rivals])
         sure *= float(expit(0.08 * margin))
-    del final
+    for name, margin in search.overruled.items():
+        if name not in final.effects:
+            sure *= float(expit(0.08 * margin))
     return float(sure / math.sqrt(max(1.0, left / LEFT_OVER)))
 
 

@@ -8,8 +8,10 @@ from dataclasses import replace
 from .balance import Balance, Screened
 from .effect import Effect
 from .fitting import Step
+from .left_over import screen_left_over
 from .peaks import lines_beside_the_drive
 from .registry import EFFECTS
+from .simulate import Simulation
 from .stretches import Stretch
 
 #: Fall of the weighed sum of squares by the regression from which an effect is simulated.
@@ -27,8 +29,10 @@ def balance_of(stretches: Sequence[Stretch], values: Mapping[str, float]) -> Bal
     return Balance(stretches, values["mass"], values["spring_stiffness"], values["viscous_coefficient"])
 
 
-def candidates(stretches: Sequence[Stretch], catalogue: Sequence[Effect], step: Step) -> list[Screened]:
-    """Return what the regression would add to ``step``, best first."""
+def candidates(
+    simulation: Simulation, stretches: Sequence[Stretch], catalogue: Sequence[Effect], step: Step
+) -> list[Screened]:
+    """Return what may be added to ``step``: by the regression, and by what its free run leaves."""
     values = step.fitted.point.values
     balance = balance_of(stretches, values)
     contained = {name for entry in step.effects for name in (entry, *EFFECTS[entry].replaces)}
@@ -39,7 +43,14 @@ def candidates(stretches: Sequence[Stretch], catalogue: Sequence[Effect], step: 
         return []
     balance.prepare([*step.trials.values(), rough[0].trial])
     balance.reweigh()
-    return promising(_screened(balance, effects, step, peaks))
+    found = promising(_screened(balance, effects, step, peaks))
+    if not step.effects:
+        return found
+    known = {entry.effect.id for entry in found}
+    # In place of its friction a law comes by the regression alone.
+    others = [entry for entry in effects if not (entry.id in FRICTIONS and FRICTIONS & set(step.effects))]
+    left = screen_left_over(simulation, step, others, balance.joined(peaks))
+    return found + [entry for entry in left if entry.effect.id not in known]
 
 
 def _screened(

@@ -13,9 +13,10 @@ from spool_sim.terms import term
 from .balance import Screened
 from .by_direction import by_direction
 from .effect import Effect
-from .fitting import DELAY, GAIN, Fitting, Step, parameters_of
+from .fitting import BASE_NUMBERS, DELAY, GAIN, Fitting, Step, parameters_of
 from .floor import noise_floor
 from .registry import EFFECTS
+from .remainder import remainder
 from .result import Hypothesis
 from .screening import FRICTIONS, balance_of, candidates
 from .simulate import Point, Simulation
@@ -38,9 +39,12 @@ RICHER = 16.0
 CLEARLY = 0.03
 #: Error over the noise floor up to which nothing more is looked for beside an effect.
 AT_FLOOR = 1.1
+#: Share of the evidence of the first effect from which its look-alike is followed, too.
+NEARLY = 0.5
+#: Cost over the best one up to which a look-alike is fitted to its last digits.
+NEAR = 1.3
 #: Hypotheses that are refined with the weight of the best one.
 REFINED = 3
-BASE_NUMBERS = ("spring_stiffness", "viscous_coefficient", GAIN, DELAY)
 
 
 @dataclass(slots=True)
@@ -49,21 +53,25 @@ class Search(Fitting):
 
     Attributes:
         whole: the stretches with longer windows.
+        longer: as many of those as are judged by.
         regressed: as many of those as the regression takes.
         report: takes what is done and the share of the work.
         catalogue: effects that are tried; all by default.
         ranking: every hypothesis that was simulated.
         tried: its fit, by effect and effects beside it.
         steps: base first, then each accepted one.
+        overruled: laws of friction that were ahead alone and lost beside other effects, with the evidence.
     """
 
     whole: Sequence[Stretch]
+    longer: Simulation
     regressed: Sequence[Stretch]
     report: Progress
     catalogue: Sequence[Effect] = ()
     ranking: list[Hypothesis] = field(default_factory=list)
     tried: dict[tuple[str, tuple[str, ...]], Step] = field(default_factory=dict)
     steps: list[Step] = field(default_factory=list)
+    overruled: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.catalogue:
@@ -86,21 +94,11 @@ class Search(Fitting):
         step = self.fit((), [step.fitted.point], rounds=6)
         self.steps = [step]
         self.simulation.forget_weight()
-        step = self.base_fit(step.fitted.point, rounds=6)
-        while len(step.effects) < self.settings.most_effects:
-            self.report(f"trying effects beside {' + '.join(step.effects) or 'the base'}", 0.25)
-            better = self._forward(step)
-            if better is None:
-                break
-            step = self._backward(better)
-            if step.effects in [entry.effects for entry in self.steps]:
-                break
-            self.steps.append(step)
-            floor = noise_floor(self.simulation, step.fitted.point, step.held)
-            if self.nrmse(step) < AT_FLOOR * floor.nrmse:
-                break
+        base = self.base_fit(step.fitted.point, rounds=6)
+        step = self._grown(base)
         if not step.effects:
             return self.steps[0]
+        step = self._another_way(base, step) or step
         self.take_weight(step)
         step = self._polished(step)
         self.steps[-1] = step
@@ -110,6 +108,102 @@ class Search(Fitting):
         self.steps.append(directed[0])
         self.ranking.append(directed[1])
         return directed[0]
+
+    def _grown(self, step: Step) -> Step:
+        """Return ``step`` with what is found beside it, effect by effect, down to the noise floor."""
+        while len(step.effects) < self.settings.most_effects:
+            self.report(f"trying effects beside {' + '.join(step.effects) or 'the base'}", 0.25)
+            better = self._forward(step)
+            if better is None:
+                break
+            step = self._swapped(self._backward(better))
+            if step.effects in [entry.effects for entry in self.steps]:
+                break
+            self.steps.append(step)
+            if self._complete(step):
+                break
+        return step
+
+    def _complete(self, step: Step) -> bool:
+        """Whether what ``step`` leaves is noise."""
+        longer, point = self.longer, step.fitted.point
+        if self.has_jumps(step):
+            longer.choose_sampling(point)
+        training, held = longer.training, longer.held_out
+        errors = longer.errors([point], [*training, *held])
+        train, other = errors[: len(training)], errors[len(training) :]
+        left = float(longer.nrmse(other, held)[0])
+        if left > AT_FLOOR * noise_floor(longer, point, other).nrmse:
+            return False
+        longer.take_weight(train, training, self.least_density)
+        return not remainder(longer, point, train, other).tells(left)
+
+    def _swapped(self, step: Step) -> Step:
+        """Return ``step`` with another law of friction where that does better beside the newest effect."""
+        present = next((name for name in step.effects[:-1] if name in FRICTIONS), None)
+        if present is None or present not in EFFECTS:
+            return step
+        best = step
+        for name in sorted(FRICTIONS - {present}):
+            known = self.tried.get((name, ()))
+            if known is None:
+                continue
+            effects = tuple(name if entry == present else entry for entry in step.effects)
+            values = {**step.fitted.point.values, **self._own_of(known)}
+            point = replace(step.fitted.point, values=values, active=self.terms_of(effects))
+            other = self.fit(effects, [point])
+            if other.cost < NEAR * best.cost:
+                other = self._polished(other)
+            other.trials = {**step.trials, **known.trials}
+            other.trials = {entry: trial for entry, trial in other.trials.items() if entry in effects}
+            numbers = len(other.fitted.free) - len(best.fitted.free)
+            clear = 0.0
+            if name in EFFECTS[present].replaces:
+                clear = -CLEARLY * best.cost
+            elif numbers:
+                clear = CLEARLY * best.cost
+            if best.cost - other.cost - self._price * numbers > clear and not self._senseless(other, name):
+                best = other
+        if best is not step:
+            self.overruled[present] = abs(step.cost - best.cost)
+        return best
+
+    def _another_way(self, base: Step, found: Step) -> Step | None:
+        """Return what grows from the look-alike of the first effect, if ``found`` leaves a gap and it less.
+
+        A first effect, alone, takes what belongs to two; beside the second, its look-alike may fit better.
+        """
+        if self._complete(found):
+            return None
+        first = next((row for row in self.ranking if row.accepted and not row.beside), None)
+        if first is None or first.id not in EFFECTS:
+            return None
+        alike = {*EFFECTS[first.id].confused_with, *EFFECTS[first.id].replaces}
+        rows = [row for row in self.ranking if not (row.beside or row.accepted or row.reason)]
+        rows = [row for row in rows if row.id in alike and row.evidence > NEARLY * first.evidence]
+        if not rows:
+            return None
+        second = max(rows, key=lambda row: row.evidence)
+        kept = self.steps, self.ranking
+        start = self._polished(self.tried[second.id, ()])
+        ranking = [replace(row, accepted=row is second) for row in self.ranking if not row.beside]
+        self.steps, self.ranking = [*self.steps[:1], start], ranking
+        other = self._grown(start)
+        least = min((found, other), key=self.nrmse)
+        if self.has_jumps(least):
+            self.simulation.choose_sampling(least.fitted.point)
+        for step in (base, found, other):
+            self.measured(step)
+        self.take_weight(least)
+        self.score(found)
+        self.score(other)
+        numbers = len(other.fitted.free) - len(found.fitted.free)
+        evidence = found.cost - other.cost - self._price * numbers
+        if evidence > max(EVIDENCE, CLEARLY * other.cost):
+            self.overruled[first.id] = evidence
+            return other
+        self.steps, self.ranking = kept
+        return None
 
     def base_fit(self, start: Point, rounds: int = 10) -> Step:
         """Return the base fitted from ``start`` and from what the regression says."""
@@ -153,8 +247,8 @@ class Search(Fitting):
         return final
 
     def _forward(self, step: Step) -> Step | None:
-        chosen = candidates(self.regressed, self.catalogue, step)
-        tried = [self._try(step, entry, rounds=3) for entry in chosen]
+        chosen = candidates(self.simulation, self.regressed, self.catalogue, step)
+        tried = self._contained([self._try(step, entry, rounds=3) for entry in chosen])
         for name in (GAIN, DELAY):
             if name in step.fitted.at_bound and name not in step.effects:
                 sensor = self.fit((*step.effects, name), [step.fitted.point])
@@ -177,6 +271,30 @@ class Search(Fitting):
         self.ranking[own[-1]] = replace(self.ranking[own[-1]], accepted=True, reason="")
         self.tried[name, step.effects] = winner
         return winner
+
+    def _contained(self, tried: list[Step]) -> list[Step]:
+        """Return ``tried``; what fits worse than an effect that it contains starts from that once more."""
+        by_name = {entry.effects[-1]: entry for entry in tried}
+        found = []
+        for entry in tried:
+            best = entry
+            for name in EFFECTS[entry.effects[-1]].replaces:
+                inner = by_name.get(name)
+                if inner is None or inner.cost >= best.cost:
+                    continue
+                own = EFFECTS[entry.effects[-1]].acting_like(inner.fitted.point.values)
+                effects = (*inner.effects[:-1], entry.effects[-1])
+                values = {**inner.fitted.point.values, **self._own_of(entry), **own}
+                point = replace(inner.fitted.point, values=values, active=self.terms_of(effects))
+                again = self.fit(effects, [point], rounds=3, enough=5e-3)
+                again.trials = entry.trials
+                best = min(best, again, key=lambda one: one.cost)
+            found.append(best)
+        return found
+
+    @staticmethod
+    def _own_of(entry: Step) -> dict[str, float]:
+        return {name: entry.fitted.point.get(name) for name in EFFECTS[entry.effects[-1]].fitted}
 
     def _ranked(self, step: Step, tried: list[Step]) -> list[Step]:
         """Return ``tried``, the best of them refined, with one weight for all: what the best leaves."""
@@ -294,10 +412,16 @@ class Search(Fitting):
             if abs(values[name]) < self.tolerance(name) + 2.0 * entry.fitted.deviations[name]:
                 return "it is not significantly beyond its tolerance"
             return ""
+        return self._senseless(entry, name)
+
+    @staticmethod
+    def _senseless(entry: Step, name: str) -> str:
+        """Return why the numbers of the effect ``name`` in ``entry`` make no sense, or an empty string."""
         own = [bound for bound in entry.fitted.at_bound if bound in EFFECTS[name].fitted]
         own = [bound for bound in own if bound not in FREE_TO_VANISH]
         if own:
             return f"{', '.join(own)} stopped at a bound"
+        values = {f.name: entry.fitted.point.get(f.name) for f in entry.fitted.free}
         return EFFECTS[name].sensible(values, entry.fitted.deviations)
 
     def _try(self, step: Step, entry: Screened, rounds: int) -> Step:

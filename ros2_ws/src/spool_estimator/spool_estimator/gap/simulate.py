@@ -261,6 +261,14 @@ class Simulation:
         squares = np.add.reduceat(weighed**2, edges[:-1])
         return np.repeat(np.sqrt(np.minimum(1.0, usual / np.maximum(squares, 1e-12))), np.diff(edges))
 
+    def smooth(self, changes: Array, most: Array, chosen: Sequence[int]) -> Array:
+        """Return 1 where ``changes`` (p, m) of a window's numbers stay within ``most`` (m,), else less."""
+        edges, _ = self._parts(chosen)
+        largest = np.add.reduceat(changes**2, edges[:-1], axis=1).max(axis=0)
+        allowed = np.add.reduceat(most**2, edges[:-1])
+        share = np.minimum(1.0, allowed / np.maximum(largest, 1e-30))
+        return np.repeat(share, np.diff(edges))
+
     def _parts(self, chosen: Sequence[int]) -> tuple[NDArray[np.int64], Array]:
         """Return where each window begins among weighed numbers, and its squares above which it is bad."""
         sizes = []

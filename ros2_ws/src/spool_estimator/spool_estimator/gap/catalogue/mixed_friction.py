@@ -47,6 +47,12 @@ class MixedFriction(Effect):
             **shape,
         }
 
+    def acting_like(self, contained: Mapping[str, float]) -> dict[str, float]:
+        """Return contacts that hardly fall with speed."""
+        load = next(p.start for p in term("mixed_friction").parameters if p.name == "normal_load")
+        share = 0.2 * contained["coulomb_force"] / load
+        return {"mixed_root_coefficient": 0.0, "mixed_inverse_coefficient": share, "mixed_velocity": 0.2}
+
     @property
     def amplitudes(self) -> tuple[str, ...]:
         """Parameters that are 0 where the effect is absent."""

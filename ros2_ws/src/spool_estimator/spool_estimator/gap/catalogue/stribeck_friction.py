@@ -50,6 +50,11 @@ class StribeckFriction(Effect):
             **shape,
         }
 
+    def acting_like(self, contained: Mapping[str, float]) -> dict[str, float]:
+        """Return a static force that exceeds Coulomb friction a little."""
+        force = contained["coulomb_force"]
+        return {"coulomb_force": 0.9 * force, "static_force": 1.2 * force, "stribeck_exponent": 1.0}
+
     def sensible(self, values: Mapping[str, float], deviations: Mapping[str, float]) -> str:
         """Return why ``values`` make no sense: friction at rest must exceed friction at speed."""
         excess = values["static_force"] - values["coulomb_force"]

@@ -1,0 +1,75 @@
+"""What is worth adding to accepted effects, from what their free run leaves.
+
+The balance of forces at the measured motion, see :mod:`.balance`, is blunt once dry friction is in it: the
+instants of its jumps are not known to a part of a sample. A free run has them right, and what it leaves is,
+to first order, the answer of the linear base to the forces that are still missing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .balance import Screened
+from .effect import Effect, Motion
+from .fitting import BASE_NUMBERS, Step
+from .response import responses
+from .simulate import Simulation
+
+Array = NDArray[np.float64]
+
+#: Fall of the weighed sum of squares from which an effect is worth simulating, and how many are.
+SCREENED, SIMULATED = 25.0, 3
+
+
+def screen_left_over(
+    simulation: Simulation, step: Step, effects: Sequence[Effect], motion: Motion
+) -> list[Screened]:
+    """Return those of ``effects`` that explain most of what ``step`` leaves, best first.
+
+    Args:
+        simulation: the windows, weighed.
+        step: the accepted hypothesis.
+        effects: of the catalogue.
+        motion: of all stretches, one after the other.
+    """
+    training = simulation.training
+    point = step.fitted.point
+    sizes = [stretch.record.body.size for stretch in simulation.stretches]
+    firsts = np.concatenate([[0], np.cumsum(sizes)])
+
+    def weighed(columns: Array, slopes: Sequence[int] = ()) -> Array:
+        def forces(number: int) -> Array:
+            return np.asarray(columns[:, firsts[number] : firsts[number + 1]])
+
+        rows = responses(simulation, point, forces, slopes)
+        return np.asarray(simulation.weigh([rows[place] for place in training], training).T)
+
+    known = [motion.displacement, motion.velocity]
+    known += [row for trial in step.trials.values() for row in trial.columns]
+    base, _ = np.linalg.qr(weighed(np.array(known), (0, 1)))
+    target = simulation.weigh(step.train, training)[0]
+    target = target - base @ (base.T @ target)
+    numbers = np.array([point.get(name) for name in BASE_NUMBERS])
+    found = []
+    for entry in effects:
+        best: Screened | None = None
+        for trial in entry.trials(motion):
+            columns = weighed(trial.columns)
+            scale = np.linalg.norm(columns, axis=0)
+            if not np.all(scale > 0.0):
+                continue
+            columns = columns / scale
+            columns -= base @ (base.T @ columns)
+            solution, _, rank, _ = np.linalg.lstsq(columns, target, rcond=1e-6)
+            gain = float(target @ (columns @ solution))
+            if rank == 0 or gain < max(SCREENED, best.gain if best else 0.0):
+                continue
+            values = entry.values(solution / scale, trial.shape, motion)
+            if values is not None:
+                best = Screened(entry, gain, values, trial, numbers)
+        if best is not None:
+            found.append(best)
+    return sorted(found, key=lambda one: -one.gain)[:SIMULATED]
