@@ -135,7 +135,9 @@ def make(seed: int, hidden: str | None = None, *, factor: float | None = None) -
             alone = [_Trial(condition, [thing]) for thing in grown]
             if all(trial.clear(scale) for trial in alone):
                 trial = alone[0] if len(alone) == 1 else _Trial(condition, grown)
-                return _record(seed, hidden, trial, noise_seed, size)
+                # Friction may keep the spool from the stop, or its sensor from the rail, that it meets alone.
+                if len(alone) == 1 or all(trial.differs(other) for other in alone):
+                    return _record(seed, hidden, trial, noise_seed, size)
             if not all(thing.size or thing.edges for thing in things):
                 break
     raise RuntimeError(f"seed {seed}: {hidden} was not clear under any of {DRAWS} conditions")
@@ -161,19 +163,19 @@ class _Trial:
         for thing in things:
             values.update(thing.channel)
         self.channels = Channels(**values)
+        quiet = replace(self.channels, noise=0.0)
+        _, self.spool = quiet.read(self.motion, sample_times(condition), np.random.default_rng(0))
         self.visibility: Visibility | None = self._look() if things else None
 
     def _look(self) -> Visibility:
         condition = self.condition
         t = sample_times(condition)
-        quiet = replace(self.channels, noise=0.0)
-        _, spool = quiet.read(self.motion, t, np.random.default_rng(0))
         before = round(condition.before * condition.sample_rate)
         whole = np.arange(-before, t.size) / condition.sample_rate
         return look(
             condition.base.numbers,
             condition.amplitude * condition.drive.at(whole),
-            spool,
+            self.spool,
             condition.sample_rate,
             first=before,
             noise=self.channels.noise,
@@ -183,6 +185,10 @@ class _Trial:
         """Return whether what is hidden can be seen, and the spool still moves."""
         seen = self.visibility is None or self.visibility.over_noise >= CLEAR
         return seen and self.travel >= LEAST_TRAVEL * scale.travel
+
+    def differs(self, other: _Trial) -> bool:
+        """Return whether the record without noise differs from that of ``other`` by more than the noise."""
+        return float((self.spool - other.spool).std()) >= CLEAR * self.channels.noise
 
 
 def sample_times(condition: Condition) -> Array:
