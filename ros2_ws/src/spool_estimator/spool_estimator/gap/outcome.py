@@ -15,12 +15,11 @@ from .registry import EFFECTS
 from .remainder import FORETOLD, Remainder, remainder
 from .result import GapSettings, Hypothesis
 from .saturation import Saturation
-from .search import EVIDENCE, Search
+from .search import CLOSED, EVIDENCE, Search
 
-#: Residual power over the floor's, in the drive's band, from which something is left to explain ...
+#: Residual power over the floor's, in the drive's band, from which something is left to explain where
+#: the error exceeds ``CLOSED`` floors.
 LEFT_OVER = 1.8
-#: ... where the error is this many times the floor's, too.
-CLOSED = 1.3
 
 
 @dataclass(frozen=True, slots=True)

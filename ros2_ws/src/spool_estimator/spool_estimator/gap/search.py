@@ -37,8 +37,9 @@ BESIDE = 0.08
 RICHER = 16.0
 #: Share of the weighed sum of squares by which it must do so.
 CLEARLY = 0.03
-#: Error over the noise floor up to which nothing more is looked for beside an effect.
-AT_FLOOR = 1.1
+#: Error over the noise floor up to which nothing more is looked for, in the next step and from the start,
+#: where what is left cannot be foretold either.
+AT_FLOOR, CLOSED = 1.2, 1.3
 #: Share of the evidence of the first effect from which its look-alike is followed, too.
 NEARLY = 0.5
 #: Cost over the best one up to which a look-alike is fitted to its last digits.
@@ -100,7 +101,8 @@ class Search(Fitting):
             return self.steps[0]
         step = self._another_way(base, step) or step
         self.take_weight(step)
-        step = self._polished(step)
+        self.score(step)
+        step = min(step, self._polished(step), key=lambda entry: entry.cost)
         self.steps[-1] = step
         directed = by_direction(self, step, EVIDENCE)
         if directed is None:
@@ -124,8 +126,8 @@ class Search(Fitting):
                 break
         return step
 
-    def _complete(self, step: Step) -> bool:
-        """Whether what ``step`` leaves is noise."""
+    def _complete(self, step: Step, most: float = AT_FLOOR) -> bool:
+        """Whether what ``step`` leaves is noise, up to ``most`` times the floor."""
         longer, point = self.longer, step.fitted.point
         if self.has_jumps(step):
             longer.choose_sampling(point)
@@ -133,7 +135,7 @@ class Search(Fitting):
         errors = longer.errors([point], [*training, *held])
         train, other = errors[: len(training)], errors[len(training) :]
         left = float(longer.nrmse(other, held)[0])
-        if left > AT_FLOOR * noise_floor(longer, point, other).nrmse:
+        if left > most * noise_floor(longer, point, other).nrmse:
             return False
         longer.take_weight(train, training, self.least_density)
         return not remainder(longer, point, train, other).tells(left)
@@ -173,7 +175,7 @@ class Search(Fitting):
 
         A first effect, alone, takes what belongs to two; beside the second, its look-alike may fit better.
         """
-        if self._complete(found):
+        if self._complete(found, CLOSED):
             return None
         first = next((row for row in self.ranking if row.accepted and not row.beside), None)
         if first is None or first.id not in EFFECTS:
