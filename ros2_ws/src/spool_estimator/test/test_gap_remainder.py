@@ -73,7 +73,7 @@ def looked_at(simulation: Simulation, point: Point, added: Callable[[int], Array
 def test_noise_cannot_be_foretold(simulation: Simulation, point: Point) -> None:
     left = looked_at(simulation, point, None)
     assert left.share < 0.01
-    assert not left.tells(1.0)
+    assert not left.tells(1.0, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -95,8 +95,9 @@ def test_a_force_that_is_missing_is_told_by_what_it_follows(
     )
     left = looked_at(simulation, point, lambda _number: 0.02 * row[np.newaxis])
     assert left.follows == follows, left.shares
-    assert left.tells(0.05)
-    assert not left.tells(1e-3), "less than any simulation errs"
+    assert left.tells(0.05, 0.05)
+    assert not left.tells(1e-3, 1e-3), "less than two simulations differ by"
+    assert not left.tells(0.05, 50.0), "next to nothing of the gap"
 
 
 def test_the_answer_to_a_force_is_that_of_the_simulation(simulation: Simulation, point: Point) -> None:

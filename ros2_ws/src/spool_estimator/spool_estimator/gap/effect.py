@@ -85,6 +85,7 @@ class Effect(ABC):
         check: what to look at there.
         confused_with: effects with a similar signature.
         told_by: which drive tells them apart.
+        rare: it acts in few stretches of a record only.
         picture: what its signature is drawn over: ``velocity``, ``displacement``, ``time`` or ``samples``.
     """
 
@@ -97,6 +98,7 @@ class Effect(ABC):
     check: ClassVar[str] = ""
     confused_with: ClassVar[tuple[str, ...]] = ()
     told_by: ClassVar[str] = ""
+    rare: ClassVar[bool] = False
     picture: ClassVar[str] = "velocity"
 
     @property

@@ -34,7 +34,7 @@ class Step:
         effects: ids, in the order in which they were accepted.
         fitted: on the training windows.
         train, held: errors (model - measured) of each window, m/s^2, shape (1, n).
-        cost: weighed sum of squares over the held-out windows.
+        cost: weighed sum of squares over the held-out windows; ``costs``: of each of them.
         trials: signatures of its effects by id, for the regression.
     """
 
@@ -43,6 +43,7 @@ class Step:
     train: list[Array]
     held: list[Array]
     cost: float = math.nan
+    costs: Array = field(default_factory=lambda: np.zeros(0))
     trials: Mapping[str, Trial] = field(default_factory=dict)
 
 
@@ -126,7 +127,8 @@ class Fitting:
         """Work out the held-out cost with the present weight."""
         simulation = self.simulation
         held = simulation.held_out
-        step.cost = float(simulation.cost(simulation.weigh(step.held, held), held)[0])
+        step.costs = simulation.costs(simulation.weigh(step.held, held), held)[0]
+        step.cost = float(step.costs.sum())
 
     def nrmse(self, step: Step) -> float:
         """Held out."""

@@ -18,8 +18,8 @@ from .saturation import Saturation
 from .search import CLOSED, EVIDENCE, Search
 
 #: Residual power over the floor's, in the drive's band, from which something is left to explain where
-#: the error exceeds ``CLOSED`` floors.
-LEFT_OVER = 1.8
+#: the error exceeds ``CLOSED`` floors, and this share of the gap's amplitude stays.
+LEFT_OVER, MAY_STAY = 1.8, 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,9 @@ def judge_outcome(
     del settings
     simulation = search.simulation
     floor = noise_floor(simulation, final.fitted.point, final.held)
-    after = search.nrmse(final)
+    before, after = search.nrmse(search.steps[0]), search.nrmse(final)
+    gap = math.sqrt(max(before**2 - floor.nrmse**2, 0.0))
+    stays = math.sqrt(max(after**2 - floor.nrmse**2, 0.0)) / gap if gap > 0.0 else 1.0
     left = excess(simulation, final.held, floor)
     search.take_weight(final)
     rest = remainder(simulation, final.fitted.point, final.train, final.held)
@@ -58,7 +60,9 @@ def judge_outcome(
             "saturation_limit", "m/s^2", saturation.limit, 0.01 * saturation.limit, Validity.VALID
         )
     runner = _runner_up(search)
-    unexplained = rest.tells(after) or (left > LEFT_OVER and after > CLOSED * floor.nrmse)
+    unexplained = rest.tells(after, before) or (
+        left > LEFT_OVER and after > CLOSED * floor.nrmse and stays > MAY_STAY
+    )
     candidates: tuple[str, ...] = ()
     warnings: list[str] = []
     if unexplained and not (saturation.channel == "spool" and not final.effects and left < 3.0):

@@ -22,8 +22,9 @@ Array = NDArray[np.float64]
 
 #: Share of the weighed squares, and evidence, from which what is left is not noise alone.
 FORETOLD, EVIDENCE = 0.05, 40.0
-#: Share of the measured acceleration, rms, below which it is within what any simulation errs.
-SMALLEST = 1e-3
+#: Its amplitude, over that of the measured acceleration and of the gap that there was, up to which it is
+#: within what two right simulations differ by.
+SMALLEST, OF_GAP = 1e-3, 0.02
 #: Relative eigenvalue of the columns' products below which a combination of columns is not fitted.
 ALIKE = 1e-6
 
@@ -55,10 +56,10 @@ class Remainder:
         """Twice the log likelihood ratio on held-out data of foretelling over not foretelling."""
         return -self.numbers * float(np.log(max(1e-12, 1.0 - self.share)))
 
-    def tells(self, nrmse: float) -> bool:
-        """Whether a model that leaves ``nrmse`` is not complete."""
-        large = self.share > FORETOLD and float(np.sqrt(self.share)) * nrmse > SMALLEST
-        return large and self.evidence > EVIDENCE
+    def tells(self, nrmse: float, before: float) -> bool:
+        """Whether a model that leaves ``nrmse``, and the base ``before``, is not complete."""
+        size = float(np.sqrt(max(0.0, self.share))) * nrmse
+        return self.share > FORETOLD and self.evidence > EVIDENCE and size > max(SMALLEST, OF_GAP * before)
 
 
 @dataclass(frozen=True, slots=True)

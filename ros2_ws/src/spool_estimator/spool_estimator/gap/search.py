@@ -33,6 +33,8 @@ RELATIVE = 4e-3
 SMALLEST = 1e-3
 #: Share of the power of what is left that a further effect must explain beside others.
 BESIDE = 0.08
+#: Share of the windows, those most helped, without which a further effect must still help.
+MOST_HELPED = 0.15
 #: Evidence by which a richer effect must beat a simpler one that it contains.
 RICHER = 16.0
 #: Share of the weighed sum of squares by which it must do so.
@@ -138,7 +140,7 @@ class Search(Fitting):
         if left > most * noise_floor(longer, point, other).nrmse:
             return False
         longer.take_weight(train, training, self.least_density)
-        return not remainder(longer, point, train, other).tells(left)
+        return not remainder(longer, point, train, other).tells(left, self.nrmse(self.steps[0]))
 
     def _swapped(self, step: Step) -> Step:
         """Return ``step`` with another law of friction where that does better beside the newest effect."""
@@ -409,6 +411,8 @@ class Search(Fitting):
         if before**2 - after**2 < least:
             return "it is too small to be told from errors of the simulation"
         name = entry.effects[-1]
+        if step.effects and name in EFFECTS and not EFFECTS[name].rare and _in_most(step, entry) < EVIDENCE:
+            return "it helps in few windows only, as chance does where the motion is sensitive"
         values = {f.name: entry.fitted.point.get(f.name) for f in entry.fitted.free}
         if name in (GAIN, DELAY):
             if abs(values[name]) < self.tolerance(name) + 2.0 * entry.fitted.deviations[name]:
@@ -497,6 +501,12 @@ class Search(Fitting):
             if gain < EVIDENCE or gain < RELATIVE * step.cost:
                 return less
         return step
+
+
+def _in_most(step: Step, entry: Step) -> float:
+    """Return by how much ``entry`` lowers the cost of ``step`` without the windows in which it does most."""
+    fall = np.sort(step.costs - entry.costs)
+    return float(fall[: fall.size - math.ceil(MOST_HELPED * fall.size)].sum())
 
 
 #: Numbers that may end at a bound without harm: contact parts that vanish.

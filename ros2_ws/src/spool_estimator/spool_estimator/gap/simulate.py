@@ -241,17 +241,21 @@ class Simulation:
         return np.asarray(np.linalg.qr(np.concatenate([lines.real, lines.imag], axis=1).T)[0])
 
     def cost(self, weighed: Array, chosen: Sequence[int]) -> Array:
-        """Return the sum over windows of the squares of ``weighed`` (s, m), shape (s,).
+        """Return the sum of :meth:`costs` over the windows, shape (s,)."""
+        return np.asarray(self.costs(weighed, chosen).sum(axis=1))
+
+    def costs(self, weighed: Array, chosen: Sequence[int]) -> Array:
+        """Return the squares of ``weighed`` (s, m) of each window, shape (s, windows).
 
         If ``robust``, those of a bad window are counted by their logarithm: few windows in which the spool
         hits a stop would drown all others in which it swings free.
         """
-        if not self.robust:
-            return np.asarray(np.sum(weighed**2, axis=1))
         edges, usual = self._parts(chosen)
         squares = np.add.reduceat(weighed**2, edges[:-1], axis=1)
+        if not self.robust:
+            return np.asarray(squares)
         bad = np.maximum(squares / usual, 1.0)
-        return np.asarray(np.sum(np.where(bad > 1.0, usual * (1.0 + np.log(bad)), squares), axis=1))
+        return np.asarray(np.where(bad > 1.0, usual * (1.0 + np.log(bad)), squares))
 
     def trust(self, weighed: Array, chosen: Sequence[int]) -> Array:
         """Return the root of the share with which each of ``weighed`` (m,) counts, shape (m,)."""

@@ -15,6 +15,7 @@ class EndStop(Effect):
     id = "end_stop"
     terms = ("end_stop",)
     fitted = ("stop_gap", "stop_stiffness", "stop_dissipation")
+    rare = True
     picture = "displacement"
     confused_with = ("cubic_stiffness",)
     told_by = "an amplitude that reaches the stop, and one that does not"
