@@ -13,8 +13,9 @@ from .drift import Baseline, ParameterDrift
 from .event import Condition, Event
 from .response import Response, ResponseTracker
 from .settings import MonitorSettings
-from .signals import Signals, SignalTracker
-from .spectrum import Line, LineTracker
+from .signals import Signals, look
+from .spectrum import Line, find_line
+from .window import WindowTracker
 
 #: s after the last suspicion before parameters are judged again, in memories of the estimator.
 WARY = 2.5
@@ -50,8 +51,7 @@ class Detection:
     """
 
     settings: MonitorSettings
-    lines: LineTracker = field(default_factory=LineTracker)
-    signals: SignalTracker = field(default_factory=SignalTracker)
+    windows: WindowTracker = field(default_factory=WindowTracker)
     response: ResponseTracker = field(default_factory=ResponseTracker)
     usual: Response = field(init=False)
     detectors: tuple[Detector, ...] = field(init=False)
@@ -103,27 +103,23 @@ class Detection:
 
     def restart(self, period: float) -> None:
         """Take note that samples are missing, or of the first ones, ``period`` s apart."""
-        self.lines.restart(period)
-        self.signals.restart(period)
+        self.windows.restart(period)
         self.response.restart()
         for one in self.detectors:
             one.restart()
 
     def update(self, block: Block, natural_frequency: float) -> list[Event]:
         """Take a block that continues the last one; return what began or ended with it."""
-        looks: list[Signals | Line | int] = [*self.signals.update(block), *self.lines.update(block)]
-        looks += self.lines.silent
         events: list[Event] = []
-        # In the order of the data, however long the block is; of one instant, the levels first.
-        for look in sorted(looks, key=lambda one: one if isinstance(one, int) else one.stamp):
-            self._stamp = look if isinstance(look, int) else look.stamp
-            if isinstance(look, Signals):
-                events += self._show_signals(look, natural_frequency)
-            else:
-                self.line = None if isinstance(look, int) else look
-                events += self._show(
-                    self._moment(self._stamp, natural_frequency, line=self.line, silent=self.line is None)
-                )
+        for window in self.windows.update(block):
+            self._stamp = window.stamp
+            # Levels are looked at in every other window: what they tell takes seconds to be believed.
+            if window.number % 2 == 0:
+                events += self._show_signals(look(window), natural_frequency)
+            self.line = find_line(window)
+            events += self._show(
+                self._moment(window.stamp, natural_frequency, line=self.line, silent=self.line is None)
+            )
         self._stamp = block.end
         return events
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import ClassVar
 
-import numpy as np
 from spool_stream.quantity import Quantity, Validity
 
 from ..diagnosis import advice
@@ -66,7 +65,7 @@ class Resonance(Detector):
             self._since = line.stamp
         if not released:
             self.dwell = (line.stamp - self._since) * 1e-9
-        expected = float(np.abs(moment.usual.transfer(np.array([line.frequency])))[0])
+        expected = abs(moment.usual.transfer(line.frequency))
         text = (
             f"body shakes at {line.frequency:.1f} Hz, natural frequency {natural:.1f} Hz: spool amplifies "
             f"{line.amplification:.1f} times ({expected:.1f} expected) and moves "

@@ -145,7 +145,8 @@ class SensorScale(Detector):
         There the height of the resonance can't be told from a gain, dry friction makes it bend, and a window
         does not resolve it.
         """
-        near = np.abs(signals.frequency / usual.natural_frequency - 1.0) < NEAR
+        low, high = (usual.natural_frequency * (1.0 + side * NEAR) for side in (-1.0, 1.0))
+        near = slice(*np.searchsorted(signals.frequency, (low, high)))
         shaken = float(signals.body_power[near].sum()) > SHAKEN * float(signals.body_power.sum())
         if shaken and float(signals.spool_power[near].sum()) > ANSWERED * float(signals.spool_power.sum()):
             self._near = signals.stamp

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from typing import ClassVar
 
-import numpy as np
+from spool_stream.compiled import compiled
 from spool_stream.quantity import Quantity, Validity
 
 from ..diagnosis import advice
 from ..event import Severity
+from ..response import transfer
 from ..settings import MonitorSettings
+from ..window import Array
 from .base import Detector, Finding, Judgement, Moment
 
 #: Share of the due relative motion below which the spool is stuck, and above which it moves.
@@ -42,8 +44,8 @@ class StuckSpool(Detector):
         if moment.distrust:
             self.judgement, self.suspicious = Judgement.NOT_JUDGED, ""
             return Finding(moment.stamp, None, False, "", Quantity("relative_motion", "1"), moment.distrust)
-        relative = np.abs(moment.usual.transfer(signals.frequency) - 1.0) ** 2
-        due = math.sqrt(float(signals.body_power @ relative))
+        usual = moment.usual
+        due = math.sqrt(due_power(signals.frequency, signals.body_power, usual.square, usual.damping))
         body = math.sqrt(float(signals.body_power.sum()))
         slides = body > max(self.settings.minimum_body, SLIDES * self._friction)
         if not slides or due < max(self.settings.minimum_body, 0.1 * body):
@@ -72,3 +74,12 @@ class StuckSpool(Detector):
             natural = 2.0 * math.pi * moment.usual.natural_frequency
             mass = stiffness.baseline.value / natural**2
             self._friction = max(0.0, coulomb.baseline.value) / mass
+
+
+@compiled
+def due_power(frequency: Array, body: Array, square: float, damping: float) -> float:
+    """Return the power that the usual response makes of the body's, per line, in the relative motion."""
+    due = 0.0
+    for i in range(frequency.size):
+        due += body[i] * abs(transfer(frequency[i], square, damping) - 1.0) ** 2
+    return due
