@@ -8,7 +8,7 @@ and slowly changing sensor errors vanish.
 """
 
 # A kernel takes numbers and arrays, in one piece:
-# ruff: noqa: PLR0915
+# ruff: noqa: PLR0912, PLR0915
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from spool_stream.compiled import compiled
 
 from .friction_motion import MOTION_STATES, advance_sample
+from .slip_motion import slip, slip_matrix
 
 Array = NDArray[np.float64]
 Samples = NDArray[np.float32]
@@ -56,9 +57,11 @@ class Prediction:
 
     Attributes:
         gram, product: sums of derivatives times derivatives and times the error, N^2, scaled.
+        noise_score: what noise of the body's sensor makes of ``product`` on average, shape (3,), N^2, scaled.
         sums: of squares: error and target (N), body (m/s^2), displacement (m) and velocity (m/s) as
             measured; their count; error next to jumps taken as point values and as band-limited ones
             (m/s^2); noise of the body's acceleration (m/s^2).
+        mean_squares: of MEAN_SQUARES in this order, shape (5,).
         motion: the model's state, see :mod:`.friction_motion`.
 
     """
@@ -70,7 +73,9 @@ class Prediction:
     pointwise: bool = False
     gram: Array = field(init=False)
     product: Array = field(init=False)
+    noise_score: Array = field(init=False)
     sums: Array = field(init=False)
+    mean_squares: Array = field(init=False)
     motion: Array = field(init=False)
     _ring: Array = field(init=False)
     _spread: Array = field(init=False)
@@ -81,6 +86,7 @@ class Prediction:
 
     def __post_init__(self) -> None:
         self.gram, self.product, self.sums = np.zeros((3, 3)), np.zeros(3), np.zeros(SUMS)
+        self.noise_score, self.mean_squares = np.zeros(3), np.zeros(len(MEAN_SQUARES))
         self.motion = np.zeros(MOTION_STATES)
         self._ring = np.zeros((2, 6))
         self._spread = np.zeros((4, 4))
@@ -99,34 +105,6 @@ class Prediction:
                 *self.scale,
             ]
         )
-
-    def noise_score(self, parameters: Array) -> Array:
-        """Return what noise of the body's sensor makes of ``product`` on average, shape (3,), N^2, scaled.
-
-        The model answers to that noise, the spool does not: least squares would rather damp the answer
-        (errors in the input: Soederstroem, Automatica 43 (2007) 939). For white noise of variance q the
-        answer's mean square is q T (d^2 + k m) / (2 d m), d being the damping; half its slope is the mean
-        score. Dry friction damps a small motion upon a large one of rms V like 2 F_c / (pi sqrt(2) V).
-        """
-        count = float(self.sums[COUNT])
-        velocity = math.sqrt(float(self.sums[VELOCITY]) / count) if count > 0.0 else 0.0
-        if velocity == 0.0:
-            return np.zeros(3)
-        k, c, f = parameters.tolist()
-        k = abs(k)
-        by_friction = math.sqrt(2.0) / (math.pi * velocity)
-        damping = c + by_friction * abs(f)
-        damping = max(damping, 1e-3 * float(self.scale[1]))
-        # Sensors are alike: the body's noise is no more than the prediction leaves, 3/8 of it once smoothed.
-        left = float(self.sums[RESIDUAL]) / self.mass**2 * (1.0 if self.pointwise else 8.0 / 3.0)
-        size = 0.5 * self.mass**2 * min(float(self.sums[NOISE]), left) * self.sample_period
-        by_damping = size * (k / (2.0 * damping**2) - 1.0 / (2.0 * self.mass))
-        return np.array([-size / (2.0 * damping), by_damping, by_damping * by_friction]) * self.scale
-
-    @property
-    def mean_squares(self) -> Array:
-        """Mean squares since ``clear``: error, target (N), body, displacement, velocity; shape (5,)."""
-        return _mean_squares(self.sums)
 
     @property
     def offset(self) -> float:
@@ -182,7 +160,7 @@ class Prediction:
         _run(
             body, spool, self.sample_period, pieces, self.mass, parameters, self.pointwise, self._constants,
             self.motion, self._ring, self._spread, self._smooth, self._means, self._memory,
-            self.gram, self.product, self.sums,
+            self.gram, self.product, self.sums, self.noise_score, self.mean_squares,
         )  # fmt: skip
 
     def shift(self, change: Array) -> None:
@@ -191,11 +169,29 @@ class Prediction:
 
 
 @compiled
-def _mean_squares(sums: Array) -> Array:
-    means = np.empty(len(MEAN_SQUARES))
-    for place in range(len(MEAN_SQUARES)):
-        means[place] = sums[MEAN_SQUARES[place]] / max(1.0, sums[COUNT])
-    return means
+def score_noise(
+    sums: Array, parameters: Array, scale: Array, mass: float, period: float, pointwise: bool, score: Array
+) -> None:
+    """Fill ``score`` with what noise of the body's sensor makes of ``product`` on average.
+
+    The model answers to that noise, the spool does not: least squares would rather damp the answer
+    (errors in the input: Soederstroem, Automatica 43 (2007) 939). For white noise of variance q the
+    answer's mean square is q T (d^2 + k m) / (2 d m), d being the damping; half its slope is the mean
+    score. Dry friction damps a small motion upon a large one of rms V like 2 F_c / (pi sqrt(2) V).
+    """
+    score[:] = 0.0
+    if sums[COUNT] == 0.0 or sums[VELOCITY] == 0.0:
+        return
+    k, c, f = abs(parameters[0]), parameters[1], abs(parameters[2])
+    by_friction = math.sqrt(2.0) / (math.pi * math.sqrt(sums[VELOCITY] / sums[COUNT]))
+    damping = max(c + by_friction * f, 1e-3 * scale[1])
+    # Sensors are alike: the body's noise is no more than the prediction leaves, 3/8 of it once smoothed.
+    left = sums[RESIDUAL] / mass**2 * (1.0 if pointwise else 8.0 / 3.0)
+    size = 0.5 * mass**2 * min(sums[NOISE], left) * period
+    by_damping = size * (k / (2.0 * damping**2) - 1.0 / (2.0 * mass))
+    score[0] = -size / (2.0 * damping) * scale[0]
+    score[1] = by_damping * scale[1]
+    score[2] = by_damping * by_friction * scale[2]
 
 
 @compiled
@@ -265,11 +261,15 @@ def _run(
     gram: Array,
     product: Array,
     sums: Array,
+    noise_score: Array,
+    mean_squares: Array,
 ) -> None:
     k, c, f = parameters[0], parameters[1], parameters[2]
     per_mass = 1.0 / mass
     share, leak = constants[0], constants[1]
     to_k, to_c, to_f = -mass * constants[4], -mass * constants[5], -mass * constants[6]
+    matrix = np.empty((8, 8))
+    slip_matrix(period, mass, parameters, matrix)
     for n in range(body.size):
         for i in range(5):
             ring[0, i] = ring[0, i + 1]
@@ -294,7 +294,9 @@ def _run(
         spread[2, 1] += by_c
         spread[3, 1] += by_f
         near = memory[_LAST_JUMP] > 1.0 - AMBIGUOUS
-        first, last = advance_sample(motion, a0, am, a1, period, pieces, mass, parameters, spread)
+        first, last = 2.0, -2.0
+        if not (pieces == 1 and slip(motion, a0, am, a1, matrix)):
+            first, last = advance_sample(motion, a0, am, a1, period, pieces, mass, parameters, spread)
         memory[_LAST_JUMP] = last
         near = near or first < AMBIGUOUS
 
@@ -354,3 +356,6 @@ def _run(
     for i in range(3):
         for j in range(i):
             gram[i, j] = gram[j, i]
+    score_noise(sums, parameters, constants[4:7], mass, period, pointwise, noise_score)
+    for place in range(mean_squares.size):
+        mean_squares[place] = sums[MEAN_SQUARES[place]] / max(1.0, sums[COUNT])

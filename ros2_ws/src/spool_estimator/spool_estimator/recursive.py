@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from spool_stream.compiled import compiled
 
 Array = NDArray[np.float64]
+Matrix = NDArray[np.floating]
 
 #: Chunks that are solved together before the recursion begins.
 BATCH = 10
@@ -153,27 +154,56 @@ def _step(
     change: Array,
 ) -> None:
     """Forget, add the chunk, fill ``change`` of the parameters; the first four move on in place."""
+    size = score.size
     factor = np.linalg.cholesky(information)
     inverse = np.linalg.inv(factor)
-    shares, directions = np.linalg.eigh(inverse @ gram @ inverse.T)
-    basis = factor @ directions
-    dual = inverse.T @ directions
-    kept = np.zeros(information.shape)
-    for i in range(shares.size):
+    shares, directions = np.linalg.eigh(times(times(inverse, gram), inverse.T))
+    basis = times(factor, directions)
+    dual = times(inverse.T, directions)
+    kept = np.zeros((size, size))
+    for i in range(size):
         brought = max(shares[i], 0.0)
+        square = 0.0
+        for j in range(size):
+            square += dual[j, i] * dual[j, i]
         # A displacement along ``dual`` has the nominal deviation of its own length times the noise.
-        excess = 1.0 - np.sum(dual[:, i] ** 2) / enough**2
+        excess = 1.0 - square / enough**2
         forgotten = min(forgetting, max(brought, min(AHEAD * brought, excess)))
-        kept += (1.0 - forgotten) * np.outer(basis[:, i], basis[:, i])
+        for j in range(size):
+            for k in range(size):
+                kept[j, k] += (1.0 - forgotten) * basis[j, i] * basis[k, i]
     information[:] = kept + gram
     gain = np.linalg.inv(information)
-    shrink = gain @ kept
-    change[:] = gain @ score
-    bias[:] = shrink @ bias + gain @ mean_score
-    neighbours = np.zeros(change.size)
+    shrink = times(gain, kept)
+    change[:] = 0.0
+    former = bias.copy()
+    bias[:] = 0.0
+    for i in range(size):
+        for j in range(size):
+            change[i] += gain[i, j] * score[j]
+            bias[i] += shrink[i, j] * former[j] + gain[i, j] * mean_score[j]
+    neighbours = np.zeros(size)
     for lag in range(recent.shape[0] - 1):
-        recent[lag] = shrink @ recent[lag + 1]
-        neighbours += (lag + 1.0) / recent.shape[0] * recent[lag]
+        for i in range(size):
+            recent[lag, i] = 0.0
+            for j in range(size):
+                recent[lag, i] += shrink[i, j] * recent[lag + 1, j]
+            neighbours[i] += (lag + 1.0) / recent.shape[0] * recent[lag, i]
     recent[-1] = change
-    across = np.outer(neighbours, change)
-    covariance[:] = shrink @ covariance @ shrink.T + np.outer(change, change) + across + across.T
+    covariance[:] = times(times(shrink, covariance), shrink.T)
+    for i in range(size):
+        for j in range(size):
+            across = neighbours[i] * change[j] + change[i] * neighbours[j]
+            covariance[i, j] += change[i] * change[j] + across
+
+
+@compiled
+def times(one: Matrix, other: Matrix) -> Array:
+    """Return the product of two small square matrices: loops, for what BLAS costs per call is more."""
+    size = one.shape[0]
+    product = np.zeros((size, size))
+    for i in range(size):
+        for j in range(size):
+            for k in range(size):
+                product[i, j] += one[i, k] * other[k, j]
+    return product

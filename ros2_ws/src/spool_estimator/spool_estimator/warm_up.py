@@ -47,6 +47,7 @@ def warm_up_estimator() -> None:
     window = ChunkWindow(scale)
     window.add_sums(np.eye(3), scale, 1.0, 1.0, scale)
     window.judge(scale)
+    window.take(np.eye(3), scale, 1.0, 1.0, scale, np.array([1]))
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from spool_estimator.estimate import Estimate
 from spool_stream.block import Block
 
-from .detectors import Detector, Finding, Judgement, Moment, detectors
+from .detectors import ESTIMATE, LINE, SIGNALS, Detector, Finding, Judgement, Moment, detectors
 from .drift import Baseline, ParameterDrift
 from .event import Condition, Event
 from .response import Response, ResponseTracker
@@ -118,7 +118,8 @@ class Detection:
                 events += self._show_signals(look(window), natural_frequency)
             self.line = find_line(window)
             events += self._show(
-                self._moment(window.stamp, natural_frequency, line=self.line, silent=self.line is None)
+                LINE,
+                self._moment(window.stamp, natural_frequency, line=self.line, silent=self.line is None),
             )
         self._stamp = block.end
         return events
@@ -136,7 +137,7 @@ class Detection:
                 parameter.judged = False
             else:
                 parameter.update(estimate, distrust=distrust)
-        return self._show(self._moment(estimate.stamp, natural_frequency, estimate=estimate))
+        return self._show(ESTIMATE, self._moment(estimate.stamp, natural_frequency, estimate=estimate))
 
     def _show_signals(self, signals: Signals, natural_frequency: float) -> list[Event]:
         shaken = signals.body.rms >= self.settings.minimum_body
@@ -145,8 +146,8 @@ class Detection:
         response = self.response.update(signals, self.usual) if shaken else None
         if not shaken:
             self.response.restart()
-        moment = self._moment(signals.stamp, natural_frequency, signals=signals)
-        events = self._show(replace(moment, response=response))
+        moment = self._moment(signals.stamp, natural_frequency, signals=signals, response=response)
+        events = self._show(SIGNALS, moment)
         if response is not None and not self.distrust and 0.7 < response.gain < 1.4:
             self._follow(response)
         return events
@@ -172,20 +173,23 @@ class Detection:
         line: Line | None = None,
         silent: bool = False,
         signals: Signals | None = None,
+        response: Response | None = None,
         estimate: Estimate | None = None,
     ) -> Moment:
         return Moment(
             stamp, natural_frequency, self.usual, self.parameters, self.learned,
-            line, silent, signals, None, estimate, self._velocity,
+            line, silent, signals, response, estimate, self._velocity,
         )  # fmt: skip
 
-    def _show(self, moment: Moment) -> list[Event]:
+    def _show(self, what: str, moment: Moment) -> list[Event]:
+        """Show a moment with something new of ``what`` to those who look at that."""
         events: list[Event] = []
         for one in self.detectors:
-            distrust = self._distrust(moment.stamp, one.rank)
-            finding = one.update(replace(moment, distrust=distrust) if distrust else moment)
-            if finding is not None:
-                events += self._judge(one, finding)
+            if what in one.looks_at:
+                distrust = self._distrust(moment.stamp, one.rank)
+                finding = one.update(replace(moment, distrust=distrust) if distrust else moment)
+                if finding is not None:
+                    events += self._judge(one, finding)
             active = self.conditions[one.name].active is not None and one.judgement is not Judgement.JUDGED
             if one.suspicious or (active and one.rank < PARAMETERS):
                 reason = one.suspicious or f"{one.name.replace('_', ' ')} is active"

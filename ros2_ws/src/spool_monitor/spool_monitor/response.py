@@ -132,7 +132,8 @@ def descend(frequency: Array, body: Array, cross: Complex, start: Array) -> tupl
         for n in range(frequency.size):
             w = 2.0 * math.pi * frequency[n]
             follows = complex(square, w * damping)
-            inverse = 1.0 / (follows - w * w)
+            lower = follows - w * w
+            inverse = lower.conjugate() * (1.0 / (lower.real**2 + lower.imag**2))
             shape = follows * inverse
             # d/d follows of follows / (follows - w^2)
             slope = -w * w * inverse * inverse
@@ -144,8 +145,11 @@ def descend(frequency: Array, body: Array, cross: Complex, start: Array) -> tupl
             gained += (model.conjugate() * (cross[n] + left)).real
             for i in range(3):
                 right[i] += (columns[i].conjugate() * left).real
-                for j in range(3):
+                for j in range(i + 1):
                     normal[i, j] += body[n] * (columns[i].conjugate() * columns[j]).real
+        for i in range(3):
+            for j in range(i):
+                normal[j, i] = normal[i, j]
         damped = normal + 1e-9 * np.trace(normal) * np.eye(3)
         step = np.linalg.solve(damped, right)
         for i in range(3):

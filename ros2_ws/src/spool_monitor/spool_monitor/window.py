@@ -40,6 +40,8 @@ class WindowTracker:
     hop: float = 0.25
     _last: Samples = field(default_factory=lambda: np.zeros((2, 0), np.float32), init=False)
     _taper: Array = field(default_factory=lambda: np.zeros(0), init=False)
+    _weight: float = field(default=0.0, init=False)
+    _energy: float = field(default=0.0, init=False)
     _hop: int = field(default=1, init=False)
     _period: float = field(default=0.0, init=False)
     _filled: int = field(default=0, init=False)
@@ -54,6 +56,7 @@ class WindowTracker:
             # The samples since the last window follow those of it.
             self._last = np.zeros((2, size + self._hop), np.float32)
             self._taper = np.hanning(size).astype(np.float64)
+            self._weight, self._energy = float(self._taper.sum()), float(self._taper @ self._taper)
             self._period = period
         self._filled = self._fresh = self._number = 0
 
@@ -83,13 +86,11 @@ class WindowTracker:
     def _window(self, stamp: int, samples: Samples) -> Window:
         tapered, (body, spool) = taper(samples, self._taper)
         spectrum = fft.rfft(tapered)
-        weight = float(self._taper.sum())
-        means = (body + float(spectrum[0, 0].real) / weight, spool + float(spectrum[1, 0].real) / weight)
+        more = spectrum[:, 0].real / self._weight
+        means = body + float(more[0]), spool + float(more[1])
         step = 1.0 / (self._taper.size * self._period)
         self._number += 1
-        return Window(
-            stamp, self._number - 1, samples, spectrum, means, step, float(self._taper @ self._taper)
-        )
+        return Window(stamp, self._number - 1, samples, spectrum, means, step, self._energy)
 
 
 @compiled

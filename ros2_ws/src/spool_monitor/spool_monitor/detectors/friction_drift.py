@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from ..diagnosis import advice, rank_friction
 from ..event import Severity
-from .base import Detector, Finding, Moment, judgement
+from .base import ESTIMATE, Detector, Finding, Moment, judgement
 
 
 class FrictionDrift(Detector):
@@ -14,6 +14,7 @@ class FrictionDrift(Detector):
 
     name = "friction_drift"
     kind = "friction_drift"
+    looks_at = (ESTIMATE,)
     on_delay: ClassVar[float] = 3.0
     off_delay: ClassVar[float] = 5.0
 

@@ -12,7 +12,7 @@ from ..drift import ALLOWANCE
 from ..event import Severity
 from ..settings import MonitorSettings
 from ..spectrum import Line
-from .base import Detector, Finding, Judgement, Moment
+from .base import LINE, Detector, Finding, Judgement, Moment
 
 
 class Resonance(Detector):
@@ -25,6 +25,7 @@ class Resonance(Detector):
 
     name = "resonance"
     kind = "resonance"
+    looks_at = (LINE,)
     on_delay: ClassVar[float] = 0.5
     off_delay: ClassVar[float] = 1.0
 

@@ -12,7 +12,7 @@ from ..diagnosis import advice
 from ..event import Severity
 from ..response import transfer
 from ..window import Array
-from .base import Detector, Finding, Judgement, Moment
+from .base import SIGNALS, Detector, Finding, Judgement, Moment
 
 #: Share of what is due below which a channel is dead, and above which it lives.
 DEAD, ALIVE = 0.12, 0.25
@@ -27,6 +27,7 @@ class SensorDead(Detector):
 
     name = "sensor_dead"
     kind = "sensor_fault"
+    looks_at = (SIGNALS,)
     rank = 0
     on_delay: ClassVar[float] = 1.0
 

@@ -10,7 +10,7 @@ from spool_stream.quantity import Quantity, Validity
 from ..diagnosis import advice
 from ..event import Severity
 from ..settings import MonitorSettings
-from .base import Detector, Finding, Judgement, Moment
+from .base import SIGNALS, Detector, Finding, Judgement, Moment
 
 #: Windows that the mean is smoothed over.
 SMOOTHING = 4.0
@@ -21,6 +21,7 @@ class SensorOffset(Detector):
 
     name = "sensor_offset"
     kind = "sensor_fault"
+    looks_at = (SIGNALS,)
     rank = 2
     on_delay: ClassVar[float] = 3.0
 

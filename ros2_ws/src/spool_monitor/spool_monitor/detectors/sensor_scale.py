@@ -14,7 +14,7 @@ from ..event import Severity
 from ..response import MEMORY, Response
 from ..settings import MonitorSettings
 from ..signals import Signals
-from .base import Detector, Finding, Judgement, Moment
+from .base import ESTIMATE, SIGNALS, Detector, Finding, Judgement, Moment
 
 #: What the estimator's model leaves unexplained on top of the usual: least share, and over the usual share,
 #: from which no valve explains the channels any more.
@@ -51,6 +51,7 @@ class SensorScale(Detector):
 
     name = "sensor_scale"
     kind = "sensor_fault"
+    looks_at = (SIGNALS, ESTIMATE)
     rank = 4
     on_delay: ClassVar[float] = 2.0
 

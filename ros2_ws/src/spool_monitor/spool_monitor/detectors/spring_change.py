@@ -6,7 +6,7 @@ import math
 from typing import ClassVar
 
 from ..diagnosis import advice
-from .base import Detector, Finding, Moment, judgement
+from .base import ESTIMATE, Detector, Finding, Moment, judgement
 
 
 class SpringChange(Detector):
@@ -14,6 +14,7 @@ class SpringChange(Detector):
 
     name = "spring_change"
     kind = "spring_change"
+    looks_at = (ESTIMATE,)
     on_delay: ClassVar[float] = 3.0
     off_delay: ClassVar[float] = 5.0
 

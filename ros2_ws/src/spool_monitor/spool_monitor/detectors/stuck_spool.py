@@ -13,7 +13,7 @@ from ..event import Severity
 from ..response import transfer
 from ..settings import MonitorSettings
 from ..window import Array
-from .base import Detector, Finding, Judgement, Moment
+from .base import ESTIMATE, SIGNALS, Detector, Finding, Judgement, Moment
 
 #: Share of the due relative motion below which the spool is stuck, and above which it moves.
 STUCK, MOVES = 0.2, 0.4
@@ -27,6 +27,7 @@ class StuckSpool(Detector):
 
     name = "stuck_spool"
     kind = "stuck_spool"
+    looks_at = (SIGNALS, ESTIMATE)
     rank = 5
     on_delay: ClassVar[float] = 2.0
 
