@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_stream.compiled import compiled
 
-from .friction_motion import MOTION_STATES, advance_sample
+from .friction_motion import advance_sample
 from .slip_motion import slip, slip_matrix
 
 Array = NDArray[np.float64]
@@ -39,8 +39,9 @@ RESIDUAL, TARGET, BODY, DISPLACEMENT, VELOCITY, COUNT, POINTWISE, BAND_LIMITED, 
 SUMS = 9
 #: What ``mean_squares`` gives, in this order.
 MEAN_SQUARES = (RESIDUAL, TARGET, BODY, DISPLACEMENT, VELOCITY)
-# Places in ``_memory``.
+# Places in the memory, the last part of the state, see ``_parts``.
 _SEEN, _LAST_JUMP, _OFFSET, _WINDOW, _TAKEN, _WEIGHT, _WEIGHTED, _POINT, _V, _Z = range(10)
+_MEMORY, _STATES = 61, 71
 
 
 @dataclass(slots=True)
@@ -62,7 +63,8 @@ class Prediction:
             measured; their count; error next to jumps taken as point values and as band-limited ones
             (m/s^2); noise of the body's acceleration (m/s^2).
         mean_squares: of MEAN_SQUARES in this order, shape (5,).
-        motion: the model's state, see :mod:`.friction_motion`.
+        state: where the run is now, the model's motion (see :mod:`.friction_motion`) first; ``at`` goes on
+            from a copy of it.
 
     """
 
@@ -76,23 +78,13 @@ class Prediction:
     noise_score: Array = field(init=False)
     sums: Array = field(init=False)
     mean_squares: Array = field(init=False)
-    motion: Array = field(init=False)
-    _ring: Array = field(init=False)
-    _spread: Array = field(init=False)
-    _smooth: Array = field(init=False)
-    _means: Array = field(init=False)
-    _memory: Array = field(init=False)
+    state: Array = field(init=False)
     _constants: Array = field(init=False)
 
     def __post_init__(self) -> None:
         self.gram, self.product, self.sums = np.zeros((3, 3)), np.zeros(3), np.zeros(SUMS)
         self.noise_score, self.mean_squares = np.zeros(3), np.zeros(len(MEAN_SQUARES))
-        self.motion = np.zeros(MOTION_STATES)
-        self._ring = np.zeros((2, 6))
-        self._spread = np.zeros((4, 4))
-        self._smooth = np.zeros((5, 2))
-        self._means = np.zeros((7, 2))
-        self._memory = np.zeros(10)
+        self.state = np.zeros(_STATES)
         period = self.sample_period
         # Two equal first-order stages are down by 3 dB together at 1.554 times the corner of one.
         corner = self.low_cut / 1.554
@@ -109,63 +101,69 @@ class Prediction:
     @property
     def offset(self) -> float:
         """What is taken off the body's acceleration, m/s^2; NaN before the first sample."""
-        return float(self._memory[_OFFSET]) if self._memory[_WINDOW] > 0.0 else math.nan
+        offset, window = self.state[_MEMORY + _OFFSET], self.state[_MEMORY + _WINDOW]
+        return float(offset) if window > 0.0 else math.nan
 
     def reset(self, offset: float = math.nan) -> None:
         """Forget every sample: the model starts at rest, with the body's ``offset`` where it is known."""
-        for state in self._state:
-            state[:] = 0.0
+        self.state.fill(0.0)
         if math.isfinite(offset):
-            self._memory[_OFFSET] = offset
-            self._memory[_WINDOW] = self._constants[3]
+            self.state[_MEMORY + _OFFSET] = offset
+            self.state[_MEMORY + _WINDOW] = self._constants[3]
         self.clear()
 
     def copy(self) -> Prediction:
         """Return a run that goes on from here by itself, its sums begun anew."""
-        return self.at(self._state)
+        return self.at(self.state)
 
-    @property
-    def state(self) -> tuple[Array, ...]:
-        """Where the run is now; ``at`` goes on from there."""
-        return tuple(array.copy() for array in self._state)
-
-    def at(self, state: tuple[Array, ...]) -> Prediction:
+    def at(self, state: Array) -> Prediction:
         """Return a run that goes on from ``state`` by itself, its sums begun anew."""
         other = Prediction(self.sample_period, self.mass, self.scale, self.low_cut, self.pointwise)
-        for given, its in zip(state, other._state, strict=True):
-            its[:] = given
+        other.state[:] = state
         return other
 
     def forget_derivatives(self) -> None:
         """Take the motion so far as given: the parameters act from here on."""
-        self.motion[3:] = 0.0
-        self._spread[1:] = 0.0
-        self._smooth[1:4] = 0.0
-        self._means[1:4] = 0.0
-
-    @property
-    def _state(self) -> tuple[Array, ...]:
-        return self.motion, self._ring, self._spread, self._smooth, self._means, self._memory
+        _forget_derivatives(self.state)
 
     def clear(self) -> None:
         """Begin the sums anew."""
-        self.gram[:] = 0.0
-        self.product[:] = 0.0
-        self.sums[:] = 0.0
+        self.gram.fill(0.0)
+        self.product.fill(0.0)
+        self.sums.fill(0.0)
 
     def take(self, body: Samples, spool: Samples, parameters: Array) -> None:
         """Run over samples of shape (n,), m/s^2, with k (N/m), c (N s/m), F_c (N), shape (3,)."""
-        fastest = max(math.sqrt(abs(parameters[0]) / self.mass), abs(parameters[1]) / self.mass)
-        pieces = min(1000, math.ceil(max(1.0, fastest * self.sample_period / _LARGEST_STEP)))
         _run(
-            body, spool, self.sample_period, pieces, self.mass, parameters, self.pointwise, self._constants,
-            self.motion, self._ring, self._spread, self._smooth, self._means, self._memory,
-            self.gram, self.product, self.sums, self.noise_score, self.mean_squares,
+            body, spool, self.sample_period, self.mass, parameters, self.pointwise, self._constants,
+            self.state, self.gram, self.product, self.sums, self.noise_score, self.mean_squares,
         )  # fmt: skip
 
     def shift(self, change: Array) -> None:
         """Move the motion to where it would be with parameters changed by ``change``, to first order."""
-        _shift(self.motion, change)
+        _shift(self.state, change)
+
+
+@compiled
+def _parts(state: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """Return views of ``state``: motion, ring of samples, spread jumps, smoothing, high-passes, memory."""
+    return (
+        state[:9],
+        state[9:21].reshape(2, 6),
+        state[21:37].reshape(4, 4),
+        state[37:47].reshape(5, 2),
+        state[47:_MEMORY].reshape(7, 2),
+        state[_MEMORY:],
+    )
+
+
+@compiled
+def _forget_derivatives(state: Array) -> None:
+    motion, _, spread, smooth, means, _ = _parts(state)
+    motion[3:] = 0.0
+    spread[1:] = 0.0
+    smooth[1:4] = 0.0
+    means[1:4] = 0.0
 
 
 @compiled
@@ -247,17 +245,11 @@ def _run(
     body: Samples,
     spool: Samples,
     period: float,
-    pieces: int,
     mass: float,
     parameters: Array,
     pointwise: bool,
     constants: Array,
-    motion: Array,
-    ring: Array,
-    spread: Array,
-    smooth: Array,
-    means: Array,
-    memory: Array,
+    state: Array,
     gram: Array,
     product: Array,
     sums: Array,
@@ -266,6 +258,9 @@ def _run(
 ) -> None:
     k, c, f = parameters[0], parameters[1], parameters[2]
     per_mass = 1.0 / mass
+    fastest = max(math.sqrt(abs(k) * per_mass), abs(c) * per_mass)
+    pieces = min(1000, math.ceil(max(1.0, fastest * period / _LARGEST_STEP)))
+    motion, ring, spread, smooth, means, memory = _parts(state)
     share, leak = constants[0], constants[1]
     to_k, to_c, to_f = -mass * constants[4], -mass * constants[5], -mass * constants[6]
     matrix = np.empty((8, 8))

@@ -72,10 +72,11 @@ class RecursiveLeastSquares:
         else:
             self.advance(gram, product - gram @ (self.parameters / self.scale), np.zeros(self.scale.size))
 
-    def advance(self, gram: Array, score: Array, mean_score: Array) -> Array:
-        """Take a chunk by its sums over scaled, weighted rows: row row^T, and row times the present error.
+    def advance(self, gram: Array, score: Array, mean_score: Array, weight: float = 1.0) -> Array:
+        """Take a chunk by its sums over scaled rows: row row^T, and row times the present error.
 
         ``mean_score`` is the part of ``score`` that a known cause makes on average: it goes into ``bias``.
+        Each sample counts ``weight``.
 
         Returns:
             The change of the parameters, shape (p,).
@@ -84,7 +85,7 @@ class RecursiveLeastSquares:
         self.chunks += 1
         change = np.empty(score.size)
         _step(
-            self.information, self.covariance, self._recent, self.bias, gram, score, mean_score,
+            self.information, self.covariance, self._recent, self.bias, gram, score, mean_score, weight,
             self.forgetting, ENOUGH / self.noise, change,
         )  # fmt: skip
         moved = change * self.scale
@@ -94,7 +95,8 @@ class RecursiveLeastSquares:
     def begin(self, parameters: Array, grams: Array, scores: Array, mean_score: Array) -> None:
         """Begin anew with ``parameters`` that fit n chunks.
 
-        ``grams`` (n, p, p) and ``scores`` (n, p) are as for ``advance``, ``mean_score`` is that of all, (p,).
+        ``grams`` (n, p, p) and ``scores`` (n, p) are as for ``advance``, but weighted;
+        ``mean_score`` is that of all, (p,).
         """
         self.chunks = BATCH + len(grams)
         self._first.clear()
@@ -149,12 +151,14 @@ def _step(
     gram: Array,
     score: Array,
     mean_score: Array,
+    weight: float,
     forgetting: float,
     enough: float,
     change: Array,
 ) -> None:
     """Forget, add the chunk, fill ``change`` of the parameters; the first four move on in place."""
     size = score.size
+    gram = weight * gram
     factor = np.linalg.cholesky(information)
     inverse = np.linalg.inv(factor)
     shares, directions = np.linalg.eigh(times(times(inverse, gram), inverse.T))
@@ -180,8 +184,8 @@ def _step(
     bias[:] = 0.0
     for i in range(size):
         for j in range(size):
-            change[i] += gain[i, j] * score[j]
-            bias[i] += shrink[i, j] * former[j] + gain[i, j] * mean_score[j]
+            change[i] += gain[i, j] * weight * score[j]
+            bias[i] += shrink[i, j] * former[j] + gain[i, j] * weight * mean_score[j]
     neighbours = np.zeros(size)
     for lag in range(recent.shape[0] - 1):
         for i in range(size):

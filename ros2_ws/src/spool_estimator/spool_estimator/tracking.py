@@ -118,7 +118,7 @@ class Tracker:
     _history: History = field(init=False)
     _fitter: Fitter = field(init=False)
     _window: ChunkWindow = field(init=False)
-    _earlier: deque[tuple[Array, ...]] = field(init=False)
+    _earlier: deque[Array] = field(init=False)
     _usual: list[float] = field(init=False)
     _scales: Array = field(init=False)
     _sizes: Array = field(init=False)
@@ -134,7 +134,7 @@ class Tracker:
         self.powers = np.full(len(MEAN_SQUARES), math.nan)
         self._sizes = np.zeros(len(MEAN_SQUARES))
         self.regression = self._fresh()
-        self._scales = np.outer(self.scale, self.scale)
+        self._scales = self.scale[:, np.newaxis] * self.scale
         self._window = ChunkWindow(self.scale)
         self._earlier = deque(maxlen=max(LENGTHS))
         self._usual = [SIGNIFICANT / UNUSUAL] * len(LENGTHS)
@@ -262,7 +262,7 @@ class Tracker:
         elif self.excited and self._since_restart * CHUNK >= NEEDED - 1e-9:
             self._start(math.inf)
         self.prediction.clear()
-        self._earlier.append(self.prediction.state)
+        self._earlier.append(self.prediction.state.copy())
 
     def _regress(self, residual: float, count: float) -> None:
         prediction, regression = self.prediction, self.regression
@@ -287,7 +287,7 @@ class Tracker:
         if poor and self._since_restart * CHUNK >= NEEDED and self._start(0.5 * present):
             return
         weight = NOISE**2 / (own + SMALLEST_NOISE**2)
-        change = regression.advance(prediction.gram * weight, score * weight, DOUBT * weight * noise_score)
+        change = regression.advance(prediction.gram, score, DOUBT * noise_score, weight)
         prediction.shift(change)
         pointwise, band_limited = self._evidence
         prediction.pointwise = told_apart(pointwise, band_limited, present=prediction.pointwise)

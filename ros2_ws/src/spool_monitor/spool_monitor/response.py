@@ -95,15 +95,11 @@ class ResponseTracker:
         if not spool > 0.0 or not float(body.sum()) > 0.0:
             return None
         first = np.array([math.log(start.square), math.log(max(start.damping, 1e-3)), 1.0])
-        theta, normal, gained = descend(frequency, body, self._cross, first)
+        theta, variance, gained = descend(frequency, body, self._cross, first)
         cost = max(spool - gained, 1e-12 * spool)
         # Windows overlap by half: about 0.6 of them are independent, each line of a Hann taper spans 1.5.
         independent = max(4.0, 0.4 * self._weight * frequency.size)
-        scale = cost / independent * max(1.0, self._weight)
-        try:
-            variance = float(np.linalg.inv(normal)[2, 2]) * scale
-        except np.linalg.LinAlgError:
-            variance = math.inf
+        variance *= cost / independent * max(1.0, self._weight)
         logarithmic_square, logarithmic_damping, gain = theta.tolist()
         return Response(
             natural_frequency=math.exp(0.5 * logarithmic_square) / (2.0 * math.pi),
@@ -115,10 +111,11 @@ class ResponseTracker:
 
 
 @compiled
-def descend(frequency: Array, body: Array, cross: Complex, start: Array) -> tuple[Array, Array, float]:
+def descend(frequency: Array, body: Array, cross: Complex, start: Array) -> tuple[Array, float, float]:
     """Return log(w0^2), log(d) and g that fit ``cross`` = H ``body`` after some Gauss-Newton steps.
 
-    And, of the last step, the normal matrix and what the fit takes off the spool's power.
+    And, at the last step, the variance of g for errors of variance 1 (infinite where nothing tells it) and
+    what the fit takes off the spool's power.
     """
     theta = start.copy()
     normal, right = np.zeros((3, 3)), np.zeros(3)
@@ -141,10 +138,10 @@ def descend(frequency: Array, body: Array, cross: Complex, start: Array) -> tupl
             columns[1] = gain * slope * complex(0.0, w * damping)
             columns[2] = shape
             model = gain * shape
-            left = cross[n] - model * body[n]
-            gained += (model.conjugate() * (cross[n] + left)).real
+            rest = cross[n] - model * body[n]
+            gained += (model.conjugate() * (cross[n] + rest)).real
             for i in range(3):
-                right[i] += (columns[i].conjugate() * left).real
+                right[i] += (columns[i].conjugate() * rest).real
                 for j in range(i + 1):
                     normal[i, j] += body[n] * (columns[i].conjugate() * columns[j]).real
         for i in range(3):
@@ -156,4 +153,8 @@ def descend(frequency: Array, body: Array, cross: Complex, start: Array) -> tupl
             theta[i] += min(0.3, max(-0.3, step[i]))
         for i in range(2):
             theta[i] = min(25.0, max(-5.0, theta[i]))
-    return theta, normal, gained
+    # The last element of the inverse of the normal matrix.
+    minor = normal[0, 0] * normal[1, 1] - normal[0, 1] ** 2
+    both = normal[0, 2] ** 2 * normal[1, 1] + normal[1, 2] ** 2 * normal[0, 0]
+    whole = normal[2, 2] * minor - both + 2.0 * normal[0, 1] * normal[0, 2] * normal[1, 2]
+    return theta, minor / whole if whole > 0.0 else math.inf, gained

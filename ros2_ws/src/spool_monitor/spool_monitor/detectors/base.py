@@ -12,7 +12,7 @@ from spool_estimator.estimate import Estimate
 from spool_stream.quantity import Quantity
 
 from ..drift import Baseline, ParameterDrift
-from ..event import Severity
+from ..event import Severity, Text
 from ..response import Response
 from ..settings import MonitorSettings
 from ..signals import Signals
@@ -54,7 +54,7 @@ class Finding:
     released: bool
     cause: str
     quantity: Quantity
-    message: str
+    message: Text
 
 
 @dataclass(frozen=True, slots=True)

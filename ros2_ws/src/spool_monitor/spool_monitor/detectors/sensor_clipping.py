@@ -51,8 +51,10 @@ class SensorClipping(Detector):
             not flat,
             "clipping",
             Quantity("flat_share", "1", latest[1], validity=Validity.VALID),
-            f"{latest[0]} accelerometer: {100.0 * latest[1]:.0f} % of its samples lie on a flat top"
-            + advice(self.kind, "clipping"),
+            lambda: (
+                f"{latest[0]} accelerometer: {100.0 * latest[1]:.0f} % of its samples lie on a flat top"
+                + advice(self.kind, "clipping")
+            ),
         )
 
     def restart(self) -> None:

@@ -59,8 +59,10 @@ class SensorDead(Detector):
             bool(shares) and min(shares.values()) > ALIVE,
             "dead",
             Quantity("channel_level", "1", share, validity=Validity.VALID if shares else Validity.UNKNOWN),
-            f"{name} accelerometer shows {seen[name]:.2g} m/s^2 where {due[name]:.2g} m/s^2 are due"
-            + advice(self.kind, "dead"),
+            lambda: (
+                f"{name} accelerometer shows {seen[name]:.2g} m/s^2 where {due[name]:.2g} m/s^2 are due"
+                + advice(self.kind, "dead")
+            ),
         )
 
 

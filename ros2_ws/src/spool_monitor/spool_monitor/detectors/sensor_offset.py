@@ -59,8 +59,10 @@ class SensorOffset(Detector):
             abs(apart) < 0.6 * limit,
             "offset",
             Quantity("offset_change", "m/s^2", moved[name], spread, Validity.VALID),
-            f"mean of the {name} accelerometer moved by {moved[name]:+.2f} m/s^2 to {self._means[name]:+.2f}"
-            + advice(self.kind, "offset"),
+            lambda: (
+                f"mean of the {name} accelerometer moved by {moved[name]:+.2f} m/s^2 "
+                f"to {self._means[name]:+.2f}" + advice(self.kind, "offset")
+            ),
         )
 
     def restart(self) -> None:

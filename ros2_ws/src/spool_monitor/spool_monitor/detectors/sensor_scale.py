@@ -136,8 +136,10 @@ class SensorScale(Detector):
             not self._found,
             "scale",
             Quantity("gain_change", "1", change, response.gain_deviation, Validity.VALID),
-            f"the spool's accelerometer reads {100.0 * change:+.0f} % against the body's"
-            + advice(self.kind, "scale"),
+            lambda: (
+                f"the spool's accelerometer reads {100.0 * change:+.0f} % against the body's"
+                + advice(self.kind, "scale")
+            ),
         )
 
     def _resonates(self, signals: Signals, usual: Response) -> bool:

@@ -44,6 +44,8 @@ class SensorSwapped(Detector):
             share > POSITIVE,
             "swapped",
             Quantity("dissipation", "1", share, validity=Validity.VALID),
-            f"the relative motion gives energy away ({share:.2f} of the usual damping): body and spool are "
-            f"exchanged, or one is turned round{advice(self.kind, 'swapped')}",
+            lambda: (
+                f"the relative motion gives energy away ({share:.2f} of the usual damping): body and spool "
+                f"are exchanged, or one is turned round{advice(self.kind, 'swapped')}"
+            ),
         )

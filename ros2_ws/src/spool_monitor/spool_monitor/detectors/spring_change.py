@@ -25,14 +25,11 @@ class SpringChange(Detector):
         stiffness = moment.parameters["spring_stiffness"]
         self.judgement = judgement(moment, (stiffness,))
         cause = "softer" if stiffness.share < 0.0 else "stiffer"
-        since = f" for {1e-9 * (moment.stamp - stiffness.since):.0f} s" if stiffness.since else ""
         natural = moment.estimate.natural_frequency.value
-        at = f", natural frequency now {natural:.1f} Hz" if math.isfinite(natural) else ""
-        return Finding(
-            moment.stamp,
-            stiffness.level,
-            stiffness.released,
-            cause,
-            stiffness.change,
-            f"{stiffness.text()}{since}{at}{advice(self.kind, cause)}",
-        )
+
+        def text() -> str:
+            since = f" for {1e-9 * (moment.stamp - stiffness.since):.0f} s" if stiffness.since else ""
+            at = f", natural frequency now {natural:.1f} Hz" if math.isfinite(natural) else ""
+            return f"{stiffness.text()}{since}{at}{advice(self.kind, cause)}"
+
+        return Finding(moment.stamp, stiffness.level, stiffness.released, cause, stiffness.change, text)

@@ -63,8 +63,10 @@ class StuckSpool(Detector):
             share > MOVES,
             "",
             Quantity("relative_motion", "1", share, validity=Validity.VALID),
-            f"body shakes with {body:.1f} m/s^2 rms and the spool moves {100.0 * share:.0f} % of what is due"
-            + advice(self.kind),
+            lambda: (
+                f"body shakes with {body:.1f} m/s^2 rms and the spool moves "
+                f"{100.0 * share:.0f} % of what is due" + advice(self.kind)
+            ),
         )
 
     def _learn_friction(self, moment: Moment) -> None:
