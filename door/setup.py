@@ -14,7 +14,7 @@ from door.process import Runner
 from door.state import State
 from door.steps import Steps, say
 
-WARM_UP = "spool_estimator.warm_up"
+WARM_UP = "spool_monitor.warm_up"
 
 
 def is_current(layout: Layout, done: State, running_series: str) -> bool:
@@ -163,7 +163,7 @@ class SetUp:
         state.save(layout, done)
 
     def _can_warm_up(self) -> bool:
-        source = self._layout.workspace / "src" / "spool_estimator"
+        source = self._layout.workspace / "src" / WARM_UP.partition(".")[0]
         return (source / f"{WARM_UP.replace('.', '/')}.py").exists()
 
     def _warm_up(self) -> None:

@@ -44,6 +44,8 @@ _LITTLE, _BIG = _Order("<"), _Order(">")
 
 
 def _order(data: bytes) -> _Order:
+    if data[:4] == LITTLE_ENDIAN:  # as nearly all are
+        return _LITTLE
     if len(data) < 4 or data[0] != 0 or data[1] > 1:
         raise CdrError("unknown CDR encapsulation")
     return _LITTLE if data[1] else _BIG

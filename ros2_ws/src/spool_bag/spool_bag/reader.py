@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Iterator
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -148,37 +150,39 @@ class BagReader:
         queue: list[_Keyed] = []
         lowest = highest = 0
         for file in self.files:
+            channels: dict[int, Callable[[bytes], _Keyed]] = {}
             for record in self._records(file, lambda topic: (topic.name, topic.type) in decoders):
-                topic = file.topics[record.channel]
-                keyed = self._decode(file, topic, record, decoders[topic.name, topic.type])
+                decode = channels.get(record.channel)
+                if decode is None:
+                    topic = file.topics[record.channel]
+                    decode = channels[record.channel] = decoders[topic.name, topic.type]
+                try:
+                    keyed = decode(record.data)
+                except CdrError as error:
+                    name = file.topics[record.channel].name
+                    raise InputError(
+                        f"{file.path}: message of {name} logged at {record.log_time} ns: {error}"
+                    ) from error
                 stamp = keyed[0]
                 if not queue:
                     lowest = highest = stamp
+                elif stamp > highest:
+                    highest = stamp
                 elif stamp < highest - WINDOW:
                     yield from _sorted_items(queue)
                     queue, lowest, highest = [], stamp, stamp
+                elif stamp < lowest:
+                    lowest = stamp
                 queue.append(keyed)
-                lowest, highest = min(lowest, stamp), max(highest, stamp)
                 if highest - lowest > 2 * WINDOW or len(queue) > LONGEST_QUEUE:
-                    queue.sort(key=_key)
-                    due = highest - WINDOW
-                    split = next((at for at, held in enumerate(queue) if held[0] >= due), len(queue))
+                    queue.sort(key=_KEY)
+                    split = bisect_left(queue, highest - WINDOW, key=_STAMP)
                     split = max(split, len(queue) // 2) if len(queue) > LONGEST_QUEUE else split
                     for held in queue[:split]:
                         yield held[2]
                     del queue[:split]
                     lowest = queue[0][0]
         yield from _sorted_items(queue)
-
-    def _decode(
-        self, file: McapFile, topic: Topic, record: Record, decoder: Callable[[bytes], _Keyed]
-    ) -> _Keyed:
-        try:
-            return decoder(record.data)
-        except CdrError as error:
-            raise InputError(
-                f"{file.path}: message of {topic.name} logged at {record.log_time} ns: {error}"
-            ) from error
 
     def _count(self, file: McapFile) -> dict[int, int]:
         counts: dict[int, int] = {}
@@ -230,11 +234,10 @@ def _temperature(data: bytes) -> _Keyed:
     return item.stamp, -1, item
 
 
-def _key(keyed: _Keyed) -> tuple[int, int]:
-    return keyed[0], keyed[1]
+_STAMP, _KEY = itemgetter(0), itemgetter(0, 1)
 
 
 def _sorted_items(queue: list[_Keyed]) -> Iterator[Block | OilTemperature]:
-    queue.sort(key=_key)
+    queue.sort(key=_KEY)
     for keyed in queue:
         yield keyed[2]

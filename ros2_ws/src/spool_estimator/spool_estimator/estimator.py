@@ -176,7 +176,9 @@ class Estimator:
             validity = Validity.VALID if tracker.excited else Validity.HELD
         parameters = tuple(
             _judged(name, unit, value, deviation, validity)
-            for name, unit, value, deviation in zip(_NAMES, _UNITS, values, deviations, strict=True)
+            for name, unit, value, deviation in zip(
+                _NAMES, _UNITS, values.tolist(), deviations.tolist(), strict=True
+            )
         )
         delay = DELAY * tracker.sample_period
         described = stamp - round(delay * 1e9)
@@ -207,18 +209,18 @@ class Estimator:
     ) -> dict[str, Quantity]:
         """Return what follows from the parameters and what the signals themselves show."""
         mass = self.settings.moving_mass
-        stiffness, viscous, _ = (float(value) for value in tracker.regression.parameters)
+        stiffness, viscous, _ = tracker.regression.parameters.tolist()
         frequency = Quantity("natural_frequency", "Hz")
         damping = Quantity("damping_ratio", "1")
         if validity is not Validity.UNKNOWN:
             natural = math.sqrt(stiffness / mass) / (2.0 * math.pi)
             deviation = 0.5 * natural * math.sqrt(covariance[0, 0]) / stiffness
-            frequency = replace(frequency, value=natural, standard_deviation=deviation, validity=validity)
+            frequency = Quantity("natural_frequency", "Hz", natural, deviation, validity)
             ratio = viscous / (2.0 * math.sqrt(stiffness * mass))
             slope = np.array([-0.5 * ratio / stiffness, ratio / viscous if viscous else 0.0])
             deviation = math.sqrt(max(0.0, float(slope @ covariance[:2, :2] @ slope)))
-            damping = replace(damping, value=ratio, standard_deviation=deviation, validity=validity)
-        residual, target, body, displacement, _ = tracker.powers
+            damping = Quantity("damping_ratio", "1", ratio, deviation, validity)
+        residual, target, body, displacement, _ = tracker.powers.tolist()
         seen = Validity.UNKNOWN if math.isnan(body) else Validity.VALID
         relative = math.sqrt(residual / target) if target > 0.0 and validity is Validity.VALID else math.nan
         fit = Validity.UNKNOWN if math.isnan(relative) else Validity.VALID
@@ -239,7 +241,7 @@ def _judged(name: str, unit: str, value: float, deviation: float, validity: Vali
         return Quantity(name, unit)
     if value < -3.0 * deviation and value < 0.0:
         validity = Validity.IMPLAUSIBLE
-    return Quantity(name, unit, float(value), float(deviation), validity)
+    return Quantity(name, unit, value, deviation, validity)
 
 
 def phase_of(name: str) -> int:

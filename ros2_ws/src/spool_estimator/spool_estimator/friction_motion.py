@@ -40,8 +40,50 @@ _LAGRANGE = (
 
 
 @compiled
-def _velocity(v: float, d1: float, d2: float, d3: float, d4: float, d5: float, t: float) -> float:
+def velocity(v: float, d1: float, d2: float, d3: float, d4: float, d5: float, t: float) -> float:
+    """Return v after ``t`` s by its derivatives ``d1`` to ``d5``."""
     return v + t * (d1 + t * 0.5 * (d2 + t * (1.0 / 3.0) * (d3 + t * 0.25 * (d4 + t * 0.2 * d5))))
+
+
+@compiled
+def displacement(z: float, v: float, d1: float, d2: float, d3: float, d4: float, t: float) -> float:
+    """Return z after ``t`` s by v and its derivatives."""
+    return z + t * (v + t * 0.5 * (d1 + t * (1.0 / 3.0) * (d2 + t * 0.25 * (d3 + t * 0.2 * d4))))
+
+
+@compiled
+def rates(
+    z: float, v: float, force: float, drive: tuple[float, float, float], k: float, c: float, per_mass: float
+) -> tuple[float, float, float, float, float]:
+    """Return the derivatives of v by time, first to fifth.
+
+    ``force`` is the dry friction, N; ``drive`` what the body's motion gives, m/s^2, and its first two
+    derivatives by time.
+    """
+    d1 = drive[0] - (k * z + c * v + force) * per_mass
+    d2 = drive[1] - (k * v + c * d1) * per_mass
+    d3 = drive[2] - (k * d1 + c * d2) * per_mass
+    d4 = -(k * d2 + c * d3) * per_mass
+    d5 = -(k * d3 + c * d4) * per_mass
+    return d1, d2, d3, d4, d5
+
+
+@compiled
+def derived(
+    p: float, q: float, by: tuple[float, float, float, float], k: float, c: float, per_mass: float, t: float
+) -> tuple[float, float]:
+    """Return ``p`` and ``q``, derivatives of z and v by a parameter, after ``t`` s.
+
+    ``by`` is the derivative of the force by that parameter, and its first three derivatives by time.
+    """
+    e1 = -(k * p + c * q + by[0]) * per_mass
+    e2 = -(k * q + c * e1 + by[1]) * per_mass
+    e3 = -(k * e1 + c * e2 + by[2]) * per_mass
+    e4 = -(k * e2 + c * e3 + by[3]) * per_mass
+    return (
+        p + t * (q + t * 0.5 * (e1 + t * (1.0 / 3.0) * (e2 + t * 0.25 * e3))),
+        q + t * (e1 + t * 0.5 * (e2 + t * (1.0 / 3.0) * (e3 + t * 0.25 * e4))),
+    )
 
 
 @compiled
@@ -51,7 +93,7 @@ def _stopping_time(
     """Return when the slip in direction ``s`` ends: it goes on at ``low`` and has ended at ``high``, s."""
     t = high
     for _ in range(50):
-        value = s * _velocity(v, d1, d2, d3, d4, d5, t)
+        value = s * velocity(v, d1, d2, d3, d4, d5, t)
         slope = s * (d1 + t * (d2 + t * 0.5 * (d3 + t * (1.0 / 3.0) * (d4 + t * 0.25 * d5))))
         if value > 0.0:
             low = t
@@ -160,12 +202,9 @@ def advance_sample(
                 break
         rest = (1.0 - u) * period
         t = min(rest, period / pieces)
-        d1 = -(a0 + u * (b + u * d)) - (k * z + c * v + s * f) * per_mass
-        d2 = -(b + 2.0 * u * d) / period - (k * v + c * d1) * per_mass
-        d3 = -2.0 * d / (period * period) - (k * d1 + c * d2) * per_mass
-        d4 = -(k * d2 + c * d3) * per_mass
-        d5 = -(k * d3 + c * d4) * per_mass
-        end = _velocity(v, d1, d2, d3, d4, d5, t)
+        drive = -(a0 + u * (b + u * d)), -(b + 2.0 * u * d) / period, -2.0 * d / (period * period)
+        d1, d2, d3, d4, d5 = rates(z, v, s * f, drive, k, c, per_mass)
+        end = velocity(v, d1, d2, d3, d4, d5, t)
         stops = s * end <= 0.0
         if stops:
             before = 0.0
@@ -174,28 +213,20 @@ def advance_sample(
                 before = t
                 for _ in range(20):
                     before *= 0.5
-                    if s * _velocity(v, d1, d2, d3, d4, d5, before) > 0.0:
+                    if s * velocity(v, d1, d2, d3, d4, d5, before) > 0.0:
                         break
-                if s * _velocity(v, d1, d2, d3, d4, d5, before) <= 0.0:
+                if s * velocity(v, d1, d2, d3, d4, d5, before) <= 0.0:
                     state[4] = state[6] = state[8] = 0.0
                     v = s = 0.0  # too short to move: the next sample settles it
                     break
             t = _stopping_time(v, d1, d2, d3, d4, d5, s, before, t)
             end = 0.0
+        force_by = (z, v, d1, d2), (v, d1, d2, d3), (s, 0.0, 0.0, 0.0)
         for j in range(3):
-            g0, g1, g2, g3 = s, 0.0, 0.0, 0.0
-            if j == 0:
-                g0, g1, g2, g3 = z, v, d1, d2
-            elif j == 1:
-                g0, g1, g2, g3 = v, d1, d2, d3
-            p, q = state[3 + 2 * j], state[4 + 2 * j]
-            e1 = -(k * p + c * q + g0) * per_mass
-            e2 = -(k * q + c * e1 + g1) * per_mass
-            e3 = -(k * e1 + c * e2 + g2) * per_mass
-            e4 = -(k * e2 + c * e3 + g3) * per_mass
-            state[3 + 2 * j] = p + t * (q + t * 0.5 * (e1 + t * (1.0 / 3.0) * (e2 + t * 0.25 * e3)))
-            state[4 + 2 * j] = q + t * (e1 + t * 0.5 * (e2 + t * (1.0 / 3.0) * (e3 + t * 0.25 * e4)))
-        z += t * (v + t * 0.5 * (d1 + t * (1.0 / 3.0) * (d2 + t * 0.25 * (d3 + t * 0.2 * d4))))
+            state[3 + 2 * j], state[4 + 2 * j] = derived(
+                state[3 + 2 * j], state[4 + 2 * j], force_by[j], k, c, per_mass, t
+            )
+        z = displacement(z, v, d1, d2, d3, d4, t)
         v = end
         u = 1.0 if t >= rest else u + t / period
         if stops:

@@ -78,7 +78,7 @@ class Descent:
         prediction: the model's run at the end of the stretch, ready to go on.
         grams, scores, powers, counts: sums of each chunk that counts, see :class:`~.prediction.Prediction`.
         target: mean square of the model's inertia force, N^2.
-        noise_score: see :meth:`~.prediction.Prediction.noise_score`, of all chunks.
+        noise_score: see :class:`~.prediction.Prediction`, of all chunks.
 
     """
 
@@ -159,9 +159,9 @@ class Fitter:
             prediction.clear()
             part = slice(before + number * self.chunk, before + (number + 1) * self.chunk)
             prediction.take(body[part], spool[part], parameters)
-            noise_scores[number] = prediction.noise_score(parameters)
+            noise_scores[number] = prediction.noise_score
             grams[number], sums[number] = prediction.gram, prediction.sums
-            scores[number] = prediction.product - noise_scores[number]
+            scores[number] = prediction.product - prediction.noise_score
         prediction.clear()
         prediction.pointwise = told_apart(
             float(sums[:, POINTWISE].sum()), float(sums[:, BAND_LIMITED].sum()), prediction.pointwise

@@ -8,7 +8,7 @@ and slowly changing sensor errors vanish.
 """
 
 # A kernel takes numbers and arrays, in one piece:
-# ruff: noqa: PLR0915
+# ruff: noqa: PLR0912, PLR0915
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_stream.compiled import compiled
 
-from .friction_motion import MOTION_STATES, advance_sample
+from .friction_motion import advance_sample
+from .slip_motion import slip, slip_matrix
 
 Array = NDArray[np.float64]
 Samples = NDArray[np.float32]
@@ -38,8 +39,9 @@ RESIDUAL, TARGET, BODY, DISPLACEMENT, VELOCITY, COUNT, POINTWISE, BAND_LIMITED, 
 SUMS = 9
 #: What ``mean_squares`` gives, in this order.
 MEAN_SQUARES = (RESIDUAL, TARGET, BODY, DISPLACEMENT, VELOCITY)
-# Places in ``_memory``.
+# Places in the memory, the last part of the state, see ``_parts``.
 _SEEN, _LAST_JUMP, _OFFSET, _WINDOW, _TAKEN, _WEIGHT, _WEIGHTED, _POINT, _V, _Z = range(10)
+_MEMORY, _STATES = 61, 71
 
 
 @dataclass(slots=True)
@@ -56,10 +58,13 @@ class Prediction:
 
     Attributes:
         gram, product: sums of derivatives times derivatives and times the error, N^2, scaled.
+        noise_score: what noise of the body's sensor makes of ``product`` on average, shape (3,), N^2, scaled.
         sums: of squares: error and target (N), body (m/s^2), displacement (m) and velocity (m/s) as
             measured; their count; error next to jumps taken as point values and as band-limited ones
             (m/s^2); noise of the body's acceleration (m/s^2).
-        motion: the model's state, see :mod:`.friction_motion`.
+        mean_squares: of MEAN_SQUARES in this order, shape (5,).
+        state: where the run is now, the model's motion (see :mod:`.friction_motion`) first; ``at`` goes on
+            from a copy of it.
 
     """
 
@@ -70,23 +75,16 @@ class Prediction:
     pointwise: bool = False
     gram: Array = field(init=False)
     product: Array = field(init=False)
+    noise_score: Array = field(init=False)
     sums: Array = field(init=False)
-    motion: Array = field(init=False)
-    _ring: Array = field(init=False)
-    _spread: Array = field(init=False)
-    _smooth: Array = field(init=False)
-    _means: Array = field(init=False)
-    _memory: Array = field(init=False)
+    mean_squares: Array = field(init=False)
+    state: Array = field(init=False)
     _constants: Array = field(init=False)
 
     def __post_init__(self) -> None:
         self.gram, self.product, self.sums = np.zeros((3, 3)), np.zeros(3), np.zeros(SUMS)
-        self.motion = np.zeros(MOTION_STATES)
-        self._ring = np.zeros((2, 6))
-        self._spread = np.zeros((4, 4))
-        self._smooth = np.zeros((5, 2))
-        self._means = np.zeros((7, 2))
-        self._memory = np.zeros(10)
+        self.noise_score, self.mean_squares = np.zeros(3), np.zeros(len(MEAN_SQUARES))
+        self.state = np.zeros(_STATES)
         period = self.sample_period
         # Two equal first-order stages are down by 3 dB together at 1.554 times the corner of one.
         corner = self.low_cut / 1.554
@@ -100,102 +98,98 @@ class Prediction:
             ]
         )
 
-    def noise_score(self, parameters: Array) -> Array:
-        """Return what noise of the body's sensor makes of ``product`` on average, shape (3,), N^2, scaled.
-
-        The model answers to that noise, the spool does not: least squares would rather damp the answer
-        (errors in the input: Soederstroem, Automatica 43 (2007) 939). For white noise of variance q the
-        answer's mean square is q T (d^2 + k m) / (2 d m), d being the damping; half its slope is the mean
-        score. Dry friction damps a small motion upon a large one of rms V like 2 F_c / (pi sqrt(2) V).
-        """
-        count = float(self.sums[COUNT])
-        velocity = math.sqrt(float(self.sums[VELOCITY]) / count) if count > 0.0 else 0.0
-        if velocity == 0.0:
-            return np.zeros(3)
-        k, c, f = parameters.tolist()
-        k = abs(k)
-        by_friction = math.sqrt(2.0) / (math.pi * velocity)
-        damping = c + by_friction * abs(f)
-        damping = max(damping, 1e-3 * float(self.scale[1]))
-        # Sensors are alike: the body's noise is no more than the prediction leaves, 3/8 of it once smoothed.
-        left = float(self.sums[RESIDUAL]) / self.mass**2 * (1.0 if self.pointwise else 8.0 / 3.0)
-        size = 0.5 * self.mass**2 * min(float(self.sums[NOISE]), left) * self.sample_period
-        by_damping = size * (k / (2.0 * damping**2) - 1.0 / (2.0 * self.mass))
-        return np.array([-size / (2.0 * damping), by_damping, by_damping * by_friction]) * self.scale
-
-    @property
-    def mean_squares(self) -> Array:
-        """Mean squares since ``clear``: error, target (N), body, displacement, velocity; shape (5,)."""
-        return _mean_squares(self.sums)
-
     @property
     def offset(self) -> float:
         """What is taken off the body's acceleration, m/s^2; NaN before the first sample."""
-        return float(self._memory[_OFFSET]) if self._memory[_WINDOW] > 0.0 else math.nan
+        offset, window = self.state[_MEMORY + _OFFSET], self.state[_MEMORY + _WINDOW]
+        return float(offset) if window > 0.0 else math.nan
 
     def reset(self, offset: float = math.nan) -> None:
         """Forget every sample: the model starts at rest, with the body's ``offset`` where it is known."""
-        for state in self._state:
-            state[:] = 0.0
+        self.state.fill(0.0)
         if math.isfinite(offset):
-            self._memory[_OFFSET] = offset
-            self._memory[_WINDOW] = self._constants[3]
+            self.state[_MEMORY + _OFFSET] = offset
+            self.state[_MEMORY + _WINDOW] = self._constants[3]
         self.clear()
 
     def copy(self) -> Prediction:
         """Return a run that goes on from here by itself, its sums begun anew."""
-        return self.at(self._state)
+        return self.at(self.state)
 
-    @property
-    def state(self) -> tuple[Array, ...]:
-        """Where the run is now; ``at`` goes on from there."""
-        return tuple(array.copy() for array in self._state)
-
-    def at(self, state: tuple[Array, ...]) -> Prediction:
+    def at(self, state: Array) -> Prediction:
         """Return a run that goes on from ``state`` by itself, its sums begun anew."""
         other = Prediction(self.sample_period, self.mass, self.scale, self.low_cut, self.pointwise)
-        for given, its in zip(state, other._state, strict=True):
-            its[:] = given
+        other.state[:] = state
         return other
 
     def forget_derivatives(self) -> None:
         """Take the motion so far as given: the parameters act from here on."""
-        self.motion[3:] = 0.0
-        self._spread[1:] = 0.0
-        self._smooth[1:4] = 0.0
-        self._means[1:4] = 0.0
-
-    @property
-    def _state(self) -> tuple[Array, ...]:
-        return self.motion, self._ring, self._spread, self._smooth, self._means, self._memory
+        _forget_derivatives(self.state)
 
     def clear(self) -> None:
         """Begin the sums anew."""
-        self.gram[:] = 0.0
-        self.product[:] = 0.0
-        self.sums[:] = 0.0
+        self.gram.fill(0.0)
+        self.product.fill(0.0)
+        self.sums.fill(0.0)
 
     def take(self, body: Samples, spool: Samples, parameters: Array) -> None:
         """Run over samples of shape (n,), m/s^2, with k (N/m), c (N s/m), F_c (N), shape (3,)."""
-        fastest = max(math.sqrt(abs(parameters[0]) / self.mass), abs(parameters[1]) / self.mass)
-        pieces = min(1000, math.ceil(max(1.0, fastest * self.sample_period / _LARGEST_STEP)))
         _run(
-            body, spool, self.sample_period, pieces, self.mass, parameters, self.pointwise, self._constants,
-            self.motion, self._ring, self._spread, self._smooth, self._means, self._memory,
-            self.gram, self.product, self.sums,
+            body, spool, self.sample_period, self.mass, parameters, self.pointwise, self._constants,
+            self.state, self.gram, self.product, self.sums, self.noise_score, self.mean_squares,
         )  # fmt: skip
 
     def shift(self, change: Array) -> None:
         """Move the motion to where it would be with parameters changed by ``change``, to first order."""
-        _shift(self.motion, change)
+        _shift(self.state, change)
 
 
 @compiled
-def _mean_squares(sums: Array) -> Array:
-    means = np.empty(len(MEAN_SQUARES))
-    for place in range(len(MEAN_SQUARES)):
-        means[place] = sums[MEAN_SQUARES[place]] / max(1.0, sums[COUNT])
-    return means
+def _parts(state: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """Return views of ``state``: motion, ring of samples, spread jumps, smoothing, high-passes, memory."""
+    return (
+        state[:9],
+        state[9:21].reshape(2, 6),
+        state[21:37].reshape(4, 4),
+        state[37:47].reshape(5, 2),
+        state[47:_MEMORY].reshape(7, 2),
+        state[_MEMORY:],
+    )
+
+
+@compiled
+def _forget_derivatives(state: Array) -> None:
+    motion, _, spread, smooth, means, _ = _parts(state)
+    motion[3:] = 0.0
+    spread[1:] = 0.0
+    smooth[1:4] = 0.0
+    means[1:4] = 0.0
+
+
+@compiled
+def score_noise(
+    sums: Array, parameters: Array, scale: Array, mass: float, period: float, pointwise: bool, score: Array
+) -> None:
+    """Fill ``score`` with what noise of the body's sensor makes of ``product`` on average.
+
+    The model answers to that noise, the spool does not: least squares would rather damp the answer
+    (errors in the input: Soederstroem, Automatica 43 (2007) 939). For white noise of variance q the
+    answer's mean square is q T (d^2 + k m) / (2 d m), d being the damping; half its slope is the mean
+    score. Dry friction damps a small motion upon a large one of rms V like 2 F_c / (pi sqrt(2) V).
+    """
+    score[:] = 0.0
+    if sums[COUNT] == 0.0 or sums[VELOCITY] == 0.0:
+        return
+    k, c, f = abs(parameters[0]), parameters[1], abs(parameters[2])
+    by_friction = math.sqrt(2.0) / (math.pi * math.sqrt(sums[VELOCITY] / sums[COUNT]))
+    damping = max(c + by_friction * f, 1e-3 * scale[1])
+    # Sensors are alike: the body's noise is no more than the prediction leaves, 3/8 of it once smoothed.
+    left = sums[RESIDUAL] / mass**2 * (1.0 if pointwise else 8.0 / 3.0)
+    size = 0.5 * mass**2 * min(sums[NOISE], left) * period
+    by_damping = size * (k / (2.0 * damping**2) - 1.0 / (2.0 * mass))
+    score[0] = -size / (2.0 * damping) * scale[0]
+    score[1] = by_damping * scale[1]
+    score[2] = by_damping * by_friction * scale[2]
 
 
 @compiled
@@ -251,25 +245,26 @@ def _run(
     body: Samples,
     spool: Samples,
     period: float,
-    pieces: int,
     mass: float,
     parameters: Array,
     pointwise: bool,
     constants: Array,
-    motion: Array,
-    ring: Array,
-    spread: Array,
-    smooth: Array,
-    means: Array,
-    memory: Array,
+    state: Array,
     gram: Array,
     product: Array,
     sums: Array,
+    noise_score: Array,
+    mean_squares: Array,
 ) -> None:
     k, c, f = parameters[0], parameters[1], parameters[2]
     per_mass = 1.0 / mass
+    fastest = max(math.sqrt(abs(k) * per_mass), abs(c) * per_mass)
+    pieces = min(1000, math.ceil(max(1.0, fastest * period / _LARGEST_STEP)))
+    motion, ring, spread, smooth, means, memory = _parts(state)
     share, leak = constants[0], constants[1]
     to_k, to_c, to_f = -mass * constants[4], -mass * constants[5], -mass * constants[6]
+    matrix = np.empty((8, 8))
+    slip_matrix(period, mass, parameters, matrix)
     for n in range(body.size):
         for i in range(5):
             ring[0, i] = ring[0, i + 1]
@@ -294,7 +289,9 @@ def _run(
         spread[2, 1] += by_c
         spread[3, 1] += by_f
         near = memory[_LAST_JUMP] > 1.0 - AMBIGUOUS
-        first, last = advance_sample(motion, a0, am, a1, period, pieces, mass, parameters, spread)
+        first, last = 2.0, -2.0
+        if not (pieces == 1 and slip(motion, a0, am, a1, matrix)):
+            first, last = advance_sample(motion, a0, am, a1, period, pieces, mass, parameters, spread)
         memory[_LAST_JUMP] = last
         near = near or first < AMBIGUOUS
 
@@ -354,3 +351,6 @@ def _run(
     for i in range(3):
         for j in range(i):
             gram[i, j] = gram[j, i]
+    score_noise(sums, parameters, constants[4:7], mass, period, pointwise, noise_score)
+    for place in range(mean_squares.size):
+        mean_squares[place] = sums[MEAN_SQUARES[place]] / max(1.0, sums[COUNT])

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from spool_stream.compiled import compiled
 
 Array = NDArray[np.float64]
+Matrix = NDArray[np.floating]
 
 #: Chunks that are solved together before the recursion begins.
 BATCH = 10
@@ -71,10 +72,11 @@ class RecursiveLeastSquares:
         else:
             self.advance(gram, product - gram @ (self.parameters / self.scale), np.zeros(self.scale.size))
 
-    def advance(self, gram: Array, score: Array, mean_score: Array) -> Array:
-        """Take a chunk by its sums over scaled, weighted rows: row row^T, and row times the present error.
+    def advance(self, gram: Array, score: Array, mean_score: Array, weight: float = 1.0) -> Array:
+        """Take a chunk by its sums over scaled rows: row row^T, and row times the present error.
 
         ``mean_score`` is the part of ``score`` that a known cause makes on average: it goes into ``bias``.
+        Each sample counts ``weight``.
 
         Returns:
             The change of the parameters, shape (p,).
@@ -83,7 +85,7 @@ class RecursiveLeastSquares:
         self.chunks += 1
         change = np.empty(score.size)
         _step(
-            self.information, self.covariance, self._recent, self.bias, gram, score, mean_score,
+            self.information, self.covariance, self._recent, self.bias, gram, score, mean_score, weight,
             self.forgetting, ENOUGH / self.noise, change,
         )  # fmt: skip
         moved = change * self.scale
@@ -93,7 +95,8 @@ class RecursiveLeastSquares:
     def begin(self, parameters: Array, grams: Array, scores: Array, mean_score: Array) -> None:
         """Begin anew with ``parameters`` that fit n chunks.
 
-        ``grams`` (n, p, p) and ``scores`` (n, p) are as for ``advance``, ``mean_score`` is that of all, (p,).
+        ``grams`` (n, p, p) and ``scores`` (n, p) are as for ``advance``, but weighted;
+        ``mean_score`` is that of all, (p,).
         """
         self.chunks = BATCH + len(grams)
         self._first.clear()
@@ -148,32 +151,63 @@ def _step(
     gram: Array,
     score: Array,
     mean_score: Array,
+    weight: float,
     forgetting: float,
     enough: float,
     change: Array,
 ) -> None:
     """Forget, add the chunk, fill ``change`` of the parameters; the first four move on in place."""
+    size = score.size
+    gram = weight * gram
     factor = np.linalg.cholesky(information)
     inverse = np.linalg.inv(factor)
-    shares, directions = np.linalg.eigh(inverse @ gram @ inverse.T)
-    basis = factor @ directions
-    dual = inverse.T @ directions
-    kept = np.zeros(information.shape)
-    for i in range(shares.size):
+    shares, directions = np.linalg.eigh(times(times(inverse, gram), inverse.T))
+    basis = times(factor, directions)
+    dual = times(inverse.T, directions)
+    kept = np.zeros((size, size))
+    for i in range(size):
         brought = max(shares[i], 0.0)
+        square = 0.0
+        for j in range(size):
+            square += dual[j, i] * dual[j, i]
         # A displacement along ``dual`` has the nominal deviation of its own length times the noise.
-        excess = 1.0 - np.sum(dual[:, i] ** 2) / enough**2
+        excess = 1.0 - square / enough**2
         forgotten = min(forgetting, max(brought, min(AHEAD * brought, excess)))
-        kept += (1.0 - forgotten) * np.outer(basis[:, i], basis[:, i])
+        for j in range(size):
+            for k in range(size):
+                kept[j, k] += (1.0 - forgotten) * basis[j, i] * basis[k, i]
     information[:] = kept + gram
     gain = np.linalg.inv(information)
-    shrink = gain @ kept
-    change[:] = gain @ score
-    bias[:] = shrink @ bias + gain @ mean_score
-    neighbours = np.zeros(change.size)
+    shrink = times(gain, kept)
+    change[:] = 0.0
+    former = bias.copy()
+    bias[:] = 0.0
+    for i in range(size):
+        for j in range(size):
+            change[i] += gain[i, j] * weight * score[j]
+            bias[i] += shrink[i, j] * former[j] + gain[i, j] * weight * mean_score[j]
+    neighbours = np.zeros(size)
     for lag in range(recent.shape[0] - 1):
-        recent[lag] = shrink @ recent[lag + 1]
-        neighbours += (lag + 1.0) / recent.shape[0] * recent[lag]
+        for i in range(size):
+            recent[lag, i] = 0.0
+            for j in range(size):
+                recent[lag, i] += shrink[i, j] * recent[lag + 1, j]
+            neighbours[i] += (lag + 1.0) / recent.shape[0] * recent[lag, i]
     recent[-1] = change
-    across = np.outer(neighbours, change)
-    covariance[:] = shrink @ covariance @ shrink.T + np.outer(change, change) + across + across.T
+    covariance[:] = times(times(shrink, covariance), shrink.T)
+    for i in range(size):
+        for j in range(size):
+            across = neighbours[i] * change[j] + change[i] * neighbours[j]
+            covariance[i, j] += change[i] * change[j] + across
+
+
+@compiled
+def times(one: Matrix, other: Matrix) -> Array:
+    """Return the product of two small square matrices: loops, for what BLAS costs per call is more."""
+    size = one.shape[0]
+    product = np.zeros((size, size))
+    for i in range(size):
+        for j in range(size):
+            for k in range(size):
+                product[i, j] += one[i, k] * other[k, j]
+    return product

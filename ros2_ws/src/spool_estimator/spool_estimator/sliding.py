@@ -37,10 +37,11 @@ class SlidingLeastSquares:
         self.information = np.eye(self.scale.size) * self.noise**2
         self._kept = deque(maxlen=self.length)
 
-    def advance(self, gram: Array, score: Array, mean_score: Array) -> Array:
-        """Take a chunk by its sums over scaled, weighted rows: row row^T, and row times the present error.
+    def advance(self, gram: Array, score: Array, mean_score: Array, weight: float = 1.0) -> Array:
+        """Take a chunk by its sums over scaled rows: row row^T, and row times the present error.
 
         ``mean_score`` is the part of ``score`` that a known cause makes on average: it goes into ``bias``.
+        Each sample counts ``weight``.
 
         Returns:
             The change of the parameters, shape (p,).
@@ -50,13 +51,14 @@ class SlidingLeastSquares:
         self.chunks += 1
         if not np.any(gram):
             return np.zeros(self.scale.size)
-        self._kept.append((gram, score + gram @ present, mean_score))
+        self._kept.append((weight * gram, weight * (score + gram @ present), weight * mean_score))
         return self._solve(present)
 
     def begin(self, parameters: Array, grams: Array, scores: Array, mean_score: Array) -> None:
         """Begin anew with ``parameters`` that fit n chunks.
 
-        ``grams`` (n, p, p) and ``scores`` (n, p) are as for ``advance``, ``mean_score`` is that of all, (p,).
+        ``grams`` (n, p, p) and ``scores`` (n, p) are as for ``advance``, but weighted;
+        ``mean_score`` is that of all, (p,).
         """
         given = parameters / self.scale
         self.parameters = np.array(parameters)

@@ -36,6 +36,7 @@ KEPT, NEEDED = 3.0, 2.0
 #: last chunks (one of these lengths), and when what that fit gains, in residual variances, is SIGNIFICANT and
 #: UNUSUAL times what it gained lately: noise shaped by a resonance, or a poor model, gains always.
 CHANGED, SIGNIFICANT, UNUSUAL, LENGTHS = 1.25, 300.0, 8.0, (4, 10)
+_LENGTHS = np.array(LENGTHS)
 #: The past is thrown away only for a parameter that changed by its share here, and by so many deviations;
 #: their squares are those for white errors times COLOURED, as a resonance colours them.
 NOTABLE, CERTAIN, COLOURED = (0.01, 0.05, 0.05), 3.0, 40.0
@@ -117,10 +118,11 @@ class Tracker:
     _history: History = field(init=False)
     _fitter: Fitter = field(init=False)
     _window: ChunkWindow = field(init=False)
-    _earlier: deque[tuple[Array, ...]] = field(init=False)
+    _earlier: deque[Array] = field(init=False)
     _usual: list[float] = field(init=False)
+    _scales: Array = field(init=False)
     _sizes: Array = field(init=False)
-    _evidence: tuple[float, ...] = field(default=(0.0, 0.0), init=False)
+    _evidence: tuple[float, float] = field(default=(0.0, 0.0), init=False)
     _told: bool = field(default=False, init=False)
     _least: float = field(default=math.inf, init=False)
     _since_restart: int = field(default=0, init=False)
@@ -132,6 +134,7 @@ class Tracker:
         self.powers = np.full(len(MEAN_SQUARES), math.nan)
         self._sizes = np.zeros(len(MEAN_SQUARES))
         self.regression = self._fresh()
+        self._scales = self.scale[:, np.newaxis] * self.scale
         self._window = ChunkWindow(self.scale)
         self._earlier = deque(maxlen=max(LENGTHS))
         self._usual = [SIGNIFICANT / UNUSUAL] * len(LENGTHS)
@@ -200,7 +203,7 @@ class Tracker:
     def covariance(self) -> Array:
         """Covariance of k, c, F_c, shape (3, 3): of the regression, and what no amount of data removes."""
         bias = self.regression.bias
-        chance = (self.regression.covariance + np.outer(bias, bias)) * np.outer(self.scale, self.scale)
+        chance = (self.regression.covariance + bias[:, np.newaxis] * bias) * self._scales
         return np.asarray(chance + np.diag(self.systematic**2))
 
     @property
@@ -227,50 +230,48 @@ class Tracker:
         return math.ceil(time / CHUNK)
 
     def _close(self) -> None:
-        sums = self.prediction.sums
+        sums = self.prediction.sums.tolist()
         if self.started and not sums[RESIDUAL] <= RAN_AWAY * self.mass**2 * max(
             sums[BODY], sums[COUNT] * self.minimum_excitation**2
         ):
             self._forget()
             return
         self._since_restart += 1
-        count = max(1.0, float(sums[COUNT]))
         powers = self.prediction.mean_squares
+        _, _, body, _, velocity = powers.tolist()
         self.settling = self._since_restart <= self._settling_chunks()
         self._allowed = min(MOST_REFITS, self._allowed + REFITS)
         self._pause -= 1
-        self.excited = not self.settling and bool(
-            float(powers[2]) > self.minimum_excitation**2 and float(powers[4]) > MOVING**2
-        )
+        moves = body > self.minimum_excitation**2 and velocity > MOVING**2
+        self.excited = moves and not self.settling
         if not self.settling:
-            share = CHUNK / 1.0 if math.isfinite(self.powers[0]) else 1.0
-            self.powers = powers if share == 1.0 else self.powers + share * (powers - self.powers)
+            known = math.isfinite(self.powers[0])
+            self.powers = self.powers + CHUNK / 1.0 * (powers - self.powers) if known else powers.copy()
         if self.excited:
             # Of the motion that taught the parameters; at a standstill they stay what they were.
             self._sizes = self.powers
             # Weighed by how well the model fits: while the valve changes, neither does.
-            left = max(float(sums[RESIDUAL]), 1e-30)
-            near = (float(sums[POINTWISE]) / left, float(sums[BAND_LIMITED]) / left)
-            self._evidence = tuple(
-                old + USUAL * (new - old) for old, new in zip(self._evidence, near, strict=True)
+            left = max(sums[RESIDUAL], 1e-30)
+            pointwise, band_limited = self._evidence
+            self._evidence = (
+                pointwise + USUAL * (sums[POINTWISE] / left - pointwise),
+                band_limited + USUAL * (sums[BAND_LIMITED] / left - band_limited),
             )
         if self.excited and self.started:
-            self._regress(count)
+            self._regress(sums[RESIDUAL], max(1.0, sums[COUNT]))
         elif self.excited and self._since_restart * CHUNK >= NEEDED - 1e-9:
             self._start(math.inf)
         self.prediction.clear()
-        self._earlier.append(self.prediction.state)
+        self._earlier.append(self.prediction.state.copy())
 
-    def _regress(self, count: float) -> None:
+    def _regress(self, residual: float, count: float) -> None:
         prediction, regression = self.prediction, self.regression
-        noise_score = prediction.noise_score(regression.parameters)
+        noise_score = prediction.noise_score
         score = prediction.product - noise_score
-        self._window.add_sums(
-            prediction.gram, score, float(prediction.sums[RESIDUAL]), count, regression.parameters
-        )
+        verdicts = self._window.take(prediction.gram, score, residual, count, regression.parameters, _LENGTHS)
         present = own = math.inf
         for which, last in enumerate(LENGTHS):
-            present, own, samples = self._window.judge(regression.parameters, last)
+            present, own, samples = verdicts[which]
             if self._window.count < last:
                 continue
             gain = (present / own - 1.0) * samples
@@ -286,7 +287,7 @@ class Tracker:
         if poor and self._since_restart * CHUNK >= NEEDED and self._start(0.5 * present):
             return
         weight = NOISE**2 / (own + SMALLEST_NOISE**2)
-        change = regression.advance(prediction.gram * weight, score * weight, DOUBT * weight * noise_score)
+        change = regression.advance(prediction.gram, score, DOUBT * noise_score, weight)
         prediction.shift(change)
         pointwise, band_limited = self._evidence
         prediction.pointwise = told_apart(pointwise, band_limited, present=prediction.pointwise)

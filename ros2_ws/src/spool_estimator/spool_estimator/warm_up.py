@@ -42,11 +42,13 @@ def warm_up_estimator() -> None:
         Conditioning(1e-3).take(view, view, np.empty((view.size, COLUMNS)))
         prediction.take(view, view, np.array([1632.0, 4.0, 0.1]))
     prediction.shift(prediction.mean_squares[:3])
+    prediction.forget_derivatives()
     ExponentialForgetting(1, 0.9).update(np.ones((1, 1)), np.ones(1))
     RecursiveLeastSquares(scale, 0.1, 1.0).advance(np.eye(3), scale, scale)
     window = ChunkWindow(scale)
     window.add_sums(np.eye(3), scale, 1.0, 1.0, scale)
     window.judge(scale)
+    window.take(np.eye(3), scale, 1.0, 1.0, scale, np.array([1]))
 
 
 if __name__ == "__main__":

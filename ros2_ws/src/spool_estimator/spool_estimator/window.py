@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from spool_stream.compiled import compiled
 
 Array = NDArray[np.float64]
+Counts = NDArray[np.int64]
 
 
 @dataclass(slots=True)
@@ -48,6 +49,18 @@ class ChunkWindow:
             gram, score, power, samples, parameters / self.scale,
         )  # fmt: skip
         self.count += 1
+
+    def take(
+        self, gram: Array, score: Array, power: float, samples: float, parameters: Array, lasts: Counts
+    ) -> list[list[float]]:
+        """Take a chunk as ``add_sums`` does and return what ``judge`` says then, for each of ``lasts``."""
+        verdicts = np.empty((lasts.size, 3 + self.scale.size))
+        _take(
+            self._grams, self._products, self._powers, self.count,
+            gram, score, power, samples, parameters / self.scale, lasts, verdicts,
+        )  # fmt: skip
+        self.count += 1
+        return [verdict[:3] for verdict in verdicts.tolist()]
 
     def clear(self) -> None:
         """Forget all chunks."""
@@ -138,3 +151,24 @@ def _judge(
     verdict[0] = max(left, tiny) / divisor
     verdict[1] = min(float(verdict[0]), max(least, tiny) / divisor)
     verdict[2] = samples
+
+
+@compiled
+def _take(
+    grams: Array,
+    products: Array,
+    powers: Array,
+    count: int,
+    gram: Array,
+    score: Array,
+    power: float,
+    samples: float,
+    given: Array,
+    lasts: Counts,
+    verdicts: Array,
+) -> None:
+    length = grams.shape[0]
+    _add(grams, products, powers, count % length, gram, score, power, samples, given)
+    for which in range(lasts.size):
+        last = min(count + 1, length, lasts[which])
+        _judge(grams, products, powers, count + 1, last, given, verdicts[which])

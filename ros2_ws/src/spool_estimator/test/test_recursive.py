@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from spool_estimator.recursive import BATCH, RecursiveLeastSquares
+from spool_estimator.recursive import BATCH, RecursiveLeastSquares, times
 
 Array = NDArray[np.float64]
 
@@ -132,3 +132,8 @@ def test_two_standard_deviations_cover_the_truth_as_often_as_they_should(kind: s
         covered += np.abs(fit.parameters - TRUTH) < 2.0 * fit.standard_deviations
     share = covered / runs
     assert ((share >= 0.90) & (share <= 0.98)).all(), share
+
+
+def test_the_product_of_small_matrices_is_numpys() -> None:
+    one, other = np.random.default_rng(0).standard_normal((2, 3, 3))
+    np.testing.assert_allclose(times(one, other.T), one @ other.T, rtol=1e-14)

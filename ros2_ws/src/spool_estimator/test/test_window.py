@@ -44,3 +44,15 @@ def test_the_best_fit_is_least_squares_over_the_window() -> None:
     rows = generator.standard_normal((100, 3)) * SIZES
     window.add(rows, rows @ TRUTH)
     assert window.best() == pytest.approx(TRUTH, rel=1e-9)
+
+
+def test_taking_a_chunk_is_adding_it_and_judging_each_length() -> None:
+    generator = np.random.default_rng(2)
+    one, other = ChunkWindow(SCALE, length=5), ChunkWindow(SCALE, length=5)
+    for _ in range(8):
+        rows = generator.standard_normal((50, 3))
+        error = generator.standard_normal(50)
+        sums = rows.T @ rows, rows.T @ error, float(error @ error), 50.0, TRUTH
+        verdicts = one.take(*sums, np.array([2, 4]))
+        other.add_sums(*sums)
+        assert verdicts == [list(other.judge(TRUTH, 2)), list(other.judge(TRUTH, 4))]

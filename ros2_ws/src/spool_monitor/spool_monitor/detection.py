@@ -8,13 +8,14 @@ from dataclasses import dataclass, field, replace
 from spool_estimator.estimate import Estimate
 from spool_stream.block import Block
 
-from .detectors import Detector, Finding, Judgement, Moment, detectors
+from .detectors import ESTIMATE, LINE, SIGNALS, Detector, Finding, Judgement, Moment, detectors
 from .drift import Baseline, ParameterDrift
 from .event import Condition, Event
 from .response import Response, ResponseTracker
 from .settings import MonitorSettings
-from .signals import Signals, SignalTracker
-from .spectrum import Line, LineTracker
+from .signals import Signals, look
+from .spectrum import Line, find_line
+from .window import WindowTracker
 
 #: s after the last suspicion before parameters are judged again, in memories of the estimator.
 WARY = 2.5
@@ -50,8 +51,7 @@ class Detection:
     """
 
     settings: MonitorSettings
-    lines: LineTracker = field(default_factory=LineTracker)
-    signals: SignalTracker = field(default_factory=SignalTracker)
+    windows: WindowTracker = field(default_factory=WindowTracker)
     response: ResponseTracker = field(default_factory=ResponseTracker)
     usual: Response = field(init=False)
     detectors: tuple[Detector, ...] = field(init=False)
@@ -103,27 +103,24 @@ class Detection:
 
     def restart(self, period: float) -> None:
         """Take note that samples are missing, or of the first ones, ``period`` s apart."""
-        self.lines.restart(period)
-        self.signals.restart(period)
+        self.windows.restart(period)
         self.response.restart()
         for one in self.detectors:
             one.restart()
 
     def update(self, block: Block, natural_frequency: float) -> list[Event]:
         """Take a block that continues the last one; return what began or ended with it."""
-        looks: list[Signals | Line | int] = [*self.signals.update(block), *self.lines.update(block)]
-        looks += self.lines.silent
         events: list[Event] = []
-        # In the order of the data, however long the block is; of one instant, the levels first.
-        for look in sorted(looks, key=lambda one: one if isinstance(one, int) else one.stamp):
-            self._stamp = look if isinstance(look, int) else look.stamp
-            if isinstance(look, Signals):
-                events += self._show_signals(look, natural_frequency)
-            else:
-                self.line = None if isinstance(look, int) else look
-                events += self._show(
-                    self._moment(self._stamp, natural_frequency, line=self.line, silent=self.line is None)
-                )
+        for window in self.windows.update(block):
+            self._stamp = window.stamp
+            # Levels are looked at in every other window: what they tell takes seconds to be believed.
+            if window.number % 2 == 0:
+                events += self._show_signals(look(window), natural_frequency)
+            self.line = find_line(window)
+            events += self._show(
+                LINE,
+                self._moment(window.stamp, natural_frequency, line=self.line, silent=self.line is None),
+            )
         self._stamp = block.end
         return events
 
@@ -140,7 +137,7 @@ class Detection:
                 parameter.judged = False
             else:
                 parameter.update(estimate, distrust=distrust)
-        return self._show(self._moment(estimate.stamp, natural_frequency, estimate=estimate))
+        return self._show(ESTIMATE, self._moment(estimate.stamp, natural_frequency, estimate=estimate))
 
     def _show_signals(self, signals: Signals, natural_frequency: float) -> list[Event]:
         shaken = signals.body.rms >= self.settings.minimum_body
@@ -149,8 +146,8 @@ class Detection:
         response = self.response.update(signals, self.usual) if shaken else None
         if not shaken:
             self.response.restart()
-        moment = self._moment(signals.stamp, natural_frequency, signals=signals)
-        events = self._show(replace(moment, response=response))
+        moment = self._moment(signals.stamp, natural_frequency, signals=signals, response=response)
+        events = self._show(SIGNALS, moment)
         if response is not None and not self.distrust and 0.7 < response.gain < 1.4:
             self._follow(response)
         return events
@@ -176,20 +173,23 @@ class Detection:
         line: Line | None = None,
         silent: bool = False,
         signals: Signals | None = None,
+        response: Response | None = None,
         estimate: Estimate | None = None,
     ) -> Moment:
         return Moment(
             stamp, natural_frequency, self.usual, self.parameters, self.learned,
-            line, silent, signals, None, estimate, self._velocity,
+            line, silent, signals, response, estimate, self._velocity,
         )  # fmt: skip
 
-    def _show(self, moment: Moment) -> list[Event]:
+    def _show(self, what: str, moment: Moment) -> list[Event]:
+        """Show a moment with something new of ``what`` to those who look at that."""
         events: list[Event] = []
         for one in self.detectors:
-            distrust = self._distrust(moment.stamp, one.rank)
-            finding = one.update(replace(moment, distrust=distrust) if distrust else moment)
-            if finding is not None:
-                events += self._judge(one, finding)
+            if what in one.looks_at:
+                distrust = self._distrust(moment.stamp, one.rank)
+                finding = one.update(replace(moment, distrust=distrust) if distrust else moment)
+                if finding is not None:
+                    events += self._judge(one, finding)
             active = self.conditions[one.name].active is not None and one.judgement is not Judgement.JUDGED
             if one.suspicious or (active and one.rank < PARAMETERS):
                 reason = one.suspicious or f"{one.name.replace('_', ' ')} is active"

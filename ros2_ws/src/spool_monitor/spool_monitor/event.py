@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from spool_stream.quantity import Quantity
+
+#: What people read, or what writes it: most of what is judged is never told.
+Text = str | Callable[[], str]
 
 
 class EventState(enum.IntEnum):
@@ -70,7 +74,7 @@ class Condition:
         released: bool,
         cause: str,
         quantity: Quantity,
-        message: str,
+        message: Text,
     ) -> list[Event]:
         """Return the event that follows, if any; where ``stamp`` (ns) goes back, the delay starts anew."""
         wanted = indicated is not None if self.active is None else released
@@ -78,7 +82,7 @@ class Condition:
             self._since = None
             if indicated > self.active:
                 self.active, self.cause = indicated, cause
-                return [self._event(stamp, EventState.RAISED, quantity, message)]
+                return [self._event(stamp, EventState.RAISED, quantity, _written(message))]
             return []
         if not wanted:
             self._since = None
@@ -91,8 +95,8 @@ class Condition:
         if self.active is None:
             assert indicated is not None
             self.active, self.cause = indicated, cause
-            return [self._event(stamp, EventState.RAISED, quantity, message)]
-        return self.clear(stamp, quantity, f"{self.kind} is over: {message}")
+            return [self._event(stamp, EventState.RAISED, quantity, _written(message))]
+        return self.clear(stamp, quantity, f"{self.kind} is over: {_written(message)}")
 
     def clear(self, stamp: int, quantity: Quantity, message: str) -> list[Event]:
         """End the condition at once where it is active."""
@@ -114,3 +118,7 @@ class Condition:
     def _event(self, stamp: int, state: EventState, quantity: Quantity, message: str) -> Event:
         assert self.active is not None
         return Event(stamp, self.kind, state, self.active, self.cause, quantity, message, self.source)
+
+
+def _written(text: Text) -> str:
+    return text if isinstance(text, str) else text()

@@ -29,6 +29,7 @@ from .messages import to_event_message, to_health_message
 from .state_file import default_folder, valve_folder
 from .trend_writer import TrendWriter
 from .valve_state import TRENDS, ValveState
+from .warm_up import warm_up_monitor
 
 _SETTINGS = (
     Parameter(
@@ -101,7 +102,8 @@ class MonitorNode(ManagedNode):
         self._level = core.Level.UNKNOWN
 
     def configure(self) -> None:
-        """Build the core."""
+        """Build the core; its kernels are compiled here, not at the first sample."""
+        warm_up_monitor()
         values = {parameter.name: self.value(parameter.name) for parameter in _SETTINGS}
         if values["natural_frequency"] == 0.0:
             del values["natural_frequency"]

@@ -44,7 +44,10 @@ class Replay:
     _waiting: list[Block] = field(default_factory=list, init=False)
     _lacking: int = field(default=0, init=False)
     _accepted: int = field(default=0, init=False)
-    _due: tuple[int, int, float, int] = field(default=(0, 0, 0.0, 0), init=False)
+    _stamp: int = field(default=0, init=False)
+    _sequence: int = field(default=0, init=False)
+    _period: float = field(default=0.0, init=False)
+    _nanoseconds: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
         self._accepted = self.estimator.gate.accepted
@@ -76,10 +79,16 @@ class Replay:
         """Take one block through estimator and monitor, in the order of the data."""
         if self._gate is None:
             self._through(block)
-        elif self._joins(block):
+        elif (
+            (self._waiting or self._begin())
+            and block.stamp == self._stamp
+            and block.sequence == self._sequence
+            and block.sample_period == self._period
+        ):
             self._waiting.append(block)
             samples = block.body.size
-            self._due = (block.stamp + samples * self._due[3], block.sequence + 1, *self._due[2:])
+            self._stamp += samples * self._nanoseconds
+            self._sequence += 1
             self._lacking -= samples
             if self._lacking <= 0:
                 self.flush()
@@ -99,21 +108,19 @@ class Replay:
         for block in blocks:
             self._alone(block)
 
-    def _joins(self, block: Block) -> bool:
-        """Return whether ``block`` may wait; stamps must not change by rounding, nor faults by waiting."""
-        if not self._waiting and not self._begin():
-            return False
-        stamp, sequence, period, _ = self._due
-        return block.stamp == stamp and block.sequence == sequence and block.sample_period == period
-
     def _begin(self) -> bool:
-        """Say which block is due, to the nanosecond; return whether blocks may wait now."""
+        """Say which block is due; return whether blocks may wait now.
+
+        They are due to the nanosecond: stamps must not change by rounding, nor faults by waiting.
+        """
         self._lacking = self.estimator.lacking
         last = self.estimator.gate.last
         if last is None or self._lacking <= 0 or not self.monitor.calm:
             return False
-        nanoseconds = last[3] * 1e9
-        self._due = (last[1], last[2] + 1, last[3], round(nanoseconds))
+        _, self._stamp, before, self._period = last
+        self._sequence = before + 1
+        nanoseconds = self._period * 1e9
+        self._nanoseconds = round(nanoseconds)
         return nanoseconds.is_integer()
 
     def _alone(self, block: Block) -> None:

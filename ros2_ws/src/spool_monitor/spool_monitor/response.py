@@ -12,12 +12,10 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from spool_stream.compiled import compiled
 
 from .signals import Signals
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from .window import Array, Complex
 
 #: s, time constant of forgetting of the spectra, and windows before the first fit.
 MEMORY, FIRST = 2.0, 4
@@ -37,16 +35,22 @@ class Response:
     gain_deviation: float
     misfit: float
 
-    def transfer(self, frequency: Array) -> Complex:
-        """Return H without the gain at ``frequency`` (Hz), shape of it."""
-        return transfer(frequency, (2.0 * math.pi * self.natural_frequency) ** 2, self.damping)
+    @property
+    def square(self) -> float:
+        """w0^2, 1/s^2."""
+        return (2.0 * math.pi * self.natural_frequency) ** 2
+
+    def transfer(self, frequency: float) -> complex:
+        """Return H without the gain at ``frequency`` (Hz)."""
+        return transfer(frequency, self.square, self.damping)
 
 
-def transfer(frequency: Array, square: float, damping: float) -> Complex:
-    """Return spool over body acceleration at ``frequency`` (Hz) for w0^2 and d."""
+@compiled
+def transfer(frequency: float, square: float, damping: float) -> complex:
+    """Return spool over body acceleration at ``frequency`` (Hz) for w0^2 and d, without the gain."""
     w = 2.0 * math.pi * frequency
-    follows = square + 1j * w * damping
-    return np.asarray(follows / (follows - w**2))
+    follows = complex(square, w * damping)
+    return follows / (follows - w * w)
 
 
 @dataclass(slots=True)
@@ -87,42 +91,70 @@ class ResponseTracker:
         return self._fit(signals.frequency, start)
 
     def _fit(self, frequency: Array, start: Response) -> Response | None:
-        square = (2.0 * math.pi * start.natural_frequency) ** 2
-        theta = np.array([math.log(square), math.log(max(start.damping, 1e-3)), 1.0])
-        w = 2.0 * math.pi * frequency
-        body, cross, spool = self._body, self._cross, float(self._spool.sum())
+        body, spool = self._body, float(self._spool.sum())
         if not spool > 0.0 or not float(body.sum()) > 0.0:
             return None
-        cost = math.inf
-        normal = np.eye(3)
-        for _ in range(_STEPS):
-            square, damping = math.exp(theta[0]), math.exp(theta[1])
-            follows = square + 1j * w * damping
-            lower = follows - w**2
-            shape = follows / lower
-            # d/d follows of follows / (follows - w^2)
-            slope = -(w**2) / lower**2
-            columns = np.stack((theta[2] * slope * square, theta[2] * slope * 1j * w * damping, shape))
-            normal = np.real((columns.conj() * body) @ columns.T)
-            model = theta[2] * shape
-            right = np.real(columns.conj() @ (cross - model * body))
-            cost = spool - float(np.sum(2.0 * np.real(model.conj() * cross) - np.abs(model) ** 2 * body))
-            damped = normal + 1e-9 * np.trace(normal) * np.eye(3)
-            theta = theta + np.clip(np.linalg.solve(damped, right), -0.3, 0.3)
-            theta[:2] = np.clip(theta[:2], -5.0, 25.0)
-        square, damping, gain = math.exp(theta[0]), math.exp(theta[1]), float(theta[2])
-        cost = max(cost, 1e-12 * spool)
+        first = np.array([math.log(start.square), math.log(max(start.damping, 1e-3)), 1.0])
+        theta, variance, gained = descend(frequency, body, self._cross, first)
+        cost = max(spool - gained, 1e-12 * spool)
         # Windows overlap by half: about 0.6 of them are independent, each line of a Hann taper spans 1.5.
         independent = max(4.0, 0.4 * self._weight * frequency.size)
-        scale = cost / independent * max(1.0, self._weight)
-        try:
-            variance = float(np.linalg.inv(normal)[2, 2]) * scale
-        except np.linalg.LinAlgError:
-            variance = math.inf
+        variance *= cost / independent * max(1.0, self._weight)
+        logarithmic_square, logarithmic_damping, gain = theta.tolist()
         return Response(
-            natural_frequency=math.sqrt(square) / (2.0 * math.pi),
-            damping=damping,
+            natural_frequency=math.exp(0.5 * logarithmic_square) / (2.0 * math.pi),
+            damping=math.exp(logarithmic_damping),
             gain=gain,
             gain_deviation=math.sqrt(max(0.0, variance)) if math.isfinite(variance) else math.inf,
             misfit=math.sqrt(cost / spool),
         )
+
+
+@compiled
+def descend(frequency: Array, body: Array, cross: Complex, start: Array) -> tuple[Array, float, float]:
+    """Return log(w0^2), log(d) and g that fit ``cross`` = H ``body`` after some Gauss-Newton steps.
+
+    And, at the last step, the variance of g for errors of variance 1 (infinite where nothing tells it) and
+    what the fit takes off the spool's power.
+    """
+    theta = start.copy()
+    normal, right = np.zeros((3, 3)), np.zeros(3)
+    columns = np.zeros(3, np.complex128)
+    gained = 0.0
+    for _ in range(_STEPS):
+        square, damping, gain = math.exp(theta[0]), math.exp(theta[1]), theta[2]
+        normal[:] = 0.0
+        right[:] = 0.0
+        gained = 0.0
+        for n in range(frequency.size):
+            w = 2.0 * math.pi * frequency[n]
+            follows = complex(square, w * damping)
+            lower = follows - w * w
+            inverse = lower.conjugate() * (1.0 / (lower.real**2 + lower.imag**2))
+            shape = follows * inverse
+            # d/d follows of follows / (follows - w^2)
+            slope = -w * w * inverse * inverse
+            columns[0] = gain * slope * square
+            columns[1] = gain * slope * complex(0.0, w * damping)
+            columns[2] = shape
+            model = gain * shape
+            rest = cross[n] - model * body[n]
+            gained += (model.conjugate() * (cross[n] + rest)).real
+            for i in range(3):
+                right[i] += (columns[i].conjugate() * rest).real
+                for j in range(i + 1):
+                    normal[i, j] += body[n] * (columns[i].conjugate() * columns[j]).real
+        for i in range(3):
+            for j in range(i):
+                normal[j, i] = normal[i, j]
+        damped = normal + 1e-9 * np.trace(normal) * np.eye(3)
+        step = np.linalg.solve(damped, right)
+        for i in range(3):
+            theta[i] += min(0.3, max(-0.3, step[i]))
+        for i in range(2):
+            theta[i] = min(25.0, max(-5.0, theta[i]))
+    # The last element of the inverse of the normal matrix.
+    minor = normal[0, 0] * normal[1, 1] - normal[0, 1] ** 2
+    both = normal[0, 2] ** 2 * normal[1, 1] + normal[1, 2] ** 2 * normal[0, 0]
+    whole = normal[2, 2] * minor - both + 2.0 * normal[0, 1] * normal[0, 2] * normal[1, 2]
+    return theta, minor / whole if whole > 0.0 else math.inf, gained

@@ -1,15 +1,16 @@
-"""What both channels themselves show, window by window: levels, means, flat tops, cross-spectra."""
+"""What both channels themselves show in a window: levels, means, flat tops, cross-spectra."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_stream.block import Block
+from spool_stream.block import Samples
+from spool_stream.compiled import compiled
 
-Array = NDArray[np.float64]
+from .window import Array, Complex, Window
 
 #: Hz, the band of the spectra; the upper end is 0.4 of the sample rate where that is less.
 BAND = (3.0, 200.0)
@@ -41,6 +42,11 @@ class Signals:
 
     ``frequency`` (Hz), ``body_power``, ``spool_power`` ((m/s^2)^2 per line) and ``cross`` (spool times
     conjugate of body) have shape (lines,); the powers of a stationary signal add to its mean square.
+
+    ``relative_rms`` (m/s^2) and ``relative_velocity`` (m/s rms) are of the spool in the body within the band.
+    ``dissipation``, 1/s, is the damping that the energy of that motion shows: power Re(S conj(V)) over
+    -abs(V)^2, V = (S - B) / (j w) being the relative velocity. It is negative where the channels can't belong
+    to a passive valve, 0 where they have nothing in common, NaN where nothing moves.
     """
 
     stamp: int
@@ -49,124 +55,113 @@ class Signals:
     frequency: Array
     body_power: Array
     spool_power: Array
-    cross: NDArray[np.complex128]
-
-    @property
-    def relative_rms(self) -> float:
-        """Relative acceleration of the spool in the body within the band, m/s^2 rms."""
-        power = self.spool_power + self.body_power - 2.0 * self.cross.real
-        return math.sqrt(max(0.0, float(power.sum())))
-
-    @property
-    def relative_velocity(self) -> float:
-        """Velocity of the spool in the body within the band, m/s rms."""
-        power = self.spool_power + self.body_power - 2.0 * self.cross.real
-        return math.sqrt(max(0.0, float(np.sum(power / (2.0 * math.pi * self.frequency) ** 2))))
-
-    @property
-    def dissipation(self) -> float:
-        """Damping, 1/s, that the energy of the relative motion shows: power Re(S conj(V)) over -abs(V)^2.
-
-        V = (S - B) / (j w) is the relative velocity. Negative where the channels can't belong to a passive
-        valve, 0 where they have nothing in common, NaN where nothing moves.
-        """
-        w = 2.0 * math.pi * self.frequency
-        squared = float(np.sum((self.spool_power + self.body_power - 2.0 * self.cross.real) / w**2))
-        return -float(np.sum(self.cross.imag / w)) / squared if squared > 0.0 else math.nan
+    cross: Complex
+    relative_rms: float
+    relative_velocity: float
+    dissipation: float
 
 
-@dataclass(slots=True)
-class SignalTracker:
-    """Look at the last ``window`` s, every ``hop`` s of data; the same for any split into blocks."""
-
-    window: float = 1.0
-    hop: float = 0.5
-    _last: NDArray[np.float32] = field(default_factory=lambda: np.zeros((2, 0), np.float32), init=False)
-    _taper: Array = field(default_factory=lambda: np.zeros(0), init=False)
-    _hop: int = field(default=1, init=False)
-    _period: float = field(default=0.0, init=False)
-    _filled: int = field(default=0, init=False)
-    _fresh: int = field(default=0, init=False)
-
-    def restart(self, period: float) -> None:
-        """Forget all samples; the next ones are ``period`` s apart."""
-        size = max(16, round(self.window / period))
-        self._hop = max(1, round(self.hop / period))
-        # The samples since the last look follow those of the window.
-        self._last = np.zeros((2, size + self._hop), np.float32)
-        self._taper = np.hanning(size).astype(np.float64)
-        self._period = period
-        self._filled = self._fresh = 0
-
-    def update(self, block: Block) -> list[Signals]:
-        """Take a block; return the windows that fell due."""
-        found = []
-        size, hop, total = self._taper.size, self._hop, block.body.size
-        taken = 0
-        while taken < total:
-            count = min(hop - self._fresh, total - taken)
-            begin = size + self._fresh
-            self._last[0, begin : begin + count] = block.body[taken : taken + count]
-            self._last[1, begin : begin + count] = block.spool[taken : taken + count]
-            taken += count
-            self._fresh += count
-            if self._fresh < hop:
-                break
-            self._fresh = 0
-            self._last[:, :size] = self._last[:, hop:]
-            self._filled = min(size, self._filled + hop)
-            if self._filled == size:
-                found.append(self._look(block.stamp + round((taken - 1) * block.sample_period * 1e9)))
-        return found
-
-    def _look(self, stamp: int) -> Signals:
-        size = self._taper.size
-        window = self._last[:, :size].astype(np.float64)
-        means = window @ self._taper / self._taper.sum()
-        centred = window - means[:, np.newaxis]
-        body, spool = np.fft.rfft(centred * self._taper)
-        step = 1.0 / (size * self._period)
-        low = max(1, math.ceil(BAND[0] / step))
-        high = min(body.size - 1, math.floor(min(BAND[1], 0.4 / self._period) / step))
-        lines = slice(low, max(low, high) + 1)
-        body, spool = body[lines], spool[lines]
-        # Mean square by Parseval: two-sided, the taper's energy taken out.
-        scale = 2.0 / (size * float(self._taper @ self._taper))
-        return Signals(
-            stamp=stamp,
-            body=_channel(window[0], float(means[0])),
-            spool=_channel(window[1], float(means[1])),
-            frequency=np.arange(lines.start, lines.start + body.size) * step,
-            body_power=scale * np.abs(body) ** 2,
-            spool_power=scale * np.abs(spool) ** 2,
-            cross=scale * spool * np.conj(body),
-        )
+def look(window: Window) -> Signals:
+    """Return what the channels show in ``window``."""
+    size = window.samples.shape[1]
+    low = max(1, math.ceil(BAND[0] / window.step))
+    high = min(size // 2, math.floor(min(BAND[1] / window.step, 0.4 * size)))
+    # Mean square by Parseval: two-sided, the taper's energy taken out.
+    scale = 2.0 / (size * window.energy)
+    frequency, body, spool, cross, sums = spectra(
+        window.spectrum, low, max(low, high) + 1, window.step, scale
+    )
+    relative, squared, work = sums
+    return Signals(
+        stamp=window.stamp,
+        body=_channel(window.samples[0], window.means[0]),
+        spool=_channel(window.samples[1], window.means[1]),
+        frequency=frequency,
+        body_power=body,
+        spool_power=spool,
+        cross=cross,
+        relative_rms=math.sqrt(relative),
+        relative_velocity=math.sqrt(squared),
+        dissipation=-work / squared if squared > 0.0 else math.nan,
+    )
 
 
-def _channel(samples: Array, mean: float) -> Channel:
-    low, high = float(samples.min()), float(samples.max())
-    rms = float(np.sqrt(np.mean((samples - mean) ** 2)))
+def _channel(samples: Samples, mean: float) -> Channel:
+    square, flat, constant = levels(samples, mean)
+    return Channel(mean, math.sqrt(square), flat, constant)
+
+
+@compiled
+def spectra(
+    spectrum: Complex, first: int, last: int, step: float, scale: float
+) -> tuple[Array, Array, Array, Complex, tuple[float, float, float]]:
+    """Return frequency, powers of body and spool and cross-power of the lines from ``first`` before ``last``.
+
+    And sums over them: of the relative acceleration's power, of the relative velocity's, and of the power
+    that the relative motion gives, per mass.
+    """
+    count = last - first
+    frequency, body, spool = np.empty(count), np.empty(count), np.empty(count)
+    cross = np.empty(count, np.complex128)
+    relative = squared = work = 0.0
+    for i in range(count):
+        one, other = spectrum[0, first + i], spectrum[1, first + i]
+        frequency[i] = (first + i) * step
+        body[i] = scale * (one.real**2 + one.imag**2)
+        spool[i] = scale * (other.real**2 + other.imag**2)
+        cross[i] = scale * (other * one.conjugate())
+        power = scale * ((other.real - one.real) ** 2 + (other.imag - one.imag) ** 2)
+        w = 2.0 * math.pi * frequency[i]
+        relative += power
+        squared += power / w**2
+        work += cross[i].imag / w
+    return frequency, body, spool, cross, (relative, squared, work)
+
+
+@compiled
+def levels(samples: Samples, mean: float) -> tuple[float, float, bool]:
+    """Return mean square about ``mean``, share of samples on flat tops, and whether all are equal."""
+    low = high = np.float64(samples[0])
+    square = 0.0
+    for sample in samples:
+        value = np.float64(sample)
+        low, high = min(low, value), max(high, value)
+        square += (value - mean) ** 2
     flat = 0.0
     if high > low:
-        flat = flat_top(samples, high, 0.5 * (high - low)) + flat_top(-samples, -low, 0.5 * (high - low))
-    return Channel(mean, rms, flat, high == low)
+        half = 0.5 * (high - low)
+        flat = flat_top(samples, high, half) + flat_top(samples, low, -half)
+    return square / samples.size, flat, high == low
 
 
-def flat_top(samples: Array, peak: float, half: float) -> float:
+@compiled
+def flat_top(samples: NDArray[np.floating], peak: float, half: float) -> float:
     """Return the share of ``samples`` on a flat top at ``peak``, 0 for the top of any wave.
+
+    ``half`` of the span is positive at the upper extreme and negative at the lower one.
 
     A sine spends as long within a depth below its peak as in the strip from there to four times that depth,
     the flattest sum of two waves (a top with two humps) 4.4 times as long; a clipped one spends much more,
     and neighbours of each sample in the strip lie in it too.
     """
+    side = math.copysign(1.0, half)
     for depth in DEPTHS:
-        at_top = samples >= peak - depth * half
-        count = int(np.count_nonzero(at_top))
-        pairs = int(np.count_nonzero(at_top[1:] & at_top[:-1]))
-        triples = int(np.count_nonzero(at_top[2:] & at_top[1:-1] & at_top[:-2]))
-        below = int(np.count_nonzero(samples >= peak - 4.0 * depth * half)) - count
+        top, strip = side * (peak - depth * half), side * (peak - 4.0 * depth * half)
+        count = pairs = triples = below = run = 0
+        for sample in samples:
+            value = side * float(sample)
+            if value < strip:
+                run = 0
+            elif value < top:
+                run = 0
+                below += 1
+            else:
+                run += 1
+                count += 1
+                pairs += run > 1
+                triples += run > 2
         # A wave whose period is a whole number of samples may show the same two of each top.
-        long_enough = pairs >= max(4, 0.005 * samples.size) and triples >= 0.02 * pairs
+        long_enough = pairs >= max(4.0, 0.005 * samples.size) and triples >= 0.02 * pairs
         if long_enough and count > FLATTER * (below + 1):
             return count / samples.size
     return 0.0

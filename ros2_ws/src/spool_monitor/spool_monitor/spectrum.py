@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-from spool_stream.block import Block, Samples
+from spool_stream.compiled import compiled
+
+from .window import Complex, Window
 
 #: Hz, below lies drift, above no spring of a directional valve resonates.
 BAND = (4.0, 250.0)
@@ -31,102 +31,51 @@ class Line:
     share: float
 
 
-@dataclass(slots=True)
-class LineTracker:
-    """Look for the dominant line in the last ``window`` s, every ``hop`` s of data.
+def find_line(window: Window) -> Line | None:
+    """Return the dominant line, ``None`` where nothing shakes."""
+    step, size = window.step, window.samples.shape[1]
+    low = max(3, math.ceil(BAND[0] / step))
+    high = min(size // 2 - 2, math.floor(BAND[1] / step))
+    if high <= low:
+        return None
+    place, body, spool, relative, whole = strongest(window.spectrum, low, high)
+    if body <= 0.0 or not math.isfinite(body):
+        return None
+    frequency = place * step
+    # A sine of amplitude A under the taper holds A^2 / 4 times the taper's energy times n.
+    scale = 4.0 / (window.energy * size)
+    return Line(
+        stamp=window.stamp,
+        frequency=frequency,
+        body=math.sqrt(body * scale),
+        spool=math.sqrt(spool * scale),
+        amplification=math.sqrt(spool / body),
+        relative_displacement=math.sqrt(relative * scale) / (2.0 * math.pi * frequency) ** 2,
+        share=body / whole,
+    )
 
-    ``silent`` holds the stamps (ns) of the looks in the last ``update`` that found no vibration at all.
+
+@compiled
+def strongest(spectrum: Complex, low: int, high: int) -> tuple[float, float, float, float, float]:
+    """Return the place (in lines) of the body's strongest line from ``low`` to ``high``, and powers.
+
+    Those are of the body, the spool and the difference of both in it, and of the body in the band; two lines
+    beyond the band on either side belong to it: a tapered line at its edge spreads so far.
     """
-
-    window: float = 1.0
-    hop: float = 0.25
-    silent: list[int] = field(default_factory=list, init=False)
-    _last: NDArray[np.float32] = field(default_factory=lambda: np.zeros((2, 0), np.float32), init=False)
-    _hop: int = field(default=1, init=False)
-    _taper: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0), init=False)
-    _period: float = field(default=0.0, init=False)
-    _filled: int = field(default=0, init=False)
-    _fresh: int = field(default=0, init=False)
-    _waiting: list[tuple[Samples, Samples]] = field(default_factory=list, init=False)
-
-    def restart(self, period: float) -> None:
-        """Forget all samples; the next ones are ``period`` s apart."""
-        size = max(16, round(self.window / period))
-        if size != self._taper.size or period != self._period:
-            self._hop = max(1, round(self.hop / period))
-            # The samples since the last look follow those of the window, body and spool.
-            self._last = np.zeros((2, size + self._hop), np.float32)
-            self._taper = np.hanning(size).astype(np.float64)
-            self._period = period
-        self._filled = self._fresh = 0
-        self._waiting.clear()
-        self.silent = []
-
-    def update(self, block: Block) -> list[Line]:
-        """Take a block; return the lines that fell due, the same for any split into blocks."""
-        total = block.body.size
-        self.silent = []
-        if self._fresh + total < self._hop:
-            self._waiting.append((block.body, block.spool))
-            self._fresh += total
-            return []
-        lines = []
-        size, hop = self._taper.size, self._hop
-        taken = 0
-        while taken < total:
-            count = min(hop - self._fresh, total - taken)
-            part = slice(taken, taken + count)
-            self._waiting.append((block.body[part], block.spool[part]))
-            taken += count
-            self._fresh += count
-            if self._fresh < hop:
-                break
-            self._fresh = 0
-            for side in (0, 1):
-                self._last[side, size:] = np.concatenate([pair[side] for pair in self._waiting])
-            self._waiting.clear()
-            self._last[:, :size] = self._last[:, hop:]
-            self._filled = min(size, self._filled + hop)
-            if self._filled == size:
-                stamp = block.stamp + round((taken - 1) * block.sample_period * 1e9)
-                line = self._find(stamp)
-                if line is None:
-                    self.silent.append(stamp)
-                else:
-                    lines.append(line)
-        return lines
-
-    def _find(self, stamp: int) -> Line | None:
-        size = self._taper.size
-        step = 1.0 / (size * self._period)
-        low = max(3, math.ceil(BAND[0] / step))
-        high = min(size // 2 - 2, math.floor(BAND[1] / step))
-        if high <= low:
-            return None
-        window = self._last[:, :size]
-        means = np.add.reduce(window, axis=1, dtype=np.float64, keepdims=True) / size
-        # Two lines beyond the band on either side: a tapered line at its edge spreads so far.
-        body, spool = np.fft.rfft((window - means) * self._taper)[:, low - 2 : high + 3]
-        power = body.real**2 + body.imag**2
-        first = int(power[2:-2].argmax())
-        line = power[first : first + 5].tolist()
-        line_power = sum(line)
-        if line_power <= 0.0 or not math.isfinite(line_power):
-            return None
-        by_body, by_spool = body[first : first + 5].tolist(), spool[first : first + 5].tolist()
-        spool_power = sum(abs(one) ** 2 for one in by_spool)
-        relative_power = sum(abs(one - other) ** 2 for one, other in zip(by_spool, by_body, strict=True))
-        centre = first + sum(place * share for place, share in enumerate(line)) / line_power
-        # The centre of gravity of a Hann-tapered line lies on its frequency.
-        frequency = (low - 2 + centre) * step
-        # A sine of amplitude A under the taper holds A^2 / 4 times the taper's energy times n.
-        scale = 4.0 / (float(self._taper @ self._taper) * self._taper.size)
-        return Line(
-            stamp=stamp,
-            frequency=frequency,
-            body=math.sqrt(line_power * scale),
-            spool=math.sqrt(spool_power * scale),
-            amplification=math.sqrt(spool_power / line_power),
-            relative_displacement=math.sqrt(relative_power * scale) / (2.0 * math.pi * frequency) ** 2,
-            share=line_power / float(power.sum()),
-        )
+    peak, most, whole = low, -1.0, 0.0
+    for i in range(low - 2, high + 3):
+        power = spectrum[0, i].real ** 2 + spectrum[0, i].imag ** 2
+        whole += power
+        if low <= i <= high and power > most:
+            peak, most = i, power
+    body = spool = relative = moment = 0.0
+    for i in range(peak - 2, peak + 3):
+        one, other = spectrum[0, i], spectrum[1, i]
+        power = one.real**2 + one.imag**2
+        body += power
+        spool += other.real**2 + other.imag**2
+        relative += (other.real - one.real) ** 2 + (other.imag - one.imag) ** 2
+        moment += (i - peak) * power
+    # The centre of gravity of a Hann-tapered line lies on its frequency.
+    place = peak + moment / body if body > 0.0 else float(peak)
+    return place, body, spool, relative, whole

@@ -9,10 +9,11 @@ from itertools import islice
 import numpy as np
 import pytest
 from spool_estimator.estimator import Estimator, settings_for
-from spool_monitor.detectors import DETECTORS, Judgement
+from spool_monitor.detectors import DETECTORS, LINE, Judgement, Moment
 from spool_monitor.event import EventState
 from spool_monitor.monitor import Monitor, MonitorSettings
 from spool_monitor.replay import Replay
+from spool_monitor.spectrum import Line
 from spool_monitor.study.case import Case, ChannelFault
 from spool_monitor.study.draw import SCENARIOS, draw_cases
 from spool_monitor.study.healthy import healthy
@@ -33,6 +34,18 @@ def test_each_begins_without_a_judgement_and_knows_its_kind(name: str) -> None:
     assert made.judgement is Judgement.UNKNOWN
     assert made.suspicious == ""
     assert made.on_delay >= 0.0 < made.off_delay
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+def test_a_moment_that_shows_nothing_of_what_a_detector_looks_at_tells_it_nothing(name: str) -> None:
+    detection = replay(short(20.0)).monitor.detection
+    one = {detector.name: detector for detector in detection.detectors}[name]
+    before = pickle.dumps(vars(one))
+    nothing = Moment(10**18, 15.0, detection.usual, detection.parameters, detection.learned)
+    window = Line(10**18, 15.0, 5.0, 9.0, 1.8, 1e-3, 0.9)
+    unseen = nothing if LINE in one.looks_at else replace(nothing, line=window)
+    assert one.update(unseen) is None
+    assert pickle.dumps(vars(one)) == before
 
 
 def test_names_of_conditions_are_unique_and_sensors_come_first() -> None:

@@ -2,7 +2,18 @@
 
 from __future__ import annotations
 
-from .base import JUDGEMENT_TEXTS, Detector, Finding, Judgement, Moment
+from .base import ESTIMATE, JUDGEMENT_TEXTS, LINE, SIGNALS, Detector, Finding, Judgement, Moment
 from .registry import DETECTORS, detectors
 
-__all__ = ["DETECTORS", "JUDGEMENT_TEXTS", "Detector", "Finding", "Judgement", "Moment", "detectors"]
+__all__ = [
+    "DETECTORS",
+    "ESTIMATE",
+    "JUDGEMENT_TEXTS",
+    "LINE",
+    "SIGNALS",
+    "Detector",
+    "Finding",
+    "Judgement",
+    "Moment",
+    "detectors",
+]

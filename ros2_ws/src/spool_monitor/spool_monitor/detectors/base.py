@@ -12,11 +12,14 @@ from spool_estimator.estimate import Estimate
 from spool_stream.quantity import Quantity
 
 from ..drift import Baseline, ParameterDrift
-from ..event import Severity
+from ..event import Severity, Text
 from ..response import Response
 from ..settings import MonitorSettings
 from ..signals import Signals
 from ..spectrum import Line
+
+#: What a moment may show anew.
+SIGNALS, LINE, ESTIMATE = "signals", "line", "estimate"
 
 
 class Judgement(enum.IntEnum):
@@ -51,7 +54,7 @@ class Finding:
     released: bool
     cause: str
     quantity: Quantity
-    message: str
+    message: Text
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,13 +92,15 @@ class Moment:
 class Detector(ABC):
     """Judge one kind of trouble of one valve from moment to moment; time comes from the stamps.
 
-    ``name`` tells it from others of its ``kind``. ``rank`` orders the detectors of one moment: what is judged
-    first is doubted by nothing that comes later. ``on_delay`` and ``off_delay`` are in s. ``suspicious`` says
-    why detectors of a higher rank can't believe this moment, already before the event is raised.
+    ``name`` tells it from others of its ``kind``; ``looks_at`` says which moments it is shown. ``rank``
+    orders the detectors of one moment: what is judged first is doubted by nothing that comes later.
+    ``on_delay`` and ``off_delay`` are in s. ``suspicious`` says why detectors of a higher rank can't believe
+    this moment, already before the event is raised.
     """
 
     name: ClassVar[str]
     kind: ClassVar[str]
+    looks_at: ClassVar[tuple[str, ...]]
     rank: ClassVar[int] = 9
     on_delay: ClassVar[float] = 0.0
     off_delay: ClassVar[float] = 3.0

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from ..diagnosis import advice, rank_friction
 from ..event import Severity
-from .base import Detector, Finding, Moment, judgement
+from .base import ESTIMATE, Detector, Finding, Moment, judgement
 
 
 class FrictionDrift(Detector):
@@ -14,6 +14,7 @@ class FrictionDrift(Detector):
 
     name = "friction_drift"
     kind = "friction_drift"
+    looks_at = (ESTIMATE,)
     on_delay: ClassVar[float] = 3.0
     off_delay: ClassVar[float] = 5.0
 
@@ -28,18 +29,16 @@ class FrictionDrift(Detector):
         celsius = moment.estimate.oil_temperature.value
         causes = rank_friction(viscous, coulomb, moment.velocity, celsius - viscous.temperature)
         leading = coulomb if causes[0].name in ("oil_contamination", "unknown") else viscous
-        others = ", or ".join(
-            f"{cause.name.replace('_', ' ')} ({100.0 * cause.share:.0f} %): {cause.evidence}"
-            for cause in causes[1:]
-            if cause.share >= 0.1
-        )
-        since = f" for {1e-9 * (moment.stamp - leading.since):.0f} s" if leading.since else ""
-        text = f"{leading.text()}{since}: {causes[0].evidence} ({100.0 * causes[0].share:.0f} %)"
-        return Finding(
-            moment.stamp,
-            indicated,
-            viscous.released and coulomb.released,
-            causes[0].name,
-            leading.change,
-            text + (f", or {others}" if others else "") + advice(self.kind, causes[0].name),
-        )
+
+        def text() -> str:
+            others = ", or ".join(
+                f"{cause.name.replace('_', ' ')} ({100.0 * cause.share:.0f} %): {cause.evidence}"
+                for cause in causes[1:]
+                if cause.share >= 0.1
+            )
+            since = f" for {1e-9 * (moment.stamp - leading.since):.0f} s" if leading.since else ""
+            first = f"{leading.text()}{since}: {causes[0].evidence} ({100.0 * causes[0].share:.0f} %)"
+            return first + (f", or {others}" if others else "") + advice(self.kind, causes[0].name)
+
+        released = viscous.released and coulomb.released
+        return Finding(moment.stamp, indicated, released, causes[0].name, leading.change, text)

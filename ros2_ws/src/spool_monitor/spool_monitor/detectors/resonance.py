@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import ClassVar
 
-import numpy as np
 from spool_stream.quantity import Quantity, Validity
 
 from ..diagnosis import advice
@@ -13,7 +12,7 @@ from ..drift import ALLOWANCE
 from ..event import Severity
 from ..settings import MonitorSettings
 from ..spectrum import Line
-from .base import Detector, Finding, Judgement, Moment
+from .base import LINE, Detector, Finding, Judgement, Moment
 
 
 class Resonance(Detector):
@@ -26,6 +25,7 @@ class Resonance(Detector):
 
     name = "resonance"
     kind = "resonance"
+    looks_at = (LINE,)
     on_delay: ClassVar[float] = 0.5
     off_delay: ClassVar[float] = 1.0
 
@@ -66,23 +66,21 @@ class Resonance(Detector):
             self._since = line.stamp
         if not released:
             self.dwell = (line.stamp - self._since) * 1e-9
-        expected = float(np.abs(moment.usual.transfer(np.array([line.frequency])))[0])
-        text = (
-            f"body shakes at {line.frequency:.1f} Hz, natural frequency {natural:.1f} Hz: spool amplifies "
-            f"{line.amplification:.1f} times ({expected:.1f} expected) and moves "
-            f"{1e3 * line.relative_displacement:.2f} mm in the body{self._lasted()}"
-        )
+        lasted = self._lasted()
+
+        def text() -> str:
+            expected = abs(moment.usual.transfer(line.frequency))
+            return (
+                f"body shakes at {line.frequency:.1f} Hz, natural frequency {natural:.1f} Hz: "
+                f"spool amplifies {line.amplification:.1f} times ({expected:.1f} expected) and moves "
+                f"{1e3 * line.relative_displacement:.2f} mm in the body{lasted}"
+                + (advice(self.kind) if indicated else "")
+            )
+
         if released:
             self._since, self.dwell = None, 0.0
         amplification = Quantity("amplification", "1", line.amplification, math.nan, Validity.VALID)
-        return Finding(
-            line.stamp,
-            indicated,
-            released,
-            "",
-            amplification,
-            text + (advice(self.kind) if indicated else ""),
-        )
+        return Finding(line.stamp, indicated, released, "", amplification, text)
 
     def _softened(self, moment: Moment, line: Line) -> bool:
         """Whether the line is near only because the spring has changed: that is the event, and says so."""

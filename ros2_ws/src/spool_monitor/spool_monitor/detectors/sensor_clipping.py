@@ -10,7 +10,7 @@ from spool_stream.quantity import Quantity, Validity
 from ..diagnosis import advice
 from ..event import Severity
 from ..settings import MonitorSettings
-from .base import Detector, Finding, Judgement, Moment
+from .base import SIGNALS, Detector, Finding, Judgement, Moment
 
 #: Windows that are looked back on, and how many of them must show a flat top.
 WINDOWS, FLAT = 6, 3
@@ -24,6 +24,7 @@ class SensorClipping(Detector):
 
     name = "sensor_clipping"
     kind = "sensor_fault"
+    looks_at = (SIGNALS,)
     rank = 1
     off_delay: ClassVar[float] = 15.0
 
@@ -50,8 +51,10 @@ class SensorClipping(Detector):
             not flat,
             "clipping",
             Quantity("flat_share", "1", latest[1], validity=Validity.VALID),
-            f"{latest[0]} accelerometer: {100.0 * latest[1]:.0f} % of its samples lie on a flat top"
-            + advice(self.kind, "clipping"),
+            lambda: (
+                f"{latest[0]} accelerometer: {100.0 * latest[1]:.0f} % of its samples lie on a flat top"
+                + advice(self.kind, "clipping")
+            ),
         )
 
     def restart(self) -> None:

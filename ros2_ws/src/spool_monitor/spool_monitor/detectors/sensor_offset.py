@@ -10,7 +10,7 @@ from spool_stream.quantity import Quantity, Validity
 from ..diagnosis import advice
 from ..event import Severity
 from ..settings import MonitorSettings
-from .base import Detector, Finding, Judgement, Moment
+from .base import SIGNALS, Detector, Finding, Judgement, Moment
 
 #: Windows that the mean is smoothed over.
 SMOOTHING = 4.0
@@ -21,6 +21,7 @@ class SensorOffset(Detector):
 
     name = "sensor_offset"
     kind = "sensor_fault"
+    looks_at = (SIGNALS,)
     rank = 2
     on_delay: ClassVar[float] = 3.0
 
@@ -58,8 +59,10 @@ class SensorOffset(Detector):
             abs(apart) < 0.6 * limit,
             "offset",
             Quantity("offset_change", "m/s^2", moved[name], spread, Validity.VALID),
-            f"mean of the {name} accelerometer moved by {moved[name]:+.2f} m/s^2 to {self._means[name]:+.2f}"
-            + advice(self.kind, "offset"),
+            lambda: (
+                f"mean of the {name} accelerometer moved by {moved[name]:+.2f} m/s^2 "
+                f"to {self._means[name]:+.2f}" + advice(self.kind, "offset")
+            ),
         )
 
     def restart(self) -> None:

@@ -14,7 +14,7 @@ from ..event import Severity
 from ..response import MEMORY, Response
 from ..settings import MonitorSettings
 from ..signals import Signals
-from .base import Detector, Finding, Judgement, Moment
+from .base import ESTIMATE, SIGNALS, Detector, Finding, Judgement, Moment
 
 #: What the estimator's model leaves unexplained on top of the usual: least share, and over the usual share,
 #: from which no valve explains the channels any more.
@@ -51,6 +51,7 @@ class SensorScale(Detector):
 
     name = "sensor_scale"
     kind = "sensor_fault"
+    looks_at = (SIGNALS, ESTIMATE)
     rank = 4
     on_delay: ClassVar[float] = 2.0
 
@@ -135,8 +136,10 @@ class SensorScale(Detector):
             not self._found,
             "scale",
             Quantity("gain_change", "1", change, response.gain_deviation, Validity.VALID),
-            f"the spool's accelerometer reads {100.0 * change:+.0f} % against the body's"
-            + advice(self.kind, "scale"),
+            lambda: (
+                f"the spool's accelerometer reads {100.0 * change:+.0f} % against the body's"
+                + advice(self.kind, "scale")
+            ),
         )
 
     def _resonates(self, signals: Signals, usual: Response) -> bool:
@@ -145,7 +148,8 @@ class SensorScale(Detector):
         There the height of the resonance can't be told from a gain, dry friction makes it bend, and a window
         does not resolve it.
         """
-        near = np.abs(signals.frequency / usual.natural_frequency - 1.0) < NEAR
+        low, high = (usual.natural_frequency * (1.0 + side * NEAR) for side in (-1.0, 1.0))
+        near = slice(*np.searchsorted(signals.frequency, (low, high)))
         shaken = float(signals.body_power[near].sum()) > SHAKEN * float(signals.body_power.sum())
         if shaken and float(signals.spool_power[near].sum()) > ANSWERED * float(signals.spool_power.sum()):
             self._near = signals.stamp

@@ -8,7 +8,7 @@ from spool_stream.quantity import Quantity, Validity
 
 from ..diagnosis import advice
 from ..event import Severity
-from .base import Detector, Finding, Judgement, Moment
+from .base import SIGNALS, Detector, Finding, Judgement, Moment
 
 #: Damping against the usual one below which the channels are exchanged, and above which they are not.
 NEGATIVE, POSITIVE = -0.3, 0.0
@@ -19,6 +19,7 @@ class SensorSwapped(Detector):
 
     name = "sensor_swapped"
     kind = "sensor_fault"
+    looks_at = (SIGNALS,)
     rank = 3
     on_delay: ClassVar[float] = 1.5
 
@@ -43,6 +44,8 @@ class SensorSwapped(Detector):
             share > POSITIVE,
             "swapped",
             Quantity("dissipation", "1", share, validity=Validity.VALID),
-            f"the relative motion gives energy away ({share:.2f} of the usual damping): body and spool are "
-            f"exchanged, or one is turned round{advice(self.kind, 'swapped')}",
+            lambda: (
+                f"the relative motion gives energy away ({share:.2f} of the usual damping): body and spool "
+                f"are exchanged, or one is turned round{advice(self.kind, 'swapped')}"
+            ),
         )

@@ -6,7 +6,7 @@ import math
 from typing import ClassVar
 
 from ..diagnosis import advice
-from .base import Detector, Finding, Moment, judgement
+from .base import ESTIMATE, Detector, Finding, Moment, judgement
 
 
 class SpringChange(Detector):
@@ -14,6 +14,7 @@ class SpringChange(Detector):
 
     name = "spring_change"
     kind = "spring_change"
+    looks_at = (ESTIMATE,)
     on_delay: ClassVar[float] = 3.0
     off_delay: ClassVar[float] = 5.0
 
@@ -24,14 +25,11 @@ class SpringChange(Detector):
         stiffness = moment.parameters["spring_stiffness"]
         self.judgement = judgement(moment, (stiffness,))
         cause = "softer" if stiffness.share < 0.0 else "stiffer"
-        since = f" for {1e-9 * (moment.stamp - stiffness.since):.0f} s" if stiffness.since else ""
         natural = moment.estimate.natural_frequency.value
-        at = f", natural frequency now {natural:.1f} Hz" if math.isfinite(natural) else ""
-        return Finding(
-            moment.stamp,
-            stiffness.level,
-            stiffness.released,
-            cause,
-            stiffness.change,
-            f"{stiffness.text()}{since}{at}{advice(self.kind, cause)}",
-        )
+
+        def text() -> str:
+            since = f" for {1e-9 * (moment.stamp - stiffness.since):.0f} s" if stiffness.since else ""
+            at = f", natural frequency now {natural:.1f} Hz" if math.isfinite(natural) else ""
+            return f"{stiffness.text()}{since}{at}{advice(self.kind, cause)}"
+
+        return Finding(moment.stamp, stiffness.level, stiffness.released, cause, stiffness.change, text)

@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from typing import ClassVar
 
-import numpy as np
+from spool_stream.compiled import compiled
 from spool_stream.quantity import Quantity, Validity
 
 from ..diagnosis import advice
 from ..event import Severity
+from ..response import transfer
 from ..settings import MonitorSettings
-from .base import Detector, Finding, Judgement, Moment
+from ..window import Array
+from .base import ESTIMATE, SIGNALS, Detector, Finding, Judgement, Moment
 
 #: Share of the due relative motion below which the spool is stuck, and above which it moves.
 STUCK, MOVES = 0.2, 0.4
@@ -25,6 +27,7 @@ class StuckSpool(Detector):
 
     name = "stuck_spool"
     kind = "stuck_spool"
+    looks_at = (SIGNALS, ESTIMATE)
     rank = 5
     on_delay: ClassVar[float] = 2.0
 
@@ -42,8 +45,8 @@ class StuckSpool(Detector):
         if moment.distrust:
             self.judgement, self.suspicious = Judgement.NOT_JUDGED, ""
             return Finding(moment.stamp, None, False, "", Quantity("relative_motion", "1"), moment.distrust)
-        relative = np.abs(moment.usual.transfer(signals.frequency) - 1.0) ** 2
-        due = math.sqrt(float(signals.body_power @ relative))
+        usual = moment.usual
+        due = math.sqrt(due_power(signals.frequency, signals.body_power, usual.square, usual.damping))
         body = math.sqrt(float(signals.body_power.sum()))
         slides = body > max(self.settings.minimum_body, SLIDES * self._friction)
         if not slides or due < max(self.settings.minimum_body, 0.1 * body):
@@ -60,8 +63,10 @@ class StuckSpool(Detector):
             share > MOVES,
             "",
             Quantity("relative_motion", "1", share, validity=Validity.VALID),
-            f"body shakes with {body:.1f} m/s^2 rms and the spool moves {100.0 * share:.0f} % of what is due"
-            + advice(self.kind),
+            lambda: (
+                f"body shakes with {body:.1f} m/s^2 rms and the spool moves "
+                f"{100.0 * share:.0f} % of what is due" + advice(self.kind)
+            ),
         )
 
     def _learn_friction(self, moment: Moment) -> None:
@@ -72,3 +77,12 @@ class StuckSpool(Detector):
             natural = 2.0 * math.pi * moment.usual.natural_frequency
             mass = stiffness.baseline.value / natural**2
             self._friction = max(0.0, coulomb.baseline.value) / mass
+
+
+@compiled
+def due_power(frequency: Array, body: Array, square: float, damping: float) -> float:
+    """Return the power that the usual response makes of the body's, per line, in the relative motion."""
+    due = 0.0
+    for i in range(frequency.size):
+        due += body[i] * abs(transfer(frequency[i], square, damping) - 1.0) ** 2
+    return due

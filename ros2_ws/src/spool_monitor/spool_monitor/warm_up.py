@@ -1,0 +1,32 @@
+"""Compile every kernel now, so that no node does it at its first sample.
+
+Run as ``python -m spool_monitor.warm_up``; the kernels of simulator and estimator come with it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from spool_estimator.warm_up import warm_up
+from spool_stream.block import Block
+
+from .monitor import Monitor
+from .travel import TravelCounter
+
+#: s of data after which every kernel has run.
+SECONDS = 3
+
+
+def warm_up_monitor() -> None:
+    """Run every kernel of the monitor once, over a body that shakes and a spool that follows."""
+    shaking = np.random.default_rng(0).normal(0.0, 5.0, (2, 500)).astype(np.float32)
+    monitor = Monitor()
+    for second in range(SECONDS):
+        monitor.update(Block((1 + second) * 10**9, second, 2e-3, shaking[0], 0.5 * shaking[1]))
+    # Blocks of messages are read-only views of their bytes: numba compiles those apart.
+    for samples in (shaking[0], np.frombuffer(shaking[0].tobytes(), dtype=np.float32)):
+        TravelCounter().update(Block(10**9, 1, 2e-3, samples, samples))
+
+
+if __name__ == "__main__":
+    warm_up()
+    warm_up_monitor()
