@@ -354,5 +354,6 @@ FREE_TO_VANISH = (
     "coulomb_force",
     "preload_travel",
     "stop_dissipation",
+    "stop_damping",
     "mixed_velocity",
 )
