@@ -29,6 +29,10 @@ LONGEST = 0.2
 SPREAD = 0.3
 #: Least clearance over the reach, and samples of a hit from which its slope is trusted.
 LEAST, SHARP = 0.3, 2.5
+#: Factors by which stiffness and damping of a contact may be off where hits have samples enough, and else.
+CLOSE, FAR = 1.4, 3.0
+#: Difference of the logarithms below which two stiffnesses are one.
+ALIKE = 0.2
 #: Share of the reach within which the base is fitted, and from which a push counts as a hit.
 WITHIN, FROM = 0.7, 0.5
 #: Push over its scatter without hits, and over the largest pushes, from which it is a hit.
@@ -39,11 +43,20 @@ BEFORE, AFTER = 1.5e-3, 2.5e-3
 
 @dataclass(frozen=True, slots=True)
 class ContactLaw:
-    """A contact to start a fit from: clearance (m), stiffness (N/m) and damping (N s/m)."""
+    """A contact to start a fit from.
+
+    Attributes:
+        gap: clearance, m.
+        spread: scatter of the clearance from hit to hit, m.
+        stiffness, damping: N/m, N s/m.
+        factor: by which these two may be off.
+    """
 
     gap: float
+    spread: float
     stiffness: float
     damping: float
+    factor: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +67,7 @@ class Contacts:
         laws: of the contact as the hits show them, likeliest first.
         spring, drag: of the base between the hits, N/m, N s/m.
         count: of hits.
+        depth: usual depth of a hit under its largest push, m.
         touching: for each stretch, whether a sample is in a hit or near one, shape (n,).
     """
 
@@ -61,6 +75,7 @@ class Contacts:
     spring: float
     drag: float
     count: int
+    depth: float
     touching: tuple[Mask, ...]
 
 
@@ -103,17 +118,24 @@ def find_contacts(
     if first.size < FEWEST or float(np.median(last - first)) * motion.period > LONGEST * natural:
         return None
     wide = _widened(first, motion.usable & (push > max(OUT_OF_NOISE * scatter, 0.15 * threshold)))
-    pairs = [_by_slope(push, speed, depth, *runs, mass) for runs in (wide, (first, last))]
-    if float(np.median(last - first)) < SHARP:
+    pairs = [_by_slope(push, speed, depth, *runs, mass) for runs in ((first, last), wide)]
+    sharp = float(np.median(last - first)) >= SHARP
+    if not sharp:
         pairs += _by_peak(push, speed, first, last, mass)
-    laws = []
+    laws: list[ContactLaw] = []
     for stiffness, damping in [pair for pair in pairs if pair is not None]:
         gap, spread = _clearance(push, speed, depth, first, last, stiffness, damping)
-        if stiffness >= STIFFER * spring and gap > LEAST * reach and spread < SPREAD * gap:
-            laws.append(ContactLaw(gap, stiffness, damping))
+        near = any(abs(np.log(stiffness / law.stiffness)) < ALIKE for law in laws)
+        if stiffness >= STIFFER * spring and gap > LEAST * reach and spread < SPREAD * gap and not near:
+            laws.append(ContactLaw(gap, spread, stiffness, damping, CLOSE if sharp else FAR))
     if not laws:
         return None
-    return Contacts(tuple(laws), spring, max(drag, 0.0), int(first.size), _touching(stretches, *wide))
+    depths = [float(push[a:b].max()) for a, b in zip(first.tolist(), last.tolist(), strict=True)]
+    usual = float(np.median(depths)) / laws[0].stiffness
+    light = _runs(outside & (push > OUT_OF_NOISE * scatter))
+    return Contacts(
+        tuple(laws), spring, max(drag, 0.0), int(first.size), usual, _touching(stretches, *light)
+    )
 
 
 def _joined(stretches: Sequence[Stretch], gain: float, delay: float) -> _Motion:
