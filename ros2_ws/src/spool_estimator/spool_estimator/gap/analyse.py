@@ -15,8 +15,7 @@ from spool_stream.quantity import Quantity, Validity
 
 from ..record import Record
 from . import conditions
-from .contact_search import free_flight_search, run_with_contacts
-from .contacts import find_contacts
+from .contact_search import contacts_for, free_flight_search, run_with_contacts
 from .fitting import DELAY, GAIN, Step
 from .floor import Floor
 from .outcome import Outcome, judge_outcome
@@ -99,7 +98,7 @@ def analyse(
 
     # A first look at the damping says how long a window takes to forget its start.
     rough = search_with(0.5 * valve.viscous_coefficient, 0.0, 0.0, chosen.longest // 2)
-    contacts = find_contacts(rough.whole, start.values["mass"])
+    contacts = contacts_for(rough, start.values["mass"])
     flight = free_flight_search(rough, contacts, 0.0, 0.0) if contacts else None
     point = (flight or rough).base_fit(start, rounds=6).fitted.point
 

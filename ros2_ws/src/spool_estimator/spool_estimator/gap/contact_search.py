@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .by_direction import TWO, by_direction
 from .contacts import FAR, ContactLaw, Contacts, find_contacts
@@ -22,6 +23,8 @@ from .result import Hypothesis
 from .search import CLEARLY, EVIDENCE, Search
 from .simulate import Point, Simulation
 from .stretches import Stretch, thinned
+
+Array = NDArray[np.float64]
 
 STOP = "end_stop"
 NUMBERS = ("stop_gap", "stop_stiffness", "stop_dissipation", "stop_damping")
@@ -35,6 +38,13 @@ MORE = 2
 WANDER = 0.5
 #: Gain and delay (s) found in free flight from which the hits are looked at again.
 GAIN_MATTERS, DELAY_MATTERS = 0.01, 0.2e-3
+
+
+def contacts_for(search: Search, mass: float) -> Contacts | None:
+    """Return the hits in all that ``search`` goes over; ``None`` where there are none, or its base has stops."""
+    if all(entry.id != STOP for entry in search.catalogue):
+        return None
+    return find_contacts(search.whole, mass)
 
 
 def free_flight_search(search: Search, contacts: Contacts, gain: float, delay: float) -> Search | None:
@@ -67,7 +77,7 @@ def run_with_contacts(search: Search, start: Point) -> Step | None:
         start: base, with the gain and delay with which the stretches were conditioned.
     """
     mass = start.values["mass"]
-    contacts = find_contacts(search.whole, mass)
+    contacts = contacts_for(search, mass)
     free = free_flight_search(search, contacts, start.gain, start.delay) if contacts else None
     if contacts is None or free is None:
         return None
@@ -142,7 +152,9 @@ def _with_stop(search: Search, contacts: Contacts, flight: Step) -> Step:
     likely: list[tuple[float, Point, ContactLaw]] = []
     for law in contacts.laws:
         starts = _starts(point, law)
-        costs = coarse.cost(coarse.weigh(coarse.errors(starts, coarse.training), coarse.training), coarse.training)
+        costs = coarse.cost(
+            coarse.weigh(coarse.errors(starts, coarse.training), coarse.training), coarse.training
+        )
         likely += [(cost, start, law) for cost, start in zip(costs.tolist(), starts, strict=True)]
     likely.sort(key=lambda entry: entry[0])
     simulation = search.simulation
@@ -210,7 +222,9 @@ def _choose_sampling(simulation: Simulation, point: Point) -> None:
     Between two samples a hit that lasts about one is not what a band-limited record says.
     """
     everything = list(range(len(simulation.places)))
-    every = {place: np.ones(simulation.places[place][1].measured.size) for place in everything}
+    every: dict[int, Array] = {
+        place: np.ones(simulation.places[place][1].measured.size) for place in everything
+    }
     left = []
     for jumps in (None, every):
         simulation.compare(jumps)

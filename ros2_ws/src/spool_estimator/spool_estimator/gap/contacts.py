@@ -1,8 +1,8 @@
 """Contacts found in the record itself: where the spool hits something hard, and how hard that is.
 
-Between two hits the spool swings as the base does, so that its balance of forces, fitted to small displacements
-only, shows each hit as a short push inward near the largest displacement. Stiffness and drag of the contact
-follow from the pushes over depth and speed within each hit, the clearance from where they begin.
+Between two hits the spool swings as the base does, so that its balance of forces, fitted to small
+displacements only, shows each hit as a short push inward near the largest displacement. Stiffness and drag of
+the contact follow from the pushes over depth and speed within each hit, the clearance from where they begin.
 """
 
 from __future__ import annotations
@@ -93,12 +93,12 @@ class _Motion:
 def find_contacts(
     stretches: Sequence[Stretch], mass: float, *, gain: float = 0.0, delay: float = 0.0
 ) -> Contacts | None:
-    """Return the hits in ``stretches``, ``None`` where there are too few or they are not those of a hard stop.
+    """Return the hits in ``stretches``; ``None`` where there are too few, or not those of a hard stop.
 
     Args:
         stretches: as conditioned.
         mass: kg.
-        gain, delay: of the spool's channel beyond those with which the stretches were conditioned, relative, s.
+        gain, delay: of the spool's channel (relative, s) beyond those with which that was done.
     """
     motion = _joined(stretches, gain, delay)
     if not motion.usable.any():
@@ -133,9 +133,7 @@ def find_contacts(
     depths = [float(push[a:b].max()) for a, b in zip(first.tolist(), last.tolist(), strict=True)]
     usual = float(np.median(depths)) / laws[0].stiffness
     light = _runs(outside & (push > OUT_OF_NOISE * scatter))
-    return Contacts(
-        tuple(laws), spring, max(drag, 0.0), int(first.size), usual, _touching(stretches, *light)
-    )
+    return Contacts(tuple(laws), spring, max(drag, 0.0), int(first.size), usual, _touching(stretches, *light))
 
 
 def _joined(stretches: Sequence[Stretch], gain: float, delay: float) -> _Motion:
@@ -163,7 +161,9 @@ def _between(motion: _Motion, mass: float, depth: Array, reach: float) -> tuple[
     force, spring, drag, scatter = mass * motion.acceleration, 0.0, 0.0, 0.0
     for _ in range(3):
         scale = np.maximum(np.sqrt(np.mean(columns[free] ** 2, axis=0)), 1e-30)
-        found = np.linalg.lstsq(columns[free] / scale, -mass * motion.acceleration[free], rcond=None)[0] / scale
+        found = (
+            np.linalg.lstsq(columns[free] / scale, -mass * motion.acceleration[free], rcond=None)[0] / scale
+        )
         spring, drag = float(found[0]), float(found[1])
         force = mass * motion.acceleration + columns @ found
         scatter = 1.4826 * float(np.median(np.abs(force[free])))

@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import fft
 
 from ..free_run import Window
+from ..record import Record
 from ..zero_phase import ZeroPhase
 from .contacts import Contacts, Mask
-from .noise import noise_of
 from .pieces import RUN_IN
 from .stretches import Stretch
 
@@ -27,10 +28,21 @@ def without_hits(stretches: Sequence[Stretch], contacts: Contacts) -> list[Stret
     """Return ``stretches`` with the noise that their spool's channel shows beside the hits."""
     found = []
     for stretch, touching in zip(stretches, contacts.touching, strict=True):
-        spool = bridged(stretch.record.spool, touching)
-        noise = noise_of(replace(stretch.record, spool=spool))
-        found.append(replace(stretch, noise=replace(stretch.noise, spool=min(noise.spool, stretch.noise.spool))))
+        density = min(_noise(stretch.record, touching), stretch.noise.spool)
+        found.append(replace(stretch, noise=replace(stretch.noise, spool=density)))
     return found
+
+
+def _noise(record: Record, touching: Mask) -> float:
+    """Return the density (unit^2/Hz) of the spool's noise from what is usual beside the hits.
+
+    Means over the whole record hold what the bridges leave out, and friction's jumps.
+    """
+    lines = fft.rfft(bridged(record.spool, touching))
+    lines[: lines.size // 2] = 0.0
+    upper = fft.irfft(lines, record.spool.size)[~touching]
+    rms = 1.4826 * float(np.median(np.abs(upper))) if upper.size else 0.0
+    return max(rms**2 / (0.25 * record.sample_rate), 1e-30)
 
 
 def in_free_flight(stretches: Sequence[Stretch], contacts: Contacts) -> list[Stretch]:
@@ -66,7 +78,9 @@ def _cut(stretch: Stretch, touching: Mask, length: float) -> Stretch:
     spool = bridged(record.spool, touching)
     means = ZeroPhase(period, 0.0).apply(spool, interval_means=True)
     windows: list[Window] = []
-    for begin, end in zip(np.flatnonzero(edges == -1).tolist(), np.flatnonzero(edges == 1).tolist(), strict=True):
+    for begin, end in zip(
+        np.flatnonzero(edges == -1).tolist(), np.flatnonzero(edges == 1).tolist(), strict=True
+    ):
         for number in range((end - begin - lead) // size):
             start = begin + lead + number * size
             stop = start + size
@@ -77,9 +91,7 @@ def _cut(stretch: Stretch, touching: Mask, length: float) -> Stretch:
                 )
             )  # fmt: skip
     training = tuple(number % 2 == 0 for number in range(len(windows)))
-    return replace(
-        stretch, record=replace(record, spool=spool), windows=tuple(windows), training=training
-    )
+    return replace(stretch, record=replace(record, spool=spool), windows=tuple(windows), training=training)
 
 
 def bridged(row: Array, gone: Mask) -> Array:

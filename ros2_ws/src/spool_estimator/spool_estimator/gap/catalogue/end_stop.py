@@ -39,12 +39,22 @@ class EndStop(Effect):
         """Return clearance and contact stiffness."""
         if coefficients[0] <= 0.0:
             return None
-        return {**shape, "stop_stiffness": float(coefficients[0]), "stop_dissipation": 0.3, "stop_damping": 1.0}
+        return {
+            **shape,
+            "stop_stiffness": float(coefficients[0]),
+            "stop_dissipation": 0.3,
+            "stop_damping": 1.0,
+        }
 
     def starts(self, values: Mapping[str, float], reach: float) -> list[dict[str, float]]:
         """Return several contact laws: the regression smooths a contact that lasts few samples."""
         return [dict(values)] + [
-            {"stop_gap": share * reach, "stop_stiffness": stiffness, "stop_dissipation": loss, "stop_damping": 1.0}
+            {
+                "stop_gap": share * reach,
+                "stop_stiffness": stiffness,
+                "stop_dissipation": loss,
+                "stop_damping": 1.0,
+            }
             for share in (0.8, 0.87, 0.91, 0.94, 0.96, 0.98)
             for stiffness in (6e4, 2e5, 6e5)
             for loss in (0.5, 4.0, 12.0)
