@@ -32,6 +32,11 @@ NUMBERS = ("stop_gap", "stop_stiffness", "stop_dissipation", "stop_damping")
 GAPS, SPREADS, FOLLOWED = 11, (0.006, 0.03), 3
 #: Share of the samples on which the starts are compared.
 COARSE = 2
+#: Shares of clearance, stiffness and loss beside a fit at which a deeper valley is looked for, and how deep.
+BESIDE = ((0.98, 0.99, 0.995, 1.005, 1.01, 1.02), (0.75, 0.87, 1.15, 1.33), (0.8, 1.25))
+DEEPER = 2e-3
+#: Squares over those of the one contact law up to which the other is followed.
+HOPEFUL = 1.1
 #: Samples over those of other fits over which the contact is fitted.
 MORE = 2
 #: Error of a displacement over the scatter of the clearance from hit to hit.
@@ -160,7 +165,7 @@ def _with_stop(search: Search, contacts: Contacts, flight: Step) -> Step:
     simulation = search.simulation
     simulation.compare(None)
     tried = [
-        (descend(simulation, [start], _free(law, "stop_damping"), rounds=4, enough=1e-3), law)
+        (descend(simulation, [start], _free(law, "stop_damping"), rounds=3, enough=1e-3), law)
         for _, start, law in likely[:FOLLOWED]
     ]
     found, law = min(tried, key=lambda pair: pair[0].squares)
@@ -169,11 +174,14 @@ def _with_stop(search: Search, contacts: Contacts, flight: Step) -> Step:
     simulation.take_weight(
         simulation.errors([found.point], training), training, [0.5 * s.noise.spool for s in search.stretches]
     )
-    viscous = descend(simulation, [found.point], _free(law, "stop_damping"), rounds=6)
+    viscous = _descended(simulation, found.point, _free(law, "stop_damping"))
     # The other law, whose loss grows with the depth.
     loss = law.damping / (law.stiffness * contacts.depth)
     start = viscous.point.moved(("stop_dissipation", "stop_damping"), (loss, 0.0))
-    deep = descend(simulation, [start], _free(replace(law, damping=loss), "stop_dissipation"), rounds=6)
+    other = _free(replace(law, damping=loss), "stop_dissipation")
+    deep = descend(simulation, [start], other, rounds=3, enough=1e-3)
+    if deep.squares < HOPEFUL * viscous.squares:
+        deep = _descended(simulation, deep.point, other)
     best = deep if deep.squares < (1.0 - CLEARLY) * viscous.squares else viscous
     step = Step(effects, _joined(flight.fitted, best), [], [], trials=flight.trials)
     return search.measured(step)
@@ -189,6 +197,22 @@ def _starts(point: Point, law: ContactLaw) -> list[Point]:
         for gap in gaps.tolist()
         for share in shares
     ]
+
+
+def _descended(simulation: Simulation, start: Point, free: list[Free]) -> Fitted:
+    """Return the fit from ``start``, and from beside it while that leads into a deeper valley."""
+    best = descend(simulation, [start], free, rounds=5, enough=1e-3)
+    for _ in range(2):
+        around = [
+            best.point.moved([entry.name], [share * best.point.get(entry.name)])
+            for entry, shares in zip(free, BESIDE, strict=True)
+            for share in shares
+        ]
+        again = descend(simulation, around, free, rounds=4, tries=1, enough=1e-3)
+        if again.squares >= best.squares * (1.0 - DEEPER):
+            break
+        best = again
+    return best
 
 
 def _free(law: ContactLaw, loss: str) -> list[Free]:

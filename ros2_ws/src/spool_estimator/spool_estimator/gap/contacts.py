@@ -30,7 +30,7 @@ SPREAD = 0.3
 #: Least clearance over the reach, and samples of a hit from which its slope is trusted.
 LEAST, SHARP = 0.3, 2.5
 #: Factors by which stiffness and damping of a contact may be off where hits have samples enough, and else.
-CLOSE, FAR = 1.4, 3.0
+CLOSE, FAR = 1.15, 3.0
 #: Difference of the logarithms below which two stiffnesses are one.
 ALIKE = 0.2
 #: Share of the reach within which the base is fitted, and from which a push counts as a hit.

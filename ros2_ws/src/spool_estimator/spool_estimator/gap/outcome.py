@@ -15,6 +15,7 @@ from .registry import EFFECTS
 from .result import GapSettings, Hypothesis
 from .saturation import Saturation
 from .search import Search
+from .usual import usual_share
 
 #: Residual power over the floor's from which something is left to explain.
 LEFT_OVER = 1.6
@@ -50,6 +51,8 @@ def judge_outcome(
     left = excess(simulation, final.held, floor)
     gap = math.sqrt(max(before**2 - floor.nrmse**2, 0.0))
     stays = math.sqrt(max(after**2 - floor.nrmse**2, 0.0)) / gap if gap > 0.0 else 0.0
+    if "end_stop" in final.effects:
+        stays = min(stays, usual_share(first.held, final.held, floor.errors))
     named = list(final.effects)
     extra: dict[str, Quantity] = {}
     if saturation.channel == "spool":
