@@ -1,4 +1,4 @@
-"""End stops: found by their hits, named beside what acts in free flight, with whatever law the contact has."""
+"""End stops: found by their hits, named beside what acts in free flight, whatever law the contact has."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from spool_estimator.gap.free_flight import bridged, in_free_flight, without_hit
 from spool_estimator.gap.pieces import RUN_IN
 from spool_estimator.gap.result import GapSettings
 from spool_estimator.gap.stretches import Stretch, stretches_of
+from spool_estimator.gap.usual import usual_share
 from spool_estimator.record import Record
 from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS, Model
@@ -126,9 +127,10 @@ def test_friction_beside_a_stop_is_named_with_its_size() -> None:
     assert found["stop_gap"] == pytest.approx(1.5e-3, rel=0.02)
 
 
-def test_a_base_that_has_stops_is_not_given_more() -> None:
-    base = MODELS["fluid_end_stop"]
-    hidden = with_stop(HUNT_CROSSLEY)
-    known = Model("known", base.terms, {"stop_gap": GAP, "stop_stiffness": STIFFNESS, **HUNT_CROSSLEY})
-    result = analyse([hidden], VALVE, known, settings=GapSettings(longest=12000))
-    assert "end_stop" not in result.verdict
+def test_a_window_that_goes_astray_does_not_say_what_usually_stays_of_the_gap() -> None:
+    before = [np.full((1, 10), 2.0)] * 5
+    after = [np.full((1, 10), 0.2)] * 4 + [np.full((1, 10), 3.0)]
+    nothing = [np.zeros((1, 10))] * 5
+    assert usual_share(before, after, nothing) == pytest.approx(0.1)
+    assert usual_share(before, after, [np.full((1, 10), 0.2)] * 5) == 0.0
+    assert usual_share(before, before, nothing) == pytest.approx(1.0)

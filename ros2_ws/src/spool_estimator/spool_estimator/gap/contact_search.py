@@ -46,7 +46,7 @@ GAIN_MATTERS, DELAY_MATTERS = 0.01, 0.2e-3
 
 
 def contacts_for(search: Search, mass: float) -> Contacts | None:
-    """Return the hits in all that ``search`` goes over; ``None`` where there are none, or its base has stops."""
+    """Return the hits in ``search``; ``None`` where there are none, or its base has stops."""
     if all(entry.id != STOP for entry in search.catalogue):
         return None
     return find_contacts(search.whole, mass)
