@@ -22,7 +22,7 @@ Mask = NDArray[np.bool_]
 Places = NDArray[np.intp]
 
 #: Least count of hits, and stiffness of a contact over that of the spring.
-FEWEST, STIFFER = 4, 8.0
+FEWEST, STIFFER = 4, 12.0
 #: Longest hit, over the spool's natural period.
 LONGEST = 0.2
 #: Largest spread of the clearances of single hits, over their median.

@@ -21,6 +21,8 @@ from .usual import usual_share
 LEFT_OVER = 1.6
 #: Share of the gap's amplitude, noise taken off, that may stay when an effect is named.
 MAY_STAY = 0.3
+#: The same of the usual window where the spool hits stops: there even the right numbers leave a third.
+HITS_MAY_LEAVE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,8 +53,9 @@ def judge_outcome(
     left = excess(simulation, final.held, floor)
     gap = math.sqrt(max(before**2 - floor.nrmse**2, 0.0))
     stays = math.sqrt(max(after**2 - floor.nrmse**2, 0.0)) / gap if gap > 0.0 else 0.0
+    most = MAY_STAY
     if "end_stop" in final.effects:
-        stays = min(stays, usual_share(first.held, final.held, floor.errors))
+        stays, most = min(stays, usual_share(first.held, final.held, floor.errors)), HITS_MAY_LEAVE
     named = list(final.effects)
     extra: dict[str, Quantity] = {}
     if saturation.channel == "spool":
@@ -61,7 +64,7 @@ def judge_outcome(
             "saturation_limit", "m/s^2", saturation.limit, 0.01 * saturation.limit, Validity.VALID
         )
     runner = _runner_up(search)
-    unexplained = left > LEFT_OVER and (stays > MAY_STAY or not final.effects)
+    unexplained = left > LEFT_OVER and (stays > most or not final.effects)
     candidates: tuple[str, ...] = ()
     warnings: list[str] = []
     if unexplained and not (saturation.channel == "spool" and not final.effects and left < 3.0):
