@@ -132,16 +132,17 @@ def test_stop_throws_the_spool_back_with_the_energy_it_brought() -> None:
         "stop_gap": 1e-3,
         "stop_stiffness": 1e6,
         "stop_dissipation": 0.0,
+        "stop_damping": 0.0,
     }
     rate = 20_000.0
 
-    def hit() -> Array:
+    def hit(substeps: int = 1) -> Array:
         trajectory, _ = motion.advance(
             MotionState(0.0, 0.5, 1.0),
-            np.zeros(2 * 80 + 1),
+            np.zeros(2 * 80 * substeps + 1),
             motion.table(values, 80),
             sample_period=1.0 / rate,
-            substeps=1,
+            substeps=substeps,
         )
         depth = trajectory.displacement.max() - 1e-3
         return np.array([depth, trajectory.velocity[-1]])
@@ -151,6 +152,11 @@ def test_stop_throws_the_spool_back_with_the_energy_it_brought() -> None:
     assert back == pytest.approx(-0.5, rel=1e-5)
     values["stop_dissipation"] = 0.5
     assert -0.5 < hit()[1] < -0.3
+    # Spring and damper that do not pull: the hit ends where the force does.
+    share, rest = 0.2, math.sqrt(1.0 - 0.2**2)
+    values |= {"stop_dissipation": 0.0, "stop_damping": share * 2.0 * math.sqrt(1e6 * MASS)}
+    turn = (math.pi - math.atan(2.0 * share * rest / (1.0 - 2.0 * share**2))) / rest
+    assert hit(16)[1] == pytest.approx(-0.5 * math.exp(-share * turn), rel=2e-3)
 
 
 def test_static_friction_alone_holds_and_then_lets_go_without_any_drag() -> None:

@@ -15,6 +15,7 @@ from spool_stream.quantity import Quantity, Validity
 
 from ..record import Record
 from . import conditions
+from .contact_search import contacts_for, free_flight_search, run_with_contacts
 from .fitting import DELAY, GAIN, Step
 from .floor import Floor
 from .outcome import Outcome, judge_outcome
@@ -98,10 +99,20 @@ def analyse(
 
     # A first look at the damping says how long a window takes to forget its start.
     rough = search_with(0.5 * valve.viscous_coefficient, 0.0, 0.0, chosen.longest // 2)
-    point = rough.base_fit(start, rounds=6).fitted.point
-    search = search_with(point.get("viscous_coefficient"), point.gain, point.delay, chosen.longest)
-    final = search.run(point)
-    final = search.judge_by(search.longer, final)
+    contacts = contacts_for(rough, start.values["mass"])
+    flight = free_flight_search(rough, contacts, 0.0, 0.0) if contacts else None
+    point = (flight or rough).base_fit(start, rounds=6).fitted.point
+
+    def search_from(found: Point) -> Search:
+        return search_with(found.get("viscous_coefficient"), found.gain, found.delay, chosen.longest)
+
+    search = search_from(point)
+    # Through many hits a free run is judged over the pieces that it is fitted over.
+    final = run_with_contacts(search, point) if flight else None
+    if final is None:
+        search = search_from(point)
+        final = search.run(point)
+        final = search.judge_by(search.longer, final)
     tell("measuring what is left", 0.9)
     outcome = judge_outcome(search, final, saturation, chosen, trusted=trusted)
     return _result(records, base, search, final, outcome, tuple(warnings), begun)

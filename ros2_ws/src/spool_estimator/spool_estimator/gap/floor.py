@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..zero_phase import ZeroPhase, interval_mean_response
 from .noise import floor_of
+from .pieces import Piece
 from .simulate import Point, Simulation
 
 Array = NDArray[np.float64]
@@ -62,7 +63,11 @@ def noise_floor(simulation: Simulation, point: Point, errors: list[Array], seed:
         place = window.first - window.margin + np.arange(window.length)
         inside = (place >= 0) & (place < noise.size)
         lines = np.fft.rfft(np.where(inside, noise[np.clip(place, 0, noise.size - 1)], 0.0))
-        places[number] = (stretch, replace(window, drive=window.drive + lines), training)
+        window = replace(window, drive=window.drive + lines)
+        if isinstance(window, Piece) and any(window.wander):
+            off = generator.normal(0.0, window.wander)
+            window = replace(window, state=(window.state[0] + off[0], window.state[1] + off[1]))
+        places[number] = (stretch, window, training)
     kept = simulation.places
     try:
         simulation.places = places

@@ -16,10 +16,13 @@ from .remainder import FORETOLD, Remainder, remainder
 from .result import GapSettings, Hypothesis
 from .saturation import Saturation
 from .search import CLOSED, EVIDENCE, Search
+from .usual import usual_share
 
 #: Residual power over the floor's, in the drive's band, from which something is left to explain where
-#: the error exceeds ``CLOSED`` floors, and this share of the gap's amplitude stays.
+#: the error exceeds ``CLOSED`` floors, and this share of the gap's amplitude stays, in all or usually.
 LEFT_OVER, MAY_STAY = 1.8, 0.05
+#: The same of the usual window where the spool hits stops: there even the right numbers leave a third.
+HITS_MAY_LEAVE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,9 +52,12 @@ def judge_outcome(
     before, after = search.nrmse(search.steps[0]), search.nrmse(final)
     gap = math.sqrt(max(before**2 - floor.nrmse**2, 0.0))
     stays = math.sqrt(max(after**2 - floor.nrmse**2, 0.0)) / gap if gap > 0.0 else 1.0
+    stays = min(stays, usual_share(search.steps[0].held, final.held, floor.errors))
+    most = HITS_MAY_LEAVE if "end_stop" in final.effects else MAY_STAY
     left = excess(simulation, final.held, floor)
     search.take_weight(final)
     rest = remainder(simulation, final.fitted.point, final.train, final.held)
+    follows = rest.tells(after, before) and "end_stop" not in final.effects
     named = list(final.effects)
     extra: dict[str, Quantity] = {}
     if saturation.channel == "spool":
@@ -60,9 +66,8 @@ def judge_outcome(
             "saturation_limit", "m/s^2", saturation.limit, 0.01 * saturation.limit, Validity.VALID
         )
     runner = _runner_up(search)
-    unexplained = rest.tells(after, before) or (
-        left > LEFT_OVER and after > CLOSED * floor.nrmse and stays > MAY_STAY
-    )
+    still_open = left > LEFT_OVER and after > CLOSED * floor.nrmse
+    unexplained = follows or (still_open and (stays > most or not final.effects))
     candidates: tuple[str, ...] = ()
     warnings: list[str] = []
     if unexplained and not (saturation.channel == "spool" and not final.effects and left < 3.0):

@@ -31,12 +31,14 @@ class Piece(Window):
     Attributes:
         gain, delay: with which ``state`` was worked out, relative and s.
         by_gain, by_delay: change of ``state`` with them, (m, m/s) per 1 and per s.
+        wander: how far ``state`` may be off, (m, m/s), rms.
     """
 
     gain: float
     delay: float
     by_gain: tuple[float, float]
     by_delay: tuple[float, float]
+    wander: tuple[float, float] = (0.0, 0.0)
 
     def state_at(self, gain: float, delay: float) -> tuple[float, float]:
         """Return the start for another gain and delay."""

@@ -516,5 +516,6 @@ FREE_TO_VANISH = (
     "stribeck_exponent",
     "preload_travel",
     "stop_dissipation",
+    "stop_damping",
     "mixed_velocity",
 )

@@ -206,6 +206,10 @@ class Simulation:
         self.jumps, self._own = (masks if left[1] < left[0] else None), {}
         return (known is None) != (self.jumps is None) or self.jumps is not None
 
+    def compare(self, jumps: dict[int, Array] | None) -> None:
+        """Compare means over sample intervals, or with ``jumps`` the samples that those keep (1, else 0)."""
+        self.jumps, self._own = jumps, {}
+
     def weigh(self, errors: Sequence[Array], chosen: Sequence[int]) -> Array:
         """Return ``errors`` weighed to variance 1, shape (s, m)."""
         parts = []

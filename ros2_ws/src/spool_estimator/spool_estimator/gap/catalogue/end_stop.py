@@ -14,7 +14,7 @@ class EndStop(Effect):
 
     id = "end_stop"
     terms = ("end_stop",)
-    fitted = ("stop_gap", "stop_stiffness", "stop_dissipation")
+    fitted = ("stop_gap", "stop_stiffness", "stop_dissipation", "stop_damping")
     rare = True
     picture = "displacement"
     confused_with = ("cubic_stiffness",)
@@ -40,12 +40,22 @@ class EndStop(Effect):
         """Return clearance and contact stiffness."""
         if coefficients[0] <= 0.0:
             return None
-        return {**shape, "stop_stiffness": float(coefficients[0]), "stop_dissipation": 0.3}
+        return {
+            **shape,
+            "stop_stiffness": float(coefficients[0]),
+            "stop_dissipation": 0.3,
+            "stop_damping": 1.0,
+        }
 
     def starts(self, values: Mapping[str, float], reach: float) -> list[dict[str, float]]:
         """Return several contact laws: the regression smooths a contact that lasts few samples."""
         return [dict(values)] + [
-            {"stop_gap": share * reach, "stop_stiffness": stiffness, "stop_dissipation": loss}
+            {
+                "stop_gap": share * reach,
+                "stop_stiffness": stiffness,
+                "stop_dissipation": loss,
+                "stop_damping": 1.0,
+            }
             for share in (0.8, 0.87, 0.91, 0.94, 0.96, 0.98)
             for stiffness in (6e4, 2e5, 6e5)
             for loss in (0.5, 4.0, 12.0)
