@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass, field
 
+from spool_estimator.gap_watch import MODEL_GAP, GapChange
 from spool_stream.quantity import Quantity
 
 
@@ -44,6 +45,12 @@ class Event:
     quantity: Quantity
     message: str
     source: str = ""
+
+
+def gap_event(change: GapChange) -> Event:
+    """Return the event that the estimator's node publishes for ``change``."""
+    state = EventState.RAISED if change.raised else EventState.CLEARED
+    return Event(change.stamp, MODEL_GAP, state, Severity.WARNING, "", change.residual, change.sentence)
 
 
 @dataclass(slots=True)

@@ -7,18 +7,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_estimator.flat_top import flat_share
 from spool_stream.block import Block
 
 Array = NDArray[np.float64]
 
 #: Hz, the band of the spectra; the upper end is 0.4 of the sample rate where that is less.
 BAND = (3.0, 200.0)
-
-#: Depths, as a share of half the span, of the strip at a channel's extremes that a flat top fills.
-DEPTHS = (0.002, 0.02)
-
-#: Times as long in that strip as in those below it that no wave spends there.
-FLATTER = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,27 +141,4 @@ class SignalTracker:
 def _channel(samples: Array, mean: float) -> Channel:
     low, high = float(samples.min()), float(samples.max())
     rms = float(np.sqrt(np.mean((samples - mean) ** 2)))
-    flat = 0.0
-    if high > low:
-        flat = flat_top(samples, high, 0.5 * (high - low)) + flat_top(-samples, -low, 0.5 * (high - low))
-    return Channel(mean, rms, flat, high == low)
-
-
-def flat_top(samples: Array, peak: float, half: float) -> float:
-    """Return the share of ``samples`` on a flat top at ``peak``, 0 for the top of any wave.
-
-    A sine spends as long within a depth below its peak as in the strip from there to four times that depth,
-    the flattest sum of two waves (a top with two humps) 4.4 times as long; a clipped one spends much more,
-    and neighbours of each sample in the strip lie in it too.
-    """
-    for depth in DEPTHS:
-        at_top = samples >= peak - depth * half
-        count = int(np.count_nonzero(at_top))
-        pairs = int(np.count_nonzero(at_top[1:] & at_top[:-1]))
-        triples = int(np.count_nonzero(at_top[2:] & at_top[1:-1] & at_top[:-2]))
-        below = int(np.count_nonzero(samples >= peak - 4.0 * depth * half)) - count
-        # A wave whose period is a whole number of samples may show the same two of each top.
-        long_enough = pairs >= max(4, 0.005 * samples.size) and triples >= 0.02 * pairs
-        if long_enough and count > FLATTER * (below + 1):
-            return count / samples.size
-    return 0.0
+    return Channel(mean, rms, flat_share(samples), high == low)

@@ -7,9 +7,10 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from spool_estimator.flat_top import flat_top
 from spool_monitor.detection import configured
 from spool_monitor.response import Response, ResponseTracker, transfer
-from spool_monitor.signals import Signals, SignalTracker, flat_top
+from spool_monitor.signals import Signals, SignalTracker
 from spool_stream.block import Block
 
 RATE = 1000.0

@@ -42,11 +42,10 @@ def usable(records: Sequence[Record]) -> tuple[list[Record], list[str]]:
             f"{records[0].name if records else 'record'}: too short: its longest stretch without gaps has "
             f"{longest:.1f} s, an analysis needs {SHORTEST:g} s or more in all: record longer"
         )
-    if len(records) > 1:
+    gaps = sum(not record.cut for record in records) - 1
+    if gaps > 0:
         lost = sum(record.duration for record in records) - sum(record.duration for record in kept)
-        warnings.append(
-            f"the record has {len(records) - 1} gaps; {len(kept)} stretches are used, {lost:.1f} s left out"
-        )
+        warnings.append(f"the record has {gaps} gaps; {len(kept)} stretches are used, {lost:.1f} s left out")
     for record in kept:
         for name, row in (("body", record.body), ("spool", record.spool)):
             if not float(np.ptp(row)) > 0.0:
