@@ -18,8 +18,9 @@ Array = NDArray[np.float64]
 GRAVITY = 9.80665
 #: Spring and drag over those of the valve's description: of any valve that may be met, a stuck one included,
 #: and of one whose units alone are wrong.
-ANY_SPRING, SAME_SPRING = np.geomspace(0.3, 64.0, 36), np.geomspace(0.7, 1.5, 9)
-ANY_DRAG = np.geomspace(0.1, 6.0, 14)
+ANY_SPRING: Array = np.geomspace(0.3, 64.0, 36, dtype=np.float64)
+SAME_SPRING: Array = np.geomspace(0.7, 1.5, 9, dtype=np.float64)
+ANY_DRAG: Array = np.geomspace(0.1, 6.0, 14, dtype=np.float64)
 #: Frequencies that are looked at, and a difference (natural logarithm) beyond which more says nothing.
 LOOKED_AT, FAR = 150, 1.5
 #: Difference from any valve that is large; share of it that the factor must leave, and may where all agree.
@@ -32,7 +33,7 @@ NO_VALVE = 0.65
 
 def expected_transfer(frequency: Array, valve: Valve) -> Array:
     """Return spool over body by the valve's description, complex, shape of ``frequency`` (Hz)."""
-    return _transfer(frequency, valve, np.ones((1, 1)), np.ones((1, 1)))[0, 0]
+    return np.asarray(_transfer(frequency, valve, np.ones((1, 1)), np.ones((1, 1)))[0, 0])
 
 
 def _transfer(frequency: Array, valve: Valve, spring: Array, drag: Array) -> Array:
@@ -90,7 +91,7 @@ def wrong_unit(ratio: Array, frequency: Array, valve: Valve) -> float:
         shifted = np.median(np.abs(powers - sign)) < 0.35 * np.median(np.abs(powers))
         everywhere = float(np.quantile(sign * powers, 0.25)) > 0.5 and bool(shifted)
         if (left < CLEARLY * plain and plain > LARGE) or (everywhere and left < AT_LEAST * plain):
-            return factor
+            return float(factor)
     return 1.0
 
 
