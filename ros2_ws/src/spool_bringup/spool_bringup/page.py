@@ -24,7 +24,7 @@ div.wide{overflow-x:auto}h2{margin-top:2.5rem}p.verdict{font-size:1.15rem;border
 padding-left:.8rem}figure{margin:1.5rem 0}figcaption{font-size:.9rem;color:#444}
 @page{size:A4;margin:15mm}
 @media print{body{margin:0;max-width:none;padding:0;font-size:10.5pt}
-figure,tr,p.verdict{break-inside:avoid}
+figure,table,tr,p.verdict{break-inside:avoid}
 h2{break-after:avoid}div.wide{overflow:visible}}</style></head><body>
 <h1>$title</h1>$sections</body></html>
 """)
