@@ -27,7 +27,13 @@ HELP = """Usage: ./spool COMMAND [arguments]       ./spool COMMAND --help says m
   info      what is in a bag and what was lost
   recover   a damaged bag made readable
   replay    estimator and monitor over a recorded bag
+  fit       one model's parameters from records
+  compare   models side by side on records
+  gap       what the model lacks: named, added and measured again
   paper     the paper's series, figures and tables, on made data
+  study     how often the suite is right, over many blind records
+  trend     what the monitor kept of a valve, over hours and days
+  alarm     an operator's part: acknowledge, shelve, reset
   bench     timings against the peers
   doctor    what is wrong with this machine or installation, and what to do
 

@@ -11,7 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import pyarrow.parquet
 import pytest
+from spool_bringup.cli import app
 from spool_msgs.msg import AccelerationBlock
+from typer.main import get_command
+
+from door.main import COMMANDS
 
 if TYPE_CHECKING:
     from .conftest import System
@@ -131,8 +135,13 @@ def test_wrong_input_ends_in_one_line_and_2(
     assert not (tmp_path / "new").exists()
 
 
+def test_a_tree_that_is_not_set_up_yet_knows_every_command() -> None:
+    commands = get_command(app)
+    assert sorted(COMMANDS) == sorted([*commands.commands, "test", "doctor"])
+
+
 def test_every_command_shows_an_example() -> None:
-    for command in ("simulate", "import", "export", "info", "recover", "replay", "run", "demo", "bench"):
+    for command in set(COMMANDS) - {"test"}:
         done = spool(command, "--help")
         assert done.returncode == 0, done.stderr
         assert f"./spool {command}" in done.stdout

@@ -6,8 +6,16 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import pytest
 from spool_bag.reader import BagReader
-from spool_msgs.msg import GapAnalysis, HealthEvent, ModelEstimate
+from spool_bringup.cli import main
+from spool_estimator.estimator import Estimator, phase_of, settings_for
+from spool_monitor.messages import to_event_message
+from spool_monitor.monitor import Monitor, MonitorSettings
+from spool_monitor.replay import Replay
+from spool_msgs.msg import GapAnalysis, HealthEvent, ModelEstimate, WindowRefit
+from spool_sim.model import load_model
+from spool_sim.valve import find_valve
 from std_srvs.srv import Trigger
 
 if TYPE_CHECKING:
@@ -52,16 +60,17 @@ def test_an_effect_is_analysed_on_request_beside_the_stream_and_recorded(
     assert BagReader(bag).topics["/valve_1/gap"].messages == 1
 
 
-def test_a_gap_that_opens_raises_its_event(system: System, tmp_path: Path) -> None:
-    hardening = tmp_path / "hardening.yaml"
+def test_a_gap_that_opens_raises_its_event_live_and_in_a_replay(system: System, tmp_path: Path) -> None:
+    hardening, bag = tmp_path / "hardening.yaml", tmp_path / "bag"
     hardening.write_text(
         "name: hardening\nterms: [inertia, spring, viscous_friction, cubic_stiffness]\n"
         "parameters: {cubic_coefficient: 8.0e8}\n"
     )
     events = system.listen(HealthEvent, "/valve_1/events", latched=True)
     estimates = system.listen(ModelEstimate, "/valve_1/estimate", latched=True)
-    system.start("estimator", period=0.2)
-    simulator = system.start("simulator", excitation="multisine", model="fluid", wait_for_subscribers=1)
+    recorder = system.start("recorder", namespace="", output=bag, valves="[valve_1]")
+    system.start("estimator", period=0.2, memory=1.0)
+    simulator = system.start("simulator", excitation="multisine", model="fluid", wait_for_subscribers=2)
     tracked = ModelEstimate.STATE_TRACKING
     system.until(
         lambda: sum(message.state == tracked for message in estimates.messages) > 25,
@@ -69,9 +78,46 @@ def test_a_gap_that_opens_raises_its_event(system: System, tmp_path: Path) -> No
     )  # fmt: skip
     assert not events.heard
     simulator.end()
-    system.start("simulator", excitation="multisine", model=hardening, wait_for_subscribers=1)
+    system.start("simulator", excitation="multisine", model=hardening, wait_for_subscribers=2)
     system.until(lambda: events.heard, "the gap is noticed", timeout=60.0)
-    assert events.last.kind == "model_gap"
-    assert events.last.state == HealthEvent.STATE_RAISED
-    assert events.last.quantity.name == "residual"
-    assert "something is missing" in events.last.message
+    raised = events.last
+    assert raised.kind == "model_gap"
+    assert raised.state == HealthEvent.STATE_RAISED
+    assert raised.quantity.name == "residual"
+    assert "something is missing" in raised.message
+    assert recorder.end() == 0
+    valve = find_valve("4weh10_soft")
+    settings = settings_for(valve, phase=phase_of("valve_1"), period=0.2, memory=1.0)
+    replay = Replay(Estimator(settings), Monitor(MonitorSettings(natural_frequency=valve.natural_frequency)))
+    replay.run(BagReader(bag).blocks("valve_1"))
+    replayed = [event for event in replay.events if event.kind == "model_gap"]
+    # What is not known is NaN, which is not equal to itself.
+    assert str(to_event_message(replayed[0], valve.id)) == str(raised)
+
+
+def test_the_model_that_was_found_runs_in_simulator_and_estimator(
+    system: System, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = tmp_path / "found.yaml"
+    record = str(Path(__file__).resolve().parent.parent / "bags" / "practice_03")
+    assert main(["gap", record, "--valve", "4weh10_soft", "--stop", "20", "--save-model", str(found)]) == 0
+    assert "coulomb_friction" in capsys.readouterr().out
+    truth = load_model(found).values
+    estimates = system.listen(ModelEstimate, "/valve_1/estimate", latched=True)
+    refits = system.listen(WindowRefit, "/valve_1/refit", latched=True)
+    answers = system.listen(GapAnalysis, "/valve_1/gap", latched=True)
+    system.start("estimator", gap_base=found, gap_window=12.0, refit_model=found, refit_period=6.0)
+    system.start("simulator", excitation="multisine", model=found, wait_for_subscribers=1)
+    system.until(lambda: estimates.heard and estimates.last.samples >= 24_000, "12 s came", timeout=60.0)
+    system.until(lambda: refits.heard, "a window is refitted", timeout=60.0)
+    seen = {one.name: one.value for one in estimates.last.parameters}
+    assert estimates.last.state == ModelEstimate.STATE_TRACKING
+    assert seen["spring_stiffness"] == pytest.approx(truth["spring_stiffness"], rel=0.02)
+    assert seen["coulomb_force"] == pytest.approx(truth["coulomb_force"], rel=0.05)
+    refit = {one.name: one.value for one in refits.last.parameters}
+    assert refits.last.model == load_model(found).name
+    assert refit["coulomb_force"] == pytest.approx(truth["coulomb_force"], rel=0.05)
+    # What was found is in the base now, so nothing is missing any more.
+    assert asked(system).success
+    system.until(lambda: answers.heard, "the analysis ends", timeout=300.0)
+    assert answers.last.verdict == "none", answers.last.sentence

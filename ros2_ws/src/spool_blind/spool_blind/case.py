@@ -104,13 +104,16 @@ def hidden_by(seed: int) -> str:
     return sorted(STRANGERS)[(block * each + place - none - single - pairs) % len(STRANGERS)]
 
 
-def make(seed: int, hidden: str | None = None, *, factor: float | None = None) -> Case:
+def make(
+    seed: int, hidden: str | None = None, *, factor: float | None = None, moderate: bool = False
+) -> Case:
     """Make the case of ``seed``.
 
     Args:
         seed: the same gives the same record, bit for bit on one machine.
         hidden: what to hide; left out, the seed decides.
         factor: size over what is drawn; left out, the size is clear (see ``CLEAR``).
+        moderate: under a moderate condition, see ``draw_condition``.
 
     Raises:
         KeyError: ``hidden`` names nothing that can be hidden.
@@ -120,7 +123,8 @@ def make(seed: int, hidden: str | None = None, *, factor: float | None = None) -
     kinds = [] if hidden == NONE else [_kind(name) for name in hidden.split("+")]
     generator = np.random.default_rng(seed)
     for _ in range(DRAWS):
-        condition = draw_condition(generator, from_rest=any(name in FROM_REST for name in hidden.split("+")))
+        from_rest = any(name in FROM_REST for name in hidden.split("+"))
+        condition = draw_condition(generator, from_rest=from_rest, moderate=moderate)
         scale = condition.scale()
         things = [kind.draw(generator, condition, scale) for kind in kinds]
         noise_seed = int(generator.integers(2**31))

@@ -24,6 +24,8 @@ NOISE = (0.003, 0.03)
 GAIN_TOLERANCE, DELAY_TOLERANCE = 0.05, 0.5e-3
 NUISANCE_SHARE = 0.4
 NUISANCE_USE = 0.9
+#: s, Hz and share of a moderate condition.
+MODERATE_DURATION, MODERATE_RATE, MODERATE_NOISE = (15.0, 20.0), 2000.0, 0.01
 #: Hz at which the motion without effects is looked at.
 SCALE_RATE = 2000.0
 #: m, travel beyond which a drive is turned down: the valve's stroke.
@@ -99,12 +101,15 @@ class Condition:
         )
 
 
-def draw_condition(generator: np.random.Generator, *, from_rest: bool = False) -> Condition:
+def draw_condition(
+    generator: np.random.Generator, *, from_rest: bool = False, moderate: bool = False
+) -> Condition:
     """Draw a condition whose travel stays within the stroke wherever the least amplitude allows it.
 
     Args:
         generator: of the numbers.
         from_rest: the record begins before the motion does.
+        moderate: a short record at a common rate, with middling noise and nothing of the tolerances used.
     """
     nominal = float(generator.choice([SOFT, STIFF]))
     base = Plant(
@@ -115,21 +120,21 @@ def draw_condition(generator: np.random.Generator, *, from_rest: bool = False) -
         }
     )
     resonance = float(np.sqrt(base.numbers["stiffness"] / base.numbers["mass"]) / (2.0 * np.pi))
-    duration = round(float(generator.uniform(*DURATION)))
+    duration = round(float(generator.uniform(*(MODERATE_DURATION if moderate else DURATION))))
     before = 0.0 if from_rest else float(generator.choice([0.0, 1.0]))
     kind = str(generator.choice(list(KINDS)))
     drive = draw(generator, kind, resonance, -before, duration + AFTER)
-    nuisance = generator.random() < NUISANCE_SHARE
+    nuisance = generator.random() < NUISANCE_SHARE and not moderate
     use = NUISANCE_USE if nuisance else 0.0
     condition = Condition(
         base=base,
         nominal_stiffness=nominal,
         drive=drive,
         amplitude=float(np.exp(generator.uniform(*np.log(AMPLITUDE)))),
-        sample_rate=float(generator.choice(list(RATES))),
+        sample_rate=MODERATE_RATE if moderate else float(generator.choice(list(RATES))),
         duration=float(duration),
         before=before,
-        noise_share=float(np.exp(generator.uniform(*np.log(NOISE)))),
+        noise_share=MODERATE_NOISE if moderate else float(np.exp(generator.uniform(*np.log(NOISE)))),
         gain=1.0 + use * GAIN_TOLERANCE * float(generator.uniform(-1.0, 1.0)),
         delay=use * DELAY_TOLERANCE * float(generator.uniform(-1.0, 1.0)),
     )

@@ -4,31 +4,49 @@ from __future__ import annotations
 
 import math
 
-from .case import make
+from .case import Case, make
 
 #: Over the size that is drawn as clear.
-SMALLEST, LARGEST = 1e-5, 4.0
-HALVINGS = 12
+SMALLEST, LARGEST = 1e-4, 2.0
+#: Evidence at the limit is within this of the threshold, relative; so many cases are made at most.
+CLOSE, MOST = 0.1, 14
 
 
-def limit_factor(seed: int, hidden: str) -> float:
-    """Return the size, over the one that ``seed`` draws, at which the evidence is at the threshold.
+def limit_case(seed: int, hidden: str, *, moderate: bool = False) -> Case | None:
+    """Return the case of ``seed`` at the size at which the evidence is at the threshold.
 
     The test knows what is hidden, and base, gain and delay are refitted beside it: no program can do better.
-    Where even the largest size is not seen, infinity.
+
+    Args:
+        seed: of the condition and of the size that ``Case.factor`` is relative to.
+        hidden: an effect.
+        moderate: under a moderate condition, see ``condition.draw_condition``.
+
+    Returns:
+        ``None`` where even the largest size is not seen.
     """
     low, high = math.log(SMALLEST), math.log(LARGEST)
-    if not _seen(seed, hidden, LARGEST):
-        return math.inf
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        if _seen(seed, hidden, math.exp(middle)):
-            high = middle
+    best = make(seed, hidden, factor=LARGEST, moderate=moderate)
+    above = _over_threshold(best)
+    if above < 0.0:
+        return None
+    guess = high - 0.5 * above
+    for _ in range(MOST):
+        if abs(above) < CLOSE or high - low < 0.02:
+            break
+        # Evidence grows with the square of a small size; where it does not, the bracket is halved.
+        middle = guess if low < guess < high else 0.5 * (low + high)
+        case = make(seed, hidden, factor=math.exp(middle), moderate=moderate)
+        above = _over_threshold(case)
+        if above >= 0.0:
+            high, best = middle, case
         else:
             low = middle
-    return math.exp(high)
+        guess = middle - 0.5 * above
+    return best
 
 
-def _seen(seed: int, hidden: str, factor: float) -> bool:
-    case = make(seed, hidden, factor=factor)
-    return case.visibility is not None and case.visibility.evidence >= case.threshold
+def _over_threshold(case: Case) -> float:
+    """Return the logarithm of the evidence over the threshold."""
+    evidence = 0.0 if case.visibility is None else case.visibility.evidence
+    return math.log(max(evidence, 1e-12) / case.threshold)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
@@ -28,12 +29,20 @@ def run_bench(what: str | None, json: Path | None) -> None:
     rows: list[Timing] = []
     for name in (what,) if what else BENCHMARKS:
         rows += import_module(f"{__package__}.benchmarks.{name}").run()
-    table = Table("work", "beside", "ours", "theirs", "times as fast", "share", box=None, pad_edge=False)
-    for row in rows:
-        share = f"{100.0 / row.ratio:.1f} %"
-        table.add_row(
-            row.work, row.peer, f"{row.ours_s:.3g} s", f"{row.peer_s:.3g} s", f"{row.ratio:.3g}", share
-        )
-    Console(width=140).print(table)
+    Console(width=140).print(table_of(rows))
     if json is not None:
         write_json(json, [row.to_dict() for row in rows])
+
+
+def table_of(rows: Sequence[Timing]) -> Table:
+    """Return ``rows`` as a table, with the errors where any was measured."""
+    columns = ["work", "beside", "ours", "theirs", "times as fast", "share"]
+    errors = any(row.ours_error is not None or row.peer_error is not None for row in rows)
+    table = Table(*columns, *(["our error", "their error"] if errors else []), box=None, pad_edge=False)
+    for row in rows:
+        cells = [row.work, row.peer, f"{row.ours_s:.3g} s", f"{row.peer_s:.3g} s", f"{row.ratio:.3g}"]
+        cells.append(f"{100.0 / row.ratio:.1f} %")
+        if errors:
+            cells += ["" if one is None else f"{one:.3g}" for one in (row.ours_error, row.peer_error)]
+        table.add_row(*cells)
+    return table

@@ -22,7 +22,7 @@ SURFACE = (
     "is missing; where top and bottom differ, friction; grey: the record was not there."
 )
 RANKING = "Every hypothesis, fitted together with the base and judged on data that no fit has seen."
-WAVEFORM = "The held-out second in which the base model was worst: measured, before, after."
+WAVEFORM = "The held-out stretch in which the base model was worst: measured, before, after."
 SPECTRUM = "What is left over by frequency, before and after, beside the measured signal and the noise."
 
 

@@ -133,7 +133,7 @@ def waveform_figure(curves: Curves) -> Figure:
     upper.set_ylabel(f"{what}, {unit}", fontsize=9)
     lower.set_ylabel(f"model − measured, {unit}", fontsize=9)
     lower.set_xlabel(f"time from {curves.time[0]:.2f} s, s", fontsize=9)
-    upper.legend(fontsize=8, loc="upper right", ncols=3)
+    upper.legend(fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False)
     for axis in (upper, lower):
         _plain(axis)
         axis.margins(x=0.0)
@@ -163,7 +163,7 @@ def spectrum_figure(curves: Curves) -> Figure:
     unit = "N" if curves.unit == "N" else "m/s²"
     axis.set_xlabel("frequency, Hz", fontsize=9)
     axis.set_ylabel(f"amplitude density, {unit}/√Hz", fontsize=9)
-    axis.legend(fontsize=8, ncols=4, loc="upper right")
+    axis.legend(fontsize=8, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False)
     _plain(axis)
     return figure
 

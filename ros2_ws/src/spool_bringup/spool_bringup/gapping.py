@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,8 +15,11 @@ from spool_estimator.gap.analyse import analyse
 from spool_estimator.gap.force_analyse import analyse_forces
 from spool_estimator.gap.force_record import ForceRecord
 from spool_estimator.gap.result import GapResult, GapSettings
+from spool_estimator.long_record import LARGEST
 from spool_sim.model import Model, load_model
+from spool_sim.valve import find_valve
 from spool_stream.errors import InputError
+from spool_stream.quantity import Quantity
 
 from .commands import write_json
 from .fit_results import rounded
@@ -71,20 +74,24 @@ def run_gap(
             done = max(done, share)
 
         if kind == "accelerations":
-            recordings, described = load_recordings(records, valve, selection)
-            held = load_recordings(holdout, valve, selection)[0] if holdout else []
+            bounded = replace(selection, longest=LARGEST)
+            recordings, described = load_recordings(records, valve, bounded)
+            held = load_recordings(holdout, valve, bounded)[0] if holdout else []
             result = analyse(
                 stretches_of(recordings), described, model, holdout=stretches_of(held), settings=settings,
                 progress=tell,
             )  # fmt: skip
         else:
+            known = find_valve(valve).moving_mass if valve is not None and kind == "driven" else None
+            forces, held_forces = (_force_records(paths, kind, selection) for paths in (records, holdout))
             result = analyse_forces(
-                _force_records(records, kind, selection), model, kind,
-                holdout=_force_records(holdout, kind, selection), settings=settings, progress=tell,
-            )  # fmt: skip
+                forces, model, kind, holdout=held_forces, mass=known, settings=settings, progress=tell
+            )
     if outputs.json is not None:
         write_json(outputs.json, result.to_dict())
-    show(result, Console())
+    # Off a terminal names must not be cut to some width that nobody has.
+    console = Console()
+    show(result, console if console.is_terminal else Console(width=140))
     if outputs.report is not None:
         from .fit_page import write_page  # noqa: PLC0415 - matplotlib is needed here only
         from .gap_page import gap_page  # noqa: PLC0415
@@ -92,7 +99,8 @@ def run_gap(
         write_page(outputs.report, gap_page(result))
         print(f"{outputs.report}: the report")
     if outputs.model is not None:
-        save_model(outputs.model, result)
+        found = f"{result.base_model} with what the gap analysis of {result.record} found: {result.verdict}"
+        save_model(outputs.model, result.model, result.parameters, found)
         print(f"{outputs.model}: the model with what was found")
     return 0
 
@@ -137,7 +145,10 @@ def show(result: GapResult, console: Console) -> None:
             f"{quantity.standard_deviation:.2g}", quantity.unit,
         )  # fmt: skip
     console.print(numbers)
-    table = Table("hypothesis", "beside", "error after", "evidence", "", box=None, pad_edge=False)
+    table = Table(box=None, pad_edge=False)
+    for column in ("hypothesis", "beside", "error after", "evidence"):
+        table.add_column(column, no_wrap=True)
+    table.add_column("", overflow="fold")
     for row in result.ranking[:10]:
         note = "accepted" if row.accepted else row.reason
         after = f"{100.0 * row.nrmse_after:.2f} %"
@@ -146,16 +157,21 @@ def show(result: GapResult, console: Console) -> None:
         console.print(table)
 
 
-def save_model(path: Path, result: GapResult) -> None:
-    """Write the model with what was found as YAML that simulator and estimator load.
+def save_model(path: Path, model: Model, fitted: Sequence[Quantity], comment: str) -> None:
+    """Write ``model`` as YAML that simulator and estimator load.
+
+    Args:
+        path: to write.
+        model: its values are written as they are.
+        fitted: what was fitted; the deviations of these stand beside their values.
+        comment: first line, says where it comes from.
 
     Raises:
         InputError: the file cannot be written.
     """
-    model: Model = result.model
-    known = {quantity.name: quantity for quantity in result.parameters}
+    known = {quantity.name: quantity for quantity in fitted}
     lines = [
-        f"# {result.base_model} with what the gap analysis of {result.record} found: {result.verdict}",
+        f"# {' '.join(comment.split())}",
         f"name: {model.name[:93]}_gap",
         f"terms: [{', '.join(term.name for term in model.terms)}]",
         "parameters:",

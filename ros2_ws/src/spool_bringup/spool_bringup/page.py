@@ -22,7 +22,9 @@ img{width:100%}table{border-collapse:collapse;margin:1rem 0;font-size:.9rem}td,t
 text-align:left;border-bottom:1px solid #ccc}td.n{text-align:right;font-variant-numeric:tabular-nums}
 div.wide{overflow-x:auto}h2{margin-top:2.5rem}p.verdict{font-size:1.15rem;border-left:4px solid #0072B2;
 padding-left:.8rem}figure{margin:1.5rem 0}figcaption{font-size:.9rem;color:#444}
-@media print{body{margin:0;max-width:none;font-size:11pt}figure,table,p.verdict{break-inside:avoid}
+@page{size:A4;margin:15mm}
+@media print{body{margin:0;max-width:none;padding:0;font-size:10.5pt}
+figure,table,tr,p.verdict{break-inside:avoid}
 h2{break-after:avoid}div.wide{overflow:visible}}</style></head><body>
 <h1>$title</h1>$sections</body></html>
 """)

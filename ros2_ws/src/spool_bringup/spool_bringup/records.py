@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from spool_bag.csv_import import DEFAULT_START
 from spool_bag.csv_record import BODY, OIL_TEMPERATURE, SPOOL, CsvRecord, read_csv
 from spool_bag.reader import BagReader
+from spool_estimator.long_record import PartKeeper
 from spool_estimator.record import Record, records_from_blocks
 from spool_sim.valve import Valve, find_valve, shipped_valves
+from spool_stream.block import Block
 from spool_stream.errors import InputError
 
 from .valve_record import recorded_valve
@@ -50,12 +52,14 @@ class Selection:
         name: namespace of the valve, needed where a bag holds several.
         columns: a CSV file's names by contract name, ``None`` where they are the contract's.
         start, stop: s since the record's first sample; all of it by default.
+        longest: samples of a bag that are held at most, parts of a longer one; ``None``: all.
     """
 
     name: str | None = None
     columns: Mapping[str, str] | None = None
     start: float = 0.0
     stop: float = math.inf
+    longest: int | None = None
 
     def __post_init__(self) -> None:
         """Raises InputError where no time is left between ``start`` and ``stop``."""
@@ -104,7 +108,13 @@ def load_recording(path: Path, selection: Selection | None = None) -> Recording:
     else:
         reader = BagReader(path)
         name = _valve_in(reader, chosen.name)
-        stretches = records_from_blocks(reader.blocks(name), str(path), reader.temperatures(name))
+        if chosen.longest is None:
+            stretches = records_from_blocks(reader.blocks(name), str(path), reader.temperatures(name))
+        else:
+            keeper = PartKeeper(chosen.longest)
+            for block in _blocks_between(reader.blocks(name), chosen.start, chosen.stop):
+                keeper.take(block)
+            stretches = keeper.records(str(path), reader.temperatures(name))
         described = recorded_valve(reader, name)
     if not stretches:
         raise InputError(f"{path}: no sample in it that can be used")
@@ -134,7 +144,7 @@ def load_recordings(
     given = None
     if valve is not None:
         given, name = _valve_or_name(valve, paths, chosen.name)
-        chosen = Selection(name, chosen.columns, chosen.start, chosen.stop)
+        chosen = replace(chosen, name=name)
     recordings = [load_recording(path, chosen) for path in paths]
     if given is not None:
         return recordings, given
@@ -155,6 +165,16 @@ def load_recordings(
 def stretches_of(recordings: Sequence[Recording]) -> list[Record]:
     """Return the stretches of all ``recordings``."""
     return [stretch for recording in recordings for stretch in recording.stretches]
+
+
+def _blocks_between(blocks: Iterable[Block], start: float, stop: float) -> Iterator[Block]:
+    """Yield the first block, from which time counts, and those from ``start`` to ``stop`` s after it."""
+    first: int | None = None
+    for block in blocks:
+        first = block.stamp if first is None else first
+        inside = (block.end - first) * 1e-9 >= start and (block.stamp - first) * 1e-9 < stop
+        if inside or block.stamp == first:
+            yield block
 
 
 def _valve_or_name(valve: str, paths: Sequence[Path], name: str | None) -> tuple[Valve | None, str | None]:

@@ -1,11 +1,17 @@
 """How the blind study counts."""
 
+import json
+from dataclasses import asdict
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from spool_blind.case import make
+from spool_blind.limit import limit_case
+from spool_bringup.studies import gap_limit
 from spool_bringup.studies.gap import row_of, summary
-from spool_bringup.studies.gap_limit import Limit, limits_text
+from spool_bringup.studies.gap_limit import Limit, run, smallest_named
+from spool_bringup.studies.gap_limit_page import limits_text
 from spool_bringup.studies.gap_page import PICTURE, write_page
 from spool_bringup.studies.gap_summary import Row, Share, confusion, targets
 from spool_bringup.studies.workers import spread
@@ -90,6 +96,39 @@ def test_the_limit_counts_conditions_where_nothing_was_named():
     ]
     line = next(line for line in limits_text(limits, "x").splitlines() if "coulomb_friction" in line)
     assert "| 0.001 | 0.008 | 8 | 2/3 |" in line
+
+
+def test_the_smallest_size_is_found_by_few_looks(monkeypatch):
+    """Named from twice the square root of two on; of 16 sizes few are tried."""
+    looked = []
+
+    def judged(case):
+        looked.append(case.factor)
+        return SimpleNamespace(right=case.factor > 2.5 * looked[0] / 2.0)
+
+    monkeypatch.setattr(gap_limit, "judge", judged)
+    limit = smallest_named(("coulomb_friction", 7))
+    assert limit.ratio == pytest.approx(2.0 * 2.0**0.5)
+    assert limit.named == pytest.approx(limit.ratio * limit.visible)
+    assert len(looked) <= 5
+
+
+def test_a_search_for_limits_goes_on_where_it_was_ended(tmp_path):
+    kept = [Limit("coulomb_friction", 5, "coulomb_force", 0.001, 0.002, 2.0)]
+    kept.append(Limit("coulomb_friction", 6, "coulomb_force", 0.002, 0.003, 1.5))
+    lines = [json.dumps(asdict(limit)) for limit in kept]
+    (tmp_path / "gap_limits.jsonl").write_text("\n".join([*lines, lines[0][:20]]))
+    assert run(2, 5, tmp_path, 1, ["coulomb_friction"]) == kept
+    assert (tmp_path / "gap_limits.png").stat().st_size > 1000
+    assert "1 of 1 effects are named" in (tmp_path / "gap_limits.md").read_text()
+
+
+def test_a_likelihood_ratio_test_sees_half_at_the_limit():
+    case = limit_case(7, "coulomb_friction", moderate=True)
+    assert case.visibility.evidence == pytest.approx(case.threshold, rel=0.15)
+    larger = make(7, "coulomb_friction", factor=2.0 * case.factor, moderate=True)
+    assert larger.visibility.evidence == pytest.approx(4.0 * case.visibility.evidence, rel=0.2)
+    assert 15.0 <= case.time[-1] <= 20.0
 
 
 def test_work_is_spread_over_processes_and_all_of_it_comes_back():

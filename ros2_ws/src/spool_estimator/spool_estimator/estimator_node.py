@@ -62,7 +62,7 @@ class EstimatorNode(ManagedNode):
         Parameter("refit_window", 4.0, "Length of the refitted window.", "s", 2.0, 60.0, read_only=True),
         Parameter("refit_model", "coulomb", "Name of a model or path of a YAML file.", read_only=True),
         Parameter(
-            "gap_growth", 1.5, "Residual over what is usual from which model_gap is raised.",
+            "gap_growth", 2.0, "Residual over what is usual from which model_gap is raised.",
             "1", 1.1, 100.0, read_only=True,
         ),
         Parameter(

@@ -18,10 +18,9 @@ from spool_stream.quantity import Quantity, Validity
 from std_srvs.srv import Trigger
 
 from .estimate import Estimate
-from .gap_watch import GapChange, GapWatch
+from .gap_watch import MODEL_GAP, MODEL_GAP_CODE, GapChange, GapWatch
 from .gap_worker import GapAnswer, GapTask, GapWorker, RecentBlocks
 
-KIND = "model_gap"
 #: Events that late joiners get.
 KEPT_EVENTS = 100
 
@@ -49,6 +48,7 @@ class GapService:
     def take(self, block: Block, estimates: list[Estimate]) -> None:
         """Keep ``block`` and judge ``estimates``."""
         self._recent.take(block)
+        self._watch.take(block)
         for estimate in estimates:
             change = self._watch.update(estimate)
             if change is not None:
@@ -80,7 +80,8 @@ class GapService:
 
     def _event(self, change: GapChange) -> HealthEvent:
         message = HealthEvent(
-            kind=KIND,
+            kind=MODEL_GAP,
+            code=MODEL_GAP_CODE,
             state=HealthEvent.STATE_RAISED if change.raised else HealthEvent.STATE_CLEARED,
             severity=HealthEvent.SEVERITY_WARNING,
             quantity=to_quantity(change.residual),

@@ -27,6 +27,7 @@ class Record:
         oil_temperature: deg C at each sample, shape (n,), or ``None`` where it is not known.
         origin: time at which t = 0 for laws that depend on time, ns; ``start`` unless given. Stretches of one
             recording share it.
+        cut: it begins where something longer was cut, not after a gap.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Record:
     spool: Array
     oil_temperature: Array | None = None
     origin: int | None = None
+    cut: bool = False
 
     def __post_init__(self) -> None:
         """Check shapes and numbers.

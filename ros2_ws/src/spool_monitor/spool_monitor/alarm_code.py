@@ -5,6 +5,8 @@ from __future__ import annotations
 import enum
 from types import MappingProxyType
 
+from spool_estimator.gap_watch import MODEL_GAP, MODEL_GAP_CODE
+
 
 class Namur(enum.IntEnum):
     """Status signal after NAMUR NE 107, a worse one above; numbers as in ``spool_msgs/msg/ValveHealth``."""
@@ -38,7 +40,7 @@ ALARMS: MappingProxyType[str, dict[str, tuple[int, Namur]]] = MappingProxyType(
         },
         "spring_change": {"": (300, _M), "softer": (301, _M), "stiffer": (302, _M)},
         "stuck_spool": {"": (400, _F)},
-        "model_gap": {"": (500, _S)},
+        MODEL_GAP: {"": (MODEL_GAP_CODE, _S)},
         "sensor_fault": {
             "": (600, _F),
             "dead": (601, _F),

@@ -6,6 +6,7 @@ import enum
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from spool_estimator.gap_watch import MODEL_GAP, GapChange
 from spool_stream.quantity import Quantity
 
 #: What people read, or what writes it: most of what is judged is never told.
@@ -48,6 +49,12 @@ class Event:
     quantity: Quantity
     message: str
     source: str = ""
+
+
+def gap_event(change: GapChange) -> Event:
+    """Return the event that the estimator's node publishes for ``change``."""
+    state = EventState.RAISED if change.raised else EventState.CLEARED
+    return Event(change.stamp, MODEL_GAP, state, Severity.WARNING, "", change.residual, change.sentence)
 
 
 @dataclass(slots=True)

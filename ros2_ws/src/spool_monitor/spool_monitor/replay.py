@@ -8,11 +8,12 @@ from dataclasses import dataclass, field
 
 from spool_estimator.estimate import Estimate
 from spool_estimator.estimators import StreamEstimator
+from spool_estimator.gap_watch import GapWatch
 from spool_estimator.refit import Refit, WindowRefits, refit
 from spool_stream.block import Block
 from spool_stream.block_gate import BlockGate, SharedGate
 
-from .event import Event
+from .event import Event, gap_event
 from .monitor import Monitor
 
 
@@ -25,6 +26,7 @@ class Replay:
 
     Attributes:
         estimates: every estimate, where ``keep`` asked for them; the last one is ``estimator.latest``.
+        gap: watches what the model leaves over, as the estimator's node does.
         refitted: every refit, where ``refits`` asked for them; none is skipped here.
         events: every event; a valve that flaps is bounded by its conditions' delays.
 
@@ -34,6 +36,7 @@ class Replay:
     monitor: Monitor
     keep: bool = False
     refits: WindowRefits | None = None
+    gap: GapWatch = field(default_factory=GapWatch)
     estimates: list[Estimate] = field(default_factory=list, init=False)
     events: list[Event] = field(default_factory=list, init=False)
     refitted: list[Refit] = field(default_factory=list, init=False)
@@ -134,6 +137,7 @@ class Replay:
         estimates = self.estimator.update(block)
         self._accepted = gate.accepted
         if gate.accepted != before and gate.last is not None:
+            self.gap.take(block)
             self.samples += block.body.size
             self.first_stamp = block.stamp if self.first_stamp is None else self.first_stamp
             self.last_stamp = gate.last[1]
@@ -143,6 +147,9 @@ class Replay:
         if events:
             self.events += events
         for estimate in estimates:
+            change = self.gap.update(estimate)
+            if change is not None:
+                self.events.append(gap_event(change))
             self.events += self.monitor.update_estimate(estimate)
             if self.keep:
                 self.estimates.append(estimate)

@@ -11,10 +11,13 @@ from hypothesis import strategies as st
 from spool_estimator.estimate import Estimate
 from spool_estimator.estimator import settings_for
 from spool_estimator.estimators import ESTIMATORS, make_estimator
-from spool_monitor.event import Event
+from spool_estimator.gap_watch import GapWatch
+from spool_monitor.event import Event, EventState, gap_event
 from spool_monitor.monitor import Monitor, MonitorSettings
 from spool_monitor.replay import Replay
-from spool_sim.excitation import from_mapping
+from spool_sim.excitation import from_mapping, load_excitation
+from spool_sim.model import model_from_mapping
+from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
 from spool_stream.block import Block
@@ -50,14 +53,19 @@ def spoiled(blocks: list[Block], faults: list[tuple[int, str]]) -> list[Block]:
 
 def live(method: str, blocks: list[Block]) -> tuple[list[Estimate], list[Event], Monitor]:
     """Return what the nodes make of ``blocks``, each node judging each block by itself."""
-    estimator, monitor = make_estimator(method, settings_for(VALVE)), Monitor(SETTINGS)
+    estimator, monitor, gap = make_estimator(method, settings_for(VALVE)), Monitor(SETTINGS), GapWatch()
     estimates, events = [], []
     for place, block in enumerate(blocks):
         if place % 100 == 50:
             estimator.update_temperature(block.stamp, 40.0 + 0.01 * place)
+        accepted = estimator.gate.accepted
         found = estimator.update(block)
+        if estimator.gate.accepted > accepted:
+            gap.take(block)
+        changes = [gap.update(estimate) for estimate in found]
         events += monitor.update(block)
-        for estimate in found:
+        for estimate, change in zip(found, changes, strict=True):
+            events += [] if change is None else [gap_event(change)]
             events += monitor.update_estimate(estimate)
         estimates += found
     return estimates, events, monitor
@@ -90,3 +98,34 @@ def test_a_replay_equals_the_live_nodes(method: str, faults: list[tuple[int, str
     assert replay.monitor.gate.faults == monitor.gate.faults
     assert replay.monitor.gate.accepted == monitor.gate.accepted
     assert replay.samples == 40 * monitor.gate.accepted
+
+
+def test_a_gap_that_opens_is_among_the_events_of_a_replay_in_order() -> None:
+    """A spring that hardens: what the model leaves over grows and stays up."""
+    quick = settings_for(VALVE, period=0.2, memory=2.0)
+    hardening = model_from_mapping(
+        {
+            "name": "hardening",
+            "terms": ["inertia", "spring", "viscous_friction", "cubic_stiffness"],
+            "parameters": {"cubic_coefficient": 3.0e8},
+        }
+    )
+    drive = load_excitation("multisine")
+    noise = {"body_sensor": Sensor(noise=0.05), "spool_sensor": Sensor(noise=0.05)}
+    blocks = list(Simulator(VALVE, drive, model="fluid", seed=3, **noise).records(10.0))
+    after = Simulator(VALVE, drive, model=hardening, seed=4, start_stamp=blocks[-1].end, **noise)
+    later = after.records(12.0)
+    blocks += [replace(block, sequence=len(blocks) + number) for number, block in enumerate(later)]
+    one = Replay(make_estimator("prediction", quick), Monitor(SETTINGS))
+    one.run(blocks)
+    gaps = [event for event in one.events if event.kind == "model_gap"]
+    assert [event.state for event in gaps] == [EventState.RAISED]
+    assert 15.0 < (gaps[0].stamp - blocks[0].stamp) * 1e-9 < 20.0
+    assert [event.stamp for event in one.events] == sorted(event.stamp for event in one.events)
+    apart, watch = make_estimator("prediction", quick), GapWatch()
+    found = []
+    for block in blocks:
+        estimates = apart.update(block)
+        watch.take(block)
+        found += [gap_event(change) for change in map(watch.update, estimates) if change is not None]
+    assert repr(found) == repr(gaps)

@@ -22,6 +22,10 @@ Function = TypeVar("Function", bound=Callable[..., object])
 OUTDATED = 30 * 86_400
 
 
+#: Packages whose kernels those of others call.
+CALLED = ("spool_stream", "spool_sim", "spool_estimator")
+
+
 def _numba() -> ModuleType | None:
     try:
         return importlib.import_module("numba")
@@ -57,22 +61,28 @@ def _folder_of(package: str, base: Path) -> Path | None:
 
     numba looks at a kernel's own file only: a change in a function that it calls would find the old kernel.
     """
-    try:
-        spec = importlib.util.find_spec(package)
-    except ValueError:  # a script's own module
-        return None
-    if spec is None or not spec.submodule_search_locations:
+    own = _sources(package)
+    if not own:
         return None
     digest = hashlib.sha256()
-    for root in spec.submodule_search_locations:
-        for path in sorted(Path(root).rglob("*.py")):
-            digest.update(path.read_bytes())
+    for path in [*own, *(path for name in CALLED if name != package for path in _sources(name))]:
+        digest.update(path.read_bytes())
     folder = base / f"{package}_{digest.hexdigest()[:16]}"
     if not folder.exists():
         for other in base.glob(f"{package}_*"):
             if other.stat().st_mtime < time.time() - OUTDATED:
                 shutil.rmtree(other, ignore_errors=True)
     return folder
+
+
+def _sources(package: str) -> list[Path]:
+    """Return the sources of ``package``, none for a script's own module."""
+    try:
+        spec = importlib.util.find_spec(package)
+    except ValueError:
+        return []
+    roots = (spec.submodule_search_locations if spec else None) or []
+    return [path for root in roots for path in sorted(Path(root).rglob("*.py"))]
 
 
 @contextmanager

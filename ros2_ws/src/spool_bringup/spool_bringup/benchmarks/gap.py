@@ -53,12 +53,12 @@ def run(cases: int = CASES) -> Iterator[Timing]:
     for peer in PEERS:
         row_of = partial(Timing, peer=peer, ours_s=ours_s / cases, peer_s=peer_s[peer] / cases)
         yield row_of(
-            f"name what is hidden, a record of {cases}; errors: share not named right",
+            f"name what is hidden, {cases} records: not right",
             ours_error=ours_wrong / cases,
             peer_error=peer_wrong[peer] / cases,
         )
         yield row_of(
-            f"name what is hidden, a record of {cases}; errors: false terms a record",
+            f"name what is hidden, {cases} records: false terms",
             ours_error=ours_false / cases,
             peer_error=peer_false[peer] / cases,
         )

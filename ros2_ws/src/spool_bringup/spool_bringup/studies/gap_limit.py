@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from statistics import median
 
 from spool_blind.case import make
 from spool_blind.effects import EFFECTS
-from spool_blind.limit import limit_factor
+from spool_blind.limit import limit_case
 
 from ..commands import write_json
 from .gap import judge
+from .gap_limit_page import write_page
 from .workers import spread
 
-#: Sizes that are tried, over the limit of seeing: this times powers of the step, down from the largest.
-LARGEST, STEP, SMALLEST = 512.0, 2.0, 1.0
+#: Sizes that are tried over the limit of seeing: powers of this, from the one to the other power.
+STEP, LOWEST, HIGHEST = math.sqrt(2.0), -1, 14
+#: The power that is tried first: twice the limit, the target.
+FIRST = 2
 #: A size beyond this many times the clear one is not made larger.
 LARGEST_FACTOR = 2.0
 
@@ -44,71 +46,77 @@ class Limit:
     ratio: float | None
 
 
-def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[Limit]:
-    """Look for the smallest size of each effect under ``cases`` conditions; write the table into ``out``."""
+def run(
+    cases: int, seed: int, out: Path, workers: int | None = None, effects: Sequence[str] = tuple(EFFECTS)
+) -> list[Limit]:
+    """Look for the smallest size of each effect that is named, under ``cases`` conditions from ``seed`` on.
+
+    ``out`` gets table and picture; what ``gap_limits.jsonl`` there holds already is not looked for again.
+    """
     out.mkdir(parents=True, exist_ok=True)
-    items = [(effect, seed + case) for case in range(cases) for effect in EFFECTS]
-    limits: list[Limit] = []
-    with (out / "limits.jsonl").open("w") as file:
+    wanted = [(effect, seed + case) for case in range(cases) for effect in effects]
+    kept = out / "gap_limits.jsonl"
+    found = {(limit.effect, limit.seed): limit for limit in _kept(kept)}
+    items = [item for item in wanted if item not in found]
+    with kept.open("w") as file:
+        file.writelines(json.dumps(asdict(limit)) + "\n" for limit in found.values())
+        file.flush()
         for limit in spread(smallest_named, items, f"{len(items)} limits", workers):
-            limits.append(limit)
+            found[limit.effect, limit.seed] = limit
             file.write(json.dumps(asdict(limit)) + "\n")
             file.flush()
-    write_json(out / "limits.json", [asdict(limit) for limit in limits])
-    page = out / "limits.md"
-    page.write_text(limits_text(limits, f"./spool study gap-limit --cases {cases} --seed {seed}"))
+    limits = [found[item] for item in wanted]
+    write_json(out / "gap_limits.json", [asdict(limit) for limit in limits])
+    page = write_page(limits, out, f"./spool study gap-limit --cases {cases} --seed {seed} --out DIR")
     print(page.read_text())
     return limits
 
 
-def smallest_named(item: tuple[str, int]) -> Limit:
-    """Halve the size of an effect until it is not named any more; return the smallest that was.
+def _kept(path: Path) -> list[Limit]:
+    if not path.exists():
+        return []
+    lines = path.read_text().splitlines()
+    # The last line of a run that was ended may be half a line.
+    return [Limit(**json.loads(line)) for line in lines if line.endswith("}")]
 
-    Halving goes on past one size that is not named: chance decides near the limit.
+
+def smallest_named(item: tuple[str, int]) -> Limit:
+    """Return the smallest size that is named right, by steps of half an octave over the limit of seeing.
+
+    A size above the smallest is taken to be named, too, one below the largest that is not taken not to be.
     """
     effect, seed = item
-    seen = limit_factor(seed, effect)
-    parameter = next(iter(make(seed, effect, factor=1.0).truth[effect]))
-    if math.isinf(seen):
+    seen = limit_case(seed, effect, moderate=True)
+    if seen is None:
+        parameter = next(iter(make(seed, effect, factor=1.0, moderate=True).truth[effect]))
         return Limit(effect, seed, parameter, None, None, None)
-    ratio = min(LARGEST, STEP ** math.floor(math.log(LARGEST_FACTOR / seen, STEP)))
-    smallest, missed = None, 0
-    while ratio >= SMALLEST and missed < 2:
-        if judge(make(seed, effect, factor=seen * ratio)).right:
-            smallest, missed = ratio, 0
+    parameter, visible = next(iter(seen.truth[effect].items()))
+    top = min(HIGHEST, math.floor(math.log(LARGEST_FACTOR / seen.factor, STEP)))
+    values: dict[int, float] = {}
+
+    def named(power: int) -> bool:
+        case = make(seed, effect, factor=seen.factor * STEP**power, moderate=True)
+        values[power] = case.truth[effect][parameter]
+        return judge(case).right
+
+    smallest = _smallest(named, top)
+    if smallest is None:
+        return Limit(effect, seed, parameter, visible, None, None)
+    return Limit(effect, seed, parameter, visible, values[smallest], STEP**smallest)
+
+
+def _smallest(named: Callable[[int], bool], top: int) -> int | None:
+    """Return the smallest power that is ``named``, by strides from ``FIRST`` and then by halving."""
+    low, high, stride = LOWEST - 1, min(FIRST, top), 2
+    while not named(high):
+        low = high
+        if high >= top:
+            return None
+        high, stride = min(top, high + stride), 2 * stride
+    while high - low > 1:
+        middle = (low + high) // 2
+        if named(middle):
+            high = middle
         else:
-            missed += 1
-        ratio /= STEP
-
-    def value(factor: float) -> float:
-        return make(seed, effect, factor=factor).truth[effect][parameter]
-
-    named = None if smallest is None else value(seen * smallest)
-    return Limit(effect, seed, parameter, value(seen), named, smallest)
-
-
-def limits_text(limits: Sequence[Limit], command: str) -> str:
-    """Return the table, Markdown."""
-    lines = [
-        f"Made by `{command}`. The limit of seeing is where a likelihood-ratio test that knows the effect",
-        "finds it in half of the records, at one false alarm in a hundred; medians over the conditions.",
-        "",
-        "| effect | by | limit of seeing | named in half | ratio | named at any size |",
-        "|---|---|---|---|---|---|",
-    ]
-    for effect in EFFECTS:
-        these = [limit for limit in limits if limit.effect == effect]
-        # Where a condition named nothing, its size counts as larger than all others.
-        ratios = sorted(math.inf if limit.ratio is None else limit.ratio for limit in these)
-        seen = [limit.visible for limit in these if limit.visible is not None]
-        named = sorted(math.inf if limit.named is None else abs(limit.named) for limit in these)
-        if not these or not seen:
-            continue
-        cells = [f"{median(map(abs, seen)):.2g}", *(_number(median(row)) for row in (named, ratios))]
-        count = sum(limit.named is not None for limit in these)
-        lines.append(f"| {effect} | {these[0].parameter} | {' | '.join(cells)} | {count}/{len(these)} |")
-    return "\n".join(lines) + "\n"
-
-
-def _number(value: float) -> str:
-    return "-" if math.isinf(value) else f"{value:.2g}"
+            low = middle
+    return high

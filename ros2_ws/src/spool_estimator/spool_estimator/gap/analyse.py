@@ -32,6 +32,8 @@ from .where import Residual, locate, surface
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 UNITS = {GAIN: "1", DELAY: "s"}
+#: Held-out error from which a model explains nothing.
+NOTHING = 0.8
 #: Samples that are looked at before windows are chosen.
 LONGEST_LOOKED_AT = 600_000
 
@@ -115,6 +117,12 @@ def analyse(
         final = search.judge_by(search.longer, final)
     tell("measuring what is left", 0.9)
     outcome = judge_outcome(search, final, saturation, chosen, trusted=trusted)
+    left = search.nrmse(final)
+    if left > NOTHING:
+        warnings.append(
+            f"even the best model leaves {100.0 * left:.3g} % of the spool's acceleration: units of both "
+            "channels, order and sign of the columns, valve file?"
+        )
     return _result(records, base, search, final, outcome, tuple(warnings), begun)
 
 

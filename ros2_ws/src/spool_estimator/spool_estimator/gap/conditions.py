@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,20 +11,18 @@ from spool_stream.errors import InputError
 
 from ..record import Record
 from .noise import Noise, noise_of
+from .units import ANY_SPRING, LARGE, difference, expected_transfer, like_no_valve, opposite, wrong_unit
 
 Array = NDArray[np.float64]
 
 #: s that an analysis needs in all, and s of a stretch that is of use: a window and its settling.
 SHORTEST, SHORTEST_STRETCH = 6.0, 4.0
-GRAVITY = 9.80665
 #: The drive must exceed the noise by this factor, rms.
 EXCITED = 5.0
 #: Samples per period of the natural frequency below which a record is too coarse.
 SAMPLES_PER_PERIOD = 25.0
 #: Sample rate over the highest frequency of the drive below which a record is too coarse.
 LEAST_RATE = 3.0
-#: Cosine of the angle to the transfer expected, median over frequency, below which a sign must be wrong.
-OPPOSITE = -0.7
 
 
 def usable(records: Sequence[Record]) -> tuple[list[Record], list[str]]:
@@ -42,11 +39,10 @@ def usable(records: Sequence[Record]) -> tuple[list[Record], list[str]]:
             f"{records[0].name if records else 'record'}: too short: its longest stretch without gaps has "
             f"{longest:.1f} s, an analysis needs {SHORTEST:g} s or more in all: record longer"
         )
-    if len(records) > 1:
+    gaps = sum(not record.cut for record in records) - 1
+    if gaps > 0:
         lost = sum(record.duration for record in records) - sum(record.duration for record in kept)
-        warnings.append(
-            f"the record has {len(records) - 1} gaps; {len(kept)} stretches are used, {lost:.1f} s left out"
-        )
+        warnings.append(f"the record has {gaps} gaps; {len(kept)} stretches are used, {lost:.1f} s left out")
     for record in kept:
         for name, row in (("body", record.body), ("spool", record.spool)):
             if not float(np.ptp(row)) > 0.0:
@@ -116,6 +112,12 @@ def judge(record: Record, valve: Valve) -> tuple[list[str], bool]:
     text = unit_or_exchange(ratio, frequency, valve)
     if text:
         raise InputError(f"{record.name}: {text}")
+    if frequency.size >= 4 and like_no_valve(ratio, frequency, valve):
+        warnings.append(
+            "spool over body is the transfer of no valve with this mass, whatever its spring: units of both "
+            "channels, order of the columns, valve file?"
+        )
+        trusted = False
     if not low.any() and frequency.size and float(frequency.min()) > 1.3 * natural:
         warnings.append(
             f"the drive begins at {noise.low:.0f} Hz, above the natural frequency of {natural:.1f} Hz: gain, "
@@ -152,23 +154,15 @@ def unit_or_exchange(ratio: Array, frequency: Array, valve: Valve) -> str:
         return float(np.median(np.abs(np.log(np.maximum(np.abs(ratio), 1e-9) / np.abs(candidate)))))
 
     plain = distance(expected)
-    # A unit is wrong at all frequencies alike; strong springs and friction bend the ratio at some.
-    sizes = np.log(np.maximum(np.abs(ratio), 1e-9) / np.abs(expected)) / math.log(GRAVITY)
-    low_size, high_size = np.quantile(sizes, [0.25, 0.75]).tolist()
-    if low_size > 0.5 and distance(GRAVITY * expected) < 0.35 * plain:
+    factor = wrong_unit(ratio, frequency, valve)
+    if factor > 1.0:
         return "spool reads 9.81 times too much: is body in g instead of m/s^2?"
-    if high_size < -0.5 and distance(expected / GRAVITY) < 0.35 * plain:
+    if factor < 1.0:
         return "spool reads 9.81 times too little: is spool in g instead of m/s^2?"
-    if float(np.median(np.cos(np.angle(ratio / expected)))) < OPPOSITE:
+    if opposite(ratio, frequency, valve):
         return "body and spool have opposite signs: one sensor is turned round: change the sign of its column"
     inverse = 1.0 / expected
-    if plain > 0.45 and distance(inverse) < 0.4 * plain:
+    unlike = difference(np.abs(ratio), frequency, valve, 1.0, ANY_SPRING) > LARGE
+    if unlike and plain > 0.45 and distance(inverse) < 0.4 * plain:
         return "body and spool look exchanged: the one that should follow leads: swap the columns"
     return ""
-
-
-def expected_transfer(frequency: Array, valve: Valve) -> Array:
-    """Return spool over body by the valve's description."""
-    angular = 2j * np.pi * frequency
-    spring = valve.spring_stiffness + angular * valve.viscous_coefficient
-    return np.asarray(spring / (spring + valve.moving_mass * angular**2))

@@ -13,8 +13,9 @@ from spool_stream.errors import InputError
 
 from .effect import Effect
 from .force_balance import ForceBalance, ForceFit, independent_samples
+from .force_conditions import check_mass, conditions_of
 from .force_record import ForceRecord
-from .force_result import Chosen, result_of
+from .force_result import SIMPLER, Chosen, result_of
 from .registry import EFFECTS
 from .result import GapResult, GapSettings, Hypothesis
 from .screening import FRICTIONS
@@ -28,8 +29,6 @@ STRETCH = 4.0
 SMALLEST = 0.03
 #: Twice the log likelihood ratio, after the price of the parameters, from which an effect counts.
 EVIDENCE = 20.0
-#: Error over that of a richer effect up to which the simpler one, which it contains, is kept.
-SIMPLER = 1.15
 #: Correlation of two columns, base taken off, from which they cannot be told apart.
 ALIKE = 0.97
 #: Ratio of the 95 to the 5 % quantile of the speed below which the speed hardly varies.
@@ -42,6 +41,7 @@ def analyse_forces(
     kind: str,
     *,
     holdout: Sequence[ForceRecord] = (),
+    mass: float | None = None,
     settings: GapSettings | None = None,
     progress: Progress | None = None,
 ) -> GapResult:
@@ -52,6 +52,7 @@ def analyse_forces(
         base: with ``spring`` and ``viscous_friction``, and ``inertia`` where the force drives a mass.
         kind: ``driven`` or ``imposed``.
         holdout: records to judge on; without them every other stretch is held out.
+        mass: kg, that the force drives; ``None`` fits it.
         settings: amounts.
         progress: takes what is done and the share of the work.
 
@@ -63,14 +64,16 @@ def analyse_forces(
     tell = progress or (lambda _what, _share: None)
     tell("checking the records", 0.0)
     train, held = _split(records, holdout)
-    warnings = _judge(train)
+    warnings = conditions_of(train)
     names = {entry.name for entry in base.terms}
     columns = ["damping"] if "viscous_friction" in names else []
     columns += ["stiffness"] if "spring" in names else []
-    columns += ["mass"] if kind == "driven" else []
-    balance = ForceBalance(train, held, [*columns, "zero"])
+    columns += ["mass"] if kind == "driven" and mass is None else []
+    balance = ForceBalance(train, held, [*columns, "zero"], driven=kind == "driven", mass=mass)
     alike = _cannot_tell(balance)
     steps: list[tuple[Chosen, ForceFit]] = [((), balance.fit([]))]
+    if kind == "driven":
+        check_mass(balance, steps[0][1], train[0].name, mass)
     ranking: list[Hypothesis] = []
     while len(steps) <= chosen_settings.most_effects:
         tell(f"trying effects beside {' + '.join(steps[-1][1].effects) or 'the base'}", 0.3)
@@ -109,25 +112,6 @@ def _split(
             "record longer, or name another record with --holdout"
         )
     return train, held
-
-
-def _judge(records: Sequence[ForceRecord]) -> list[str]:
-    """Return warnings.
-
-    Raises:
-        InputError: nothing moves, or the force does not change.
-    """
-    first = records[0]
-    displacement = np.concatenate([record.displacement for record in records])
-    force = np.concatenate([record.force for record in records])
-    if not float(np.ptp(displacement)) > 0.0:
-        raise InputError(f"{first.name}: displacement_m does not change: check sensor and cable")
-    if not float(np.ptp(force)) > 0.0:
-        raise InputError(f"{first.name}: force_N does not change: check sensor and cable")
-    warnings = []
-    if float(np.ptp(displacement)) > 0.5:
-        warnings.append(f"the displacement spans {np.ptp(displacement):.3g} m: is it in mm instead of m?")
-    return warnings
 
 
 def _cannot_tell(balance: ForceBalance) -> tuple[str, ...]:

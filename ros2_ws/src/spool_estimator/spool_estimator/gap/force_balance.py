@@ -2,6 +2,9 @@
 
 imposed:  force = c z' + k z + effects + zero of the load cell
 driven:   force = m z'' + c z' + k z + effects + zero of the load cell
+
+The acceleration of a driven mass is the displacement's second derivative, which needs a low-pass. It goes
+over force and columns alike: a jump of dry friction smeared on one side only would be a gap of its own.
 """
 
 from __future__ import annotations
@@ -11,12 +14,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation, binary_opening
 from scipy.optimize import minimize_scalar
 
 from .effect import Effect, Motion
 from .force_record import ForceRecord
 
 Array = NDArray[np.float64]
+
+#: Deviations of its noise below which a velocity counts as none.
+STILL = 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,13 +54,24 @@ class ForceBalance:
     """The regression over training records, judged on held-out ones."""
 
     def __init__(
-        self, train: Sequence[ForceRecord], held: Sequence[ForceRecord], base: Sequence[str]
+        self,
+        train: Sequence[ForceRecord],
+        held: Sequence[ForceRecord],
+        base: Sequence[str],
+        *,
+        driven: bool = False,
+        mass: float | None = None,
     ) -> None:
-        """Take velocities; ``base`` names the columns out of mass, stiffness, damping, zero."""
+        """Take velocities; ``base`` names the columns out of mass, stiffness, damping, zero.
+
+        ``driven``: the force moves a mass, of ``mass`` kg where that is known.
+        """
         self.train, self.held = tuple(train), tuple(held)
         self.base = tuple(base)
+        self.driven, self.mass = driven, mass
         centre = _centre(train)
-        self.motions = {id(r): _motion(r, centre) for r in (*train, *held)}
+        self.motions = {id(r): _motion(r, centre, driven=driven) for r in (*train, *held)}
+        self.known = {id(r): _known(r, self.motions[id(r)]) for r in (*train, *held)} if driven else {}
         # The reaction to friction has the velocity's sign; a rig may count it the other way round.
         power = sum(float(np.sum(r.force_at * m.velocity)) for r, m in self._pairs(self.train))
         self.sign = -1.0 if power < 0.0 else 1.0
@@ -72,23 +90,31 @@ class ForceBalance:
         }
         found = [rows[name] for name in self.base]
         for effect, shape in chosen:
-            found += list(effect.signature(motion, shape))
-        return np.array(found).T
+            signature = list(effect.signature(motion, shape))
+            found += [record.low_passed(row) for row in signature] if self.driven else signature
+        return np.array(found).T * self.known[id(record)][:, np.newaxis] if self.driven else np.array(found).T
+
+    def target(self, record: ForceRecord) -> Array:
+        """Return the force that base and effects explain, in the velocity's sign, N, shape (n,)."""
+        if not self.driven:
+            return self.sign * record.force
+        inertia = (self.mass or 0.0) * self.motions[id(record)].acceleration
+        return (self.sign * record.low_passed(record.force) - inertia) * self.known[id(record)]
 
     def fit(self, chosen: Sequence[tuple[Effect, dict[str, float]]]) -> ForceFit:
         """Return the least-squares fit of ``chosen`` beside the base."""
         matrices = [self.columns(record, chosen) for record in self.train]
         matrix = np.concatenate(matrices)
-        target = self.sign * np.concatenate([record.force for record in self.train])
+        target = np.concatenate([self.target(record) for record in self.train])
         scale = np.maximum(np.linalg.norm(matrix, axis=0), 1e-30)
         solution, _, _, _ = np.linalg.lstsq(matrix / scale, target, rcond=1e-9)
         coefficients = solution / scale
         train = tuple(
-            self.sign * record.force - part @ coefficients
+            self.target(record) - part @ coefficients
             for record, part in zip(self.train, matrices, strict=True)
         )
         held = tuple(
-            self.sign * record.force - self.columns(record, chosen) @ coefficients for record in self.held
+            self.target(record) - self.columns(record, chosen) @ coefficients for record in self.held
         )
         squares = float(sum(np.sum(row**2) for row in train))
         independent = max(8.0, sum(independent_samples(row) for row in train))
@@ -140,7 +166,7 @@ class ForceBalance:
         first = next(iter(self.motions.values()))
         motion = Motion(
             first.displacement, first.velocity, first.acceleration, first.time, first.period,
-            first.velocity_noise, base.get("mass", 0.0), abs(base.get("stiffness", 0.0)) or 1.0,
+            first.velocity_noise, base.get("mass", self.mass or 0.0), abs(base.get("stiffness", 0.0)) or 1.0,
             abs(base.get("damping", 0.0)) or 1.0,
         )  # fmt: skip
         return effect.values(fit.coefficients[own], shape, motion)
@@ -149,7 +175,22 @@ class ForceBalance:
         """Return rms(model - measured) / rms(measured) held out; the load cell's zero is taken off."""
         zero = self.sign * fit.coefficients[self.base.index("zero")] if "zero" in self.base else 0.0
         error = sum(float(np.sum(row**2)) for row in fit.held)
-        return float(np.sqrt(error / sum(float(np.sum((r.force - zero) ** 2)) for r in self.held)))
+        return float(np.sqrt(error / sum(float(np.sum((self.seen(r) - zero) ** 2)) for r in self.held)))
+
+    def seen(self, record: ForceRecord) -> Array:
+        """Return the force as it is compared, N: what the low-pass leaves of it where a mass is driven."""
+        if not self.driven:
+            return record.force
+        return record.low_passed(record.force)[self.known[id(record)] > 0.0]
+
+    def noise_power(self, record: ForceRecord) -> float:
+        """Return the power of the noise in the force as it is compared, N^2."""
+        power = white_power(record.force)
+        if not self.driven:
+            return power
+        pulse = np.zeros(8 * record.smoothing() + 1)
+        pulse[pulse.size // 2] = 1.0
+        return power * float(np.sum(record.low_passed(pulse) ** 2))
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,12 +206,32 @@ def _centre(records: Sequence[ForceRecord]) -> float:
     return 0.0 if abs(middle) < 0.2 * (high - low) else middle
 
 
-def _motion(record: ForceRecord, centre: float) -> Motion:
-    velocity = record.derivative(1)
+def _known(record: ForceRecord, motion: Motion) -> Array:
+    """Return 1 where the balance says something, else 0, shape (n,).
+
+    A part that sticks takes whatever force there is, up to that of its friction.
+    """
+    width = record.smoothing()
+    still = (np.abs(motion.velocity) < STILL * motion.velocity_noise).astype(np.float64)
+    still = binary_opening(still > 0.0, np.ones(max(4, width // 2)))
+    sticks = binary_dilation(still, np.ones(2 * width + 1))
+    return np.asarray(record.inner * ~sticks)
+
+
+def white_power(row: Array) -> float:
+    """Return the power of the white noise in ``row``, from its third differences' quieter half."""
+    differences = np.diff(row, 3) ** 2 / 20.0
+    return float(np.median(differences) / 0.455)
+
+
+def _motion(record: ForceRecord, centre: float, *, driven: bool) -> Motion:
+    place, velocity, acceleration = record.displacement, record.derivative(1), record.derivative(2)
+    if driven:
+        place, velocity, acceleration = (record.low_passed(record.displacement, order) for order in range(3))
     noise = float(np.std(np.diff(record.displacement, 3))) / np.sqrt(20.0) / record.period
     noise /= record.smoothing() ** 1.5 / 3.5
     return Motion(
-        record.displacement - centre, velocity, record.derivative(2), record.time, record.period,
+        place - centre, velocity, acceleration, record.time, record.period,
         max(noise, 1e-9), 1.0, 1.0, 1.0,
     )  # fmt: skip
 

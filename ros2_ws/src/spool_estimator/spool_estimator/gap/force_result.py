@@ -17,11 +17,18 @@ from spool_stream.quantity import Quantity, Validity
 from .effect import Effect
 from .force_balance import ForceBalance, ForceFit
 from .force_record import ForceRecord
+from .registry import EFFECTS
 from .result import Agreement, Curves, GapResult, Hypothesis, NamedEffect
 from .screening import FRICTIONS
 from .where import Residual, locate, surface
 
 Array = NDArray[np.float64]
+#: Error over that of a richer law up to which the simpler one, which it contains, is kept.
+SIMPLER = 1.15
+#: Error from which what is left has no name; below, derivatives of the displacement may be the reason.
+LEFT = 0.03
+#: Error up to which an effect that was added explains the force.
+MUCH = 0.4
 Chosen = tuple[tuple[Effect, dict[str, float]], ...]
 
 
@@ -41,8 +48,8 @@ def result_of(
     _, first = steps[0]
     before, after = balance.nrmse(first), balance.nrmse(final)
     zero = float(final.coefficients[balance.base.index("zero")]) * balance.sign
-    size = math.sqrt(float(np.mean(np.concatenate([r.force - zero for r in balance.held]) ** 2)))
-    floor = math.sqrt(float(np.mean([noise_power(record.force) for record in balance.held]))) / size
+    size = math.sqrt(float(np.mean(np.concatenate([balance.seen(r) - zero for r in balance.held]) ** 2)))
+    floor = math.sqrt(float(np.mean([balance.noise_power(record) for record in balance.held]))) / size
     named = tuple(entry.id for entry, _ in chosen)
     candidates: tuple[str, ...] = ()
     advice = ""
@@ -57,7 +64,9 @@ def result_of(
     confidence = _confidence(ranking, named)
     if alike and (FRICTIONS & set(named) or not named):
         verdict, confidence, candidates = "unexplained", 0.5, (*alike, *named)
-    elif not named and before > 3.0 * floor and before > 0.1:
+    elif named and after > MUCH:
+        verdict, confidence, candidates = "unexplained", 0.5, named
+    elif not named and before > 3.0 * floor and before > LEFT:
         verdict, confidence = "unexplained", 0.6
     effects = [] if verdict in ("none", "unexplained") else _named(balance, steps, chosen, final)
     runner = max(
@@ -82,19 +91,19 @@ def result_of(
     )  # fmt: skip
 
 
-def noise_power(row: Array) -> float:
-    """Return the power of the white noise in ``row``, from its third differences' quieter half."""
-    differences = np.diff(row, 3) ** 2 / 20.0
-    return float(np.median(differences) / 0.455)
-
-
 def _confidence(ranking: Sequence[Hypothesis], named: tuple[str, ...]) -> float:
     sure = 0.95
     for name in named:
         own = next((h for h in ranking if h.id == name and h.accepted), None)
-        if own is not None:
-            rivals = [h.evidence for h in ranking if h.beside == own.beside and h.id != name and not h.reason]
-            sure *= float(expit(0.1 * (own.evidence - max([0.0, *rivals]))))
+        if own is None:
+            continue
+        rivals = [h for h in ranking if h.beside == own.beside and h.id != name and not h.reason]
+        # A richer law that was passed over always has more evidence: how near it came to being taken counts.
+        richer = [h for h in rivals if name in EFFECTS[h.id].replaces]
+        nearest = max([1.0, *(own.nrmse_after / h.nrmse_after for h in richer)])
+        sure *= 1.0 - 0.5 * min(1.0, (nearest - 1.0) / (SIMPLER - 1.0))
+        others = [h.evidence for h in rivals if h not in richer]
+        sure *= float(expit(0.1 * (own.evidence - max([0.0, *others]))))
     return sure
 
 
@@ -196,6 +205,8 @@ def _model(base: Model, balance: ForceBalance, chosen: Chosen, fit: ForceFit) ->
     for entry, shape in chosen:
         values |= balance.values(entry, shape, fit) or {}
     known = {p.name: p for entry_ in terms for p in entry_.parameters}
+    if balance.mass is not None:
+        values["mass"] = balance.mass
     kept = {
         name: float(np.clip(value, known[name].low, known[name].high))
         for name, value in values.items()

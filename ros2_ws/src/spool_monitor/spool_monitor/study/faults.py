@@ -64,7 +64,8 @@ def scale(draw: Generator) -> Case:
     """A channel's sensitivity changes by 20 to 50 %."""
     gain = float(1.0 + draw.choice([-1.0, 1.0]) * draw.uniform(0.2, 0.5))
     fault = ChannelFault("scale", channel(draw), when(draw), gain)
-    return hurt(draw_case(draw, "sensor mis-scaled"), fault, 15.0)
+    # A sensor's gain is no part of the online model either: it leaves what the gain changed.
+    return replace(hurt(draw_case(draw, "sensor mis-scaled"), fault, 15.0), follows=("model_gap",))
 
 
 def gaps(draw: Generator) -> Case:

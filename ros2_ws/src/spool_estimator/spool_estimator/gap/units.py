@@ -1,0 +1,100 @@
+"""Whether a channel's unit is off by 9.81: no valve has the transfer that such a record shows.
+
+Dry friction and strong springs make a spool follow its body, play and soft springs make it lag: each bends
+the transfer by as much as a wrong unit does, but at some frequencies. So the record is held against all
+valves whose spring and drag are anywhere between, with and without the factor.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_sim.valve import Valve
+
+Array = NDArray[np.float64]
+
+GRAVITY = 9.80665
+#: Spring and drag over those of the valve's description: of any valve that may be met, a stuck one included,
+#: and of one whose units alone are wrong.
+ANY_SPRING: Array = np.geomspace(0.3, 64.0, 36, dtype=np.float64)
+SAME_SPRING: Array = np.geomspace(0.7, 1.5, 9, dtype=np.float64)
+ANY_DRAG: Array = np.geomspace(0.1, 6.0, 14, dtype=np.float64)
+#: Frequencies that are looked at, and a difference (natural logarithm) beyond which more says nothing.
+LOOKED_AT, FAR = 150, 1.5
+#: Difference from any valve that is large; share of it that the factor must leave, and may where all agree.
+LARGE, CLEARLY, AT_LEAST = 0.3, 0.6, 0.85
+#: Cosine of the angle to the transfer expected, median over frequency, below which a sign must be wrong.
+OPPOSITE = -0.7
+#: Difference from any valve beyond which a record is that of none.
+NO_VALVE = 0.65
+
+
+def expected_transfer(frequency: Array, valve: Valve) -> Array:
+    """Return spool over body by the valve's description, complex, shape of ``frequency`` (Hz)."""
+    return np.asarray(_transfer(frequency, valve, np.ones((1, 1)), np.ones((1, 1)))[0, 0])
+
+
+def _transfer(frequency: Array, valve: Valve, spring: Array, drag: Array) -> Array:
+    angular = 2j * np.pi * frequency
+    force = valve.spring_stiffness * spring[..., np.newaxis] + (
+        angular * valve.viscous_coefficient * drag[..., np.newaxis]
+    )
+    return np.asarray(force / (force + valve.moving_mass * angular**2))
+
+
+def difference(size: Array, frequency: Array, valve: Valve, factor: float, springs: Array) -> float:
+    """Return how far ``size`` is from ``factor`` times the nearest valve: mean difference of logarithms.
+
+    Args:
+        size: amplitude of the transfer, shape (n,).
+        frequency: Hz, shape (n,).
+        valve: the description.
+        factor: on its transfer.
+        springs: that are tried, over the description's.
+    """
+    apart, _ = _nearest(size, frequency, valve, factor, springs)
+    return apart
+
+
+def opposite(ratio: Array, frequency: Array, valve: Valve) -> bool:
+    """Whether ``ratio`` (complex) has the sign of no valve: one sensor is turned round."""
+    apart, (spring, drag) = _nearest(np.abs(ratio), frequency, valve, 1.0, ANY_SPRING)
+    nearest = _transfer(frequency, valve, np.array([[spring]]), np.array([[drag]]))[0, 0]
+    described = expected_transfer(frequency, valve)
+    # Exchanged channels have no valve's amplitude, and their angle says nothing.
+    tried = (described, nearest) if apart < LARGE else (described,)
+    return any(float(np.median(np.cos(np.angle(ratio / one)))) < OPPOSITE for one in tried)
+
+
+def _nearest(
+    size: Array, frequency: Array, valve: Valve, factor: float, springs: Array
+) -> tuple[float, tuple[float, float]]:
+    some = np.unique(np.linspace(0, frequency.size - 1, min(frequency.size, LOOKED_AT)).astype(int))
+    spring, drag = np.meshgrid(springs, ANY_DRAG, indexing="ij")
+    tried = np.log(factor * np.abs(_transfer(frequency[some], valve, spring, drag)))
+    apart = np.minimum(np.abs(np.log(np.maximum(size[some], 1e-9)) - tried), FAR).mean(axis=-1)
+    place = np.unravel_index(int(np.argmin(apart)), apart.shape)
+    return float(apart[place]), (float(spring[place]), float(drag[place]))
+
+
+def wrong_unit(ratio: Array, frequency: Array, valve: Valve) -> float:
+    """Return the factor by which the spool's channel reads too much (9.81), too little (1/9.81), or 1."""
+    size = np.abs(ratio)
+    plain = difference(size, frequency, valve, 1.0, ANY_SPRING)
+    # Everywhere alike, beside the description as it stands.
+    powers = np.log(np.maximum(size, 1e-9) / np.abs(expected_transfer(frequency, valve))) / math.log(GRAVITY)
+    for sign in (1.0, -1.0):
+        factor = GRAVITY**sign
+        left = difference(size, frequency, valve, factor, SAME_SPRING)
+        shifted = np.median(np.abs(powers - sign)) < 0.35 * np.median(np.abs(powers))
+        everywhere = float(np.quantile(sign * powers, 0.25)) > 0.5 and bool(shifted)
+        if (left < CLEARLY * plain and plain > LARGE) or (everywhere and left < AT_LEAST * plain):
+            return float(factor)
+    return 1.0
+
+
+def like_no_valve(ratio: Array, frequency: Array, valve: Valve) -> bool:
+    """Whether ``ratio`` is the transfer of no valve with this mass, whatever its spring and drag."""
+    return difference(np.abs(ratio), frequency, valve, 1.0, ANY_SPRING) > NO_VALVE

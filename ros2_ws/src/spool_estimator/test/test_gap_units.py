@@ -1,0 +1,61 @@
+"""Which records are refused for a unit or a sign, and which valves only behave unlike their description."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from spool_estimator.gap.conditions import unit_or_exchange
+from spool_estimator.gap.units import GRAVITY, expected_transfer, like_no_valve
+from spool_sim.valve import Valve, find_valve
+
+VALVE = find_valve("4weh10_soft")
+#: Hz: from a third of the natural frequency to five times it.
+FREQUENCY = np.linspace(5.0, 75.0, 141)
+DRAGS = st.floats(0.15, 1.5)
+
+
+def real(spring: float = 1.0, drag: float = 1.0) -> NDArray[np.complex128]:
+    """Return the transfer of a valve whose spring and drag differ from the description."""
+    other: Valve = VALVE.model_copy(
+        update={
+            "spring_stiffness": spring * VALVE.spring_stiffness,
+            "dynamic_viscosity": drag * VALVE.dynamic_viscosity,
+        }
+    )
+    return np.asarray(expected_transfer(FREQUENCY, other), dtype=np.complex128)
+
+
+@settings(deadline=None, max_examples=40)
+@given(spring=st.floats(0.5, 40.0), drag=DRAGS)
+def test_another_spring_or_drag_is_no_wrong_unit(spring: float, drag: float) -> None:
+    """Preload and dry friction hold the spool as a spring of many times the stiffness does."""
+    assert unit_or_exchange(real(spring, drag), FREQUENCY, VALVE) == ""
+    assert not like_no_valve(real(spring, drag), FREQUENCY, VALVE)
+
+
+@settings(deadline=None, max_examples=40)
+@given(spring=st.floats(0.9, 1.1), drag=DRAGS, scatter=st.floats(0.0, 0.15), seed=st.integers(0, 9))
+def test_a_channel_in_g_is_refused_for_any_drag(
+    spring: float, drag: float, scatter: float, seed: int
+) -> None:
+    bent = real(spring, drag) * np.exp(scatter * np.random.default_rng(seed).standard_normal(FREQUENCY.size))
+    assert "is body in g" in unit_or_exchange(GRAVITY * bent, FREQUENCY, VALVE)
+    assert "is spool in g" in unit_or_exchange(bent / GRAVITY, FREQUENCY, VALVE)
+
+
+@settings(deadline=None, max_examples=40)
+@given(drag=DRAGS)
+def test_a_sensor_turned_round_is_refused_for_any_drag(drag: float) -> None:
+    assert "turned round" in unit_or_exchange(-real(1.0, drag), FREQUENCY, VALVE)
+
+
+@pytest.mark.parametrize("drag", [0.3, 1.0])
+def test_exchanged_channels_are_refused(drag: float) -> None:
+    assert "exchanged" in unit_or_exchange(1.0 / real(1.0, drag), FREQUENCY, VALVE)
+
+
+def test_what_is_no_valve_at_all_is_said_to_be_none() -> None:
+    assert like_no_valve(np.full(FREQUENCY.size, 30.0 + 0.0j), FREQUENCY, VALVE)
