@@ -92,9 +92,8 @@ class Fitting:
                 elif parameter.name == "force_phase":
                     found.append(Free(parameter.name, parameter.low, parameter.high, 0.5, absolute=True))
                 else:
-                    found.append(
-                        Free(parameter.name, parameter.low, parameter.high, value or parameter.start)
-                    )
+                    size = value or parameter.start or 1e-3 * parameter.high
+                    found.append(Free(parameter.name, parameter.low, parameter.high, size))
         for name, tolerance in ((GAIN, self.settings.gain_tolerance), (DELAY, self.settings.delay_tolerance)):
             bound = WIDE[name] if name in effects else tolerance
             found.append(Free(name, -bound, bound, 0.2 * tolerance, absolute=True))
