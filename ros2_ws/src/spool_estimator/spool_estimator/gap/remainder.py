@@ -85,9 +85,8 @@ def remainder(simulation: Simulation, point: Point, train: list[Array], held: li
     motions = [_motion(stretch) for stretch in simulation.stretches]
     shares = {}
     for name, functions in FUNCTIONS.items():
-        rows = responses(
-            simulation, point, lambda number, of=functions: of(motions[number]), SLOPES.get(name, ())
-        )
+        forces = [functions(motion) for motion in motions]
+        rows = responses(simulation, point, forces.__getitem__, SLOPES.get(name, ()))
         fitted = simulation.weigh([rows[place] for place in training], training)
         other = simulation.weigh([rows[place] for place in held_out], held_out)
         size = np.linalg.norm(fitted, axis=1)
@@ -109,9 +108,9 @@ def _motion(stretch: Stretch) -> _Motion:
     last = reversals[np.searchsorted(reversals, np.arange(v.size), side="right") - 1]
     return _Motion(
         np.clip(z / travel, -1.0, 1.0),
-        v / speed,
+        np.asarray(v / speed),
         (z - z[last]) / (float(np.std(z)) or 1e-12),
-        np.linspace(-1.0, 1.0, z.size),
+        np.linspace(-1.0, 1.0, z.size, dtype=np.float64),
         stretch.motion.acceleration / (float(np.std(stretch.motion.acceleration)) or 1e-12),
     )
 
