@@ -117,6 +117,7 @@ def _confidence(search: Search, final: Step, left: float) -> float:
             and not h.reason
             and h.id not in search.overruled
             and own.id not in EFFECTS[h.id].replaces
+            and h.id not in EFFECTS[own.id].replaces
         ]
         margin = own.evidence - max([0.0, *rivals])
         sure *= float(expit(0.08 * margin))

@@ -16,11 +16,12 @@ from .effect import Effect
 from .fitting import BASE_NUMBERS, DELAY, GAIN, Fitting, Step, parameters_of
 from .floor import noise_floor
 from .registry import EFFECTS
-from .remainder import remainder
+from .remainder import OF_GAP, remainder
 from .result import Hypothesis
 from .screening import FRICTIONS, balance_of, candidates
 from .simulate import Point, Simulation
 from .stretches import Stretch
+from .usual import usual_excess
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -109,9 +110,13 @@ class Search(Fitting):
         directed = by_direction(self, step, EVIDENCE)
         if directed is None:
             return step
-        self.steps.append(directed[0])
-        self.ranking.append(directed[1])
-        return directed[0]
+        better, row = directed
+        one = next(
+            (own.evidence for own in self.ranking if own.accepted and own.id in EFFECTS[row.id].replaces), 0.0
+        )
+        self.steps.append(better)
+        self.ranking.append(replace(row, evidence=one + row.evidence))
+        return better
 
     def _grown(self, step: Step) -> Step:
         """Return ``step`` with what is found beside it, effect by effect, down to the noise floor."""
@@ -129,18 +134,20 @@ class Search(Fitting):
         return step
 
     def _complete(self, step: Step, most: float = AT_FLOOR) -> bool:
-        """Whether what ``step`` leaves is noise, up to ``most`` times the floor."""
+        """Whether what ``step`` leaves is noise, up to ``most`` times the floor, in all or usually."""
         longer, point = self.longer, step.fitted.point
         if self.has_jumps(step):
             longer.choose_sampling(point)
         training, held = longer.training, longer.held_out
         errors = longer.errors([point], [*training, *held])
         train, other = errors[: len(training)], errors[len(training) :]
-        left = float(longer.nrmse(other, held)[0])
-        if left > most * noise_floor(longer, point, other).nrmse:
+        left, before = float(longer.nrmse(other, held)[0]), self.nrmse(self.steps[0])
+        floor = noise_floor(longer, point, other)
+        excess = min(left / floor.nrmse, usual_excess(other, floor.errors))
+        if excess > most and left**2 - floor.nrmse**2 > (OF_GAP * before) ** 2:
             return False
         longer.take_weight(train, training, self.least_density)
-        return not remainder(longer, point, train, other).tells(left, self.nrmse(self.steps[0]))
+        return not remainder(longer, point, train, other).tells(left, before)
 
     def _swapped(self, step: Step) -> Step:
         """Return ``step`` with another law of friction where that does better beside the newest effect."""

@@ -10,6 +10,17 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
+def usual_excess(after: Sequence[Array], floor: Sequence[Array]) -> float:
+    """Return what stays over what noise leaves, rms, in the median window.
+
+    Args:
+        after: errors of each window, m/s^2, shape (1, n).
+        floor: what noise leaves of it.
+    """
+    left, noise = (np.array([float(np.sum(e**2)) for e in errors]) for errors in (after, floor))
+    return float(np.median(np.sqrt(left / np.maximum(noise, 1e-30))))
+
+
 def usual_share(before: Sequence[Array], after: Sequence[Array], floor: Sequence[Array]) -> float:
     """Return the share of the gap's amplitude, noise taken off, that stays in the usual window.
 
