@@ -20,7 +20,8 @@ from .fitting import Step
 from .free_flight import in_free_flight, without_hits
 from .pieces import Piece, pieces_of
 from .result import Hypothesis
-from .search import CLEARLY, EVIDENCE, Search
+from .rules import CLEARLY, EVIDENCE
+from .search import Search
 from .simulate import Point, Simulation
 from .stretches import Stretch, thinned
 
@@ -260,8 +261,8 @@ def _choose_sampling(simulation: Simulation, point: Point) -> None:
 
 
 def _row(search: Search, without: Step, step: Step) -> Hypothesis:
-    evidence = search._evidence(without, step)
+    evidence = search.evidence(without, step)
     values = {free.name: step.fitted.point.get(free.name) for free in step.fitted.free}
-    reason = search._refusal(without, step, evidence)
+    reason = search.refusal(without, step, evidence)
     search.tried[STOP, without.effects] = step
     return Hypothesis(STOP, without.effects, search.nrmse(step), evidence, values, reason=reason)

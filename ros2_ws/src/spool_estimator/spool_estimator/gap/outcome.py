@@ -14,8 +14,9 @@ from .floor import Floor, excess, noise_floor
 from .registry import EFFECTS
 from .remainder import FORETOLD, Remainder, remainder
 from .result import GapSettings, Hypothesis
+from .rules import EVIDENCE
 from .saturation import Saturation
-from .search import CLOSED, EVIDENCE, Search
+from .search import CLOSED, Search
 from .usual import usual_share
 
 #: Residual power over the floor's, in the drive's band, from which something is left to explain where

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_sim.terms import term
 
 from .balance import Screened
 from .by_direction import by_direction
 from .effect import Effect
-from .fitting import BASE_NUMBERS, DELAY, GAIN, Fitting, Step, parameters_of
+from .fitting import BASE_NUMBERS, DELAY, GAIN, Step, parameters_of
 from .floor import noise_floor
 from .registry import EFFECTS
 from .remainder import OF_GAP, remainder
 from .result import Hypothesis
+from .rules import CLEARLY, EVIDENCE, Rules
 from .screening import FRICTIONS, balance_of, candidates
 from .simulate import Point, Simulation
 from .stretches import Stretch
@@ -26,20 +25,6 @@ from .usual import usual_excess
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
-#: Twice the log likelihood ratio on held-out data, less the price of the parameters, that an effect needs.
-EVIDENCE = 40.0
-#: Share of the weighed sum of squares that it must take away at least.
-RELATIVE = 4e-3
-#: Share of the measured acceleration, rms, that it must explain: less is within what any simulation errs.
-SMALLEST = 1e-3
-#: Share of the power of what is left that a further effect must explain beside others.
-BESIDE = 0.08
-#: Share of the windows, those most helped, without which a further effect must still help.
-MOST_HELPED = 0.15
-#: Evidence by which a richer effect must beat a simpler one that it contains.
-RICHER = 16.0
-#: Share of the weighed sum of squares by which it must do so.
-CLEARLY = 0.03
 #: Error over the noise floor up to which nothing more is looked for, in the next step and from the start,
 #: where what is left cannot be foretold either.
 AT_FLOOR, CLOSED = 1.2, 1.3
@@ -52,7 +37,7 @@ REFINED = 3
 
 
 @dataclass(slots=True)
-class Search(Fitting):
+class Search(Rules):
     """One search over one set of stretches.
 
     Attributes:
@@ -105,7 +90,7 @@ class Search(Fitting):
         step = self._another_way(base, step) or step
         self.take_weight(step)
         self.score(step)
-        step = min(step, self._polished(step), key=lambda entry: entry.cost)
+        step = min(step, self.polished(step), key=lambda entry: entry.cost)
         self.steps[-1] = step
         directed = by_direction(self, step, EVIDENCE)
         if directed is None:
@@ -125,7 +110,7 @@ class Search(Fitting):
             better = self._forward(step)
             if better is None:
                 break
-            step = self._swapped(self._backward(better))
+            step = self._swapped(self.without_needless(better))
             if step.effects in [entry.effects for entry in self.steps]:
                 break
             self.steps.append(step)
@@ -160,11 +145,11 @@ class Search(Fitting):
             if known is None:
                 continue
             effects = tuple(name if entry == present else entry for entry in step.effects)
-            values = {**step.fitted.point.values, **self._own_of(known)}
+            values = {**step.fitted.point.values, **self.own_of(known)}
             point = replace(step.fitted.point, values=values, active=self.terms_of(effects))
             other = self.fit(effects, [point])
             if other.cost < NEAR * best.cost:
-                other = self._polished(other)
+                other = self.polished(other)
             other.trials = {**step.trials, **known.trials}
             other.trials = {entry: trial for entry, trial in other.trials.items() if entry in effects}
             numbers = len(other.fitted.free) - len(best.fitted.free)
@@ -173,7 +158,7 @@ class Search(Fitting):
                 clear = -CLEARLY * best.cost
             elif numbers:
                 clear = CLEARLY * best.cost
-            if best.cost - other.cost - self._price * numbers > clear and not self._senseless(other, name):
+            if best.cost - other.cost - self.price * numbers > clear and not self.senseless(other, name):
                 best = other
         if best is not step:
             self.overruled[present] = abs(step.cost - best.cost)
@@ -196,7 +181,7 @@ class Search(Fitting):
             return None
         second = max(rows, key=lambda row: row.evidence)
         kept = self.steps, self.ranking
-        start = self._polished(self.tried[second.id, ()])
+        start = self.polished(self.tried[second.id, ()])
         ranking = [replace(row, accepted=row is second) for row in self.ranking if not row.beside]
         self.steps, self.ranking = [*self.steps[:1], start], ranking
         other = self._grown(start)
@@ -209,7 +194,7 @@ class Search(Fitting):
         self.score(found)
         self.score(other)
         numbers = len(other.fitted.free) - len(found.fitted.free)
-        evidence = found.cost - other.cost - self._price * numbers
+        evidence = found.cost - other.cost - self.price * numbers
         if evidence > max(EVIDENCE, CLEARLY * other.cost):
             self.overruled[first.id] = evidence
             return other
@@ -268,14 +253,14 @@ class Search(Fitting):
         if not tried:
             return None
         ranked = self._ranked(step, tried)
-        sensible = [entry for entry in ranked if not self._refusal(step, entry, self._evidence(step, entry))]
+        sensible = [entry for entry in ranked if not self.refusal(step, entry, self.evidence(step, entry))]
         for entry in ranked:
             self._note(step, entry)
         if not sensible:
             return None
-        winner = self._simplest(step, self._polished(sensible[0]), ranked)
+        winner = self.simplest(step, self.polished(sensible[0]), ranked)
         winner = self._sensor_alone(step, winner) or winner
-        if step.effects and not self._still_better(step, winner):
+        if step.effects and not self.still_better(step, winner):
             return None
         name = winner.effects[-1]
         own = [n for n, row in enumerate(self.ranking) if (row.id, row.beside) == (name, step.effects)]
@@ -295,17 +280,13 @@ class Search(Fitting):
                     continue
                 own = EFFECTS[entry.effects[-1]].acting_like(inner.fitted.point.values)
                 effects = (*inner.effects[:-1], entry.effects[-1])
-                values = {**inner.fitted.point.values, **self._own_of(entry), **own}
+                values = {**inner.fitted.point.values, **self.own_of(entry), **own}
                 point = replace(inner.fitted.point, values=values, active=self.terms_of(effects))
                 again = self.fit(effects, [point], rounds=3, enough=5e-3)
                 again.trials = entry.trials
                 best = min(best, again, key=lambda one: one.cost)
             found.append(best)
         return found
-
-    @staticmethod
-    def _own_of(entry: Step) -> dict[str, float]:
-        return {name: entry.fitted.point.get(name) for name in EFFECTS[entry.effects[-1]].fitted}
 
     def _ranked(self, step: Step, tried: list[Step]) -> list[Step]:
         """Return ``tried``, the best of them refined, with one weight for all: what the best leaves."""
@@ -316,52 +297,21 @@ class Search(Fitting):
                 self.measured(entry)
         self.take_weight(best)
         tried.sort(key=lambda entry: entry.cost)
-        again = [self._refit(entry) for entry in tried[:REFINED]] + tried[REFINED:]
+        again = [self.polished(entry, rounds=5) for entry in tried[:REFINED]] + tried[REFINED:]
         for entry in (step, *again):
             self.score(entry)
-        return sorted(again, key=lambda entry: -self._evidence(step, entry))
-
-    def _evidence(self, step: Step, entry: Step) -> float:
-        """Return the evidence for ``entry`` over ``step``: gain or delay out of tolerance counts."""
-        sensors = {GAIN, DELAY}
-        numbers = len(entry.fitted.free) - len(step.fitted.free)
-        numbers += len(sensors & set(entry.effects)) - len(sensors & set(step.effects))
-        return step.cost - entry.cost - self._price * numbers
+        return sorted(again, key=lambda entry: -self.evidence(step, entry))
 
     def _note(self, step: Step, entry: Step) -> None:
         """Keep ``entry`` in the ranking."""
-        evidence = self._evidence(step, entry)
+        evidence = self.evidence(step, entry)
         values = {f.name: entry.fitted.point.get(f.name) for f in entry.fitted.free}
-        reason = self._refusal(step, entry, evidence)
+        reason = self.refusal(step, entry, evidence)
         name = entry.effects[-1]
         self.tried[name, step.effects] = entry
         self.ranking.append(
             Hypothesis(name, step.effects, self.nrmse(entry), evidence, values, reason=reason)
         )
-
-    def _polished(self, step: Step) -> Step:
-        found = self.fit(step.effects, [step.fitted.point], rounds=7)
-        found.trials = step.trials
-        return found
-
-    def _simplest(self, step: Step, winner: Step, others: Sequence[Step]) -> Step:
-        """Return the simplest of ``winner`` and its look-alikes that none of the others clearly beats."""
-        name = winner.effects[-1]
-        family = [winner]
-        for entry in others:
-            other = entry.effects[-1]
-            if other in EFFECTS[name].replaces or name in EFFECTS[other].replaces:
-                polished = self._polished(entry)
-                if not self._refusal(step, polished, step.cost - polished.cost):
-                    family.append(polished)
-        family.sort(key=lambda entry: len(entry.fitted.free))
-        best = family[0]
-        for entry in family[1:]:
-            numbers = len(entry.fitted.free) - len(best.fitted.free)
-            clear = max(RICHER, CLEARLY * entry.cost) if numbers else 0.0
-            if best.cost - entry.cost - self._price * numbers > clear:
-                best = entry
-        return best
 
     def _sensor_alone(self, step: Step, winner: Step) -> Step | None:
         """Return gain or delay alone where ``winner`` let it free and adds nothing that counts beside it."""
@@ -371,11 +321,11 @@ class Search(Fitting):
             return None
         effects = (*step.effects, *freed)
         point = replace(winner.fitted.point, active=self.terms_of(effects))
-        alone = self._polished(self.fit(effects, [point]))
+        alone = self.polished(self.fit(effects, [point]))
         alone.trials = step.trials
-        if self._refusal(step, alone, self._evidence(step, alone)):
+        if self.refusal(step, alone, self.evidence(step, alone)):
             return None
-        if not self._refusal(alone, winner, self._evidence(alone, winner)):
+        if not self.refusal(alone, winner, self.evidence(alone, winner)):
             return None
         here = [row for row in self.ranking if row.beside == step.effects]
         self.ranking = [row for row in self.ranking if row not in here]
@@ -386,56 +336,6 @@ class Search(Fitting):
                 self.ranking.append(replace(row, reason=reason))
         self._note(step, alone)
         return alone
-
-    def _still_better(self, step: Step, winner: Step) -> bool:
-        """Whether ``winner`` beats ``step`` even where that goes on from the numbers of ``winner``."""
-        point = replace(winner.fitted.point, active=self.terms_of(step.effects))
-        again = self.fit(step.effects, [point], rounds=5)
-        if again.cost >= step.cost:
-            return True
-        numbers = len(winner.fitted.free) - len(again.fitted.free)
-        if again.cost - winner.cost - self._price * numbers > max(EVIDENCE, RELATIVE * again.cost):
-            return True
-        step.fitted, step.train, step.held, step.cost = again.fitted, again.train, again.held, again.cost
-        return False
-
-    @property
-    def _price(self) -> float:
-        sizes = [window.stop - window.start for _, window, training in self.simulation.places if not training]
-        return math.log(max(10, sum(sizes)))
-
-    @staticmethod
-    def has_jumps(step: Step) -> bool:
-        """Whether the force of ``step`` jumps where the velocity changes its sign."""
-        laws = {law for name in step.fitted.point.active for law in term(name).laws}
-        return bool(laws & {"sliding_law", "memory_law"})
-
-    def _refusal(self, step: Step, entry: Step, evidence: float) -> str:
-        if evidence < EVIDENCE or evidence < RELATIVE * step.cost:
-            return "it does not close the gap significantly"
-        before, after = self.nrmse(step), self.nrmse(entry)
-        least = max(SMALLEST**2, BESIDE * before**2 if step.effects else 0.0)
-        if before**2 - after**2 < least:
-            return "it is too small to be told from errors of the simulation"
-        name = entry.effects[-1]
-        if step.effects and name in EFFECTS and not EFFECTS[name].rare and _in_most(step, entry) < EVIDENCE:
-            return "it helps in few windows only, as chance does where the motion is sensitive"
-        values = {f.name: entry.fitted.point.get(f.name) for f in entry.fitted.free}
-        if name in (GAIN, DELAY):
-            if abs(values[name]) < self.tolerance(name) + 2.0 * entry.fitted.deviations[name]:
-                return "it is not significantly beyond its tolerance"
-            return ""
-        return self._senseless(entry, name)
-
-    @staticmethod
-    def _senseless(entry: Step, name: str) -> str:
-        """Return why the numbers of the effect ``name`` in ``entry`` make no sense, or an empty string."""
-        own = [bound for bound in entry.fitted.at_bound if bound in EFFECTS[name].fitted]
-        own = [bound for bound in own if bound not in FREE_TO_VANISH]
-        if own:
-            return f"{', '.join(own)} stopped at a bound"
-        values = {f.name: entry.fitted.point.get(f.name) for f in entry.fitted.free}
-        return EFFECTS[name].sensible(values, entry.fitted.deviations)
 
     def _try(self, step: Step, entry: Screened, rounds: int) -> Step:
         effects = self._with(step.effects, entry.effect)
@@ -488,41 +388,3 @@ class Search(Fitting):
             if abs(value) > self.tolerance(name) + 3.0 * spread and wider.cost < step.cost - EVIDENCE:
                 step = wider
         return step
-
-    def tolerance(self, name: str) -> float:
-        """Return how far gain or delay may be off."""
-        return self.settings.gain_tolerance if name == GAIN else self.settings.delay_tolerance
-
-    def _refit(self, step: Step) -> Step:
-        found = self.fit(step.effects, [step.fitted.point], rounds=5)
-        found.trials = step.trials
-        return found
-
-    def _backward(self, step: Step) -> Step:
-        """Return ``step`` without the effects that it no longer needs."""
-        for name in step.effects[:-1]:
-            effects = tuple(entry for entry in step.effects if entry != name)
-            less = self.fit(effects, [replace(step.fitted.point, active=self.terms_of(effects))])
-            less.trials = {e: t for e, t in step.trials.items() if e != name}
-            gain = less.cost - step.cost - self._price * (len(step.fitted.free) - len(less.fitted.free))
-            if gain < EVIDENCE or gain < RELATIVE * step.cost:
-                return less
-        return step
-
-
-def _in_most(step: Step, entry: Step) -> float:
-    """Return by how much ``entry`` lowers the cost of ``step`` without the windows in which it does most."""
-    fall = np.sort(step.costs - entry.costs)
-    return float(fall[: fall.size - math.ceil(MOST_HELPED * fall.size)].sum())
-
-
-#: Numbers that may end at a bound without harm: contact parts that vanish.
-FREE_TO_VANISH = (
-    "mixed_root_coefficient",
-    "coulomb_force",
-    "stribeck_exponent",
-    "preload_travel",
-    "stop_dissipation",
-    "stop_damping",
-    "mixed_velocity",
-)

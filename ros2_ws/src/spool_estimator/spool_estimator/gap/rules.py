@@ -1,0 +1,154 @@
+"""By which rules hypotheses are compared: evidence, sense, the simpler of two that do alike."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from spool_sim.terms import term
+
+from .fitting import DELAY, GAIN, Fitting, Step
+from .registry import EFFECTS
+
+#: Twice the log likelihood ratio on held-out data, less the price of the parameters, that an effect needs.
+EVIDENCE = 40.0
+#: Share of the weighed sum of squares that it must take away at least.
+RELATIVE = 4e-3
+#: Share of the measured acceleration, rms, that it must explain: less is within what any simulation errs.
+SMALLEST = 1e-3
+#: Share of the power of what is left that a further effect must explain beside others.
+BESIDE = 0.08
+#: Share of the windows, those most helped, without which a further effect must still help.
+MOST_HELPED = 0.15
+#: Evidence by which a richer effect must beat a simpler one that it contains.
+RICHER = 16.0
+#: Share of the weighed sum of squares by which it must do so.
+CLEARLY = 0.03
+#: Numbers that may end at a bound without harm: contact parts that vanish.
+FREE_TO_VANISH = (
+    "mixed_root_coefficient",
+    "coulomb_force",
+    "stribeck_exponent",
+    "preload_travel",
+    "stop_dissipation",
+    "stop_damping",
+    "mixed_velocity",
+)
+
+
+@dataclass(slots=True)
+class Rules(Fitting):
+    """Fits, and how they are chosen among; attributes as those of :class:`Fitting`."""
+
+    @staticmethod
+    def own_of(entry: Step) -> dict[str, float]:
+        """Return the numbers of the newest effect of ``entry``, SI."""
+        return {name: entry.fitted.point.get(name) for name in EFFECTS[entry.effects[-1]].fitted}
+
+    def evidence(self, step: Step, entry: Step) -> float:
+        """Return the evidence for ``entry`` over ``step``: gain or delay out of tolerance counts."""
+        sensors = {GAIN, DELAY}
+        numbers = len(entry.fitted.free) - len(step.fitted.free)
+        numbers += len(sensors & set(entry.effects)) - len(sensors & set(step.effects))
+        return step.cost - entry.cost - self.price * numbers
+
+    def polished(self, step: Step, rounds: int = 7) -> Step:
+        """Return ``step`` fitted on from its own numbers, in at most ``rounds``."""
+        found = self.fit(step.effects, [step.fitted.point], rounds=rounds)
+        found.trials = step.trials
+        return found
+
+    def simplest(self, step: Step, winner: Step, others: Sequence[Step]) -> Step:
+        """Return the simplest of ``winner`` and its look-alikes that none of the others clearly beats."""
+        name = winner.effects[-1]
+        family = [winner]
+        for entry in others:
+            other = entry.effects[-1]
+            if other in EFFECTS[name].replaces or name in EFFECTS[other].replaces:
+                polished = self.polished(entry)
+                if not self.refusal(step, polished, step.cost - polished.cost):
+                    family.append(polished)
+        family.sort(key=lambda entry: len(entry.fitted.free))
+        best = family[0]
+        for entry in family[1:]:
+            numbers = len(entry.fitted.free) - len(best.fitted.free)
+            clear = max(RICHER, CLEARLY * entry.cost) if numbers else 0.0
+            if best.cost - entry.cost - self.price * numbers > clear:
+                best = entry
+        return best
+
+    def still_better(self, step: Step, winner: Step) -> bool:
+        """Whether ``winner`` beats ``step`` even where that goes on from the numbers of ``winner``."""
+        point = replace(winner.fitted.point, active=self.terms_of(step.effects))
+        again = self.fit(step.effects, [point], rounds=5)
+        if again.cost >= step.cost:
+            return True
+        numbers = len(winner.fitted.free) - len(again.fitted.free)
+        if again.cost - winner.cost - self.price * numbers > max(EVIDENCE, RELATIVE * again.cost):
+            return True
+        step.fitted, step.train, step.held = again.fitted, again.train, again.held
+        step.cost, step.costs = again.cost, again.costs
+        return False
+
+    @property
+    def price(self) -> float:
+        """What a further number must bring, ln of the samples held out (Schwarz's criterion)."""
+        sizes = [window.stop - window.start for _, window, training in self.simulation.places if not training]
+        return math.log(max(10, sum(sizes)))
+
+    @staticmethod
+    def has_jumps(step: Step) -> bool:
+        """Whether the force of ``step`` jumps where the velocity changes its sign."""
+        laws = {law for name in step.fitted.point.active for law in term(name).laws}
+        return bool(laws & {"sliding_law", "memory_law"})
+
+    def refusal(self, step: Step, entry: Step, evidence: float) -> str:
+        """Return why ``entry`` is not taken in place of ``step``, or an empty string."""
+        if evidence < EVIDENCE or evidence < RELATIVE * step.cost:
+            return "it does not close the gap significantly"
+        before, after = self.nrmse(step), self.nrmse(entry)
+        least = max(SMALLEST**2, BESIDE * before**2 if step.effects else 0.0)
+        if before**2 - after**2 < least:
+            return "it is too small to be told from errors of the simulation"
+        name = entry.effects[-1]
+        if step.effects and name in EFFECTS and not EFFECTS[name].rare and _in_most(step, entry) < EVIDENCE:
+            return "it helps in few windows only, as chance does where the motion is sensitive"
+        values = {f.name: entry.fitted.point.get(f.name) for f in entry.fitted.free}
+        if name in (GAIN, DELAY):
+            if abs(values[name]) < self.tolerance(name) + 2.0 * entry.fitted.deviations[name]:
+                return "it is not significantly beyond its tolerance"
+            return ""
+        return self.senseless(entry, name)
+
+    @staticmethod
+    def senseless(entry: Step, name: str) -> str:
+        """Return why the numbers of the effect ``name`` in ``entry`` make no sense, or an empty string."""
+        own = [bound for bound in entry.fitted.at_bound if bound in EFFECTS[name].fitted]
+        own = [bound for bound in own if bound not in FREE_TO_VANISH]
+        if own:
+            return f"{', '.join(own)} stopped at a bound"
+        values = {f.name: entry.fitted.point.get(f.name) for f in entry.fitted.free}
+        return EFFECTS[name].sensible(values, entry.fitted.deviations)
+
+    def tolerance(self, name: str) -> float:
+        """Return how far gain or delay may be off."""
+        return self.settings.gain_tolerance if name == GAIN else self.settings.delay_tolerance
+
+    def without_needless(self, step: Step) -> Step:
+        """Return ``step`` without the effects that it no longer needs."""
+        for name in step.effects[:-1]:
+            effects = tuple(entry for entry in step.effects if entry != name)
+            less = self.fit(effects, [replace(step.fitted.point, active=self.terms_of(effects))])
+            less.trials = {e: t for e, t in step.trials.items() if e != name}
+            gain = less.cost - step.cost - self.price * (len(step.fitted.free) - len(less.fitted.free))
+            if gain < EVIDENCE or gain < RELATIVE * step.cost:
+                return less
+        return step
+
+
+def _in_most(step: Step, entry: Step) -> float:
+    """Return by how much ``entry`` lowers the cost of ``step`` without the windows in which it does most."""
+    fall = np.sort(step.costs - entry.costs)
+    return float(fall[: fall.size - math.ceil(MOST_HELPED * fall.size)].sum())
