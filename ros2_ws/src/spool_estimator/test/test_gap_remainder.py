@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from spool_estimator.gap.analyse import motions_for
+from spool_estimator.gap.point import Point
 from spool_estimator.gap.remainder import Remainder, remainder
 from spool_estimator.gap.response import responses
-from spool_estimator.gap.simulate import Point, Simulation
+from spool_estimator.gap.simulate import Simulation
 from spool_estimator.gap.stretches import stretches_of
 from spool_estimator.record import Record
 from spool_sim.excitation import SweptSine

@@ -9,29 +9,29 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 from spool_sim.model import Model
-from spool_sim.terms import Parameter, term
+from spool_sim.terms import term
 from spool_sim.valve import Valve
 from spool_stream.quantity import Quantity, Validity
 
 from ..record import Record
 from . import conditions
 from .contact_search import contacts_for, free_flight_search, run_with_contacts
-from .fitting import DELAY, GAIN, Step
+from .fitting import Step
 from .floor import Floor
 from .outcome import Outcome, judge_outcome
 from .pieces import pieces_of
+from .point import Point
 from .registry import EFFECTS
 from .result import Agreement, Curves, GapResult, GapSettings, NamedEffect, Surface, Where
 from .saturation import find_saturation
 from .search import Search
-from .simulate import Point, Run, Simulation
+from .simulate import Run, Simulation
 from .stretches import parts_of, stretches_of, thinned
 from .switchable import SwitchableMotion, known_terms
 from .where import Residual, locate, surface
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
-UNITS = {GAIN: "1", DELAY: "s"}
 #: Held-out error from which a model explains nothing.
 NOTHING = 0.8
 #: Samples that are looked at before windows are chosen.
@@ -184,17 +184,18 @@ def model_of(base: Model, step: Step) -> Model:
 
 def _quantities(step: Step) -> tuple[Quantity, ...]:
     found = []
-    units = {p.name: p.unit for name in step.fitted.point.active for p in _parameters(name)} | UNITS
     for free in step.fitted.free:
         value = step.fitted.point.get(free.name)
         found.append(
-            Quantity(free.name, units[free.name], value, step.fitted.deviations[free.name], Validity.VALID)
+            Quantity(
+                free.name,
+                step.fitted.point.unit(free.name),
+                value,
+                step.fitted.deviations[free.name],
+                Validity.VALID,
+            )
         )
     return tuple(found)
-
-
-def _parameters(name: str) -> tuple[Parameter, ...]:
-    return term(name).parameters
 
 
 def _named(search: Search, final: Step, outcome: Outcome) -> list[NamedEffect]:

@@ -19,10 +19,11 @@ from .descent import Fitted, Free, descend
 from .fitting import Step
 from .free_flight import in_free_flight, without_hits
 from .pieces import Piece, pieces_of
+from .point import Point
 from .result import Hypothesis
 from .rules import CLEARLY, EVIDENCE
 from .search import Search
-from .simulate import Point, Simulation
+from .simulate import Simulation
 from .stretches import Stretch, thinned
 
 Array = NDArray[np.float64]

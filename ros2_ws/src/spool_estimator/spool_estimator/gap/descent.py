@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .simulate import Point, Simulation
+from .point import Point
+from .simulate import Simulation
 
 Array = NDArray[np.float64]
 

@@ -14,9 +14,10 @@ from spool_sim.valve import Valve
 
 from .descent import Fitted, Free, descend
 from .effect import Trial
+from .point import Point
 from .registry import EFFECTS
 from .result import GapSettings
-from .simulate import Point, Simulation
+from .simulate import Simulation
 from .stretches import Stretch
 
 Array = NDArray[np.float64]

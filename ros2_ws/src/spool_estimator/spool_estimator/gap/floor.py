@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from ..zero_phase import ZeroPhase, interval_mean_response
 from .noise import floor_of
 from .pieces import Piece
-from .simulate import Point, Simulation
+from .point import Point
+from .simulate import Simulation
 
 Array = NDArray[np.float64]
 

@@ -162,7 +162,8 @@ def sentence(
         for parameter in entry.fitted:
             known = extra.get(parameter)
             value = known.value if known else final.fitted.point.get(parameter)
-            numbers.append(f"{parameter} {value:.3g}")
+            unit = known.unit if known else final.fitted.point.unit(parameter)
+            numbers.append(f"{parameter} {value:.3g}{'' if unit == '1' else f' {unit}'}")
         parts.append(
             f"{name.replace('_', ' ')} ({', '.join(numbers)}): {entry.on_the_machine}; check {entry.to_check}"
         )

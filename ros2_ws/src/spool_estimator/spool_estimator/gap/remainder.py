@@ -14,8 +14,9 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
+from .point import Point
 from .response import responses
-from .simulate import Point, Simulation
+from .simulate import Simulation
 from .stretches import Stretch
 
 Array = NDArray[np.float64]

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from ..zero_phase import ZeroPhase, interval_mean_response
-from .simulate import Point, Simulation
+from .point import Point
+from .simulate import Simulation
 from .stretches import Stretch
 
 Array = NDArray[np.float64]

@@ -13,12 +13,13 @@ from .by_direction import by_direction
 from .effect import Effect
 from .fitting import BASE_NUMBERS, DELAY, GAIN, Step, parameters_of
 from .floor import noise_floor
+from .point import Point
 from .registry import EFFECTS
 from .remainder import OF_GAP, remainder
 from .result import Hypothesis
 from .rules import CLEARLY, EVIDENCE, Rules
 from .screening import FRICTIONS, balance_of, candidates
-from .simulate import Point, Simulation
+from .simulate import Simulation
 from .stretches import Stretch
 from .usual import usual_excess
 

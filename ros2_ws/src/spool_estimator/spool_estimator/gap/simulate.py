@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from spool_stream.errors import InputError
 
 from ..free_run import Window, half_steps
 from .pieces import Piece, ringing
+from .point import Point
 from .stretches import Stretch
 from .switchable import ALWAYS, SwitchableMotion
 
@@ -28,28 +29,6 @@ MOST_SUBSTEPS = 8
 HARMONICS, AT_LEAST = 6.0, 300.0
 #: Weighed squares over their expectation from which a window is a bad one.
 BAD = 2.0
-
-
-@dataclass(frozen=True, slots=True)
-class Point:
-    """A full hypothesis: terms that are switched on, their numbers, gain and delay of the spool's channel."""
-
-    active: tuple[str, ...]
-    values: Mapping[str, float]
-    gain: float = 0.0
-    delay: float = 0.0
-
-    def get(self, name: str) -> float:
-        """Return a number by its name."""
-        if name == "spool_gain_error":
-            return self.gain
-        return self.delay if name == "spool_delay" else self.values[name]
-
-    def moved(self, names: Sequence[str], numbers: Sequence[float]) -> Point:
-        """Return this with other ``numbers`` of ``names``."""
-        given = dict(zip(names, numbers, strict=True))
-        gain, delay = given.pop("spool_gain_error", self.gain), given.pop("spool_delay", self.delay)
-        return replace(self, values={**self.values, **given}, gain=gain, delay=delay)
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,8 @@ from spool_sim.model import Model
 from spool_sim.valve import Valve
 
 from ..free_run import FreeRun, half_steps
-from .simulate import Point, Simulation, simpson_means
+from .point import Point
+from .simulate import Simulation, simpson_means
 from .stretches import Stretch
 
 Array = NDArray[np.float64]
