@@ -8,6 +8,9 @@ import numpy as np
 
 from ..effect import Array, Effect, Motion
 
+#: Stiffness of a contact over that of the spring, at least.
+STIFFER = 8.0
+
 
 class EndStop(Effect):
     """A stiff force beyond a clearance, near the largest displacement only."""
@@ -60,6 +63,12 @@ class EndStop(Effect):
             for stiffness in (6e4, 2e5, 6e5)
             for loss in (0.5, 4.0, 12.0)
         ]
+
+    def sensible(self, values: Mapping[str, float], deviations: Mapping[str, float]) -> str:
+        """Return why ``values`` make no sense: what gives way like a spring is no stop."""
+        if values["stop_stiffness"] < STIFFER * values.get("spring_stiffness", 0.0):
+            return f"stop_stiffness is not even {STIFFER:g} times the spring's"
+        return super().sensible(values, deviations)
 
     @property
     def amplitudes(self) -> tuple[str, ...]:
