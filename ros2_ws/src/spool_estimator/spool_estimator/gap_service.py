@@ -43,6 +43,7 @@ class GapService:
         self._recent = RecentBlocks(window)
         self._worker = GapWorker()
         self._events = node.create_lifecycle_publisher(HealthEvent, "events", qos.state(KEPT_EVENTS))
+        node.subscribe(HealthEvent, "events", self._hear, qos.state(KEPT_EVENTS))
         self._answers = node.create_lifecycle_publisher(GapAnalysis, "gap", qos.state())
 
     def take(self, block: Block, estimates: list[Estimate]) -> None:
@@ -53,6 +54,10 @@ class GapService:
             change = self._watch.update(estimate)
             if change is not None:
                 self._events.publish(self._event(change))
+
+    def _hear(self, event: HealthEvent) -> None:
+        raised = event.state == HealthEvent.STATE_RAISED
+        self._watch.hear(event.kind, event.source or event.cause, raised=raised)
 
     def answer(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Begin an analysis of what is kept; its result comes on ``gap``."""

@@ -15,6 +15,8 @@ from .flat_top import flat_share
 
 #: Kind and code of the event.
 MODEL_GAP, MODEL_GAP_CODE = "model_gap", 500
+#: Kind of the events that explain whatever the model leaves over.
+SENSOR_FAULT = "sensor_fault"
 #: Estimates from which the floor is learned.
 LEARNED = 20
 #: Estimates in a row that close the gap, and the least that open it.
@@ -91,8 +93,9 @@ class GapWatch:
 
     What the estimator follows is no gap: while a parameter drifts it lags behind, and leaves more. So the gap
     opens once both measures stayed up for ``PATIENCE`` memories in which neither the residual grew on nor a
-    parameter changed; nor does it open while a channel clips or the channels show no spring like the
-    usual one. What is not tracked says nothing, and neither does a spool that sticks most of the time.
+    parameter changed; nor does it open while a sensor is at fault, a channel clips or the channels show no
+    spring like the usual one. What is not tracked says nothing, and neither does a spool that sticks most of
+    the time.
 
     Attributes:
         growth: residual over the floor from which the gap is open.
@@ -109,6 +112,7 @@ class GapWatch:
     _first: list[tuple[float, float, float]] = field(default_factory=list, init=False)
     _last: deque[float] = field(default_factory=lambda: deque(maxlen=IN_A_ROW), init=False)
     _up: deque[Estimate] = field(default_factory=deque, init=False)
+    _faults: set[str] = field(default_factory=set, init=False)
     _recent: deque[Block] = field(default_factory=deque, init=False)
     _kept: float = field(default=0.0, init=False)
 
@@ -128,6 +132,11 @@ class GapWatch:
         self._kept += _length(block)
         while self._kept - _length(self._recent[0]) >= LOOKED_AT:
             self._kept -= _length(self._recent.popleft())
+
+    def hear(self, kind: str, source: str, *, raised: bool) -> None:
+        """Take an event of the valve's monitor: no gap opens while a sensor is known to be at fault."""
+        if kind == SENSOR_FAULT:
+            (self._faults.add if raised else self._faults.discard)(source)
 
     def update(self, estimate: Estimate) -> GapChange | None:
         """Take an estimate of what was taken; return what changed with it."""
@@ -185,7 +194,7 @@ class GapWatch:
     def _believes(self, estimate: Estimate) -> bool:
         """Whether the channels can be those of this valve."""
         ratio = _stiffness(estimate) / self._stiffness
-        return 1.0 / NO_SPRING < ratio < NO_SPRING and not self._clips()
+        return not self._faults and 1.0 / NO_SPRING < ratio < NO_SPRING and not self._clips()
 
     def _clips(self) -> bool:
         if not self._recent:

@@ -53,6 +53,15 @@ def test_noise_about_the_floor_opens_nothing() -> None:
     assert not any(machine.say(0.02 * (1.0 + 0.05 * generator.normal())) for _ in range(2000))
 
 
+def test_a_sensor_that_is_known_to_be_at_fault_is_no_gap_of_the_model() -> None:
+    machine = taught()
+    machine.watch.hear("sensor_fault", "spool", raised=True)
+    assert not any(machine.say(0.06) for _ in range(60))
+    machine.watch.hear("sensor_fault", "spool", raised=False)
+    opened = [change for change in (machine.say(0.06) for _ in range(30)) if change is not None]
+    assert [change.raised for change in opened] == [True]
+
+
 def test_a_residual_that_stays_up_opens_the_gap_once_and_closes_it_once() -> None:
     machine = taught()
     changes = [machine.say(0.06) for _ in range(30)]

@@ -13,7 +13,7 @@ from spool_estimator.refit import Refit, WindowRefits, refit
 from spool_stream.block import Block
 from spool_stream.block_gate import BlockGate, SharedGate
 
-from .event import Event, gap_event
+from .event import Event, EventState, gap_event
 from .monitor import Monitor
 
 
@@ -145,11 +145,17 @@ class Replay:
             self.refitted += [refit(task) for task in self.refits.update(block, estimates)]
         events = self.monitor.update(block)
         if events:
-            self.events += events
+            self._told(events)
         for estimate in estimates:
             change = self.gap.update(estimate)
             if change is not None:
                 self.events.append(gap_event(change))
-            self.events += self.monitor.update_estimate(estimate)
+            self._told(self.monitor.update_estimate(estimate))
             if self.keep:
                 self.estimates.append(estimate)
+
+    def _told(self, events: list[Event]) -> None:
+        self.events += events
+        for event in events:
+            raised = event.state is EventState.RAISED
+            self.gap.hear(event.kind, event.source or event.cause, raised=raised)

@@ -91,8 +91,6 @@ def test_a_faulty_channel_is_named_and_nothing_is_said_of_friction(fault: Channe
     one = replay(short(45.0, faults=(fault,)))
     raised = [event for event in one.events if event.state is EventState.RAISED]
     expected = {("stuck_spool" if fault.kind == "stuck" else "sensor_fault", cause)}
-    # A sensor's gain is no part of the online model: what it leaves over stays up after the fault is named.
-    expected |= {("model_gap", "")} if fault.kind == "scale" else set()
     assert {(event.kind, event.cause) for event in raised} == expected
     assert 28.0 < (raised[0].stamp - DEFAULT_START_STAMP) * 1e-9 < 40.0
     if fault.kind != "offset":  # a constant is filtered away before anything is estimated

@@ -65,7 +65,7 @@ def scale(draw: Generator) -> Case:
     gain = float(1.0 + draw.choice([-1.0, 1.0]) * draw.uniform(0.2, 0.5))
     fault = ChannelFault("scale", channel(draw), when(draw), gain)
     # A sensor's gain is no part of the online model either: it leaves what the gain changed.
-    return replace(hurt(draw_case(draw, "sensor mis-scaled"), fault, 15.0), follows=("model_gap",))
+    return hurt(draw_case(draw, "sensor mis-scaled"), fault, 15.0)
 
 
 def gaps(draw: Generator) -> Case:
