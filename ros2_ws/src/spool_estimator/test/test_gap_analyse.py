@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from spool_estimator.gap.analyse import analyse
+from spool_estimator.gap.analyse import analyse, given_by
 from spool_estimator.gap.result import GapResult, GapSettings
 from spool_estimator.record import Record
 from spool_sim.excitation import SweptSine
@@ -138,3 +138,8 @@ def test_a_bad_record_is_refused_in_words() -> None:
     for words, bad in cases.items():
         with pytest.raises(InputError, match=words):
             analyse([bad], VALVE, MODELS["fluid"], settings=SETTINGS)
+
+
+def test_coefficients_that_count_per_weight_take_that_of_the_valves_spool() -> None:
+    light = VALVE.model_copy(update={"spool_mass": 0.12})
+    assert given_by(light)["normal_load"] == pytest.approx(0.12 * 9.80665)

@@ -47,6 +47,12 @@ def motions_for(base: Model) -> list[SwitchableMotion]:
     return [SwitchableMotion(smooth), SwitchableMotion(known)]
 
 
+def given_by(valve: Valve) -> dict[str, float]:
+    """Return the numbers of all effects that the description of ``valve`` gives, as the spool's weight."""
+    parameters = [p for entry in EFFECTS.values() for name in entry.terms for p in term(name).parameters]
+    return {p.name: p.start_for(valve) for p in parameters if p.valve_attribute is not None}
+
+
 def analyse(
     records: Sequence[Record],
     valve: Valve,
@@ -86,7 +92,7 @@ def analyse(
     warnings += saturation.warnings
     tell("preparing", 0.05)
     motions = motions_for(base)
-    start = Point(tuple(entry.name for entry in base.terms), base.values_for(valve))
+    start = Point(tuple(entry.name for entry in base.terms), {**given_by(valve), **base.values_for(valve)})
     repaired = saturation.repaired[: len(usable)], saturation.repaired[len(usable) :]
 
     def search_with(damping: float, gain: float, delay: float, longest: int) -> Search:
