@@ -22,7 +22,7 @@ from .stretches import Stretch
 Array = NDArray[np.float64]
 
 #: Share of the weighed squares, and evidence, from which what is left is not noise alone.
-FORETOLD, EVIDENCE = 0.05, 40.0
+FORETOLD, EVIDENCE = 0.07, 40.0
 #: Its amplitude, over that of the measured acceleration and of the gap that there was, up to which it is
 #: within what two right simulations differ by.
 SMALLEST, OF_GAP = 1e-3, 0.02
