@@ -49,6 +49,7 @@ def driven(hidden: str, seconds: float = 30.0) -> tuple[Array, Array, Array]:
         "spring_stiffness": 1632.0,
         "viscous_coefficient": 8.0,
         "stribeck_velocity": 0.02,
+        "stribeck_exponent": 2.0,
         **values,
     }
     table = motion.table({entry: known[entry] for entry in motion.names}, 1)

@@ -67,6 +67,8 @@ def judge_outcome(
             "saturation_limit", "m/s^2", saturation.limit, 0.01 * saturation.limit, Validity.VALID
         )
     runner = _runner_up(search)
+    # Where nothing was added there is no gap to measure the remainder by, only the floor.
+    follows = follows and (bool(final.effects) or after > CLOSED * floor.nrmse)
     still_open = left > LEFT_OVER and after > CLOSED * floor.nrmse
     unexplained = follows or (still_open and (stays > most or not final.effects))
     candidates: tuple[str, ...] = ()
