@@ -25,6 +25,9 @@ IN_A_ROW = 3
 DEVIATIONS, LEAST_DEVIATION = 6.0, 0.05
 #: Standard deviation of normal numbers over their median deviation.
 NORMAL = 1.4826
+#: Share of the force below which what is left worries nobody: where the spool sticks at every turn the
+#: online estimator itself leaves up to 3 %.
+MATTERS = 0.04
 #: Share of the way from the floor to the limit below which the gap has closed again.
 CLOSED = 0.5
 #: Times of the estimator's memory for which the residual must stay up, and s at most.
@@ -74,12 +77,12 @@ class Floor:
     limit: float
 
     @classmethod
-    def learned(cls, values: list[float], growth: float) -> Floor:
-        """Return the floor of ``values``; ``growth``: limit over what is usual, at least."""
+    def learned(cls, values: list[float], growth: float, least: float = 0.0) -> Floor:
+        """Return the floor of ``values``; the limit is ``growth`` times the usual and ``least``, at least."""
         usual = median(values)
         deviation = NORMAL * median(abs(one - usual) for one in values)
         deviation = max(deviation, LEAST_DEVIATION * usual)
-        return cls(usual, max(growth * usual, usual + DEVIATIONS * deviation))
+        return cls(usual, max(growth * usual, usual + DEVIATIONS * deviation, least))
 
 
 @dataclass(slots=True)
@@ -89,7 +92,7 @@ class GapWatch:
     Two measures must grow: the residual over the force, which a weaker drive raises because the noise stays,
     and the force that is left (residual times stiffness times displacement, N), which a stronger drive raises
     because the force grows. Both floors are medians of the first ``LEARNED`` estimates while the
-    estimator tracks.
+    estimator tracks. Below ``MATTERS`` no gap opens.
 
     What the estimator follows is no gap: while a parameter drifts it lags behind, and leaves more. So the gap
     opens once both measures stayed up for ``PATIENCE`` memories in which neither the residual grew on nor a
@@ -141,6 +144,8 @@ class GapWatch:
     def update(self, estimate: Estimate) -> GapChange | None:
         """Take an estimate of what was taken; return what changed with it."""
         force = _force_left(estimate)
+        if estimate.state is State.NOT_EXCITED:
+            self._up.clear()  # a standstill: what was up before it stayed up no longer
         if estimate.state is not State.TRACKING or force is None:
             return None
         value = estimate.residual.value
@@ -170,7 +175,7 @@ class GapWatch:
         if len(self._first) < LEARNED:
             return
         relative, forces, stiffnesses = (list(row) for row in zip(*self._first, strict=True))
-        self._relative = Floor.learned(relative, self.growth)
+        self._relative = Floor.learned(relative, self.growth, MATTERS)
         self._force = Floor.learned(forces, self.growth)
         self._stiffness = median(stiffnesses)
         self._first.clear()

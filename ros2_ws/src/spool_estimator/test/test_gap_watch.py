@@ -87,10 +87,22 @@ def test_another_drive_opens_nothing(residual: float, travel: float) -> None:
 
 
 def test_a_parameter_that_the_estimator_follows_opens_nothing() -> None:
-    """A spring that softens by half a percent a second leaves 2 % over by the estimator's lag of 4 s."""
+    """A spring that softens by one percent a second leaves 5 % over by the estimator's lag of 4 s."""
     machine = taught(0.007)
-    assert not any(machine.say(0.02, stiffness=1632.0 * 0.995**second) for second in range(40))
-    assert any(machine.say(0.02, stiffness=1335.0) for _ in range(12))
+    assert not any(machine.say(0.05, stiffness=1632.0 * 0.99**second) for second in range(40))
+    assert any(machine.say(0.05, stiffness=1092.0) for _ in range(12))
+
+
+def test_what_is_left_and_worries_nobody_opens_nothing() -> None:
+    machine = taught(0.007)
+    assert not any(machine.say(0.03) for _ in range(60))
+
+
+def test_what_was_up_before_a_standstill_stayed_up_no_longer() -> None:
+    machine = taught()
+    assert not any(machine.say(0.06) for _ in range(8))
+    assert not any(machine.say(0.0, state=State.NOT_EXCITED) for _ in range(10))
+    assert not any(machine.say(0.06) for _ in range(8))
 
 
 def test_a_residual_that_still_grows_is_waited_for() -> None:

@@ -194,6 +194,8 @@ class Detection:
             if one.suspicious or (active and one.rank < PARAMETERS):
                 reason = one.suspicious or f"{one.name.replace('_', ' ')} is active"
                 self._suspicions[one.name] = (moment.stamp, one.rank, reason)
+            elif one.refuted:
+                self._suspicions.pop(one.name, None)
         return events
 
     def _distrust(self, now: int, rank: int) -> str:

@@ -25,7 +25,7 @@ SHORTEST_PERIOD = 0.1
 
 #: Of the change that must be found: what is let pass for ever, what a single value counts for at most, below
 #: what it is over, and above what uncertainty nothing is judged.
-ALLOWANCE, CAP, RELEASE, UNCERTAIN = 0.65, 2.5, 0.45, 0.25
+ALLOWANCE, CAP, RELEASE, UNCERTAIN = 0.65, 2.5, 0.45, 0.35
 
 #: s, what the sum needs at least: a change that just matters takes 8.6 s from when the estimate shows it.
 SHORTEST_SUM = 3.0

@@ -95,7 +95,7 @@ class Detector(ABC):
     ``name`` tells it from others of its ``kind``; ``looks_at`` says which moments it is shown. ``rank``
     orders the detectors of one moment: what is judged first is doubted by nothing that comes later.
     ``on_delay`` and ``off_delay`` are in s. ``suspicious`` says why detectors of a higher rank can't believe
-    this moment, already before the event is raised.
+    this moment, already before the event is raised; ``refuted`` that what it suspected was not so.
     """
 
     name: ClassVar[str]
@@ -109,6 +109,7 @@ class Detector(ABC):
         self.settings = settings
         self.judgement = Judgement.UNKNOWN
         self.suspicious = ""
+        self.refuted = False
 
     @abstractmethod
     def update(self, moment: Moment) -> Finding | None:

@@ -123,6 +123,8 @@ class SensorScale(Detector):
             self._found = True
         elif abs(change) < SUSPICIOUS * limit:
             self._found = False
+        # A valve that changes faster than the response follows bends it for a moment only.
+        self.refuted = not self._found and abs(change) < SUSPICIOUS * limit
         if self._unexplained == self._lost == 0 and not self._found:
             pace = FOLLOWED if abs(change) < SUSPICIOUS * limit else SLOWLY
             self._recent += (response.gain - self._recent) / pace
