@@ -22,8 +22,9 @@ from .usual import usual_share
 #: Residual power over the floor's, in the drive's band, from which something is left to explain where
 #: the error exceeds ``CLOSED`` floors, and this share of the gap's amplitude stays, in all or usually.
 LEFT_OVER, MAY_STAY = 1.8, 0.05
-#: The same of the usual window where the spool hits stops: there even the right numbers leave a third.
-HITS_MAY_LEAVE = 0.5
+#: The same where the motion is sensitive: to the hits of stops, with which the right numbers leave a third of
+#: the usual window, and to the play of springs, within which nothing brings the spool back.
+SENSITIVE_MAY_STAY = {"end_stop": 0.5, "spring_backlash": 0.15}
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +55,7 @@ def judge_outcome(
     gap = math.sqrt(max(before**2 - floor.nrmse**2, 0.0))
     stays = math.sqrt(max(after**2 - floor.nrmse**2, 0.0)) / gap if gap > 0.0 else 1.0
     stays = min(stays, usual_share(search.steps[0].held, final.held, floor.errors))
-    most = HITS_MAY_LEAVE if "end_stop" in final.effects else MAY_STAY
+    most = max(SENSITIVE_MAY_STAY.get(name, MAY_STAY) for name in ("", *final.effects))
     left = excess(simulation, final.held, floor)
     search.take_weight(final)
     rest = remainder(simulation, final.fitted.point, final.train, final.held)

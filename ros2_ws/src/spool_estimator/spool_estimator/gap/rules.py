@@ -108,9 +108,15 @@ class Rules(Fitting):
         """Return why ``entry`` is not taken in place of ``step``, or an empty string."""
         if evidence < EVIDENCE or evidence < RELATIVE * step.cost:
             return "it does not close the gap significantly"
-        before, after = self.nrmse(step), self.nrmse(entry)
-        least = max(SMALLEST**2, BESIDE * before**2 if step.effects else 0.0)
-        if before**2 - after**2 < least:
+        beside = BESIDE if step.effects else 0.0
+        falls = [
+            before**2 - after**2 < max(SMALLEST**2, beside * before**2)
+            for before, after in (
+                (self.nrmse(step), self.nrmse(entry)),
+                (self.usual_nrmse(step), self.usual_nrmse(entry)),
+            )
+        ]
+        if all(falls):
             return "it is too small to be told from errors of the simulation"
         name = entry.effects[-1]
         if step.effects and name in EFFECTS and not EFFECTS[name].rare and _in_most(step, entry) < EVIDENCE:
@@ -135,6 +141,15 @@ class Rules(Fitting):
     def tolerance(self, name: str) -> float:
         """Return how far gain or delay may be off."""
         return self.settings.gain_tolerance if name == GAIN else self.settings.delay_tolerance
+
+    def usual_nrmse(self, step: Step) -> float:
+        """Held out, in the median window: those in which the motion goes another way count no more."""
+        measured = self.simulation.measured(self.simulation.held_out)
+        shares = [
+            float(np.sum(error**2)) / max(1e-30, float(np.sum(own**2)))
+            for error, own in zip(step.held, measured, strict=True)
+        ]
+        return math.sqrt(float(np.median(shares)))
 
     def without_needless(self, step: Step) -> Step:
         """Return ``step`` without the effects that it no longer needs."""

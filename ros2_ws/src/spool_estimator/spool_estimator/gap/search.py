@@ -13,11 +13,12 @@ from .by_direction import by_direction
 from .effect import Effect
 from .fitting import BASE_NUMBERS, DELAY, GAIN, Step, parameters_of
 from .floor import noise_floor
+from .look_alikes import LookAlikes
 from .point import Point
 from .registry import EFFECTS
 from .remainder import OF_GAP, remainder
 from .result import Hypothesis
-from .rules import CLEARLY, EVIDENCE, Rules
+from .rules import CLEARLY, EVIDENCE
 from .screening import FRICTIONS, balance_of, candidates
 from .simulate import Simulation
 from .stretches import Stretch
@@ -33,16 +34,19 @@ AT_FLOOR, CLOSED = 1.2, 1.3
 NEARLY = 0.5
 #: Cost over the best one up to which a look-alike is fitted to its last digits.
 NEAR = 1.3
+#: Sizes over the fitted one from which an effect that leaves a gap is fitted once more.
+OTHER_SIZES = (0.7, 0.9, 1.1, 1.4)
+#: Powers of those sizes, one after the other: far and near.
+CLOSER = (1.0, 0.4, 1.0, 0.4)
 #: Hypotheses that are refined with the weight of the best one.
 REFINED = 3
 
 
 @dataclass(slots=True)
-class Search(Rules):
+class Search(LookAlikes):
     """One search over one set of stretches.
 
     Attributes:
-        whole: the stretches with longer windows.
         longer: as many of those as are judged by.
         regressed: as many of those as the regression takes.
         report: takes what is done and the share of the work.
@@ -53,7 +57,6 @@ class Search(Rules):
         overruled: laws of friction that were ahead alone and lost beside other effects, with the evidence.
     """
 
-    whole: Sequence[Stretch]
     longer: Simulation
     regressed: Sequence[Stretch]
     report: Progress
@@ -117,7 +120,32 @@ class Search(Rules):
             self.steps.append(step)
             if self._complete(step):
                 break
+            for closer in CLOSER:
+                step = self.steps[-1] = self._elsewhere(step, closer)
+                if self._complete(step):
+                    return step
         return step
+
+    def _elsewhere(self, step: Step, closer: float) -> Step:
+        """Return ``step`` or, where that leaves clearly less, a fit from other sizes of its newest effect."""
+        name = step.effects[-1]
+        if name not in EFFECTS or not EFFECTS[name].amplitudes:
+            return step
+        point = step.fitted.point
+        values = point.values
+        own = {number: values[number] for number in EFFECTS[name].amplitudes}
+        starts = [
+            replace(point, values={**values, **{number: size**closer * own[number] for number in own}})
+            for size in OTHER_SIZES
+        ]
+        starts += [start.moved((GAIN, DELAY), (0.0, 0.0)) for start in (point, *starts)]
+        self.score(step)
+        other = self.fit(step.effects, starts, rounds=5, tries=len(starts), enough=5e-3)
+        if other.cost >= NEAR * step.cost:
+            return step
+        other.trials = step.trials
+        other = self.polished(other)
+        return other if other.cost < (1.0 - CLEARLY) * step.cost else step
 
     def _complete(self, step: Step, most: float = AT_FLOOR) -> bool:
         """Whether what ``step`` leaves is noise, up to ``most`` times the floor, in all or usually."""
@@ -245,7 +273,7 @@ class Search(Rules):
 
     def _forward(self, step: Step) -> Step | None:
         chosen = candidates(self.simulation, self.regressed, self.catalogue, step)
-        tried = self._contained([self._try(step, entry, rounds=3) for entry in chosen])
+        tried = self.contained([self._try(step, entry, rounds=3) for entry in chosen])
         for name in (GAIN, DELAY):
             if name in step.fitted.at_bound and name not in step.effects:
                 sensor = self.fit((*step.effects, name), [step.fitted.point])
@@ -259,7 +287,7 @@ class Search(Rules):
             self._note(step, entry)
         if not sensible:
             return None
-        winner = self.simplest(step, self.polished(sensible[0]), ranked)
+        winner = self.simplest(step, self.closest(step, self.polished(sensible[0]), sensible[1:]), ranked)
         winner = self._sensor_alone(step, winner) or winner
         if step.effects and not self.still_better(step, winner):
             return None
@@ -268,26 +296,6 @@ class Search(Rules):
         self.ranking[own[-1]] = replace(self.ranking[own[-1]], accepted=True, reason="")
         self.tried[name, step.effects] = winner
         return winner
-
-    def _contained(self, tried: list[Step]) -> list[Step]:
-        """Return ``tried``; what fits worse than an effect that it contains starts from that once more."""
-        by_name = {entry.effects[-1]: entry for entry in tried}
-        found = []
-        for entry in tried:
-            best = entry
-            for name in EFFECTS[entry.effects[-1]].replaces:
-                inner = by_name.get(name)
-                if inner is None or inner.cost >= best.cost:
-                    continue
-                own = EFFECTS[entry.effects[-1]].acting_like(inner.fitted.point.values)
-                effects = (*inner.effects[:-1], entry.effects[-1])
-                values = {**inner.fitted.point.values, **self.own_of(entry), **own}
-                point = replace(inner.fitted.point, values=values, active=self.terms_of(effects))
-                again = self.fit(effects, [point], rounds=3, enough=5e-3)
-                again.trials = entry.trials
-                best = min(best, again, key=lambda one: one.cost)
-            found.append(best)
-        return found
 
     def _ranked(self, step: Step, tried: list[Step]) -> list[Step]:
         """Return ``tried``, the best of them refined, with one weight for all: what the best leaves."""

@@ -21,6 +21,9 @@ GRAVITY = 9.80665
 ANY_SPRING: Array = np.geomspace(0.3, 64.0, 36, dtype=np.float64)
 SAME_SPRING: Array = np.geomspace(0.7, 1.5, 9, dtype=np.float64)
 ANY_DRAG: Array = np.geomspace(0.1, 6.0, 14, dtype=np.float64)
+#: The same where the spool floats in the play of its springs: hardly a spring, but the drag that it has.
+NO_SPRING: Array = np.geomspace(1e-3, 0.3, 9, dtype=np.float64)
+SAME_DRAG: Array = np.geomspace(0.5, 2.0, 7, dtype=np.float64)
 #: Frequencies that are looked at, and a difference (natural logarithm) beyond which more says nothing.
 LOOKED_AT, FAR = 150, 1.5
 #: Difference from any valve that is large; share of it that the factor must leave, and may where all agree.
@@ -54,13 +57,15 @@ def difference(size: Array, frequency: Array, valve: Valve, factor: float, sprin
         factor: on its transfer.
         springs: that are tried, over the description's.
     """
-    apart, _ = _nearest(size, frequency, valve, factor, springs)
-    return apart
+    apart, _ = _nearest(size, frequency, valve, factor, springs, ANY_DRAG)
+    if springs is not ANY_SPRING:
+        return apart
+    return min(apart, _nearest(size, frequency, valve, factor, NO_SPRING, SAME_DRAG)[0])
 
 
 def opposite(ratio: Array, frequency: Array, valve: Valve) -> bool:
     """Whether ``ratio`` (complex) has the sign of no valve: one sensor is turned round."""
-    apart, (spring, drag) = _nearest(np.abs(ratio), frequency, valve, 1.0, ANY_SPRING)
+    apart, (spring, drag) = _nearest(np.abs(ratio), frequency, valve, 1.0, ANY_SPRING, ANY_DRAG)
     nearest = _transfer(frequency, valve, np.array([[spring]]), np.array([[drag]]))[0, 0]
     described = expected_transfer(frequency, valve)
     # Exchanged channels have no valve's amplitude, and their angle says nothing.
@@ -69,10 +74,10 @@ def opposite(ratio: Array, frequency: Array, valve: Valve) -> bool:
 
 
 def _nearest(
-    size: Array, frequency: Array, valve: Valve, factor: float, springs: Array
+    size: Array, frequency: Array, valve: Valve, factor: float, springs: Array, drags: Array
 ) -> tuple[float, tuple[float, float]]:
     some = np.unique(np.linspace(0, frequency.size - 1, min(frequency.size, LOOKED_AT)).astype(int))
-    spring, drag = np.meshgrid(springs, ANY_DRAG, indexing="ij")
+    spring, drag = np.meshgrid(springs, drags, indexing="ij")
     tried = np.log(factor * np.abs(_transfer(frequency[some], valve, spring, drag)))
     apart = np.minimum(np.abs(np.log(np.maximum(size[some], 1e-9)) - tried), FAR).mean(axis=-1)
     place = np.unravel_index(int(np.argmin(apart)), apart.shape)

@@ -1,0 +1,94 @@
+"""Fits of effects that act much alike, each from where the other stands: a fair comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .alike import acting_alike, slides
+from .fitting import Step
+from .registry import EFFECTS
+from .rules import CLEARLY, EVIDENCE, Rules
+from .screening import FRICTIONS
+from .stretches import Stretch
+
+#: Cost over the best one up to which a sliding law is started from where it acts like that.
+ALIKE = 3.0
+
+
+@dataclass(slots=True)
+class LookAlikes(Rules):
+    """Rules, and what gives look-alikes the same chance.
+
+    Attributes:
+        whole: the stretches with longer windows; others as those of :class:`Rules`.
+
+    """
+
+    whole: Sequence[Stretch]
+
+    def contained(self, tried: list[Step]) -> list[Step]:
+        """Return ``tried``; what fits worse than an effect that it contains starts from that once more."""
+        by_name = {entry.effects[-1]: entry for entry in tried}
+        found = []
+        for entry in tried:
+            best = entry
+            for name in EFFECTS[entry.effects[-1]].replaces:
+                inner = by_name.get(name)
+                if inner is None or inner.cost >= best.cost:
+                    continue
+                own = EFFECTS[entry.effects[-1]].acting_like(inner.fitted.point.values)
+                effects = (*inner.effects[:-1], entry.effects[-1])
+                values = {**inner.fitted.point.values, **self.own_of(entry), **own}
+                point = replace(inner.fitted.point, values=values, active=self.terms_of(effects))
+                again = self.fit(effects, [point], rounds=3, enough=5e-3)
+                again.trials = entry.trials
+                best = min(best, again, key=lambda one: one.cost)
+            found.append(best)
+        return self._alike(found)
+
+    def _alike(self, tried: list[Step]) -> list[Step]:
+        """Return ``tried``; sliding laws near the best one start once more from where they act like that."""
+        laws = {entry.effects[-1]: entry for entry in tried if entry.effects[-1] in FRICTIONS}
+        laws = {name: entry for name, entry in laws.items() if slides(name)}
+        if len(laws) < 2:
+            return tried
+        best = min(laws.values(), key=lambda entry: entry.cost)
+        law = best.effects[-1]
+        speed = np.concatenate([np.abs(stretch.motion.velocity) for stretch in self.whole])
+        found = []
+        for entry in tried:
+            name = entry.effects[-1]
+            if (
+                name not in laws
+                or entry is best
+                or entry.cost > ALIKE * best.cost
+                or name in EFFECTS[law].replaces
+            ):
+                found.append(entry)
+                continue
+            effects, like = (*best.effects[:-1], name), best.fitted.point
+            point = replace(like, active=self.terms_of(effects), values={**like.values, **self.own_of(entry)})
+            start = acting_alike(like, law, point, name, EFFECTS[name].fitted, speed)
+            again = self.fit(effects, [start], rounds=3, enough=5e-3)
+            again.trials = entry.trials
+            found.append(min(entry, again, key=lambda one: one.cost))
+        return found
+
+    def closest(self, step: Step, winner: Step, others: list[Step]) -> Step:
+        """Return the best of ``winner`` and the sliding laws close behind it, fitted to their last digits."""
+        name = winner.effects[-1]
+        if name not in FRICTIONS or not slides(name):
+            return winner
+        best = winner
+        for entry in others:
+            other = entry.effects[-1]
+            if other not in FRICTIONS or not slides(other) or other in EFFECTS[name].replaces:
+                continue
+            if entry.cost < winner.cost + max(EVIDENCE, CLEARLY * winner.cost):
+                closer = self.polished(entry)
+                if self.evidence(step, closer) > self.evidence(step, best):
+                    best = closer
+        return best
