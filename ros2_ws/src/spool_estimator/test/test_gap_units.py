@@ -37,6 +37,13 @@ def test_another_spring_or_drag_is_no_wrong_unit(spring: float, drag: float) -> 
 
 
 @settings(deadline=None, max_examples=40)
+@given(spring=st.floats(0.0, 0.3), drag=st.floats(0.5, 2.0))
+def test_a_spool_that_floats_in_the_play_of_its_springs_is_no_wrong_unit(spring: float, drag: float) -> None:
+    """Nothing but the drag takes it along."""
+    assert unit_or_exchange(real(spring, drag), FREQUENCY, VALVE) == ""
+
+
+@settings(deadline=None, max_examples=40)
 @given(spring=st.floats(0.9, 1.1), drag=DRAGS, scatter=st.floats(0.0, 0.15), seed=st.integers(0, 9))
 def test_a_channel_in_g_is_refused_for_any_drag(
     spring: float, drag: float, scatter: float, seed: int
