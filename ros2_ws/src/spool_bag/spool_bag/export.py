@@ -93,7 +93,8 @@ def _writer(out: Path, part: Path, schema: pa.Schema) -> AbstractContextManager[
         raise InputError(f"{out}: ends in {out.suffix or 'nothing'}: give a .parquet, .csv or .csv.gz file")
     out.parent.mkdir(parents=True, exist_ok=True)
     if kind == ".parquet":
-        return pa_parquet.ParquetWriter(part, schema, compression="zstd")  # type: ignore[no-any-return]
+        writer: AbstractContextManager[Any] = pa_parquet.ParquetWriter(part, schema, compression="zstd")
+        return writer
     options = pa_csv.WriteOptions(include_header=False, quoting_style="none")
     sink = pa.output_stream(str(part), compression="gzip" if kind == ".csv.gz" else None)
     return _CsvSink(sink, schema, options)

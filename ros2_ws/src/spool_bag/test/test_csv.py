@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import gzip
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -152,8 +153,10 @@ def test_force_records(tmp_path: Path, kind: str) -> None:
         (lambda rows: [*rows[:9], "0.00365,1.0,1.0", *rows[10:]], "line 10: sampling is irregular"),
     ],
 )
-def test_what_is_wrong_is_told_with_its_line(tmp_path: Path, change: object, message: str) -> None:
-    rows = change(record(200).splitlines())  # type: ignore[operator]
+def test_what_is_wrong_is_told_with_its_line(
+    tmp_path: Path, change: Callable[[list[str]], list[str]], message: str
+) -> None:
+    rows = change(record(200).splitlines())
     path = save(tmp_path, "\n".join(rows))
     with pytest.raises(InputError, match=message) as caught:
         import_csv(path, tmp_path / "bag")
