@@ -121,15 +121,16 @@ class Search(LookAlikes):
             if self._complete(step):
                 break
             for closer in CLOSER:
-                step = self.steps[-1] = self._elsewhere(step, closer)
-                if self._complete(step):
+                step, before = self._elsewhere(step, closer), step
+                self.steps[-1] = step
+                if step is not before and self._complete(step):
                     return step
         return step
 
     def _elsewhere(self, step: Step, closer: float) -> Step:
         """Return ``step`` or, where that leaves clearly less, a fit from other sizes of its newest effect."""
         name = step.effects[-1]
-        if name not in EFFECTS or not EFFECTS[name].amplitudes:
+        if name not in EFFECTS or not EFFECTS[name].valleys:
             return step
         point = step.fitted.point
         values = point.values

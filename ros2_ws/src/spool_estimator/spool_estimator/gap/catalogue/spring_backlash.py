@@ -16,6 +16,7 @@ class SpringBacklash(Effect):
     terms = ("spring_backlash",)
     fitted = ("backlash",)
     picture = "displacement"
+    valleys = True
     confused_with = ("cubic_stiffness", "spring_preload", "presliding_friction")
     told_by = "amplitudes from below the dead zone to the stroke"
 

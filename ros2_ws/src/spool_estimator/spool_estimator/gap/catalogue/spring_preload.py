@@ -16,6 +16,7 @@ class SpringPreload(Effect):
     terms = ("spring_preload",)
     fitted = ("preload_force", "preload_travel")
     picture = "displacement"
+    valleys = True
     confused_with = ("cubic_stiffness", "spring_backlash")
     told_by = "amplitudes from below the give of the seats to the stroke"
 
