@@ -30,12 +30,8 @@ def slides(name: str) -> bool:
 
 def friction(name: str, point: Point, speeds: Array) -> Array:
     """Return the force of the sliding law ``name`` and of the viscous drag at ``speeds`` (n,), N."""
-    law = term(name).plain("sliding_law")
-    assert law is not None
-    numbers = [point.values[p.name] for p in term(name).parameters]
-    return point.values[VISCOUS] * speeds + np.array(
-        [law(0.0, one, 1.0, *numbers) for one in speeds.tolist()]
-    )
+    still = np.zeros_like(speeds)
+    return np.asarray(point.values[VISCOUS] * speeds + term(name).force(still, speeds, still, point.values))
 
 
 def acting_alike(like: Point, law: str, start: Point, other: str, own: Sequence[str], speed: Array) -> Point:
