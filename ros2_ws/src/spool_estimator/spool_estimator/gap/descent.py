@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_sim.terms import term
 
 from .point import Point
 from .simulate import Simulation
@@ -17,6 +18,8 @@ DAMPINGS = (1e-3, 1.0)
 #: Step of a number over its size for slopes, and the share of the signal that a window may move by it:
 #: more means a jump to another motion, whose slope says nothing.
 STEP, JUMP = 1e-3, 0.1
+#: The step where the spool sticks and slips and that one leads no further: the sum of squares is rough there.
+LONG_STEP = 1e-2
 #: A fall of the sum of squares below this share ends the descent.
 ENOUGH = 2e-4
 
@@ -99,9 +102,10 @@ def _follow(
     signal = simulation.weigh([row[np.newaxis] for row in simulation.measured(chosen)], chosen)[0]
     information: Array = np.eye(len(names))
     scale: Array = np.ones(len(names))
+    reach, rough = STEP, any("sliding_law" in term(name).laws for name in start.active)
     for _ in range(rounds):
         scale = np.array([entry.size(value) for entry, value in zip(free, x.tolist(), strict=True)])
-        step = STEP * scale
+        step = reach * scale
         step = np.where(x + step > high, -step, step)
         moved = [point.moved(names, (x + step * unit).tolist()) for unit in np.eye(len(names))]
         runs = simulation.weigh(simulation.errors(moved, chosen), chosen)
@@ -127,26 +131,39 @@ def _follow(
         sums = simulation.cost(outcomes, chosen)
         winner = int(np.argmin(sums))
         if not sums[winner] < squares:
-            if damping > 1e3:
+            if damping <= 1e3:
+                damping *= 1e3
+            elif rough and reach < LONG_STEP:
+                reach, damping = LONG_STEP, 1.0
+            else:
                 break
-            damping *= 1e3
             continue
         fall = squares - float(sums[winner])
         damping = float(np.clip(damping * DAMPINGS[winner] * 10.0, 1e-6, 1e3))
         point, x, residual, squares = points[winner], trials[winner], outcomes[winner], float(sums[winner])
         if fall < max(enough * squares, 1.0):
-            break
+            if not rough or reach == LONG_STEP:
+                break
+            reach, damping = LONG_STEP, 1.0
+    return _outcome(point, free, squares, information, scale, residual.size)
+
+
+def _outcome(
+    point: Point, free: Sequence[Free], squares: float, information: Array, scale: Array, size: int
+) -> Fitted:
+    """Return where a descent ended; ``information`` in units of ``scale`` from ``size`` weighed numbers."""
+    names = [entry.name for entry in free]
     covariance = np.linalg.pinv(information, rcond=1e-12, hermitian=True)
     # What the weight does not hold of the residual widens the intervals.
-    inflation = max(1.0, squares / max(1, residual.size - len(names)))
+    inflation = max(1.0, squares / max(1, size - len(names)))
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0) * inflation) * scale
     spread_ = np.where(spread > 0.0, spread, 1.0)
     correlation = covariance * inflation * np.outer(scale, scale) / np.outer(spread_, spread_)
     room = 1e-6 * np.array([entry.scale for entry in free])
     bound = tuple(
         n
-        for n, value, least, most, r in zip(names, x, low, high, room, strict=True)
-        if value - least <= r or most - value <= r
+        for n, entry, r in zip(names, free, room.tolist(), strict=True)
+        if point.get(n) - entry.low <= r or entry.high - point.get(n) <= r
     )
     return Fitted(
         point, tuple(free), squares, dict(zip(names, spread.tolist(), strict=True)), correlation, bound

@@ -9,8 +9,9 @@ import numpy as np
 
 from .alike import acting_alike, slides
 from .fitting import Step
+from .point import Point
 from .registry import EFFECTS
-from .rules import CLEARLY, EVIDENCE, Rules
+from .rules import Rules
 from .screening import FRICTIONS
 from .stretches import Stretch
 
@@ -57,7 +58,6 @@ class LookAlikes(Rules):
             return tried
         best = min(laws.values(), key=lambda entry: entry.cost)
         law = best.effects[-1]
-        speed = np.concatenate([np.abs(stretch.motion.velocity) for stretch in self.whole])
         found = []
         for entry in tried:
             name = entry.effects[-1]
@@ -69,13 +69,18 @@ class LookAlikes(Rules):
             ):
                 found.append(entry)
                 continue
-            effects, like = (*best.effects[:-1], name), best.fitted.point
-            point = replace(like, active=self.terms_of(effects), values={**like.values, **self.own_of(entry)})
-            start = acting_alike(like, law, point, name, EFFECTS[name].fitted, speed)
-            again = self.fit(effects, [start], rounds=3, enough=5e-3)
+            again = self.fit(entry.effects, [self._acting_like(best, entry)], rounds=3, enough=5e-3)
             again.trials = entry.trials
             found.append(min(entry, again, key=lambda one: one.cost))
         return found
+
+    def _acting_like(self, best: Step, entry: Step) -> Point:
+        """Return the numbers with which the newest effect of ``entry`` acts most like that of ``best``."""
+        like, law, name = best.fitted.point, best.effects[-1], entry.effects[-1]
+        speed = np.concatenate([np.abs(stretch.motion.velocity) for stretch in self.whole])
+        values = {**like.values, **self.own_of(entry)}
+        point = replace(like, active=self.terms_of(entry.effects), values=values)
+        return acting_alike(like, law, point, name, EFFECTS[name].fitted, speed)
 
     def closest(self, step: Step, winner: Step, others: list[Step]) -> Step:
         """Return the best of ``winner`` and the sliding laws close behind it, fitted to their last digits."""
@@ -87,8 +92,10 @@ class LookAlikes(Rules):
             other = entry.effects[-1]
             if other not in FRICTIONS or not slides(other) or other in EFFECTS[name].replaces:
                 continue
-            if entry.cost < winner.cost + max(EVIDENCE, CLEARLY * winner.cost):
-                closer = self.polished(entry)
+            if entry.cost < ALIKE * winner.cost:
+                starts = [entry.fitted.point, self._acting_like(winner, entry)]
+                closer = self.fit(entry.effects, starts, rounds=10, tries=2)
+                closer.trials = entry.trials
                 if self.evidence(step, closer) > self.evidence(step, best):
                     best = closer
         return best

@@ -25,6 +25,8 @@ LEFT_OVER, MAY_STAY = 1.8, 0.05
 #: The same where the motion is sensitive: to the hits of stops, with which the right numbers leave a third of
 #: the usual window, and to the play of springs, within which nothing brings the spool back.
 SENSITIVE_MAY_STAY = {"end_stop": 0.5, "spring_backlash": 0.15}
+#: Error over the noise floor up to which what can be foretold of it is the noise's own doing.
+ABOVE_FLOOR = 1.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +71,7 @@ def judge_outcome(
         )
     runner = _runner_up(search)
     # Where nothing was added there is no gap to measure the remainder by, only the floor.
-    follows = follows and (bool(final.effects) or after > CLOSED * floor.nrmse)
+    follows = follows and after > (ABOVE_FLOOR if final.effects else CLOSED) * floor.nrmse
     still_open = left > LEFT_OVER and after > CLOSED * floor.nrmse
     unexplained = follows or (still_open and (stays > most or not final.effects))
     candidates: tuple[str, ...] = ()

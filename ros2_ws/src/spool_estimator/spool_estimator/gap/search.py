@@ -294,7 +294,8 @@ class Search(LookAlikes):
             return None
         name = winner.effects[-1]
         own = [n for n, row in enumerate(self.ranking) if (row.id, row.beside) == (name, step.effects)]
-        self.ranking[own[-1]] = replace(self.ranking[own[-1]], accepted=True, reason="")
+        known = max(self.ranking[own[-1]].evidence, self.evidence(step, winner))
+        self.ranking[own[-1]] = replace(self.ranking[own[-1]], evidence=known, accepted=True, reason="")
         self.tried[name, step.effects] = winner
         return winner
 

@@ -9,6 +9,9 @@ from spool_sim.terms import term
 
 from ..effect import Array, Effect, Motion
 
+#: m/s, speed that a spool hardly exceeds.
+FASTEST = 0.3
+
 
 class MixedFriction(Effect):
     """The paper's model 2: sqrt(abs(v)) and 1/(abs(v) + gamma_m), each with the sign of v."""
@@ -52,6 +55,12 @@ class MixedFriction(Effect):
         load = next(p.start for p in term("mixed_friction").parameters if p.name == "normal_load")
         share = 0.2 * contained["coulomb_force"] / load
         return {"mixed_root_coefficient": 0.0, "mixed_inverse_coefficient": share, "mixed_velocity": 0.2}
+
+    def sensible(self, values: Mapping[str, float], deviations: Mapping[str, float]) -> str:
+        """Return why ``values`` make no sense: contacts must fall with speed at the speeds of a spool."""
+        if values["mixed_velocity"] > FASTEST:
+            return "the contact part hardly falls with speed: that is Coulomb friction"
+        return super().sensible(values, deviations)
 
     @property
     def amplitudes(self) -> tuple[str, ...]:
