@@ -37,8 +37,8 @@ HELP = """Usage: ./spool COMMAND [arguments]       ./spool COMMAND --help says m
   bench     timings against the peers
   doctor    what is wrong with this machine or installation, and what to do
 
-The first call sets the project up (about two minutes): it needs Linux x86-64, Python 3.10 to 3.13 with venv,
-a C++ compiler and make. Where a ROS 2 is sourced, it builds on that one.
+The first call sets the project up (one to three minutes): it needs Linux x86-64, Python 3.10 to 3.13 with
+venv, a C++ compiler and make. Where a ROS 2 is sourced, it builds on that one.
 Example: ./spool demo --seconds 60 --out demo_output
 """
 COMMANDS = re.findall(r"^  (\w+)  ", HELP, re.MULTILINE)

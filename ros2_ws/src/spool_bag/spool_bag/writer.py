@@ -188,7 +188,7 @@ class BagWriter:
         self.close()
 
     def _flush(self) -> None:
-        self._writer.flush()  # type: ignore[no-untyped-call]
+        self._writer.flush()
         self._output.sync()
         self._good = self._output.tell()
         self._flushed = time.monotonic()
@@ -197,7 +197,7 @@ class BagWriter:
 
     def _finish(self) -> None:
         self._flush()
-        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._writer.finish()
         self._output.sync()
         self._write_metadata()
 

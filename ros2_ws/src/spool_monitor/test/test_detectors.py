@@ -98,6 +98,22 @@ def test_a_faulty_channel_is_named_and_nothing_is_said_of_friction(fault: Channe
     assert "; " in raised[0].message
 
 
+@pytest.mark.parametrize("gain", [0.6, 1.5])
+def test_what_the_estimator_still_remembers_of_a_fault_that_is_over_is_no_drift(gain: float) -> None:
+    case = short(90.0)
+    valve = case.drawn_valve
+    monitor = Monitor(MonitorSettings(natural_frequency=valve.natural_frequency))
+    one = Replay(Estimator(settings_for(valve)), monitor)
+    for item in stream(case):
+        if not isinstance(item, Block):
+            one.update_temperature(*item)
+            continue
+        hurt = 45.0 <= (item.stamp - DEFAULT_START_STAMP) * 1e-9 < 60.0
+        one.update(replace(item, spool=np.float32(gain) * item.spool) if hurt else item)
+    found = [(event.kind, event.state) for event in one.events]
+    assert found == [("sensor_fault", EventState.RAISED), ("sensor_fault", EventState.CLEARED)]
+
+
 def test_a_copy_goes_on_equally() -> None:
     items = [item for item in islice(stream(short(20.0)), 220) if isinstance(item, Block)]
     one = Replay(Estimator(settings_for(short().drawn_valve)), Monitor())
