@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -150,7 +151,8 @@ class ComposedMotion:
         *,
         sample_period: float,
         substeps: int,
-        first_sample: int = 0,
+        first_sample: int | Sequence[int] = 0,
+        stands_on: Sequence[int] | None = None,
     ) -> tuple[Trajectory, list[MotionState]]:
         """Advance b valves at once, on all processors; every array of the result has b as its first axis.
 
@@ -158,7 +160,9 @@ class ComposedMotion:
             states: of the b valves at the first sample.
             body_acceleration: shape (b, 2 n substeps + 1), or (1, ...) where all stand on one body.
             tables: parameters, shape (b, 1 or n, p), or (1, ...) where all valves are alike.
-            sample_period, substeps, first_sample: as in ``advance``.
+            sample_period, substeps: as in ``advance``.
+            first_sample: as in ``advance``, of all or of each valve.
+            stands_on: row of ``body_acceleration``, then of any number of rows, for each valve.
 
         Raises:
             ValueError: shapes do not fit.
@@ -173,10 +177,14 @@ class ComposedMotion:
             raise ValueError(
                 f"parameters have shape {tables.shape[1:]}, not (1 or {samples}, {len(self.names)})"
             )
-        if body_acceleration.shape[0] not in (1, count) or tables.shape[0] not in (1, count):
+        bodies_fit = stands_on is not None or body_acceleration.shape[0] in (1, count)
+        if not bodies_fit or tables.shape[0] not in (1, count):
             raise ValueError(
                 f"{count} states, but {body_acceleration.shape[0]} bodies, {tables.shape[0]} tables"
             )
+        own = range(count) if body_acceleration.shape[0] > 1 else [0] * count
+        body_rows = np.array(own if stands_on is None else stands_on, dtype=np.int64)
+        begins = np.broadcast_to(np.asarray(first_sample, dtype=np.int64), count).copy()
         packed = np.zeros((count, 3 + max(1, self._memories)))
         for row, state in zip(packed, states, strict=True):
             row[:3] = state.displacement, state.velocity, state.direction
@@ -189,13 +197,14 @@ class ComposedMotion:
             np.empty((count, samples, self._memories)),
         )
         bodies = np.ascontiguousarray(body_acceleration, dtype=np.float64)
-        parameters = np.ascontiguousarray(tables, dtype=np.float64)
+        parameters = self._packed(np.ascontiguousarray(tables, dtype=np.float64))
 
         def advance_some(part: slice) -> None:
             self._kernel.advance_batch_kernel(
                 packed[part],
-                bodies[part] if bodies.shape[0] > 1 else bodies,
-                first_sample,
+                bodies,
+                body_rows[part],
+                begins[part],
                 sample_period / substeps,
                 substeps,
                 parameters[part] if parameters.shape[0] > 1 else parameters,
@@ -217,6 +226,10 @@ class ComposedMotion:
             for z, v, direction, *memory in packed.tolist()
         ]
         return result, last
+
+    def _packed(self, parameters: Array) -> NDArray[Any]:
+        """Return ``parameters`` as the kernel takes them."""
+        return parameters
 
     def forces(
         self,
@@ -244,7 +257,7 @@ class ComposedMotion:
             np.zeros(3 + max(1, self._memories)),
             first_sample,
             float(sample_period),
-            np.ascontiguousarray(sets, dtype=np.float64),
+            self._packed(np.ascontiguousarray(sets, dtype=np.float64)),
             out,
         )
         return out

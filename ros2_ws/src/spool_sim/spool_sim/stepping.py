@@ -45,6 +45,7 @@ def slip(
     s: float,
     x: Numbers,
     tau: float,
+    k1: float,
     u: float,
     t: float,
     h: float,
@@ -53,11 +54,13 @@ def slip(
     d: float,
     q: Numbers,
 ) -> tuple[float, float]:
-    """Return (z, v) after slipping for ``tau`` s from share ``u`` of the step that begins at ``t``."""
+    """Return (z, v) after slipping for ``tau`` s from share ``u`` of the step that begins at ``t``.
+
+    ``k1`` is the acceleration at its start.
+    """
     y = u + 0.5 * tau / h
     e = u + tau / h
     middle = a0 + y * (b + y * d)
-    k1 = acceleration(z, v, t + u * h, s, a0 + u * (b + u * d), z, x, q)
     v2 = v + 0.5 * tau * k1
     k2 = acceleration(z + 0.5 * tau * v, v2, t + y * h, s, middle, z, x, q)
     v3 = v + 0.5 * tau * k2
@@ -106,6 +109,7 @@ def first_time(
     x: Numbers,
     low: float,
     high: float,
+    k1: float,
     u: float,
     t: float,
     h: float,
@@ -119,9 +123,9 @@ def first_time(
     Regula falsi (Illinois) on the end of a shortened piece: before the event at ``low``, past it at ``high``.
     """
     at_rest = math.isnan(level)
-    z1, v1 = slip(z, v, s, x, low, u, t, h, a0, b, d, q)
+    z1, v1 = slip(z, v, s, x, low, k1, u, t, h, a0, b, d, q)
     before = s * v1 if at_rest else s * (level - z1)
-    z1, v1 = slip(z, v, s, x, high, u, t, h, a0, b, d, q)
+    z1, v1 = slip(z, v, s, x, high, k1, u, t, h, a0, b, d, q)
     past = s * v1 if at_rest else s * (level - z1)
     tau = high
     side = 0
@@ -129,7 +133,7 @@ def first_time(
         if high - low <= 1e-13 * h or past == 0.0:
             break
         tau = low + (high - low) * before / (before - past)
-        z1, v1 = slip(z, v, s, x, tau, u, t, h, a0, b, d, q)
+        z1, v1 = slip(z, v, s, x, tau, k1, u, t, h, a0, b, d, q)
         value = s * v1 if at_rest else s * (level - z1)
         if abs(value) < 1e-16:
             break
@@ -186,17 +190,18 @@ def step_with_events(
                     return z, 0.0, s, x
             else:
                 s = 1.0 if need > high else -1.0
-        z1, v1 = slip(z, v, s, x, left, u, t, h, a0, b, d, q)
+        k1 = acceleration(z, v, t + u * h, s, a0 + u * (b + u * d), z, x, q)
+        z1, v1 = slip(z, v, s, x, left, k1, u, t, h, a0, b, d, q)
         tau, stops = left, False
         if s * v1 > 0.0:
-            rate0 = s * acceleration(z, v, t + u * h, s, a0 + u * (b + u * d), z, x, q)
+            rate0 = s * k1
             rate1 = s * acceleration(z1, v1, t + h, s, a1, z, x, q)
             if v != 0.0 and rate0 < 0.0 < rate1:
                 # Both ends slip the same way, but the velocity may have dipped through zero between.
                 dip = left * rate0 / (rate0 - rate1)
-                _, value = slip(z, v, s, x, dip, u, t, h, a0, b, d, q)
+                _, value = slip(z, v, s, x, dip, k1, u, t, h, a0, b, d, q)
                 if s * value <= 0.0:
-                    tau, z1, v1 = first_time(math.nan, z, v, s, x, 0.0, dip, u, t, h, a0, b, d, q)
+                    tau, z1, v1 = first_time(math.nan, z, v, s, x, 0.0, dip, k1, u, t, h, a0, b, d, q)
                     stops = True
         else:
             first = 0.0
@@ -208,16 +213,16 @@ def step_with_events(
                 for _ in range(30):
                     last = first
                     first *= 0.5
-                    _, value = slip(z, v, s, x, first, u, t, h, a0, b, d, q)
+                    _, value = slip(z, v, s, x, first, k1, u, t, h, a0, b, d, q)
                     if s * value > 0.0:
                         break
                 if s * value <= 0.0:
                     return z, 0.0, 0.0, x  # too short to move: the next step settles it
-            tau, z1, v1 = first_time(math.nan, z, v, s, x, first, last, u, t, h, a0, b, d, q)
+            tau, z1, v1 = first_time(math.nan, z, v, s, x, first, last, k1, u, t, h, a0, b, d, q)
             stops = True
         level = next_level(z, z1, q)
         if not math.isnan(level):
-            tau, _, v1 = first_time(level, z, v, s, x, 0.0, tau, u, t, h, a0, b, d, q)
+            tau, _, v1 = first_time(level, z, v, s, x, 0.0, tau, k1, u, t, h, a0, b, d, q)
             z1, stops = level, s * v1 <= 0.0
         x = remembered(x, z1 - z, s, q)
         z = z1
@@ -232,7 +237,8 @@ def step_with_events(
     left = (1.0 - u) * h
     if left > 0.0 and s != 0.0:
         # Events crowd together (the spool comes to rest against a stop): the rest goes in one piece.
-        z1, v = slip(z, v, s, x, left, u, t, h, a0, b, d, q)
+        k1 = acceleration(z, v, t + u * h, s, a0 + u * (b + u * d), z, x, q)
+        z1, v = slip(z, v, s, x, left, k1, u, t, h, a0, b, d, q)
         x = remembered(x, z1 - z, s, q)
         z = z1
     return z, v, s, x
@@ -283,9 +289,9 @@ def advance_kernel(
                 z, v, s, x = step_with_events(z, v, s, x, t, h, body[i], body[i + 1], body[i + 2], q)
             else:
                 a0, am, a1 = body[i], body[i + 1], body[i + 2]
-                z, v = slip(
-                    z, v, 0.0, x, h, 0.0, t, h, a0, -3.0 * a0 + 4.0 * am - a1, 2.0 * (a0 - 2.0 * am + a1), q
-                )
+                b, d = -3.0 * a0 + 4.0 * am - a1, 2.0 * (a0 - 2.0 * am + a1)
+                k1 = acceleration(z, v, t, 0.0, a0, z, x, q)
+                z, v = slip(z, v, 0.0, x, h, k1, 0.0, t, h, a0, b, d, q)
             i += 2
     if not EVENTS:
         s = 0.0
@@ -298,7 +304,8 @@ def advance_kernel(
 def advance_batch_kernel(
     states: Array,
     body: Array,
-    first_sample: int,
+    body_rows: NDArray[np.int64],
+    first_samples: NDArray[np.int64],
     h: float,
     substeps: int,
     parameters: Array,
@@ -308,12 +315,12 @@ def advance_batch_kernel(
     out_memory: Array,
     out_stuck: NDArray[np.bool_],
 ) -> None:
-    """Do the same for valves that stand on one body, or each on its own; the first axis counts them."""
+    """Do the same for valves that stand on one body or on several; the first axis counts them."""
     for valve in range(states.shape[0]):
         advance_kernel(
             states[valve],
-            body[valve if body.shape[0] > 1 else 0],
-            first_sample,
+            body[body_rows[valve]],
+            first_samples[valve],
             h,
             substeps,
             parameters[valve if parameters.shape[0] > 1 else 0],

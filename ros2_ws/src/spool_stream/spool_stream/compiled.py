@@ -55,6 +55,16 @@ def compiled(function: Function) -> Function:
         return cast(Function, _NUMBA.njit(cache=cached, nogil=True)(function))
 
 
+def inlined(function: Function) -> Function:
+    """Return ``function`` compiled into each of its compiled callers, which the disk keeps, or as it is.
+
+    For small functions with many arguments in the innermost loop: a call costs more than they do.
+    """
+    if _NUMBA is None:
+        return function
+    return cast(Function, _NUMBA.njit(nogil=True, forceinline=True)(function))
+
+
 @lru_cache(maxsize=64)
 def _folder_of(package: str, base: Path) -> Path | None:
     """Return where the kernels of ``package`` are kept, named by its sources.

@@ -15,6 +15,7 @@ from spool_stream.quantity import Quantity, Validity
 
 from ..record import Record
 from . import conditions
+from .batches import Run
 from .contact_search import contacts_for, free_flight_search, run_with_contacts
 from .fitting import Step
 from .floor import Floor
@@ -25,7 +26,7 @@ from .registry import EFFECTS
 from .result import Agreement, Curves, GapResult, GapSettings, NamedEffect, Surface, Where
 from .saturation import find_saturation
 from .search import Search
-from .simulate import Run, Simulation
+from .simulate import Simulation
 from .stretches import parts_of, stretches_of, thinned
 from .switchable import SwitchableMotion, known_terms
 from .where import Residual, locate, surface

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +50,7 @@ class Fitted:
         deviations: standard deviation of each fitted number.
         correlation: of the fitted numbers, shape (p, p).
         at_bound: names of numbers that stopped at a bound.
+        settled: the weighing with which the descent came to rest, ``None`` where its rounds ran out.
     """
 
     point: Point
@@ -58,6 +59,7 @@ class Fitted:
     deviations: Mapping[str, float]
     correlation: Array
     at_bound: tuple[str, ...]
+    settled: object | None = None
 
 
 def descend(
@@ -103,6 +105,7 @@ def _follow(
     information: Array = np.eye(len(names))
     scale: Array = np.ones(len(names))
     reach, rough = STEP, any("sliding_law" in term(name).laws for name in start.active)
+    settled = None
     for _ in range(rounds):
         scale = np.array([entry.size(value) for entry, value in zip(free, x.tolist(), strict=True)])
         step = reach * scale
@@ -114,18 +117,11 @@ def _follow(
         slopes = ((runs - residual) * trust * (scale / step)[:, np.newaxis]).T
         information = slopes.T @ slopes
         gradient = slopes.T @ (trust * residual)
-        diagonal = np.diag(information) + 1e-12 * np.trace(information)
-        trials = []
-        for factor in DAMPINGS:
-            # What would leave its bounds stays there, and the others are solved for without it.
-            held = ((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0))
-            change = np.zeros(x.size)
-            own = np.flatnonzero(~held)
-            if own.size:
-                matrix = information[np.ix_(own, own)] + np.diag(damping * factor * diagonal[own])
-                change[own] = -scale[own] * np.linalg.lstsq(matrix, gradient[own], rcond=1e-12)[0]
-            limit = 0.7 * np.maximum(scale, [entry.scale for entry in free])
-            trials.append(np.clip(x + np.clip(change, -limit, limit), low, high))
+        limit = 0.7 * np.maximum(scale, [entry.scale for entry in free])
+        trials = [
+            np.clip(x + np.clip(change, -limit, limit), low, high)
+            for change in _changes(information, gradient, damping, scale, (x <= low, x >= high))
+        ]
         points = [point.moved(names, trial.tolist()) for trial in trials]
         outcomes = simulation.weigh(simulation.errors(points, chosen), chosen)
         sums = simulation.cost(outcomes, chosen)
@@ -136,6 +132,7 @@ def _follow(
             elif rough and reach < LONG_STEP:
                 reach, damping = LONG_STEP, 1.0
             else:
+                settled = simulation.weighing
                 break
             continue
         fall = squares - float(sums[winner])
@@ -143,9 +140,29 @@ def _follow(
         point, x, residual, squares = points[winner], trials[winner], outcomes[winner], float(sums[winner])
         if fall < max(enough * squares, 1.0):
             if not rough or reach == LONG_STEP:
+                settled = simulation.weighing if enough <= ENOUGH else None
                 break
             reach, damping = LONG_STEP, 1.0
-    return _outcome(point, free, squares, information, scale, residual.size)
+    found = _outcome(point, free, squares, information, scale, residual.size)
+    return replace(found, settled=settled)
+
+
+def _changes(
+    information: Array, gradient: Array, damping: float, scale: Array, at: tuple[NDArray[np.bool_], ...]
+) -> list[Array]:
+    """Return the changes of the numbers for each of ``DAMPINGS``; ``at`` their low and high bounds."""
+    diagonal = np.diag(information) + 1e-12 * np.trace(information)
+    # What would leave its bounds stays there, and the others are solved for without it.
+    held = (at[0] & (gradient > 0.0)) | (at[1] & (gradient < 0.0))
+    own = np.flatnonzero(~held)
+    found: list[Array] = []
+    for factor in DAMPINGS:
+        change = np.zeros(gradient.size)
+        if own.size:
+            matrix = information[np.ix_(own, own)] + np.diag(damping * factor * diagonal[own])
+            change[own] = -scale[own] * np.linalg.lstsq(matrix, gradient[own], rcond=1e-12)[0]
+        found.append(change)
+    return found
 
 
 def _outcome(

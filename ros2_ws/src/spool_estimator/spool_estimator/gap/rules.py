@@ -55,7 +55,9 @@ class Rules(Fitting):
         return step.cost - entry.cost - self.price * numbers
 
     def polished(self, step: Step, rounds: int = 7) -> Step:
-        """Return ``step`` fitted on from its own numbers, in at most ``rounds``."""
+        """Return ``step`` fitted on from its own numbers, for ``rounds`` at most, or settled as it is."""
+        if step.fitted.settled is self.simulation.weighing:
+            return step
         found = self.fit(step.effects, [step.fitted.point], rounds=rounds)
         found.trials = step.trials
         return found

@@ -2,29 +2,21 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, signal
-from spool_sim.composed_motion import MotionState
-from spool_sim.step_size import substeps_for
-from spool_sim.terms import term
-from spool_stream.errors import InputError
 
-from ..free_run import Window, half_steps
-from .pieces import Piece, ringing
+from .batches import Batches, Run
+from .pieces import ringing
 from .point import Point
 from .stretches import Stretch
-from .switchable import ALWAYS, SwitchableMotion
+from .switchable import SwitchableMotion
 
 Array = NDArray[np.float64]
 
-#: Most steps per sample that a hypothesis may ask for; a stiffer one is stepped more coarsely.
-MOST_SUBSTEPS = 8
 #: Upper end of the compared band over that of the drive, and at least so many Hz.
 HARMONICS, AT_LEAST = 6.0, 300.0
 #: Weighed squares over their expectation from which a window is a bad one.
@@ -32,19 +24,13 @@ BAD = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
-    """What one window gave for s points; arrays of shape (s, n).
+class _Way:
+    """How the errors of a window are weighed: in time, which lines, over what, and without which motion."""
 
-    Attributes:
-        acceleration: of the spool at the samples, m/s^2, gain error included.
-        means: its mean from each sample to the next: exact and smooth in the parameters, whatever jumps.
-        displacement, velocity: relative to the body, m, m/s.
-    """
-
-    acceleration: Array
-    means: Array
-    displacement: Array
-    velocity: Array
+    taper: Array
+    band: slice
+    scale: Array
+    ringing: Array | None
 
 
 class Simulation:
@@ -56,6 +42,7 @@ class Simulation:
         places: stretch, window and whether it is fitted, of each window.
         ringing: mass, stiffness and damping (kg, N/m, N s/m) with which an error of a window's start
             rings; ``None`` where windows have forgotten their start.
+        weighing: another object whenever what is compared, or its weight, has changed.
     """
 
     def __init__(self, stretches: Sequence[Stretch], motions: Sequence[SwitchableMotion]) -> None:
@@ -77,79 +64,15 @@ class Simulation:
         self.jumps: dict[int, Array] | None = None
         self.ringing: tuple[float, float, float] | None = None
         self.robust = False
-        self._own: dict[int, Array] = {}
+        self._ways: dict[int, _Way] = {}
+        self.weighing = object()
+        self._batches = Batches()
         self._number = {id(stretch): number for number, stretch in enumerate(stretches)}
 
     def run(self, points: Sequence[Point], chosen: Sequence[int]) -> list[Run]:
         """Simulate ``points`` (with the same terms) over the windows numbered ``chosen``."""
         motion = next(entry for entry in self.motions if entry.has(points[0].active))
-        rows = np.array([motion.row(point.active, point.values) for point in points])
-        counts: dict[float, int] = {}
-        # However steep a law of sliding is near rest, the reversal itself is located within the step.
-        terms = [term(name) for name in dict.fromkeys((*ALWAYS, *points[0].active))]
-        terms = [entry for entry in terms if "sliding_law" not in entry.laws or "force_law" in entry.laws]
-        values = {p.name: p.start for entry in terms for p in entry.parameters} | dict(points[0].values)
-
-        def substeps(stretch: Stretch) -> int:
-            period = stretch.record.sample_period
-            if period not in counts:
-                try:
-                    needed = substeps_for(terms, values, period, stretch.highest_frequency)
-                except InputError:
-                    needed = MOST_SUBSTEPS
-                counts[period] = min(needed, MOST_SUBSTEPS)
-            return counts[period]
-
-        for place in chosen:
-            substeps(self.places[place][0])
-        jobs = [
-            (*self.places[place][:2], counts[self.places[place][0].record.sample_period]) for place in chosen
-        ]
-        if len(jobs) == 1:
-            return [self._one(motion, points, rows, *jobs[0])]
-        with ThreadPoolExecutor(processors()) as pool:
-            return list(pool.map(lambda job: self._one(motion, points, rows, *job), jobs))
-
-    @staticmethod
-    def _one(
-        motion: SwitchableMotion,
-        points: Sequence[Point],
-        rows: Array,
-        stretch: Stretch,
-        window: Window,
-        substeps: int,
-    ) -> Run:
-        record = stretch.record
-        drives: dict[float, Array] = {}
-        for point in points:
-            if point.delay not in drives:
-                drives[point.delay] = half_steps(window, record.sample_period, substeps, point.delay)
-        lead = window.start - window.first
-        size = window.stop - window.start
-        result = [np.empty((len(points), size)) for _ in range(4)]
-        for delay, drive in drives.items():
-            own = [number for number, point in enumerate(points) if point.delay == delay]
-            states = [window.state] * len(own)
-            if isinstance(window, Piece):
-                states = [window.state_at(points[number].gain, delay) for number in own]
-            trajectory, _ = motion.advance_batch(
-                [MotionState(z, v, float(np.sign(v))) for z, v in states],
-                drive[np.newaxis],
-                rows[own][:, np.newaxis, :],
-                sample_period=record.sample_period,
-                substeps=substeps,
-                first_sample=record.first_sample + window.first,
-            )
-            gains = np.array([1.0 + points[number].gain for number in own])[:, np.newaxis]
-            ahead = slice(lead, lead + size)
-            fine = drive[2 * substeps * lead :][: 2 * substeps * size + 1]
-            body = simpson_means(fine, substeps)
-            moved = np.diff(trajectory.velocity[:, lead : lead + size + 1], axis=1) / record.sample_period
-            result[0][own] = trajectory.acceleration[:, ahead] * gains
-            result[1][own] = (moved + body) * gains
-            result[2][own] = trajectory.displacement[:, ahead]
-            result[3][own] = trajectory.velocity[:, ahead]
-        return Run(*result)
+        return self._batches.run(motion, points, [self.places[place][:2] for place in chosen])
 
     def errors(self, points: Sequence[Point], chosen: Sequence[int]) -> list[Array]:
         """Return model - measured, m/s^2, shape (s, n) for each window; 0 where a channel clips.
@@ -177,39 +100,44 @@ class Simulation:
             masks[place] = beside_no_jump(run.velocity[0])
         left = []
         for candidate in (None, masks):
-            self.jumps, self._own = candidate, {}
+            self.compare(candidate)
             errors = self.errors([point], everything)
             share = 1.0 if candidate is None else float(np.mean(np.concatenate(list(masks.values()))))
             cost = self.cost(self.weigh(errors, everything), everything)
             left.append(float(cost[0]) / max(share, 0.2))
-        self.jumps, self._own = (masks if left[1] < left[0] else None), {}
+        self.compare(masks if left[1] < left[0] else None)
         return (known is None) != (self.jumps is None) or self.jumps is not None
 
     def compare(self, jumps: dict[int, Array] | None) -> None:
         """Compare means over sample intervals, or with ``jumps`` the samples that those keep (1, else 0)."""
-        self.jumps, self._own = jumps, {}
+        self.jumps = jumps
+        self._reweighed()
 
     def weigh(self, errors: Sequence[Array], chosen: Sequence[int]) -> Array:
         """Return ``errors`` weighed to variance 1, shape (s, m)."""
         parts = []
         for place, error in zip(chosen, errors, strict=True):
-            stretch, _, _ = self.places[place]
-            number = self._number[id(stretch)]
-            length = error.shape[-1]
-            taper = signal.windows.tukey(length, 0.1)
-            frequency = fft.rfftfreq(length, stretch.record.sample_period)
-            band = self.band(stretch, frequency)
-            density = np.interp(frequency[band], self._lines[number], self.density[number])
-            scale = np.sqrt(density * 0.25 * stretch.noise.rate * float(np.sum(taper**2)))
-            lines = fft.rfft(error * taper, axis=-1)[:, band] / scale
+            way = self._ways.get(place)
+            if way is None:
+                way = self._ways[place] = self._way(place, error.shape[-1])
+            lines = fft.rfft(error * way.taper, axis=-1)[:, way.band] / way.scale
             real = np.concatenate([lines.real, lines.imag], axis=1)
-            if self.ringing is not None:
-                own = self._own.get(place)
-                if own is None:
-                    own = self._own[place] = self._start(place, taper, band, scale)
-                real = real - (real @ own) @ own.T
+            if way.ringing is not None:
+                real -= (real @ way.ringing) @ way.ringing.T
             parts.append(real)
         return np.concatenate(parts, axis=1)
+
+    def _way(self, place: int, length: int) -> _Way:
+        """Return how the errors (length,) of the window ``place`` are weighed now."""
+        stretch, _, _ = self.places[place]
+        number = self._number[id(stretch)]
+        taper = signal.windows.tukey(length, 0.1)
+        frequency = fft.rfftfreq(length, stretch.record.sample_period)
+        band = self.band(stretch, frequency)
+        density = np.interp(frequency[band], self._lines[number], self.density[number])
+        scale = np.sqrt(density * 0.25 * stretch.noise.rate * float(np.sum(taper**2)))
+        start = None if self.ringing is None else self._start(place, taper, band, scale)
+        return _Way(taper, band, scale, start)
 
     def _start(self, place: int, taper: Array, band: slice, scale: Array) -> Array:
         """Return an orthonormal base of what an error of the start makes of a window, shape (m, 2)."""
@@ -265,17 +193,20 @@ class Simulation:
             sizes.append(2 * lines[self.band(stretch, lines)].size)
         return np.concatenate([[0], np.cumsum(sizes)]), BAD * np.array(sizes, dtype=np.float64)
 
+    def _reweighed(self) -> None:
+        self._ways, self.weighing = {}, object()
+
     def forget_weight(self) -> None:
         """Weigh by the channels' noise again, and count bad windows by the logarithm of their squares."""
         self.robust = True
         self._lines = [np.array([0.0, 0.5 * s.noise.rate]) for s in self.stretches]
         self.density = [np.full(2, s.noise.spool + s.noise.body) for s in self.stretches]
-        self._own = {}
+        self._reweighed()
 
     def let_start_ring(self, mass: float, stiffness: float, damping: float) -> None:
         """Take out of all errors what an error of the windows' starts makes of them."""
         self.ringing = mass, stiffness, damping
-        self._own = {}
+        self._reweighed()
 
     @staticmethod
     def band(stretch: Stretch, frequency: Array) -> slice:
@@ -310,7 +241,7 @@ class Simulation:
         for number, (frequency, density) in enumerate(self.spectra(errors, chosen, usual=self.robust)):
             self._lines[number] = frequency
             self.density[number] = np.maximum(density, floor[number])
-        self._own = {}
+        self._reweighed()
 
     @property
     def training(self) -> list[int]:
@@ -353,17 +284,6 @@ def beside_no_jump(velocity: Array) -> Array:
     return kept if kept.mean() > 0.4 else np.ones(velocity.size)
 
 
-def simpson_means(drive: Array, substeps: int) -> Array:
-    """Return the means over sample intervals of what the steps take as forcing, shape (n,).
-
-    Args:
-        drive: at the ends and midpoints of all steps, shape (2 n substeps + 1,).
-        substeps: steps per sample.
-    """
-    steps = (drive[:-2:2] + 4.0 * drive[1:-1:2] + drive[2::2]) / 6.0
-    return np.asarray(steps.reshape(-1, substeps).mean(axis=1))
-
-
 def smoothed(density: Array) -> Array:
     """Return ``density`` averaged over a tenth of the frequency, at least five lines."""
     half = np.maximum(2, (0.05 * np.arange(density.size)).astype(np.int64))
@@ -371,8 +291,3 @@ def smoothed(density: Array) -> Array:
     low = np.maximum(0, np.arange(density.size) - half)
     high = np.minimum(density.size, np.arange(density.size) + half + 1)
     return np.asarray((total[high] - total[low]) / (high - low))
-
-
-def processors() -> int:
-    """Return how many processors there are."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

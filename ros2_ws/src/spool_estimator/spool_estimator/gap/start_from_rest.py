@@ -16,8 +16,9 @@ from spool_sim.model import Model
 from spool_sim.valve import Valve
 
 from ..free_run import FreeRun, half_steps
+from .batches import simpson_means
 from .point import Point
-from .simulate import Simulation, simpson_means
+from .simulate import Simulation
 from .stretches import Stretch
 
 Array = NDArray[np.float64]

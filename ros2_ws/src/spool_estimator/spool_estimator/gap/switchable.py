@@ -23,6 +23,8 @@ from spool_sim.terms import TERMS, Parameter, Term, term
 
 Array = NDArray[np.float64]
 ALWAYS = ("inertia", "spring", "viscous_friction")
+#: Functions of the laws that a step calls up to dozens of times.
+INNERMOST = ("smooth", "sliding", "remembered")
 
 
 class SwitchableMotion(ComposedMotion):
@@ -50,6 +52,10 @@ class SwitchableMotion(ComposedMotion):
 
         row = self.row(ALWAYS, {})
         self.advance(MotionState(), np.zeros(3), row[np.newaxis], sample_period=1e-3, substeps=1)
+
+    def _packed(self, parameters: Array) -> NDArray[np.void]:
+        # A record goes to a function as its address; dozens of numbers by value cost more than the laws.
+        return parameters.view([(f"c{place}", np.float64) for place in range(self.width)])[..., 0]
 
     def has(self, active: Sequence[str]) -> bool:
         """Whether all terms of ``active`` are compiled in."""
@@ -98,8 +104,12 @@ def _places(terms: Sequence[Term]) -> tuple[dict[tuple[str, str], int], dict[str
 
 def laws_source(terms: Sequence[Term]) -> str:
     """Return the Python source of the laws, as :mod:`spool_sim.stepping` uses them."""
-    columns, switches, width = _places(terms)
-    imports = ["from spool_sim.terms.base import Array"]
+    columns, switches, _ = _places(terms)
+    imports = [
+        "import numpy as np",
+        "from spool_sim.terms.base import Array",
+        "from spool_stream.compiled import inlined",
+    ]
     smooth, sliding, rest, levels = [], [], [], []
     memories: list[str] = []
     kinds: set[str] = set()
@@ -107,10 +117,10 @@ def laws_source(terms: Sequence[Term]) -> str:
     def guarded(entry: Term, lines: list[str]) -> list[str]:
         if entry.name not in switches:
             return lines
-        return [f"if q[{switches[entry.name]}] != 0.0:", *(f"    {line}" for line in lines)]
+        return [f"if q.c{switches[entry.name]} != 0.0:", *(f"    {line}" for line in lines)]
 
     for number, entry in enumerate(terms):
-        ends = "".join(f", q[{columns[entry.name, p.name]}]" for p in entry.parameters)
+        ends = "".join(f", q.c{columns[entry.name, p.name]}" for p in entry.parameters)
         for law in entry.laws:
             imports.append(f"from {entry.laws[law].__module__} import {law} as {law}_{number}")
             kinds.add(law)
@@ -119,7 +129,7 @@ def laws_source(terms: Sequence[Term]) -> str:
         if "memory_law" in entry.laws:
             smooth += guarded(entry, [f"total += x[{len(memories)}]"])
             call = f"memory_law_{number}(x[{len(memories)}], slip, s{ends})"
-            memories.append(f"({call} if q[{switches[entry.name]}] != 0.0 else 0.0)")
+            memories.append(f"({call} if q.c{switches[entry.name]} != 0.0 else 0.0)")
         if "sliding_law" in entry.laws:
             sliding += guarded(entry, [f"total += sliding_law_{number}(z, speed, s{ends})"])
             if "rest_law" in entry.laws:
@@ -145,26 +155,32 @@ def laws_source(terms: Sequence[Term]) -> str:
     def tuple_of(parts: Sequence[str]) -> str:
         return ", ".join(parts) + ("," if len(parts) == 1 else "")
 
-    everything = tuple_of([f"parameters[row, {place}]" for place in range(width)])
     functions = [
-        (f"given(parameters: Array, row: int) -> {numbers}", [f"return ({everything})"]),
+        ("given(parameters: Array, row: int) -> np.void", ["return parameters[row]"]),
         (f"start_memory(state: Array) -> {numbers}",
          [f"return ({tuple_of([f'state[{3 + place}]' for place in range(kept)])})"]),
-        (f"smooth(z: float, v: float, t: float, x: {numbers}, q: {numbers}) -> float",
+        (f"smooth(z: float, v: float, t: float, x: {numbers}, q: np.void) -> float",
          ["total = 0.0", *smooth, "return total"]),
-        (f"sliding(z: float, speed: float, s: float, q: {numbers}) -> float",
+        ("sliding(z: float, speed: float, s: float, q: np.void) -> float",
          ["total = 0.0", *sliding, "return total"]),
-        (f"rest(z: float, q: {numbers}) -> tuple[float, float]",
+        ("rest(z: float, q: np.void) -> tuple[float, float]",
          ["low, high = 0.0, 0.0", *rest, "return low, high"]),
-        (f"remembered(x: {numbers}, slip: float, s: float, q: {numbers}) -> {numbers}",
+        (f"remembered(x: {numbers}, slip: float, s: float, q: np.void) -> {numbers}",
          [f"return ({tuple_of(memory)})"]),
-        (f"next_level(z0: float, z1: float, q: {numbers}) -> float",
+        ("next_level(z0: float, z1: float, q: np.void) -> float",
          ["level = math.nan", "bottom, top = min(z0, z1), max(z0, z1)", *levels, "return level"]),
     ]  # fmt: skip
     events = bool(kinds & {"sliding_law", "memory_law", "levels_law"})
-    text = [*imports, "", f"EVENTS = {events}", f"MASS = {columns['inertia', 'mass']}", f"MEMORIES = {kept}"]
+    text = [
+        *imports,
+        "",
+        f"EVENTS = {events}",
+        f"MASS = 'c{columns['inertia', 'mass']}'",
+        f"MEMORIES = {kept}",
+    ]
     for head, body in functions:
-        text += ["", "", "@compiled", f"def {head}:", *(f"    {line}" for line in body)]
+        kind = "inlined" if head.partition("(")[0] in INNERMOST else "compiled"
+        text += ["", "", f"@{kind}", f"def {head}:", *(f"    {line}" for line in body)]
     return "\n".join(text) + "\n"
 
 
