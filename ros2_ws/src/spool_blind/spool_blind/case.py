@@ -14,7 +14,7 @@ from .condition import Condition, Scale, draw_condition
 from .effects import EFFECTS
 from .hidden import Hidden, Kind
 from .strangers import STRANGERS
-from .visibility import Visibility, look, threshold
+from .visibility import Visibility, apart, look, threshold
 
 Array = NDArray[np.float64]
 
@@ -23,6 +23,8 @@ NONE = "none"
 PUBLISHED = 1000
 #: At clear size the remainder after the base is at least this many times the noise floor ...
 CLEAR = 1.0
+#: ... a test between it and a simpler effect that it contains, both known, has this noncentrality ...
+DISTINCT = 40.0
 #: ... and the spool still moves by this share of what it would without.
 LEAST_TRAVEL = 0.2
 #: Two accelerometers see these only in how the motion sets in.
@@ -186,9 +188,18 @@ class _Trial:
         )
 
     def clear(self, scale: Scale) -> bool:
-        """Return whether what is hidden can be seen, and the spool still moves."""
+        """Return whether what is hidden can be seen and told from less, and the spool still moves."""
         seen = self.visibility is None or self.visibility.over_noise >= CLEAR
-        return seen and self.travel >= LEAST_TRAVEL * scale.travel
+        return seen and self.travel >= LEAST_TRAVEL * scale.travel and all(map(self._distinct, self.things))
+
+    def _distinct(self, thing: Hidden) -> bool:
+        if not thing.simpler:
+            return True
+        simpler = replace(thing, plant={**thing.plant, **thing.simpler}, simpler={})
+        others = [simpler if entry is thing else entry for entry in self.things]
+        difference = self.spool - _Trial(self.condition, others).spool
+        numbers, rate = self.condition.base.numbers, self.condition.sample_rate
+        return apart(difference, numbers, rate, self.channels.noise) >= DISTINCT
 
     def differs(self, other: _Trial) -> bool:
         """Return whether the record without noise differs from that of ``other`` by more than the noise."""

@@ -56,6 +56,7 @@ def asymmetric(generator: Generator, _: Condition, scale: Scale) -> Hidden:
         {},
         {"forward_force": force + excess, "backward_force": force - excess},
         ("coulomb_force", "asymmetry", "forward_force", "backward_force"),
+        simpler={"asymmetry": 0.0},
     )
 
 

@@ -24,6 +24,7 @@ class Hidden:
         truth: values that a fit should find, by the names of the catalogue's parameters, SI.
         size: names in ``plant``, ``channel`` and ``truth`` that grow with its size.
         edges: names of limits, with the peak that they cut; larger is further below the peak.
+        simpler: numbers of the plant with which it is a simpler effect, which it must be told from.
     """
 
     plant: Mapping[str, float] = field(default_factory=dict)
@@ -31,6 +32,7 @@ class Hidden:
     truth: Mapping[str, float] = field(default_factory=dict)
     size: tuple[str, ...] = ()
     edges: Mapping[str, float] = field(default_factory=dict)
+    simpler: Mapping[str, float] = field(default_factory=dict)
 
     def sized(self, factor: float) -> Hidden:
         """Return the same, ``factor`` times as large."""

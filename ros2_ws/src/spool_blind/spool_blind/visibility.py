@@ -105,12 +105,10 @@ def look(
     window /= np.sqrt(np.mean(window**2))
     frequency = rfftfreq(left.size, 1.0 / rate)
     through = np.interp(frequency, padded.frequency, np.abs(factor(found.x)) ** 2)
-    density = noise**2 * left.size * (1.0 + through)
-    power = np.abs(rfft(left * window)) ** 2
     return Visibility(
         nrmse=float(left.std() / rms),
         noise_nrmse=float(noise * np.sqrt(1.0 + through.mean()) / rms),
-        evidence=float(2.0 * np.sum(power / density)),
+        evidence=_evidence(left * window, through, noise),
         base={
             "stiffness": float(start["stiffness"] * np.exp(found.x[0])),
             "damping": float(start["damping"] * np.exp(found.x[1])),
@@ -118,3 +116,21 @@ def look(
             "delay": float(found.x[3] * DELAY_TOLERANCE),
         },
     )
+
+
+def apart(difference: Array, numbers: Mapping[str, float], rate: float, noise: float) -> float:
+    """Return the noncentrality of a test between two things hidden, of which both records are known.
+
+    Args:
+        difference: of the records without noise, m/s^2, shape (n,).
+        numbers: mass, stiffness and damping of the plant, SI.
+        rate: Hz.
+        noise: rms of white noise in either channel, m/s^2.
+    """
+    frequency = rfftfreq(difference.size, 1.0 / rate)
+    return _evidence(difference, np.abs(transmissibility(numbers, frequency)) ** 2, noise)
+
+
+def _evidence(left: Array, through: Array, noise: float) -> float:
+    density = noise**2 * left.size * (1.0 + through)
+    return float(2.0 * np.sum(np.abs(rfft(left)) ** 2 / density))

@@ -10,20 +10,20 @@ from .result import Hypothesis
 from .start_from_rest import Asymmetry, asymmetry
 
 ONE, TWO = "coulomb_friction", "asymmetric_friction"
-#: Standard deviations by which the ratio of the forces must differ from 0.
-SIGNIFICANT = 3.0
+#: Evidence that two forces need over one; standard deviations by which their ratio must differ from 0.
+EVIDENCE, SIGNIFICANT = 16.0, 2.0
 
 
-def by_direction(fitting: Fitting, step: Step, evidence: float) -> tuple[Step, Hypothesis] | None:
+def by_direction(fitting: Fitting, step: Step) -> tuple[Step, Hypothesis] | None:
     """Return ``step`` with two forces of friction, and its row of the ranking.
 
-    ``None`` where the start does not show that with ``evidence``, or the friction is another one.
+    ``None`` where the start does not show that, or the friction is another one.
     """
     if ONE not in step.effects:
         return None
     for stretch in fitting.stretches:
         found = asymmetry(fitting.simulation, stretch, step.fitted.point, fitting.base, fitting.valve)
-        if found is None or found.evidence < evidence or abs(found.ratio) < SIGNIFICANT * found.deviation:
+        if found is None or found.evidence < EVIDENCE or abs(found.ratio) < SIGNIFICANT * found.deviation:
             continue
         better = fitting.measured(_with_two_forces(fitting, step, found))
         values = {name: better.fitted.point.values[name] for name in ("forward_force", "backward_force")}

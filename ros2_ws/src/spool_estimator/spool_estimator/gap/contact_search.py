@@ -21,7 +21,7 @@ from .free_flight import in_free_flight, without_hits
 from .pieces import Piece, pieces_of
 from .point import Point
 from .result import Hypothesis
-from .rules import CLEARLY, EVIDENCE
+from .rules import CLEARLY
 from .search import Search
 from .simulate import Simulation
 from .stretches import Stretch, thinned
@@ -73,7 +73,8 @@ def free_flight_search(search: Search, contacts: Contacts, gain: float, delay: f
     return Search(
         pieces, Simulation(pieces, search.simulation.motions), search.base, search.valve, search.settings,
         pieces, Simulation(pieces, search.simulation.motions), thinned(pieces, 3 * longest), search.report,
-        catalogue,
+        # The starts of pieces between hits are too uncertain for small effects.
+        catalogue, small=False,
     )  # fmt: skip
 
 
@@ -116,7 +117,7 @@ def run_with_contacts(search: Search, start: Point) -> Step | None:
     search.ranking.append(replace(row, accepted=True))
     search.steps.append(step)
     search.overruled = free.overruled
-    directed = by_direction(search, step, EVIDENCE)
+    directed = by_direction(search, step)
     if directed is not None:
         step = directed[0]
         search.steps.append(step)

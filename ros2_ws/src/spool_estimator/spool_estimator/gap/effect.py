@@ -86,6 +86,7 @@ class Effect(ABC):
         confused_with: effects with a similar signature.
         told_by: which drive tells them apart.
         rare: it acts in few stretches of a record only.
+        follows_time: in a sweep it goes with the drive's frequency, as small errors of any model do.
         valleys: a fit of it may end in a wrong valley: where it leaves a gap it starts from other sizes, too.
         picture: what its signature is drawn over: ``velocity``, ``displacement``, ``time`` or ``samples``.
     """
@@ -100,6 +101,7 @@ class Effect(ABC):
     confused_with: ClassVar[tuple[str, ...]] = ()
     told_by: ClassVar[str] = ""
     rare: ClassVar[bool] = False
+    follows_time: ClassVar[bool] = False
     valleys: ClassVar[bool] = False
     picture: ClassVar[str] = "velocity"
 

@@ -47,6 +47,11 @@ class Step:
     costs: Array = field(default_factory=lambda: np.zeros(0))
     trials: Mapping[str, Trial] = field(default_factory=dict)
 
+    def take(self, other: Step) -> None:
+        """Take the numbers of ``other``, another fit of the same effects."""
+        self.fitted, self.train, self.held = other.fitted, other.train, other.held
+        self.cost, self.costs = other.cost, other.costs
+
 
 @dataclass(slots=True)
 class Fitting:

@@ -20,12 +20,12 @@ from .simulate import Simulation
 
 Array = NDArray[np.float64]
 
-#: Fall of the weighed sum of squares from which an effect is worth simulating, and how many are.
-SCREENED, SIMULATED = 25.0, 3
+#: Hypotheses that are simulated.
+SIMULATED = 4
 
 
 def screen_left_over(
-    simulation: Simulation, step: Step, effects: Sequence[Effect], motion: Motion
+    simulation: Simulation, step: Step, effects: Sequence[Effect], motion: Motion, least: float
 ) -> list[Screened]:
     """Return those of ``effects`` that explain most of what ``step`` leaves, best first.
 
@@ -33,19 +33,21 @@ def screen_left_over(
         simulation: the windows, weighed.
         step: the accepted hypothesis.
         effects: of the catalogue.
-        motion: of all stretches, one after the other.
+        motion: of all stretches with windows to fit, one after the other.
+        least: fall of the weighed sum of squares from which an effect is worth simulating.
     """
     training = simulation.training
     point = step.fitted.point
-    sizes = [stretch.record.body.size for stretch in simulation.stretches]
+    sizes = [s.record.body.size if any(s.training) else 0 for s in simulation.stretches]
     firsts = np.concatenate([[0], np.cumsum(sizes)])
 
     def weighed(columns: Array, slopes: Sequence[int] = ()) -> Array:
         def forces(number: int) -> Array:
             return np.asarray(columns[:, firsts[number] : firsts[number + 1]])
 
-        rows = responses(simulation, point, forces, slopes)
-        return np.asarray(simulation.weigh([rows[place] for place in training], training).T)
+        return np.asarray(
+            simulation.weigh(responses(simulation, point, forces, slopes, training), training).T
+        )
 
     known = [motion.displacement, motion.velocity]
     known += [row for trial in step.trials.values() for row in trial.columns]
@@ -65,7 +67,7 @@ def screen_left_over(
             columns -= base @ (base.T @ columns)
             solution, _, rank, _ = np.linalg.lstsq(columns, target, rcond=1e-6)
             gain = float(target @ (columns @ solution))
-            if rank == 0 or gain < max(SCREENED, best.gain if best else 0.0):
+            if rank == 0 or gain < max(least, best.gain if best else 0.0):
                 continue
             values = entry.values(solution / scale, trial.shape, motion)
             if values is not None:

@@ -12,8 +12,10 @@ from .stretches import Stretch
 Array = NDArray[np.float64]
 
 #: How far a line must stand out of its neighbourhood, in amplitude.
-STANDS_OUT = 5.0
+STANDS_OUT = 4.0
 MOST = 4
+#: Prominence that lines of noise have, too.
+NOISE = 2.5
 
 
 def lines_beside_the_drive(stretches: Sequence[Stretch], values: Mapping[str, float]) -> tuple[float, ...]:
@@ -31,7 +33,8 @@ def lines_beside_the_drive(stretches: Sequence[Stretch], values: Mapping[str, fl
     frequency: Array = np.asarray(np.fft.rfftfreq(force.size, record.sample_period), dtype=np.float64)
     inside = (frequency > 2.0 * stretch.low_cut) & (frequency < 0.45 / record.sample_period)
     prominence = residual / _neighbourhood(residual)
-    prominence[(~inside) | (body / _neighbourhood(body) > 0.3 * prominence)] = 0.0
+    driven = body / _neighbourhood(body) > np.maximum(NOISE, 0.3 * prominence)
+    prominence[(~inside) | driven] = 0.0
     found: list[float] = []
     for place in np.argsort(prominence)[::-1][:40].tolist():
         if prominence[place] < STANDS_OUT or len(found) >= MOST:

@@ -21,8 +21,9 @@ def responses(
     point: Point,
     forces: Callable[[int], Array],
     slopes: Sequence[int] = (),
+    chosen: Sequence[int] | None = None,
 ) -> list[Array]:
-    """Return what each of several causes adds to the error of every window, m/s^2, shape (c, n) each.
+    """Return what each of several causes adds to the error of each window, m/s^2, shape (c, n) each.
 
     Args:
         simulation: the windows.
@@ -30,10 +31,12 @@ def responses(
         forces: forces that the model lacks along the motion of the stretch of a number, N, shape (c, n).
         slopes: orders of derivatives of the spool's reading, as columns after the forces: what an error of
             its sensor adds; scaled to the upper end of the drive's band.
+        chosen: numbers of the windows, all by default.
     """
+    wanted = range(len(simulation.places)) if chosen is None else chosen
     found: dict[int, Array] = {}
     for number, stretch in enumerate(simulation.stretches):
-        places = [n for n, (own, _, _) in enumerate(simulation.places) if own is stretch]
+        places = [place for place in wanted if simulation.places[place][0] is stretch]
         if not places:
             continue
         rows = _through(stretch, point, forces(number), slopes, means=simulation.jumps is None)
@@ -44,7 +47,7 @@ def responses(
             if simulation.jumps is not None:
                 mask = mask * simulation.jumps[place]
             found[place] = rows[:, part] * mask
-    return [found[place] for place in range(len(simulation.places))]
+    return [found[place] for place in wanted]
 
 
 def _through(stretch: Stretch, point: Point, forces: Array, slopes: Sequence[int], *, means: bool) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from spool_sim.terms import term
@@ -16,8 +16,12 @@ from .registry import EFFECTS
 EVIDENCE = 40.0
 #: Share of the weighed sum of squares that it must take away at least.
 RELATIVE = 4e-3
+#: The same over all data, of which it needs ``EITHER`` on those that are fitted and on those held out.
+TOGETHER, EITHER = 14.0, 5.0
+#: Share of the weighed sum of squares over all data that it must take away at least.
+RELATIVE_TOGETHER = 5e-4
 #: Share of the measured acceleration, rms, that it must explain: less is within what any simulation errs.
-SMALLEST = 1e-3
+SMALLEST = 5e-4
 #: Share of the power of what is left that a further effect must explain beside others.
 BESIDE = 0.08
 #: Share of the windows, those most helped, without which a further effect must still help.
@@ -40,7 +44,13 @@ FREE_TO_VANISH = (
 
 @dataclass(slots=True)
 class Rules(Fitting):
-    """Fits, and how they are chosen among; attributes as those of :class:`Fitting`."""
+    """Fits, and how they are chosen among.
+
+    Attributes:
+        small: effects count that both halves of the data show only together; others: see :class:`Fitting`.
+    """
+
+    small: bool = field(default=True, kw_only=True)
 
     @staticmethod
     def own_of(entry: Step) -> dict[str, float]:
@@ -90,8 +100,7 @@ class Rules(Fitting):
         numbers = len(winner.fitted.free) - len(again.fitted.free)
         if again.cost - winner.cost - self.price * numbers > max(EVIDENCE, RELATIVE * again.cost):
             return True
-        step.fitted, step.train, step.held = again.fitted, again.train, again.held
-        step.cost, step.costs = again.cost, again.costs
+        step.take(again)
         return False
 
     @property
@@ -108,7 +117,8 @@ class Rules(Fitting):
 
     def refusal(self, step: Step, entry: Step, evidence: float) -> str:
         """Return why ``entry`` is not taken in place of ``step``, or an empty string."""
-        if evidence < EVIDENCE or evidence < RELATIVE * step.cost:
+        clear = evidence >= max(EVIDENCE, RELATIVE * step.cost)
+        if not clear and not (self.small and not step.effects and self._clear_together(step, entry)):
             return "it does not close the gap significantly"
         beside = BESIDE if step.effects else 0.0
         falls = [
@@ -129,6 +139,22 @@ class Rules(Fitting):
                 return "it is not significantly beyond its tolerance"
             return ""
         return self.senseless(entry, name)
+
+    def _clear_together(self, step: Step, entry: Step) -> bool:
+        """Whether ``entry`` beats ``step`` on either half of the data, and clearly on both together."""
+        name = entry.effects[-1]
+        if name in EFFECTS and EFFECTS[name].follows_time:
+            return False
+        simulation = self.simulation
+        training = simulation.training
+        costs = [
+            float(simulation.cost(simulation.weigh(s.train, training), training)[0]) for s in (step, entry)
+        ]
+        fitted, held = costs[0] - costs[1], step.cost - entry.cost
+        numbers = len(entry.fitted.free) - len(step.fitted.free)
+        together = fitted + held - (self.price + math.log(2.0)) * numbers
+        least = max(TOGETHER, RELATIVE_TOGETHER * (costs[0] + step.cost))
+        return min(fitted, held) >= EITHER and together >= least
 
     @staticmethod
     def senseless(entry: Step, name: str) -> str:

@@ -14,8 +14,10 @@ from .registry import EFFECTS
 from .simulate import Simulation
 from .stretches import Stretch
 
-#: Fall of the weighed sum of squares by the regression from which an effect is simulated.
-SCREENED = 25.0
+#: Fall of the weighed sum of squares by the regression from which an effect is simulated, and by the answer
+#: of the base to it beside other effects, or where the regression finds less than ``CLEAR``.
+SCREENED, LEFT, LEFT_ALONE = 25.0, 25.0, 5.0
+CLEAR = 300.0
 #: Hypotheses that are simulated in each step.
 SIMULATED = 7
 #: Share of the best one's fall that another one needs, and where the two are easily confused.
@@ -39,17 +41,19 @@ def candidates(
     effects = [entry for entry in catalogue if entry.id not in contained]
     peaks = lines_beside_the_drive(stretches, values)
     rough = _screened(balance, effects, step, peaks)
-    if not rough:
-        return []
-    balance.prepare([*step.trials.values(), rough[0].trial])
-    balance.reweigh()
-    found = promising(_screened(balance, effects, step, peaks))
-    if not step.effects:
+    found: list[Screened] = []
+    if rough:
+        balance.prepare([*step.trials.values(), rough[0].trial])
+        balance.reweigh()
+        found = promising(_screened(balance, effects, step, peaks))
+    if not step.effects and found and found[0].gain > CLEAR:
         return found
     known = {entry.effect.id for entry in found}
     # In place of its friction a law comes by the regression alone.
     others = [entry for entry in effects if not (entry.id in FRICTIONS and FRICTIONS & set(step.effects))]
-    left = screen_left_over(simulation, step, others, balance.joined(peaks))
+    left = screen_left_over(
+        simulation, step, others, balance.joined(peaks), LEFT if step.effects else LEFT_ALONE
+    )
     return found + [entry for entry in left if entry.effect.id not in known]
 
 

@@ -96,7 +96,7 @@ class Search(LookAlikes):
         self.score(step)
         step = min(step, self.polished(step), key=lambda entry: entry.cost)
         self.steps[-1] = step
-        directed = by_direction(self, step, EVIDENCE)
+        directed = by_direction(self, step)
         if directed is None:
             return step
         better, row = directed
@@ -300,7 +300,10 @@ class Search(LookAlikes):
         return winner
 
     def _ranked(self, step: Step, tried: list[Step]) -> list[Step]:
-        """Return ``tried``, the best of them refined, with one weight for all: what the best leaves."""
+        """Return ``tried``, the best of them refined, with one weight for all: what the best leaves.
+
+        ``step`` is fitted on with that, too: what it still gains on its own is no evidence for an effect.
+        """
         best = min(tried, key=lambda entry: entry.cost)
         if self.has_jumps(best):
             self.simulation.choose_sampling(best.fitted.point)
@@ -309,7 +312,11 @@ class Search(LookAlikes):
         self.take_weight(best)
         tried.sort(key=lambda entry: entry.cost)
         again = [self.polished(entry, rounds=5) for entry in tried[:REFINED]] + tried[REFINED:]
-        for entry in (step, *again):
+        self.score(step)
+        closer = self.polished(step, rounds=5)
+        if closer.cost < step.cost:
+            step.take(closer)
+        for entry in again:
             self.score(entry)
         return sorted(again, key=lambda entry: -self.evidence(step, entry))
 

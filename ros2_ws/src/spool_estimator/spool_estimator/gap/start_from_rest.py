@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 #: s from the start that are looked at.
 LOOKED_AT = 1.5
+#: s of those in which the start rings.
+RINGS = 0.5
 #: s at the start in which the body must be quiet, and how quiet, over its rms later.
 QUIET_TIME, QUIET_SHARE = 0.01, 0.03
 #: Ratios (forward - backward) / (forward + backward) that are tried.
@@ -110,14 +112,17 @@ def asymmetry(
     body = simpson_means(drive, substeps)[:-1]
     means = (np.diff(trajectory.velocity, axis=1) / period + body) * (1.0 + point.gain)
     measured = 0.5 * (record.spool[: size - 1] + record.spool[1:size])
+    kept = np.minimum(stretch.kept[: size - 1], stretch.kept[1:size])
     # Averages over 4 ms: slow against the jumps of friction, quick against the ring.
     width = max(1, round(0.004 / period))
     kernel = np.full(width, 1.0 / width)
-    errors = np.array([np.convolve(row - measured, kernel, mode="valid")[::width] for row in means])
+    errors = np.array([np.convolve((row - measured) * kept, kernel, mode="valid")[::width] for row in means])
     sums = np.sum(errors**2, axis=1)
     place = int(np.argmin(sums))
+    # The harmonics of friction stand in the channel's noise: what is left, early or late, says more.
+    begin = round(errors.shape[1] * RINGS / LOOKED_AT)
+    variance = max(float(np.mean(part**2)) for part in np.split(errors[place], [begin]))
     noise = stretch.noise.spool_rms**2 / width
-    variance = max(float(sums[place]) / errors.shape[1], noise)
     evidence = float(sums[RATIOS.size // 2] - sums[place]) / variance
     near = np.flatnonzero(sums - sums[place] <= 4.0 * variance)
     deviation = max(float(np.ptp(RATIOS[near])) / 4.0, float(RATIOS[1] - RATIOS[0]) / 3.0)

@@ -16,6 +16,7 @@ class DampingDrift(Effect):
     terms = ("damping_drift",)
     fitted = ("damping_drift_rate",)
     picture = "time"
+    follows_time = True
     confused_with = ("quadratic_damping",)
     told_by = "the same drive at the beginning and at the end of the record"
 
