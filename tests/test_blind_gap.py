@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from spool_blind.case import Case, make
+from spool_blind.limit import limit_case
 from spool_blind.plant import Plant, move
 from spool_blind.spoiling import SPOILINGS
 from spool_blind.writing import write, write_record
@@ -51,7 +52,13 @@ def good() -> Case:
 
 @pytest.mark.parametrize(
     ("seed", "hidden"),
-    [(2, "none"), (5, "coulomb_friction"), (12, "quadratic_damping"), (5066, "spring_backlash")],
+    [
+        (2, "none"),
+        (5, "coulomb_friction"),
+        (12, "quadratic_damping"),
+        (5066, "spring_backlash"),
+        (5305, "asymmetric_friction"),
+    ],
 )
 def test_what_is_hidden_is_named_with_its_size(seed: int, hidden: str) -> None:
     row = judge(make(seed, hidden))
@@ -59,6 +66,15 @@ def test_what_is_hidden_is_named_with_its_size(seed: int, hidden: str) -> None:
     assert all(abs(error) < 0.10 for error in row.errors.values()), row.errors
     if hidden != "none":
         assert set(row.errors) == set(row.truth)
+
+
+@pytest.mark.parametrize(("seed", "hidden"), [(902, "coulomb_friction"), (901, "cubic_stiffness")])
+def test_an_effect_of_three_times_what_can_be_seen_at_all_is_named(seed: int, hidden: str) -> None:
+    """A hundredth of what is clear, seen by a test that knows it at a third of that."""
+    seen = limit_case(seed, hidden, moderate=True)
+    assert seen is not None
+    row = judge(make(seed, hidden, factor=3.0 * seen.factor, moderate=True))
+    assert row.verdict == hidden, row
 
 
 @pytest.mark.parametrize("name", [name for name, spoiling in SPOILINGS.items() if not spoiling.usable])

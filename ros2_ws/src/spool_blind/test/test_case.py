@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import spool_blind
-from spool_blind.case import NONE, hidden_by, kind_of, make
+from spool_blind.case import DISTINCT, NONE, hidden_by, kind_of, make
 from spool_blind.effects import EFFECTS
 from spool_blind.strangers import STRANGERS
-from spool_blind.visibility import look, threshold
+from spool_blind.visibility import apart, look, threshold
 
 SOURCES = sorted(Path(spool_blind.__file__).parent.glob("*.py"))
 
@@ -71,3 +71,20 @@ def test_the_threshold_is_where_half_of_the_records_pass_the_test():
     draws = generator.standard_normal((200_000, 2)) + np.array([np.sqrt(evidence), 0.0])
     critical = -2.0 * np.log(0.01)  # of two numbers
     assert np.mean(np.sum(draws**2, axis=1) > critical) == pytest.approx(0.5, abs=0.01)
+
+
+def test_noise_tells_two_records_apart_by_the_square_of_their_difference():
+    numbers = {"mass": 0.18, "stiffness": 1632.0, "damping": 4.0}
+    time = np.arange(2000) / 1000.0
+    difference = np.sin(2.0 * np.pi * 200.0 * time)  # far above resonance the body's noise does not pass
+    once = apart(difference, numbers, 1000.0, 0.5)
+    assert once == pytest.approx(np.sum(difference**2) / 0.5**2, rel=0.01)
+    assert apart(2.0 * difference, numbers, 1000.0, 0.5) == pytest.approx(4.0 * once)
+
+
+def test_friction_by_direction_is_clear_where_the_start_tells_it_from_coulomb_friction():
+    assert threshold(2) < DISTINCT
+    case = make(6089, "asymmetric_friction")
+    assert case.factor > 1.0  # at the size that was drawn only the friction would be clear
+    forces = case.truth["asymmetric_friction"]
+    assert forces["forward_force"] != pytest.approx(forces["backward_force"], rel=0.2)

@@ -103,6 +103,15 @@ def test_valves_together_move_as_each_alone() -> None:
     shared, _ = motion.advance_batch(start, bodies[:1], tables[:1], sample_period=5e-4, substeps=4)
     np.testing.assert_array_equal(shared.displacement[0], together.displacement[0])
     assert not np.array_equal(shared.displacement[1], shared.displacement[0])
+    stands_on, begins = [2, 0, 2, 1, 0], [0, 7, 0, 3, 5]
+    mixed, _ = motion.advance_batch(
+        start, bodies[:3], tables, sample_period=5e-4, substeps=4, first_sample=begins, stands_on=stands_on
+    )
+    for n, (body, begin) in enumerate(zip(stands_on, begins, strict=True)):
+        alone, _ = motion.advance(
+            start[n], bodies[body], tables[n], sample_period=5e-4, substeps=4, first_sample=begin
+        )
+        np.testing.assert_array_equal(mixed.velocity[n], alone.velocity)
 
 
 @pytest.mark.parametrize("name", sorted(MODELS))
