@@ -66,24 +66,18 @@ def _cut(stretch: Stretch, gain: float, delay: float) -> Stretch:
     conditioning = ZeroPhase(period, stretch.low_cut)
     spool, speed, travel = (conditioning.apply(stretch.motion.spool, order) for order in (0, 1, 2))
     lead, margin = max(2, round(RUN_IN / period)), max(4, round(MARGIN / period))
-    counts = [max(1, round((window.stop - window.start) * period / PIECE)) for window in stretch.windows]
-    lengths = [window.stop - window.start for window in stretch.windows]
-    # One length for all, without large prime factors: pieces are stepped and transformed together.
-    shortest = min(length // count for length, count in zip(lengths, counts, strict=True))
-    size = int(fft.prev_fast_len(shortest, real=True))
-    whole = lead + size + 2
-    while fft.next_fast_len(whole + 2 * margin, real=True) != whole + 2 * margin:
-        margin += 1
     body = limited(stretch.quiet.apply(record.body), period, stretch.highest_frequency)
     reach = min(body.size - 1, margin + lead + 4)
     padded = np.pad(body, reach, mode="reflect", reflect_type="odd")
     rise = 0.5 - 0.5 * np.cos(np.pi * (np.arange(margin // 2) + 0.5) / (margin // 2))
     windows: list[Window] = []
     training: list[bool] = []
-    for window, trains, count in zip(stretch.windows, stretch.training, counts, strict=True):
-        edges = window.start + ((window.stop - window.start) * np.arange(count)) // count
-        for start in edges.tolist():
-            first, stop = start - lead, start + size
+    for window, trains in zip(stretch.windows, stretch.training, strict=True):
+        size = window.stop - window.start
+        count = max(1, round(size * period / PIECE))
+        edges = window.start + (size * np.arange(count + 1)) // count
+        for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+            first = start - lead
             drive = padded[reach + first - margin : reach + stop + 2 + margin].copy()
             drive[: rise.size] *= rise
             drive[drive.size - rise.size :] *= rise[::-1]
