@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,72 +44,88 @@ class Run:
     velocity: Array
 
 
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """What one window's body does at one delay.
+
+    Attributes:
+        window: kept, since drives are known by its identity.
+        steps: acceleration at the ends and midpoints of all steps, m/s^2, shape (2 n substeps + 1,).
+        means: over sample intervals, m/s^2, shape (n,).
+    """
+
+    window: Window
+    steps: Array
+    means: Array
+
+
 class Batches:
     """Steps windows of one length together; keeps the drives of the last call, most of which come again."""
 
     def __init__(self) -> None:
         """Begin without drives."""
-        self._drives: dict[tuple[int, float, int], tuple[Window, Array, Array]] = {}
+        self._drives: dict[tuple[int, float, int], Drive] = {}
 
     def run(self, motion: SwitchableMotion, points: Sequence[Point], jobs: Sequence[Job]) -> list[Run]:
         """Return what each of ``jobs`` gives for ``points`` (with the same terms), stepped by ``motion``."""
-        rows = np.array([motion.row(point.active, point.values) for point in points])
-        groups: dict[tuple[float, int, float, int], list[int]] = {}
+        groups: dict[tuple[float, float, int, int], list[int]] = {}
         for number, (stretch, window) in enumerate(jobs):
-            key = (
-                stretch.record.sample_period,
-                window.stop - window.first,
-                stretch.highest_frequency,
-                window.start - window.first,
-            )
+            length, lead = window.stop - window.first, window.start - window.first
+            key = stretch.record.sample_period, stretch.highest_frequency, length, lead
             groups.setdefault(key, []).append(number)
         found: dict[int, Run] = {}
-        drives: dict[tuple[int, float, int], tuple[Window, Array, Array]] = {}
-        for (period, _, highest, lead), numbers in groups.items():
+        drives: dict[tuple[int, float, int], Drive] = {}
+        for (period, highest, _, _), numbers in groups.items():
             substeps = steps_a_sample(points[0], period, highest)
-            own = [jobs[number][1] for number in numbers]
-            begins = [stretch.record.first_sample for stretch, _ in (jobs[number] for number in numbers)]
-            used: dict[tuple[int, float], int] = {}
-            bodies: list[Array] = []
-            means: list[Array] = []
-            for place, window in enumerate(own):
-                for delay in dict.fromkeys(point.delay for point in points):
-                    key_ = (id(window), delay, substeps)
-                    if key_ not in self._drives:
-                        drive = half_steps(window, period, substeps, delay)
-                        self._drives[key_] = window, drive, simpson_means(drive, substeps)
-                    drives[key_] = self._drives[key_]
-                    used[place, delay] = len(bodies)
-                    bodies.append(drives[key_][1])
-                    means.append(drives[key_][2][lead:-1])
-            pairs = [(place, point) for place in range(len(own)) for point in points]
-            states = [_start(own[place], point) for place, point in pairs]
-            body_rows = [used[place, point.delay] for place, point in pairs]
-            trajectory, _ = motion.advance_batch(
-                [MotionState(z, v, float(np.sign(v))) for z, v in states],
-                np.array(bodies),
-                np.tile(rows, (len(own), 1))[:, np.newaxis, :],
-                sample_period=period,
-                substeps=substeps,
-                first_sample=[begins[place] + own[place].first for place, _ in pairs],
-                stands_on=body_rows,
-            )
-            gains = np.array([1.0 + point.gain for _, point in pairs])[:, np.newaxis]
-            ahead = slice(lead, trajectory.velocity.shape[1] - 1)
-            moved = np.diff(trajectory.velocity[:, lead:], axis=1) / period
-            moved += np.array(means)[body_rows]
-            moved *= gains
-            acceleration = trajectory.acceleration[:, ahead] * gains
-            for place, number in enumerate(numbers):
-                part = slice(place * len(points), (place + 1) * len(points))
-                found[number] = Run(
-                    acceleration[part],
-                    moved[part],
-                    trajectory.displacement[part, ahead],
-                    trajectory.velocity[part, ahead],
-                )
+            own = [jobs[number] for number in numbers]
+            for _, window in own:
+                for delay in {point.delay for point in points}:
+                    place = id(window), delay, substeps
+                    drives[place] = self._drives.get(place) or _drive(window, period, substeps, delay)
+            found.update(zip(numbers, _together(motion, points, own, drives, substeps), strict=True))
         self._drives = drives
         return [found[number] for number in range(len(jobs))]
+
+
+def _drive(window: Window, period: float, substeps: int, delay: float) -> Drive:
+    steps = half_steps(window, period, substeps, delay)
+    return Drive(window, steps, simpson_means(steps, substeps))
+
+
+def _together(
+    motion: SwitchableMotion,
+    points: Sequence[Point],
+    jobs: Sequence[Job],
+    drives: Mapping[tuple[int, float, int], Drive],
+    substeps: int,
+) -> list[Run]:
+    """Return what each of ``jobs``, windows of one length, gives for ``points``."""
+    stretch, window = jobs[0]
+    period, lead = stretch.record.sample_period, window.start - window.first
+    pairs = [(job, point) for job in jobs for point in points]
+    places = [(id(window), point.delay, substeps) for (_, window), point in pairs]
+    rows = {place: row for row, place in enumerate(dict.fromkeys(places))}
+    stands_on = [rows[place] for place in places]
+    sets = np.array([motion.row(point.active, point.values) for point in points])
+    states = [_start(window, point) for (_, window), point in pairs]
+    trajectory, _ = motion.advance_batch(
+        [MotionState(z, v, float(np.sign(v))) for z, v in states],
+        np.array([drives[place].steps for place in rows]),
+        np.tile(sets, (len(jobs), 1))[:, np.newaxis, :],
+        sample_period=period,
+        substeps=substeps,
+        first_sample=[stretch.record.first_sample + window.first for (stretch, window), _ in pairs],
+        stands_on=stands_on,
+    )
+    gains = np.array([1.0 + point.gain for _, point in pairs])[:, np.newaxis]
+    ahead = slice(lead, trajectory.velocity.shape[1] - 1)
+    means = np.diff(trajectory.velocity[:, lead:], axis=1) / period
+    means += np.array([drives[place].means[lead:-1] for place in rows])[stands_on]
+    means *= gains
+    acceleration = trajectory.acceleration[:, ahead] * gains
+    whole = acceleration, means, trajectory.displacement[:, ahead], trajectory.velocity[:, ahead]
+    parts = [slice(first, first + len(points)) for first in range(0, len(pairs), len(points))]
+    return [Run(*(array[part] for array in whole)) for part in parts]
 
 
 def steps_a_sample(point: Point, period: float, highest_frequency: float) -> int:

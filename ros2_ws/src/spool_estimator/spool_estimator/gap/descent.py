@@ -50,7 +50,7 @@ class Fitted:
         deviations: standard deviation of each fitted number.
         correlation: of the fitted numbers, shape (p, p).
         at_bound: names of numbers that stopped at a bound.
-        settled: the weighing with which no step led further down, ``None`` where the descent ended sooner.
+        settled: the weighing with which the descent came to rest, ``None`` where its rounds ran out.
     """
 
     point: Point
@@ -140,6 +140,7 @@ def _follow(
         point, x, residual, squares = points[winner], trials[winner], outcomes[winner], float(sums[winner])
         if fall < max(enough * squares, 1.0):
             if not rough or reach == LONG_STEP:
+                settled = simulation.weighing if enough <= ENOUGH else None
                 break
             reach, damping = LONG_STEP, 1.0
     found = _outcome(point, free, squares, information, scale, residual.size)

@@ -13,7 +13,7 @@ from .by_direction import by_direction
 from .effect import Effect
 from .fitting import BASE_NUMBERS, DELAY, GAIN, Step, parameters_of
 from .floor import noise_floor
-from .look_alikes import LookAlikes
+from .look_alikes import NEAR, LookAlikes
 from .point import Point
 from .registry import EFFECTS
 from .remainder import OF_GAP, remainder
@@ -32,10 +32,6 @@ Progress = Callable[[str, float], None]
 AT_FLOOR, CLOSED = 1.2, 1.3
 #: Share of the evidence of the first effect from which its look-alike is followed, too.
 NEARLY = 0.5
-#: Cost over the best one up to which a look-alike is fitted to its last digits.
-NEAR = 1.3
-#: Sizes over the fitted one from which an effect that leaves a gap is fitted once more.
-OTHER_SIZES = (0.7, 0.9, 1.1, 1.4)
 #: Powers of those sizes, one after the other: far and near.
 CLOSER = (1.0, 0.4, 1.0, 0.4)
 #: Hypotheses that are refined with the weight of the best one.
@@ -121,32 +117,11 @@ class Search(LookAlikes):
             if self._complete(step):
                 break
             for closer in CLOSER:
-                step, before = self._elsewhere(step, closer), step
+                step, before = self.elsewhere(step, closer), step
                 self.steps[-1] = step
                 if step is not before and self._complete(step):
                     return step
         return step
-
-    def _elsewhere(self, step: Step, closer: float) -> Step:
-        """Return ``step`` or, where that leaves clearly less, a fit from other sizes of its newest effect."""
-        name = step.effects[-1]
-        if name not in EFFECTS or not EFFECTS[name].valleys:
-            return step
-        point = step.fitted.point
-        values = point.values
-        own = {number: values[number] for number in EFFECTS[name].amplitudes}
-        starts = [
-            replace(point, values={**values, **{number: size**closer * own[number] for number in own}})
-            for size in OTHER_SIZES
-        ]
-        starts += [start.moved((GAIN, DELAY), (0.0, 0.0)) for start in (point, *starts)]
-        self.score(step)
-        other = self.fit(step.effects, starts, rounds=5, tries=len(starts), enough=5e-3)
-        if other.cost >= NEAR * step.cost:
-            return step
-        other.trials = step.trials
-        other = self.polished(other)
-        return other if other.cost < (1.0 - CLEARLY) * step.cost else step
 
     def _complete(self, step: Step, most: float = AT_FLOOR) -> bool:
         """Whether what ``step`` leaves is noise, up to ``most`` times the floor, in all or usually."""
