@@ -34,9 +34,12 @@ NUMBERS = ("stop_gap", "stop_stiffness", "stop_dissipation", "stop_damping")
 GAPS, SPREADS, FOLLOWED = 11, (0.006, 0.03), 3
 #: Share of the samples on which the starts are compared.
 COARSE = 2
-#: Shares of clearance, stiffness and loss beside a fit at which a deeper valley is looked for, and how deep.
+#: Shares of clearance, stiffness and loss beside a fit at which a deeper valley is looked for, how many of
+#: the best are followed, and how deep.
 BESIDE = ((0.98, 0.99, 0.995, 1.005, 1.01, 1.02), (0.75, 0.87, 1.15, 1.33), (0.8, 1.25))
-DEEPER = 2e-3
+AROUND, DEEPER = 3, 2e-3
+#: Room over that of the law that the hits show in which stiffness and loss of the other are looked for.
+OTHER_ROOM = 1.6
 #: Squares over those of the one contact law up to which the other is followed.
 HOPEFUL = 1.1
 #: Samples over those of other fits over which the contact is fitted.
@@ -182,9 +185,14 @@ def _with_stop(search: Search, contacts: Contacts, flight: Step) -> Step:
     viscous = _descended(simulation, found.point, _free(law, "stop_damping"))
     # The other law, whose loss grows with the depth.
     loss = law.damping / (law.stiffness * contacts.depth)
-    start = viscous.point.moved(("stop_dissipation", "stop_damping"), (loss, 0.0))
-    other = _free(replace(law, damping=loss), "stop_dissipation")
-    deep = descend(simulation, [start], other, rounds=3, enough=1e-3)
+    gap = viscous.point.get("stop_gap")
+    starts = [
+        viscous.point.moved(("stop_gap", "stop_dissipation", "stop_damping"), (share * gap, part * loss, 0.0))
+        for share in (1.0, *BESIDE[0])
+        for part in (1.0, *BESIDE[2])
+    ]
+    other = _free(replace(law, damping=loss, factor=OTHER_ROOM * law.factor), "stop_dissipation")
+    deep = descend(simulation, starts, other, rounds=3, tries=AROUND, enough=1e-3)
     if deep.squares < HOPEFUL * viscous.squares:
         deep = _descended(simulation, deep.point, other)
     best = deep if deep.squares < (1.0 - CLEARLY) * viscous.squares else viscous
@@ -213,7 +221,7 @@ def _descended(simulation: Simulation, start: Point, free: list[Free]) -> Fitted
             for entry, shares in zip(free, BESIDE, strict=True)
             for share in shares
         ]
-        again = descend(simulation, around, free, rounds=4, tries=1, enough=1e-3)
+        again = descend(simulation, around, free, rounds=4, tries=AROUND, enough=1e-3)
         if again.squares >= best.squares * (1.0 - DEEPER):
             break
         best = again
