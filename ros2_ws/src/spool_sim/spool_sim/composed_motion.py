@@ -182,6 +182,12 @@ class ComposedMotion:
             raise ValueError(
                 f"{count} states, but {body_acceleration.shape[0]} bodies, {tables.shape[0]} tables"
             )
+        if stands_on is not None and (
+            len(stands_on) != count or not all(0 <= row < body_acceleration.shape[0] for row in stands_on)
+        ):
+            raise ValueError(
+                f"stands_on must name one of {body_acceleration.shape[0]} bodies for each of {count} states"
+            )
         own = range(count) if body_acceleration.shape[0] > 1 else [0] * count
         body_rows = np.array(own if stands_on is None else stands_on, dtype=np.int64)
         begins = np.broadcast_to(np.asarray(first_sample, dtype=np.int64), count).copy()

@@ -247,6 +247,16 @@ def test_shapes_that_do_not_fit_are_refused() -> None:
         motion.advance_batch(
             [MotionState()] * 2, np.zeros((3, 21)), table[np.newaxis], sample_period=1e-3, substeps=1
         )
+    for stands_on in ([0], [0, 3], [-1, 0]):
+        with pytest.raises(ValueError, match="one of 3 bodies for each of 2 states"):
+            motion.advance_batch(
+                [MotionState()] * 2,
+                np.zeros((3, 21)),
+                table[np.newaxis],
+                sample_period=1e-3,
+                substeps=1,
+                stands_on=stands_on,
+            )
 
 
 LOAD = """

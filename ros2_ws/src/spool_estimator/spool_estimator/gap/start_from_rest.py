@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 LOOKED_AT = 1.5
 #: s of those in which the start rings.
 RINGS = 0.5
+#: Share of the channel's noise, in power, that is left at least: samples that clip leave nothing at all.
+LEAST_VARIANCE = 1e-2
 #: s at the start in which the body must be quiet, and how quiet, over its rms later.
 QUIET_TIME, QUIET_SHARE = 0.01, 0.03
 #: Ratios (forward - backward) / (forward + backward) that are tried.
@@ -121,8 +123,9 @@ def asymmetry(
     place = int(np.argmin(sums))
     # The harmonics of friction stand in the channel's noise: what is left, early or late, says more.
     begin = round(errors.shape[1] * RINGS / LOOKED_AT)
-    variance = max(float(np.mean(part**2)) for part in np.split(errors[place], [begin]))
     noise = stretch.noise.spool_rms**2 / width
+    halves = np.split(errors[place], [begin])
+    variance = max(LEAST_VARIANCE * noise, *(float(np.mean(part**2)) for part in halves))
     evidence = float(sums[RATIOS.size // 2] - sums[place]) / variance
     near = np.flatnonzero(sums - sums[place] <= 4.0 * variance)
     deviation = max(float(np.ptp(RATIOS[near])) / 4.0, float(RATIOS[1] - RATIOS[0]) / 3.0)
