@@ -18,8 +18,9 @@ DAMPINGS = (1e-3, 1.0)
 #: Step of a number over its size for slopes, and the share of the signal that a window may move by it:
 #: more means a jump to another motion, whose slope says nothing.
 STEP, JUMP = 1e-3, 0.1
-#: The step where the spool sticks and slips and that one leads no further: the sum of squares is rough there.
-LONG_STEP = 1e-2
+#: The steps with dry friction, whose laws differ by so little that a longer step bends more than it slopes,
+#: and where that one leads no further: where the spool sticks and slips the sum of squares is rough.
+FINE_STEP, LONG_STEP = 1e-5, 1e-2
 #: A fall of the sum of squares below this share ends the descent.
 ENOUGH = 2e-4
 
@@ -104,7 +105,8 @@ def _follow(
     signal = simulation.weigh([row[np.newaxis] for row in simulation.measured(chosen)], chosen)[0]
     information: Array = np.eye(len(names))
     scale: Array = np.ones(len(names))
-    reach, rough = STEP, any("sliding_law" in term(name).laws for name in start.active)
+    rough = any("sliding_law" in term(name).laws for name in start.active)
+    reach, longest = (FINE_STEP, LONG_STEP) if rough else (STEP, STEP)
     settled = None
     for _ in range(rounds):
         scale = np.array([entry.size(value) for entry, value in zip(free, x.tolist(), strict=True)])
@@ -129,8 +131,8 @@ def _follow(
         if not sums[winner] < squares:
             if damping <= 1e3:
                 damping *= 1e3
-            elif rough and reach < LONG_STEP:
-                reach, damping = LONG_STEP, 1.0
+            elif reach < longest:
+                reach, damping = longest, 1.0
             else:
                 settled = simulation.weighing
                 break
@@ -139,10 +141,10 @@ def _follow(
         damping = float(np.clip(damping * DAMPINGS[winner] * 10.0, 1e-6, 1e3))
         point, x, residual, squares = points[winner], trials[winner], outcomes[winner], float(sums[winner])
         if fall < max(enough * squares, 1.0):
-            if not rough or reach == LONG_STEP:
+            if reach == longest:
                 settled = simulation.weighing if enough <= ENOUGH else None
                 break
-            reach, damping = LONG_STEP, 1.0
+            reach, damping = longest, 1.0
     found = _outcome(point, free, squares, information, scale, residual.size)
     return replace(found, settled=settled)
 

@@ -150,6 +150,14 @@ class Effect(ABC):
         """Return numbers with which it acts much like the effect that it ``replaces``, with those numbers."""
         return {}
 
+    def speeds_to_try(self, fastest: float) -> list[dict[str, float]]:  # noqa: ARG002
+        """Return choices of the speeds in its law, along which its fits end in valleys; none: it has none.
+
+        Args:
+            fastest: speed that the spool hardly exceeds, m/s.
+        """
+        return [{}]
+
     def sensible(self, values: Mapping[str, float], deviations: Mapping[str, float]) -> str:
         """Return why the fitted ``values`` make no sense on a machine, or an empty string."""
         for name in self.fitted:

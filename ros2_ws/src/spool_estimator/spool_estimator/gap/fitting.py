@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 
 GAIN, DELAY = "spool_gain_error", "spool_delay"
 BASE_NUMBERS = ("spring_stiffness", "viscous_coefficient", GAIN, DELAY)
+#: Factor by which the spring may be off its description: play and stops have valleys without a spring.
+OFF = 5.0
 WIDE = {GAIN: 0.5, DELAY: 5e-3}
 
 
@@ -83,7 +85,10 @@ class Fitting:
             given = parameter.held or parameter.valve_attribute is not None
             if not given or parameter.name in ("spring_stiffness", "viscous_coefficient"):
                 start = max(abs(parameter.start_for(self.valve)), 1e-9)
-                found.append(Free(parameter.name, parameter.low, parameter.high, start))
+                low, high = parameter.low, parameter.high
+                if parameter.name == "spring_stiffness":
+                    low, high = max(low, start / OFF), min(high, start * OFF)
+                found.append(Free(parameter.name, low, high, start))
         for name in effects:
             if name not in EFFECTS or not EFFECTS[name].terms:
                 continue

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +16,9 @@ from .screening import FRICTIONS
 from .stretches import Stretch
 
 #: Cost over the best one up to which a sliding law is started from where it acts like that.
-ALIKE = 3.0
+ALIKE = 10.0
+#: Starts of those that are followed.
+FOLLOWED = 3
 #: Cost over the best one up to which a look-alike is fitted to its last digits.
 NEAR = 1.3
 #: Sizes over the fitted one from which an effect that leaves a gap is fitted once more.
@@ -65,26 +67,34 @@ class LookAlikes(Rules):
         found = []
         for entry in tried:
             name = entry.effects[-1]
-            if (
-                name not in laws
-                or entry is best
-                or entry.cost > ALIKE * best.cost
-                or name in EFFECTS[law].replaces
-            ):
+            # A gain or a delay that one law has let free, and the other not, parts the best of laws.
+            freed = best.effects[:-1] != entry.effects[:-1]
+            near = entry.cost <= ALIKE * best.cost and name not in EFFECTS[law].replaces
+            if name not in laws or entry is best or not (freed or near):
                 found.append(entry)
                 continue
-            again = self.fit(entry.effects, [self._acting_like(best, entry)], rounds=3, enough=5e-3)
+            starts = self.acting_like(best, law, name, self.own_of(entry))
+            again = self.fit((*best.effects[:-1], name), starts, rounds=3, enough=5e-3)
             again.trials = entry.trials
             found.append(min(entry, again, key=lambda one: one.cost))
         return found
 
-    def _acting_like(self, best: Step, entry: Step) -> Point:
-        """Return the numbers with which the newest effect of ``entry`` acts most like that of ``best``."""
-        like, law, name = best.fitted.point, best.effects[-1], entry.effects[-1]
+    def acting_like(self, like: Step, law: str, name: str, own: Mapping[str, float]) -> list[Point]:
+        """Return points of ``like`` at which ``name``, in place of its ``law``, acts most like that.
+
+        None where one of both does not depend on speed alone; ``own`` are numbers of ``name`` to begin with.
+        """
+        if not (slides(law) and slides(name)):
+            return []
         speed = np.concatenate([np.abs(stretch.motion.velocity) for stretch in self.whole])
-        values = {**like.values, **self.own_of(entry)}
-        point = replace(like, active=self.terms_of(entry.effects), values=values)
-        return acting_alike(like, law, point, name, EFFECTS[name].fitted, speed)
+        point = like.fitted.point
+        active = self.terms_of(tuple(name if entry == law else entry for entry in like.effects))
+        found = []
+        for speeds in EFFECTS[name].speeds_to_try(float(np.quantile(speed, 0.99))):
+            start = replace(point, active=active, values={**point.values, **own, **speeds})
+            free = [number for number in EFFECTS[name].fitted if number not in speeds]
+            found.append(acting_alike(point, law, start, name, free, speed))
+        return found
 
     def closest(self, step: Step, winner: Step, others: list[Step]) -> Step:
         """Return the best of ``winner`` and the sliding laws close behind it, fitted to their last digits."""
@@ -97,8 +107,9 @@ class LookAlikes(Rules):
             if other not in FRICTIONS or not slides(other) or other in EFFECTS[name].replaces:
                 continue
             if entry.cost < ALIKE * winner.cost:
-                starts = [entry.fitted.point, self._acting_like(winner, entry)]
-                closer = self.fit(entry.effects, starts, rounds=10, tries=2)
+                effects = (*winner.effects[:-1], other)
+                starts = [entry.fitted.point, *self.acting_like(winner, name, other, self.own_of(entry))]
+                closer = self.fit(effects, starts, rounds=10, tries=FOLLOWED)
                 closer.trials = entry.trials
                 if self.evidence(step, closer) > self.evidence(step, best):
                     best = closer

@@ -11,6 +11,8 @@ from spool_stream.quantity import Quantity, Validity
 
 from .fitting import Step
 from .floor import Floor, excess, noise_floor
+from .jitter import EVIDENCE as JITTER
+from .jitter import Jitter, sampling_jitter
 from .registry import EFFECTS
 from .remainder import FORETOLD, Remainder, remainder
 from .result import GapSettings, Hypothesis
@@ -86,6 +88,11 @@ def judge_outcome(
     else:
         verdict = "none"
         confidence = min(0.99, 1.0 / max(1.0, left))
+    scatter = _jitter(search, final)
+    if scatter is not None:
+        warnings.append(scatter.sentence)
+        if verdict == "none":
+            verdict, confidence = "unexplained", min(0.99, 1.0 - 0.5 * JITTER / scatter.evidence)
     # Strong friction, too, spoils the coherence; a model that explains the record settles that.
     if not trusted and (unexplained or not named):
         verdict, confidence = "unexplained", min(confidence, 0.3)
@@ -96,9 +103,20 @@ def judge_outcome(
         )
     )
     return Outcome(
-        verdict, confidence, sentence(verdict, effects, candidates, search, final, floor.nrmse, rest, extra),
+        verdict, confidence,
+        sentence(verdict, effects, candidates, search, final, floor.nrmse, rest, extra, scatter),
         effects, runner, candidates, floor, rest, extra, tuple(warnings), advice,
     )  # fmt: skip
+
+
+def _jitter(search: Search, final: Step) -> Jitter | None:
+    """Return the jitter of the samples if there is one; forces with kinks leave what looks like that."""
+    if search.has_kinks(final):
+        return None
+    simulation = search.simulation
+    chosen = [*simulation.training, *simulation.held_out]
+    found = sampling_jitter(simulation, [*final.train, *final.held], chosen)
+    return found if found is not None and found.tells else None
 
 
 def _runner_up(search: Search) -> Hypothesis | None:
@@ -142,6 +160,7 @@ def sentence(
     floor: float,
     rest: Remainder,
     extra: Mapping[str, Quantity],
+    scatter: Jitter | None,
 ) -> str:
     """Return the verdict in a sentence."""
     before, after = search.nrmse(search.steps[0]), search.nrmse(final)
@@ -151,6 +170,8 @@ def sentence(
             f"Nothing is missing: '{base}' leaves {100.0 * after:.2g} % of the spool's acceleration, "
             f"noise alone {100.0 * floor:.2g} %."
         )
+    if verdict == "unexplained" and scatter is not None and not candidates:
+        return f"No force is missing, but {scatter.sentence}. It leaves {100.0 * after:.2g} % of the spool's acceleration."
     if verdict == "unexplained":
         near = f"; nearest come {', '.join(candidates)}" if candidates else ""
         if rest.share > FORETOLD:

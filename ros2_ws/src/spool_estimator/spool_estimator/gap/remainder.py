@@ -83,13 +83,16 @@ def remainder(simulation: Simulation, point: Point, train: list[Array], held: li
     training, held_out = simulation.training, simulation.held_out
     target = simulation.weigh(train, training)[0]
     wanted = simulation.weigh(held, held_out)[0]
+    # Windows in which the motion went another way say nothing about what is missing.
+    fits, judges = simulation.trust(target, training), simulation.trust(wanted, held_out)
+    target, wanted = target * fits, wanted * judges
     motions = [_motion(stretch) for stretch in simulation.stretches]
     shares = {}
     for name, functions in FUNCTIONS.items():
         forces = [functions(motion) for motion in motions]
         rows = responses(simulation, point, forces.__getitem__, SLOPES.get(name, ()))
-        fitted = simulation.weigh([rows[place] for place in training], training)
-        other = simulation.weigh([rows[place] for place in held_out], held_out)
+        fitted = simulation.weigh([rows[place] for place in training], training) * fits
+        other = simulation.weigh([rows[place] for place in held_out], held_out) * judges
         size = np.linalg.norm(fitted, axis=1)
         used = size > 1e-9 * max(float(size.max()), 1e-30)
         fitted, other = fitted[used] / size[used, np.newaxis], other[used] / size[used, np.newaxis]

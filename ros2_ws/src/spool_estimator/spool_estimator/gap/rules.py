@@ -24,6 +24,8 @@ RELATIVE_TOGETHER = 5e-4
 SMALLEST = 5e-4
 #: Share of the power of what is left that a further effect must explain beside others.
 BESIDE = 0.08
+#: The same of what noise does not leave.
+OPEN = 0.1
 #: Share of the windows, those most helped, without which a further effect must still help.
 MOST_HELPED = 0.15
 #: Evidence by which a richer effect must beat a simpler one that it contains.
@@ -47,10 +49,13 @@ class Rules(Fitting):
     """Fits, and how they are chosen among.
 
     Attributes:
-        small: effects count that both halves of the data show only together; others: see :class:`Fitting`.
+        small: effects count that both halves of the data show only together.
+        floor: what noise leaves of the accepted hypothesis, over the measured acceleration; others: see
+            :class:`Fitting`.
     """
 
     small: bool = field(default=True, kw_only=True)
+    floor: float = field(default=0.0, kw_only=True)
 
     @staticmethod
     def own_of(entry: Step) -> dict[str, float]:
@@ -115,14 +120,19 @@ class Rules(Fitting):
         laws = {law for name in step.fitted.point.active for law in term(name).laws}
         return bool(laws & {"sliding_law", "memory_law"})
 
+    @classmethod
+    def has_kinks(cls, step: Step) -> bool:
+        """Whether the force of ``step`` jumps, or its slope over the displacement does."""
+        effects = [EFFECTS[name] for name in step.effects if name in EFFECTS]
+        return cls.has_jumps(step) or any(entry.valleys or entry.rare for entry in effects)
+
     def refusal(self, step: Step, entry: Step, evidence: float) -> str:
         """Return why ``entry`` is not taken in place of ``step``, or an empty string."""
         clear = evidence >= max(EVIDENCE, RELATIVE * step.cost)
         if not clear and not (self.small and not step.effects and self._clear_together(step, entry)):
             return "it does not close the gap significantly"
-        beside = BESIDE if step.effects else 0.0
         falls = [
-            before**2 - after**2 < max(SMALLEST**2, beside * before**2)
+            before**2 - after**2 < max(SMALLEST**2, self._least_share(step, before) * before**2)
             for before, after in (
                 (self.nrmse(step), self.nrmse(entry)),
                 (self.usual_nrmse(step), self.usual_nrmse(entry)),
@@ -139,6 +149,12 @@ class Rules(Fitting):
                 return "it is not significantly beyond its tolerance"
             return ""
         return self.senseless(entry, name)
+
+    def _least_share(self, step: Step, before: float) -> float:
+        """Return the share of the power ``before`` that an effect beside those of ``step`` must explain."""
+        if not step.effects:
+            return 0.0
+        return min(BESIDE, OPEN * max(0.0, 1.0 - (self.floor / before) ** 2))
 
     def _clear_together(self, step: Step, entry: Step) -> bool:
         """Whether ``entry`` beats ``step`` on either half of the data, and clearly on both together."""

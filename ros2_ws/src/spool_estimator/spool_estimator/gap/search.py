@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from .alike import slides
 from .balance import Screened
 from .by_direction import by_direction
 from .effect import Effect
@@ -28,8 +29,8 @@ Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
 #: Error over the noise floor up to which nothing more is looked for, in the next step and from the start,
-#: where what is left cannot be foretold either.
-AT_FLOOR, CLOSED = 1.2, 1.3
+#: where what is left cannot be foretold either; less for forces without kinks, which simulate without error.
+AT_FLOOR, CLOSED, SMOOTH = 1.2, 1.3, 1.08
 #: Share of the evidence of the first effect from which its look-alike is followed, too.
 NEARLY = 0.5
 #: Powers of those sizes, one after the other: far and near.
@@ -83,6 +84,7 @@ class Search(LookAlikes):
         step = self.fit((), [step.fitted.point], rounds=6)
         self.steps = [step]
         self.simulation.forget_weight()
+        self.longer.robust = True
         base = self.base_fit(step.fitted.point, rounds=6)
         step = self._grown(base)
         if not step.effects:
@@ -123,8 +125,9 @@ class Search(LookAlikes):
                     return step
         return step
 
-    def _complete(self, step: Step, most: float = AT_FLOOR) -> bool:
+    def _complete(self, step: Step, most: float | None = None) -> bool:
         """Whether what ``step`` leaves is noise, up to ``most`` times the floor, in all or usually."""
+        most = most or (AT_FLOOR if self.has_kinks(step) else SMOOTH)
         longer, point = self.longer, step.fitted.point
         if self.has_jumps(step):
             longer.choose_sampling(point)
@@ -133,6 +136,7 @@ class Search(LookAlikes):
         train, other = errors[: len(training)], errors[len(training) :]
         left, before = float(longer.nrmse(other, held)[0]), self.nrmse(self.steps[0])
         floor = noise_floor(longer, point, other)
+        self.floor = floor.nrmse
         excess = min(left / floor.nrmse, usual_excess(other, floor.errors))
         if excess > most and left**2 - floor.nrmse**2 > (OF_GAP * before) ** 2:
             return False
@@ -140,23 +144,17 @@ class Search(LookAlikes):
         return not remainder(longer, point, train, other).tells(left, before)
 
     def _swapped(self, step: Step) -> Step:
-        """Return ``step`` with another law of friction where that does better beside the newest effect."""
-        present = next((name for name in step.effects[:-1] if name in FRICTIONS), None)
-        if present is None or present not in EFFECTS:
+        """Return ``step`` with another law of friction where that does better beside its other effects."""
+        present = next((name for name in step.effects if name in FRICTIONS and name in EFFECTS), None)
+        if present is None or len(step.effects) < 2:
             return step
         best = step
         for name in sorted(FRICTIONS - {present}):
-            known = self.tried.get((name, ()))
-            if known is None:
+            other = self._with_law(step, present, name)
+            if other is None:
                 continue
-            effects = tuple(name if entry == present else entry for entry in step.effects)
-            values = {**step.fitted.point.values, **self.own_of(known)}
-            point = replace(step.fitted.point, values=values, active=self.terms_of(effects))
-            other = self.fit(effects, [point])
             if other.cost < NEAR * best.cost:
                 other = self.polished(other)
-            other.trials = {**step.trials, **known.trials}
-            other.trials = {entry: trial for entry, trial in other.trials.items() if entry in effects}
             numbers = len(other.fitted.free) - len(best.fitted.free)
             clear = 0.0
             if name in EFFECTS[present].replaces:
@@ -167,7 +165,28 @@ class Search(LookAlikes):
                 best = other
         if best is not step:
             self.overruled[present] = abs(step.cost - best.cost)
+            if slides(best.effects[step.effects.index(present)]) and not slides(present):
+                return self._swapped(best)
         return best
+
+    def _with_law(self, step: Step, present: str, name: str) -> Step | None:
+        """Return ``step`` with the law of friction ``name`` in place of ``present``, fitted."""
+        effects = tuple(name if entry == present else entry for entry in step.effects)
+        own = {parameter.name: parameter.start for parameter in parameters_of(name)}
+        known = [found for (law, _), found in self.tried.items() if law == name]
+        starts = []
+        for found in known:
+            own = self.own_of(found)
+            values = {**step.fitted.point.values, **own}
+            starts.append(replace(step.fitted.point, values=values, active=self.terms_of(effects)))
+        if name in [entry.id for entry in self.catalogue]:
+            starts += self.acting_like(step, present, name, own)
+        if not starts:
+            return None
+        other = self.fit(effects, starts, tries=2)
+        trials = {**step.trials, **(known[-1].trials if known else {})}
+        other.trials = {entry: trial for entry, trial in trials.items() if entry in effects}
+        return other
 
     def _another_way(self, base: Step, found: Step) -> Step | None:
         """Return what grows from the look-alike of the first effect, if ``found`` leaves a gap and it less.
@@ -185,10 +204,11 @@ class Search(LookAlikes):
         if not rows:
             return None
         second = max(rows, key=lambda row: row.evidence)
-        kept = self.steps, self.ranking
+        kept = self.steps, self.ranking, self.catalogue
         start = self.polished(self.tried[second.id, ()])
         ranking = [replace(row, accepted=row is second) for row in self.ranking if not row.beside]
         self.steps, self.ranking = [*self.steps[:1], start], ranking
+        self.catalogue = [entry for entry in self.catalogue if entry.id != first.id]
         other = self._grown(start)
         least = min((found, other), key=self.nrmse)
         if self.has_jumps(least):
@@ -203,7 +223,7 @@ class Search(LookAlikes):
         if evidence > max(EVIDENCE, CLEARLY * other.cost):
             self.overruled[first.id] = evidence
             return other
-        self.steps, self.ranking = kept
+        self.steps, self.ranking, self.catalogue = kept
         return None
 
     def base_fit(self, start: Point, rounds: int = 10) -> Step:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import fft, signal
 
 from .batches import Batches, Run
+from .noise import floor_of
 from .pieces import ringing
 from .point import Point
 from .stretches import Stretch
@@ -19,6 +20,8 @@ Array = NDArray[np.float64]
 
 #: Upper end of the compared band over that of the drive, and at least so many Hz.
 HARMONICS, AT_LEAST = 6.0, 300.0
+#: Share of the level that errors keep at high frequency by which they are weighed at least.
+LEAST = 0.5
 #: Weighed squares over their expectation from which a window is a bad one.
 BAD = 2.0
 
@@ -237,10 +240,14 @@ class Simulation:
         return found
 
     def take_weight(self, errors: Sequence[Array], chosen: Sequence[int], floor: Sequence[float]) -> None:
-        """Weigh from now on by the spectrum of ``errors``, at least by ``floor`` of each stretch."""
+        """Weigh from now on by the spectrum of ``errors``, at least by ``floor`` of each stretch.
+
+        Harmonics of friction stand in that floor: what is left below it without them is a floor, too.
+        """
         for number, (frequency, density) in enumerate(self.spectra(errors, chosen, usual=self.robust)):
             self._lines[number] = frequency
-            self.density[number] = np.maximum(density, floor[number])
+            least = min(floor[number], LEAST * floor_of(density)) if density.size > 8 else floor[number]
+            self.density[number] = np.maximum(density, least)
         self._reweighed()
 
     @property

@@ -11,6 +11,8 @@ from ..effect import Array, Effect, Motion
 
 #: m/s, speed that a spool hardly exceeds.
 FASTEST = 0.3
+#: m/s, choices of gamma_m.
+VELOCITIES = (0.003, 0.006, 0.012, 0.025, 0.05)
 
 
 class MixedFriction(Effect):
@@ -25,7 +27,11 @@ class MixedFriction(Effect):
 
     def shapes(self, motion: Motion) -> list[dict[str, float]]:  # noqa: ARG002
         """Return the shapes to try."""
-        return [{"mixed_velocity": velocity} for velocity in (0.003, 0.006, 0.01, 0.02, 0.04)]
+        return [{"mixed_velocity": velocity} for velocity in VELOCITIES]
+
+    def speeds_to_try(self, fastest: float) -> list[dict[str, float]]:  # noqa: ARG002
+        """Return choices of the velocity."""
+        return [{"mixed_velocity": velocity} for velocity in VELOCITIES]
 
     def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:
         """Return both parts for a few velocities gamma_m."""

@@ -10,6 +10,9 @@ from spool_stream.compiled import compiled
 
 from ..effect import Array, Effect, Motion, scan
 
+#: m of travel before sliding below which no record of an accelerometer shows any.
+SHORTEST = 1e-7
+
 
 class PreslidingFriction(Effect):
     """Dahl's hysteresis: the jump at a reversal is spread over some travel."""
@@ -42,6 +45,12 @@ class PreslidingFriction(Effect):
         if force <= 0.0:
             return None
         return {"dahl_force": force, "dahl_stiffness": force / shape["travel"]}
+
+    def sensible(self, values: Mapping[str, float], deviations: Mapping[str, float]) -> str:
+        """Return why ``values`` make no sense: a contact gives by some travel before it slides."""
+        if values["dahl_force"] < SHORTEST * values["dahl_stiffness"]:
+            return "it slides after no travel: that is Coulomb friction"
+        return super().sensible(values, deviations)
 
     @property
     def amplitudes(self) -> tuple[str, ...]:

@@ -50,6 +50,10 @@ class StribeckFriction(Effect):
             **shape,
         }
 
+    def speeds_to_try(self, fastest: float) -> list[dict[str, float]]:
+        """Return choices of the Stribeck velocity."""
+        return [{"stribeck_velocity": velocity} for velocity in scan(0.02 * fastest, 0.6 * fastest, 6)]
+
     def acting_like(self, contained: Mapping[str, float]) -> dict[str, float]:
         """Return a static force that exceeds Coulomb friction a little."""
         force = contained["coulomb_force"]
