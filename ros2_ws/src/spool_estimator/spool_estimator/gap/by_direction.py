@@ -11,7 +11,7 @@ from .start_from_rest import Asymmetry, asymmetry
 
 ONE, TWO = "coulomb_friction", "asymmetric_friction"
 #: Evidence that two forces need over one; standard deviations by which their ratio must differ from 0.
-EVIDENCE, SIGNIFICANT = 16.0, 2.0
+EVIDENCE, SIGNIFICANT = 25.0, 2.0
 
 
 def by_direction(fitting: Fitting, step: Step) -> tuple[Step, Hypothesis] | None:

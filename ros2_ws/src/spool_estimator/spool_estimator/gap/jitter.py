@@ -49,8 +49,9 @@ class Jitter:
     def sentence(self) -> str:
         """What that is on the machine."""
         return (
-            "the noise of the spool's channel grows with the slope of the reading, as where samples are taken "
-            f"{1e3 * self.deviation:.2g} ms (rms) too early or too late: check the clock of the acquisition"
+            "the noise of the spool's channel grows with the slope of the reading, as where samples are "
+            f"taken {1e3 * self.deviation:.2g} ms (rms) too early or too late: check the clock that "
+            "takes them"
         )
 
 

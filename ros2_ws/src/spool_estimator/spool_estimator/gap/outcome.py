@@ -171,7 +171,10 @@ def sentence(
             f"noise alone {100.0 * floor:.2g} %."
         )
     if verdict == "unexplained" and scatter is not None and not candidates:
-        return f"No force is missing, but {scatter.sentence}. It leaves {100.0 * after:.2g} % of the spool's acceleration."
+        return (
+            f"No force is missing, but {scatter.sentence}. '{base}' leaves {100.0 * after:.2g} % of the "
+            "spool's acceleration."
+        )
     if verdict == "unexplained":
         near = f"; nearest come {', '.join(candidates)}" if candidates else ""
         if rest.share > FORETOLD:

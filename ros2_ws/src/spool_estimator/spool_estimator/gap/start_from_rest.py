@@ -25,10 +25,10 @@ Array = NDArray[np.float64]
 
 #: s from the start that are looked at.
 LOOKED_AT = 1.5
-#: s of those in which the start rings.
-RINGS = 0.5
-#: Share of the channel's noise, in power, that is left at least: samples that clip leave nothing at all.
-LEAST_VARIANCE = 1e-2
+#: s over which the variance of what is left is taken: jumps of friction leave more where they are dense.
+LOCAL = 0.1
+#: Share of its mean, and of the channel's noise, that it is at least: samples that clip leave nothing.
+LEAST_LOCAL, LEAST_VARIANCE = 0.2, 1e-2
 #: s at the start in which the body must be quiet, and how quiet, over its rms later.
 QUIET_TIME, QUIET_SHARE = 0.01, 0.03
 #: Ratios (forward - backward) / (forward + backward) that are tried.
@@ -65,7 +65,9 @@ def starts_at_rest(stretch: Stretch) -> bool:
 def asymmetry(
     simulation: Simulation, stretch: Stretch, point: Point, base: Model, valve: Valve
 ) -> Asymmetry | None:
-    """Return what the start of ``stretch`` says about the friction of ``point``; ``None`` without a start.
+    """Return what the start of ``stretch`` says about the friction of ``point``.
+
+    ``None`` without a start from rest, or where no ratio of the forces explains it.
 
     Args:
         simulation: gives the kernels.
@@ -115,18 +117,29 @@ def asymmetry(
     means = (np.diff(trajectory.velocity, axis=1) / period + body) * (1.0 + point.gain)
     measured = 0.5 * (record.spool[: size - 1] + record.spool[1:size])
     kept = np.minimum(stretch.kept[: size - 1], stretch.kept[1:size])
-    # Averages over 4 ms: slow against the jumps of friction, quick against the ring.
-    width = max(1, round(0.004 / period))
+    # Averages over 2 ms: slow against the jumps of friction, quick against the ring.
+    width = max(1, round(0.002 / period))
     kernel = np.full(width, 1.0 / width)
     errors = np.array([np.convolve((row - measured) * kept, kernel, mode="valid")[::width] for row in means])
-    sums = np.sum(errors**2, axis=1)
-    place = int(np.argmin(sums))
-    # The harmonics of friction stand in the channel's noise: what is left, early or late, says more.
-    begin = round(errors.shape[1] * RINGS / LOOKED_AT)
+    place = int(np.argmin(np.sum(errors**2, axis=1)))
+    # The harmonics of friction stand in the channel's noise: what is left says more.
     noise = stretch.noise.spool_rms**2 / width
-    halves = np.split(errors[place], [begin])
-    variance = max(LEAST_VARIANCE * noise, *(float(np.mean(part**2)) for part in halves))
-    evidence = float(sums[RATIOS.size // 2] - sums[place]) / variance
-    near = np.flatnonzero(sums - sums[place] <= 4.0 * variance)
-    deviation = max(float(np.ptp(RATIOS[near])) / 4.0, float(RATIOS[1] - RATIOS[0]) / 3.0)
-    return Asymmetry(float(RATIOS[place]), deviation, evidence, variance / noise)
+    variance = _local(errors[place] ** 2, round(LOCAL / (width * period)), LEAST_VARIANCE * noise)
+    sums = np.sum(errors**2 / variance, axis=1)
+    place = int(np.argmin(sums))
+    if place in (0, RATIOS.size - 1):
+        return None
+    near = np.flatnonzero(sums - sums[place] <= 4.0)
+    step = float(RATIOS[1] - RATIOS[0])
+    deviation = max(float(np.ptp(RATIOS[near])) / 4.0, step / 3.0)
+    evidence = float(sums[RATIOS.size // 2] - sums[place])
+    below, least, above = sums[place - 1 : place + 2].tolist()
+    ratio = float(RATIOS[place]) + 0.5 * step * (below - above) / (below - 2.0 * least + above)
+    return Asymmetry(ratio, deviation, evidence, float(variance.mean()) / noise)
+
+
+def _local(squares: Array, count: int, least: float) -> Array:
+    """Return the mean of ``squares`` (n,) over ``count`` of them around each, at least ``least``."""
+    count = min(max(4, count), squares.size)
+    mean = np.convolve(squares, np.full(count, 1.0 / count), mode="same")
+    return np.asarray(np.maximum(mean, max(least, LEAST_LOCAL * float(squares.mean()))))
