@@ -23,6 +23,8 @@ NONE = "none"
 PUBLISHED = 1000
 #: At clear size the remainder after the base is at least this many times the noise floor ...
 CLEAR = 1.0
+#: (for a stranger even with a gain and a delay so many times out of tolerance: those have names) ...
+STRANGE = 10.0
 #: ... a test between it and a simpler effect that it contains, both known, has this noncentrality ...
 DISTINCT = 40.0
 #: ... and the spool still moves by this share of what it would without.
@@ -123,6 +125,7 @@ def make(
     """
     hidden = hidden_by(seed) if hidden is None else hidden
     kinds = [] if hidden == NONE else [_kind(name) for name in hidden.split("+")]
+    tolerance = STRANGE if kind_of(hidden) == "stranger" else 1.0
     generator = np.random.default_rng(seed)
     for _ in range(DRAWS):
         from_rest = any(name in FROM_REST for name in hidden.split("+"))
@@ -138,7 +141,7 @@ def make(
         for growth in range(GROWTHS + 1):
             size = GROWTH**growth
             grown = [thing.sized(size) for thing in things]
-            alone = [_Trial(condition, [thing]) for thing in grown]
+            alone = [_Trial(condition, [thing], tolerance) for thing in grown]
             if all(trial.clear(scale) for trial in alone):
                 trial = alone[0] if len(alone) == 1 else _Trial(condition, grown)
                 # Friction may keep the spool from the stop, or its sensor from the rail, that it meets alone.
@@ -156,7 +159,7 @@ def _kind(name: str) -> Kind:
 class _Trial:
     """A motion with something hidden, and how visible that is."""
 
-    def __init__(self, condition: Condition, things: list[Hidden]) -> None:
+    def __init__(self, condition: Condition, things: list[Hidden], tolerance: float = 1.0) -> None:
         plant = condition.base
         for thing in things:
             plant = plant.with_(**thing.plant)
@@ -171,9 +174,9 @@ class _Trial:
         self.channels = Channels(**values)
         quiet = replace(self.channels, noise=0.0)
         _, self.spool = quiet.read(self.motion, sample_times(condition), np.random.default_rng(0))
-        self.visibility: Visibility | None = self._look() if things else None
+        self.visibility: Visibility | None = self._look(tolerance) if things else None
 
-    def _look(self) -> Visibility:
+    def _look(self, tolerance: float) -> Visibility:
         condition = self.condition
         t = sample_times(condition)
         before = round(condition.before * condition.sample_rate)
@@ -185,6 +188,7 @@ class _Trial:
             condition.sample_rate,
             first=before,
             noise=self.channels.noise,
+            tolerance=tolerance,
         )
 
     def clear(self, scale: Scale) -> bool:

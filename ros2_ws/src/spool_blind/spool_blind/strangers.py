@@ -25,9 +25,9 @@ def lugre(generator: Generator, _: Condition, scale: Scale) -> Hidden:
     )
 
 
-def sensor_low_pass(generator: Generator, _: Condition, __: Scale) -> Hidden:
-    """A low-pass in the spool's sensor alone."""
-    return Hidden({}, {"low_pass": between(generator, 150.0, 300.0)})
+def sensor_low_pass(generator: Generator, condition: Condition, _: Scale) -> Hidden:
+    """A low-pass in the spool's sensor alone; far above the drive it would be a delay and nothing else."""
+    return Hidden({}, {"low_pass": between(generator, 0.5, 1.4) * condition.drive.high})
 
 
 def damping_by_position(generator: Generator, _: Condition, scale: Scale) -> Hidden:

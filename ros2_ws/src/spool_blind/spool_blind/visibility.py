@@ -63,7 +63,14 @@ def threshold(parameters: int) -> float:
 
 
 def look(
-    start: Mapping[str, float], body: Array, spool: Array, rate: float, *, first: int, noise: float
+    start: Mapping[str, float],
+    body: Array,
+    spool: Array,
+    rate: float,
+    *,
+    first: int,
+    noise: float,
+    tolerance: float = 1.0,
 ) -> Visibility:
     """Return what remains in ``spool`` after the base has been fitted.
 
@@ -74,6 +81,7 @@ def look(
         rate: Hz.
         first: samples of ``body`` ahead of the record.
         noise: rms of white noise in either channel, m/s^2.
+        tolerance: gain and delay may be off by so many times what is declared.
     """
     padded = Padded(body, rate)
     rms = float(spool.std())
@@ -94,7 +102,7 @@ def look(
     found = least_squares(
         remainder,
         np.zeros(4),
-        bounds=([-1.5, -3.0, -1.0, -1.0], [1.5, 3.0, 1.0, 1.0]),
+        bounds=([-1.5, -3.0, -tolerance, -tolerance], [1.5, 3.0, tolerance, tolerance]),
         x_scale=[0.01, 0.1, 1.0, 1.0],
         xtol=1e-7,
         ftol=1e-9,

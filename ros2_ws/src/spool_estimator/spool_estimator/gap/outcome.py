@@ -63,7 +63,7 @@ def judge_outcome(
     left = excess(simulation, final.held, floor)
     search.take_weight(final)
     rest = remainder(simulation, final.fitted.point, final.train, final.held)
-    follows = rest.tells(after, before) and "end_stop" not in final.effects
+    follows = rest.tells(after, before, kinks=search.has_kinks(final)) and "end_stop" not in final.effects
     named = list(final.effects)
     extra: dict[str, Quantity] = {}
     if saturation.channel == "spool":

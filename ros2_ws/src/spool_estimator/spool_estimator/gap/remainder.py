@@ -24,8 +24,8 @@ Array = NDArray[np.float64]
 #: Share of the weighed squares, and evidence, from which what is left is not noise alone.
 FORETOLD, EVIDENCE = 0.07, 40.0
 #: Its amplitude, over that of the measured acceleration and of the gap that there was, up to which it is
-#: within what two right simulations differ by.
-SMALLEST, OF_GAP = 1e-3, 0.02
+#: within what two right simulations differ by, with kinks in the force and without.
+SMALLEST, OF_GAP, SMOOTH = 1e-3, 0.02, 5e-3
 #: Relative eigenvalue of the columns' products below which a combination of columns is not fitted.
 ALIKE = 1e-6
 
@@ -57,10 +57,14 @@ class Remainder:
         """Twice the log likelihood ratio on held-out data of foretelling over not foretelling."""
         return -self.numbers * float(np.log(max(1e-12, 1.0 - self.share)))
 
-    def tells(self, nrmse: float, before: float) -> bool:
-        """Whether a model that leaves ``nrmse``, and the base ``before``, is not complete."""
+    def tells(self, nrmse: float, before: float, *, kinks: bool = True) -> bool:
+        """Whether a model that leaves ``nrmse``, and the base ``before``, is not complete.
+
+        ``kinks`` says whether its forces have any.
+        """
         size = float(np.sqrt(max(0.0, self.share))) * nrmse
-        return self.share > FORETOLD and self.evidence > EVIDENCE and size > max(SMALLEST, OF_GAP * before)
+        least = max(SMALLEST, (OF_GAP if kinks else SMOOTH) * before)
+        return self.share > FORETOLD and self.evidence > EVIDENCE and size > least
 
 
 @dataclass(frozen=True, slots=True)

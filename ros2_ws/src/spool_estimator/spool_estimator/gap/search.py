@@ -141,7 +141,8 @@ class Search(LookAlikes):
         if excess > most and left**2 - floor.nrmse**2 > (OF_GAP * before) ** 2:
             return False
         longer.take_weight(train, training, self.least_density)
-        return not remainder(longer, point, train, other).tells(left, before)
+        rest = remainder(longer, point, train, other)
+        return not rest.tells(left, before, kinks=self.has_kinks(step))
 
     def _swapped(self, step: Step) -> Step:
         """Return ``step`` with another law of friction where that does better beside its other effects."""

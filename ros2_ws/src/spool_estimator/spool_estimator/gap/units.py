@@ -60,7 +60,15 @@ def difference(size: Array, frequency: Array, valve: Valve, factor: float, sprin
     apart, _ = _nearest(size, frequency, valve, factor, springs, ANY_DRAG)
     if springs is not ANY_SPRING:
         return apart
-    return min(apart, _nearest(size, frequency, valve, factor, NO_SPRING, SAME_DRAG)[0])
+    floating, _ = _nearest(size, frequency, valve, factor, NO_SPRING, SAME_DRAG)
+    return min(apart, floating, _at_times_floating(size, frequency, valve, factor))
+
+
+def _at_times_floating(size: Array, frequency: Array, valve: Valve, factor: float) -> float:
+    """Return the difference from the nearest valve whose spool floats in its play at some frequencies."""
+    swings = _apart(size, frequency, valve, factor, ANY_SPRING, ANY_DRAG)
+    floats = _apart(size, frequency, valve, factor, NO_SPRING[:1], ANY_DRAG)
+    return float(np.minimum(swings, floats).mean(axis=-1).min())
 
 
 def opposite(ratio: Array, frequency: Array, valve: Valve) -> bool:
@@ -76,12 +84,19 @@ def opposite(ratio: Array, frequency: Array, valve: Valve) -> bool:
 def _nearest(
     size: Array, frequency: Array, valve: Valve, factor: float, springs: Array, drags: Array
 ) -> tuple[float, tuple[float, float]]:
+    apart = _apart(size, frequency, valve, factor, springs, drags).mean(axis=-1)
+    spring, drag = np.unravel_index(int(np.argmin(apart)), apart.shape)
+    return float(apart[spring, drag]), (float(springs[spring]), float(drags[drag]))
+
+
+def _apart(
+    size: Array, frequency: Array, valve: Valve, factor: float, springs: Array, drags: Array
+) -> Array:
+    """Return how far ``size`` is from valves at each frequency, shape (springs, drags, frequencies)."""
     some = np.unique(np.linspace(0, frequency.size - 1, min(frequency.size, LOOKED_AT)).astype(int))
     spring, drag = np.meshgrid(springs, drags, indexing="ij")
     tried = np.log(factor * np.abs(_transfer(frequency[some], valve, spring, drag)))
-    apart = np.minimum(np.abs(np.log(np.maximum(size[some], 1e-9)) - tried), FAR).mean(axis=-1)
-    place = np.unravel_index(int(np.argmin(apart)), apart.shape)
-    return float(apart[place]), (float(spring[place]), float(drag[place]))
+    return np.asarray(np.minimum(np.abs(np.log(np.maximum(size[some], 1e-9)) - tried), FAR))
 
 
 def wrong_unit(ratio: Array, frequency: Array, valve: Valve) -> float:
