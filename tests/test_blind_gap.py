@@ -57,7 +57,9 @@ def good() -> Case:
         (5, "coulomb_friction"),
         (12, "quadratic_damping"),
         (5066, "spring_backlash"),
-        (5305, "asymmetric_friction"),
+        # A start that is hardly above the noise, and a law whose fit ends in the valley of another.
+        (8009, "asymmetric_friction"),
+        (7149, "mixed_friction"),
     ],
 )
 def test_what_is_hidden_is_named_with_its_size(seed: int, hidden: str) -> None:

@@ -52,6 +52,17 @@ def test_mixed_friction_takes_the_shape_of_a_stribeck_curve(
     assert np.sqrt(np.mean(apart**2)) < 0.03
 
 
+@pytest.mark.parametrize("law", ["mixed_friction", "stribeck_friction"])
+def test_speeds_to_try_reach_over_those_of_a_record(law: str) -> None:
+    """Held while the other numbers act alike, so each belongs to the law."""
+    choices = EFFECTS[law].speeds_to_try(0.2)
+    values = [value for choice in choices for value in choice.values()]
+    assert {name for choice in choices for name in choice} <= set(EFFECTS[law].fitted)
+    assert len(values) == len(choices)
+    assert max(values) > 10.0 * min(values)
+    assert all(0.001 < value < 0.2 for value in values)
+
+
 @settings(deadline=None, max_examples=20)
 @given(force=st.floats(0.05, 1.0), drag=st.floats(1.0, 10.0))
 def test_what_contains_a_law_can_act_exactly_like_it(force: float, drag: float) -> None:

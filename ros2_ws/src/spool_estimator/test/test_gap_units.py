@@ -44,6 +44,17 @@ def test_a_spool_that_floats_in_the_play_of_its_springs_is_no_wrong_unit(spring:
 
 
 @settings(deadline=None, max_examples=40)
+@given(spring=st.floats(0.7, 4.0), drag=DRAGS, place=st.floats(0.1, 0.9))
+def test_nor_is_one_that_floats_at_the_frequencies_at_which_it_hardly_moves(
+    spring: float, drag: float, place: float
+) -> None:
+    """Where it swings it reaches its springs."""
+    swings = np.quantile(FREQUENCY, place) > FREQUENCY
+    bent = np.where(swings, real(spring, drag), real(1e-3, drag))
+    assert "9.81" not in unit_or_exchange(bent, FREQUENCY, VALVE)
+
+
+@settings(deadline=None, max_examples=40)
 @given(spring=st.floats(0.9, 1.1), drag=DRAGS, scatter=st.floats(0.0, 0.15), seed=st.integers(0, 9))
 def test_a_channel_in_g_is_refused_for_any_drag(
     spring: float, drag: float, scatter: float, seed: int

@@ -89,9 +89,7 @@ def _nearest(
     return float(apart[spring, drag]), (float(springs[spring]), float(drags[drag]))
 
 
-def _apart(
-    size: Array, frequency: Array, valve: Valve, factor: float, springs: Array, drags: Array
-) -> Array:
+def _apart(size: Array, frequency: Array, valve: Valve, factor: float, springs: Array, drags: Array) -> Array:
     """Return how far ``size`` is from valves at each frequency, shape (springs, drags, frequencies)."""
     some = np.unique(np.linspace(0, frequency.size - 1, min(frequency.size, LOOKED_AT)).astype(int))
     spring, drag = np.meshgrid(springs, drags, indexing="ij")
