@@ -141,7 +141,8 @@ class Rules(Fitting):
         if all(falls):
             return "it is too small to be told from errors of the simulation"
         name = entry.effects[-1]
-        if step.effects and name in EFFECTS and not EFFECTS[name].rare and _in_most(step, entry) < EVIDENCE:
+        local = name in EFFECTS and (EFFECTS[name].rare or EFFECTS[name].follows_time)
+        if step.effects and name in EFFECTS and not local and _in_most(step, entry) < EVIDENCE:
             return "it helps in few windows only, as chance does where the motion is sensitive"
         values = {f.name: entry.fitted.point.get(f.name) for f in entry.fitted.free}
         if name in (GAIN, DELAY):

@@ -18,6 +18,8 @@ from .stretches import Stretch
 #: of the base to it beside other effects, or where the regression finds less than ``CLEAR``.
 SCREENED, LEFT, LEFT_ALONE = 25.0, 25.0, 5.0
 CLEAR = 300.0
+#: The same over all windows.
+LEFT_SMALL = 15.0
 #: Hypotheses that are simulated in each step.
 SIMULATED = 7
 #: Share of the best one's fall that another one needs, and where the two are easily confused.
@@ -55,6 +57,15 @@ def candidates(
         simulation, step, others, balance.joined(peaks), LEFT if step.effects else LEFT_ALONE
     )
     return found + [entry for entry in left if entry.effect.id not in known]
+
+
+def small_candidates(
+    simulation: Simulation, stretches: Sequence[Stretch], catalogue: Sequence[Effect], step: Step
+) -> list[Screened]:
+    """Return what explains most of what the free run of ``step``, without effects, leaves."""
+    values = step.fitted.point.values
+    motion = balance_of(stretches, values).joined(lines_beside_the_drive(stretches, values))
+    return screen_left_over(simulation, step, catalogue, motion, LEFT_SMALL)
 
 
 def _screened(

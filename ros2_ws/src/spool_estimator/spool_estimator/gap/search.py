@@ -22,6 +22,7 @@ from .result import Hypothesis
 from .rules import CLEARLY, EVIDENCE
 from .screening import FRICTIONS, balance_of, candidates
 from .simulate import Simulation
+from .small_effects import small_effect
 from .stretches import Stretch
 from .usual import usual_excess
 
@@ -88,7 +89,7 @@ class Search(LookAlikes):
         base = self.base_fit(step.fitted.point, rounds=6)
         step = self._grown(base)
         if not step.effects:
-            return self.steps[0]
+            return small_effect(self, base) or self.steps[0]
         step = self._another_way(base, step) or step
         self.take_weight(step)
         self.score(step)

@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 #: Upper end of the compared band over that of the drive, and at least so many Hz.
 HARMONICS, AT_LEAST = 6.0, 300.0
+#: Lines times windows that a density is averaged over, on either side of a line.
+SMOOTHED = 12
 #: Share of the level that errors keep at high frequency by which they are weighed at least.
 LEAST = 0.5
 #: Weighed squares over their expectation from which a window is a bad one.
@@ -164,7 +166,7 @@ class Simulation:
         If ``robust``, those of a bad window are counted by their logarithm: few windows in which the spool
         hits a stop would drown all others in which it swings free.
         """
-        edges, usual = self._parts(chosen)
+        edges, usual = self.parts(chosen)
         squares = np.add.reduceat(weighed**2, edges[:-1], axis=1)
         if not self.robust:
             return np.asarray(squares)
@@ -175,19 +177,19 @@ class Simulation:
         """Return the root of the share with which each of ``weighed`` (m,) counts, shape (m,)."""
         if not self.robust:
             return np.ones(weighed.size)
-        edges, usual = self._parts(chosen)
+        edges, usual = self.parts(chosen)
         squares = np.add.reduceat(weighed**2, edges[:-1])
         return np.repeat(np.sqrt(np.minimum(1.0, usual / np.maximum(squares, 1e-12))), np.diff(edges))
 
     def smooth(self, changes: Array, most: Array, chosen: Sequence[int]) -> Array:
         """Return 1 where ``changes`` (p, m) of a window's numbers stay within ``most`` (m,), else less."""
-        edges, _ = self._parts(chosen)
+        edges, _ = self.parts(chosen)
         largest = np.add.reduceat(changes**2, edges[:-1], axis=1).max(axis=0)
         allowed = np.add.reduceat(most**2, edges[:-1])
         share = np.minimum(1.0, allowed / np.maximum(largest, 1e-30))
         return np.repeat(share, np.diff(edges))
 
-    def _parts(self, chosen: Sequence[int]) -> tuple[NDArray[np.int64], Array]:
+    def parts(self, chosen: Sequence[int]) -> tuple[NDArray[np.int64], Array]:
         """Return where each window begins among weighed numbers, and its squares above which it is bad."""
         sizes = []
         for place in chosen:
@@ -204,6 +206,12 @@ class Simulation:
         self.robust = True
         self._lines = [np.array([0.0, 0.5 * s.noise.rate]) for s in self.stretches]
         self.density = [np.full(2, s.noise.spool + s.noise.body) for s in self.stretches]
+        self._reweighed()
+
+    def take_way(self, other: Simulation) -> None:
+        """Weigh, and compare, as ``other`` with the same windows does."""
+        self.robust, self.ringing, self.jumps = other.robust, other.ringing, other.jumps
+        self.density, self._lines = list(other.density), list(other._lines)
         self._reweighed()
 
     def let_start_ring(self, mass: float, stiffness: float, damping: float) -> None:
@@ -232,11 +240,15 @@ class Simulation:
                 continue
             piece = min([*(row.size for row in rows), round(1.0 / stretch.record.sample_period)])
             densities = []
-            middle = np.median if usual and len(rows) > 4 else np.mean
             for row in rows:
                 frequency, density = signal.welch(row, stretch.noise.rate, "hann", piece, detrend=False)
                 densities.append(density)
-            found.append((np.asarray(frequency), smoothed(np.asarray(middle(densities, axis=0)))))
+            if usual and len(rows) > 4:
+                middle = np.median(densities, axis=0) / median_over_mean(min(row.size for row in rows), piece)
+            else:
+                middle = np.mean(densities, axis=0)
+            # The peak of a weakly damped valve is narrower than what few windows have to be smoothed by.
+            found.append((np.asarray(frequency), smoothed(np.asarray(middle), SMOOTHED // len(rows))))
         return found
 
     def take_weight(self, errors: Sequence[Array], chosen: Sequence[int], floor: Sequence[float]) -> None:
@@ -291,9 +303,18 @@ def beside_no_jump(velocity: Array) -> Array:
     return kept if kept.mean() > 0.4 else np.ones(velocity.size)
 
 
-def smoothed(density: Array) -> Array:
-    """Return ``density`` averaged over a tenth of the frequency, at least five lines."""
-    half = np.maximum(2, (0.05 * np.arange(density.size)).astype(np.int64))
+def median_over_mean(length: int, piece: int) -> float:
+    """Return the median over the mean of densities from ``length`` samples, cut into pieces that overlap.
+
+    Of a chi-squared number with two degrees of freedom for each piece on its own (Wilson and Hilferty).
+    """
+    freedom = 2.0 * max(1.0, length / piece)
+    return float((1.0 - 2.0 / (9.0 * freedom)) ** 3)
+
+
+def smoothed(density: Array, least: int) -> Array:
+    """Return ``density`` averaged over a tenth of the frequency, and ``least`` lines on both sides."""
+    half = np.maximum(least, (0.05 * np.arange(density.size)).astype(np.int64))
     total: Array = np.concatenate([[0.0], np.cumsum(density)])
     low = np.maximum(0, np.arange(density.size) - half)
     high = np.minimum(density.size, np.arange(density.size) + half + 1)

@@ -1,0 +1,127 @@
+"""Effects that half of the data does not show: fitted to all of it, and judged by the price of their numbers.
+
+Held-out data guards against numbers that fit chance, at the cost of half of what is known. Where nothing
+was found that way, the likelihood ratio over all windows says more, at a price for each number (Schwarz).
+The ratio takes lines of a spectrum for independent; near a weakly damped resonance they are not, so it is
+measured in what draws of the noise give in its direction.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .fitting import Step
+from .floor import noise_floor
+from .registry import EFFECTS
+from .result import Hypothesis
+from .rules import SMALLEST
+from .screening import small_candidates
+from .simulate import Simulation
+
+if TYPE_CHECKING:
+    from .search import Search
+
+Array = NDArray[np.float64]
+
+#: Twice the log likelihood ratio, less the price of its numbers, that an effect needs, and one that goes with
+#: the drive's frequency, as small errors of any model do.
+ENOUGH, WITH_TIME = 5.0, 20.0
+#: Draws of the noise.
+DRAWS = 4
+
+
+class AllWindows(Simulation):
+    """A simulation all of whose windows are fitted, and judge."""
+
+    @property
+    def training(self) -> list[int]:
+        """Numbers of all windows."""
+        return list(range(len(self.places)))
+
+    @property
+    def held_out(self) -> list[int]:
+        """Numbers of all windows."""
+        return self.training
+
+    @classmethod
+    def of(cls, other: Simulation) -> AllWindows:
+        """Return that over the windows of ``other``, weighed alike."""
+        found = cls(other.stretches, other.motions)
+        found.take_way(other)
+        return found
+
+
+def small_effect(search: Search, base: Step) -> Step | None:
+    """Return ``base`` with the effect that all windows together show, ``None`` where they show none."""
+    pieces = search.simulation
+    search.simulation = everything = AllWindows.of(pieces)
+    try:
+        start = search.fit((), [base.fitted.point])
+        search.take_weight(start)
+        start = search.polished(start, rounds=10)
+        chosen = small_candidates(everything, search.regressed, search.catalogue, start)
+        found = [_fitted(search, start, entry.effect.id, entry.values) for entry in chosen]
+        evidence = _evidence(everything, start, found)
+        fall = [search.nrmse(start) ** 2 - search.nrmse(step) ** 2 for step in found]
+    finally:
+        search.simulation = pieces
+    best = max(range(len(found)), key=evidence.__getitem__, default=None)
+    if best is None:
+        return None
+    step, effect = found[best], chosen[best].effect
+    name = effect.id
+    enough = evidence[best] > (WITH_TIME if effect.follows_time else ENOUGH)
+    if not enough or fall[best] < SMALLEST**2 or search.senseless(step, name):
+        return None
+    step.trials = {name: chosen[best].trial}
+    step = search.measured(step)
+    values = {number: step.fitted.point.values[number] for number in EFFECTS[name].fitted}
+    search.ranking = [row for row in search.ranking if row.id != name]
+    search.ranking.append(Hypothesis(name, (), search.nrmse(step), evidence[best], values, True))
+    search.tried[name, ()] = step
+    search.steps.append(step)
+    return step
+
+
+def _fitted(search: Search, start: Step, name: str, values: Mapping[str, float]) -> Step:
+    """Return ``start`` with the effect ``name``, fitted from ``values`` to all windows."""
+    point = replace(
+        start.fitted.point, active=search.terms_of((name,)), values={**start.fitted.point.values, **values}
+    )
+    return search.polished(search.fit((name,), [point]), rounds=10)
+
+
+def _evidence(simulation: Simulation, start: Step, found: list[Step]) -> list[float]:
+    """Return twice the log likelihood ratio of each of ``found`` over ``start``, less the price."""
+    if not found:
+        return []
+    chosen = simulation.held_out
+    price = math.log(sum(window.stop - window.start for _, window, _ in simulation.places))
+    noise = [
+        simulation.weigh(noise_floor(simulation, start.fitted.point, start.held, seed=seed).errors, chosen)[0]
+        for seed in range(DRAWS)
+    ]
+    edges, _ = simulation.parts(chosen)
+    before = simulation.weigh(start.held, chosen)[0]
+    rows = []
+    for step in found:
+        change = simulation.weigh(step.held, chosen)[0] - before
+        spread = _spread(change, noise, edges)
+        numbers = len(step.fitted.free) - len(start.fitted.free)
+        rows.append((start.cost - step.cost) / max(1.0, spread) - price * numbers)
+    return rows
+
+
+def _spread(change: Array, noise: list[Array], edges: NDArray[np.int64]) -> float:
+    """Return the variance of ``noise`` in the direction of ``change`` over that of independent numbers.
+
+    Both are weighed, shape (m,); ``edges`` are where their windows begin, which are independent.
+    """
+    along = [np.add.reduceat(change * row, edges[:-1]) for row in noise]
+    return float(np.mean([np.sum(row**2) for row in along])) / max(1e-30, float(change @ change))
