@@ -209,9 +209,11 @@ class Simulation:
         self._reweighed()
 
     def take_way(self, other: Simulation) -> None:
-        """Weigh, and compare, as ``other`` with the same windows does."""
-        self.robust, self.ringing, self.jumps = other.robust, other.ringing, other.jumps
-        self.density, self._lines = list(other.density), list(other._lines)
+        """Weigh means over intervals as ``other`` does, which has the same stretches or more."""
+        self.robust, self.ringing = other.robust, other.ringing
+        numbers = [other._number[id(stretch)] for stretch in self.stretches]
+        self.density = [other.density[number] for number in numbers]
+        self._lines = [other._lines[number] for number in numbers]
         self._reweighed()
 
     def let_start_ring(self, mass: float, stiffness: float, damping: float) -> None:

@@ -51,16 +51,17 @@ class AllWindows(Simulation):
 
     @classmethod
     def of(cls, other: Simulation) -> AllWindows:
-        """Return that over the windows of ``other``, weighed alike."""
-        found = cls(other.stretches, other.motions)
+        """Return that over the records of ``other`` that are fitted, weighed alike."""
+        found = cls([stretch for stretch in other.stretches if any(stretch.training)], other.motions)
         found.take_way(other)
         return found
 
 
 def small_effect(search: Search, base: Step) -> Step | None:
     """Return ``base`` with the effect that all windows together show, ``None`` where they show none."""
-    pieces = search.simulation
-    search.simulation = everything = AllWindows.of(pieces)
+    kept = search.simulation, search.stretches
+    everything = AllWindows.of(search.simulation)
+    search.simulation, search.stretches = everything, everything.stretches
     try:
         start = search.fit((), [base.fitted.point])
         search.take_weight(start)
@@ -70,7 +71,7 @@ def small_effect(search: Search, base: Step) -> Step | None:
         evidence = _evidence(everything, start, found)
         fall = [search.nrmse(start) ** 2 - search.nrmse(step) ** 2 for step in found]
     finally:
-        search.simulation = pieces
+        search.simulation, search.stretches = kept
     best = max(range(len(found)), key=evidence.__getitem__, default=None)
     if best is None:
         return None
