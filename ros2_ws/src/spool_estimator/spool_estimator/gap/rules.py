@@ -16,10 +16,6 @@ from .registry import EFFECTS
 EVIDENCE = 40.0
 #: Share of the weighed sum of squares that it must take away at least.
 RELATIVE = 4e-3
-#: The same over all data, of which it needs ``EITHER`` on those that are fitted and on those held out.
-TOGETHER, EITHER = 14.0, 5.0
-#: Share of the weighed sum of squares over all data that it must take away at least.
-RELATIVE_TOGETHER = 5e-4
 #: Share of the measured acceleration, rms, that it must explain: less is within what any simulation errs.
 SMALLEST = 5e-4
 #: Share of the power of what is left that a further effect must explain beside others.
@@ -49,7 +45,7 @@ class Rules(Fitting):
     """Fits, and how they are chosen among.
 
     Attributes:
-        small: effects count that both halves of the data show only together.
+        small: effects count that no half of the data shows, see :mod:`.small_effects`.
         floor: what noise leaves of the accepted hypothesis, over the measured acceleration; others: see
             :class:`Fitting`.
     """
@@ -128,8 +124,7 @@ class Rules(Fitting):
 
     def refusal(self, step: Step, entry: Step, evidence: float) -> str:
         """Return why ``entry`` is not taken in place of ``step``, or an empty string."""
-        clear = evidence >= max(EVIDENCE, RELATIVE * step.cost)
-        if not clear and not (self.small and not step.effects and self._clear_together(step, entry)):
+        if evidence < max(EVIDENCE, RELATIVE * step.cost):
             return "it does not close the gap significantly"
         falls = [
             before**2 - after**2 < max(SMALLEST**2, self._least_share(step, before) * before**2)
@@ -156,22 +151,6 @@ class Rules(Fitting):
         if not step.effects:
             return 0.0
         return min(BESIDE, OPEN * max(0.0, 1.0 - (self.floor / before) ** 2))
-
-    def _clear_together(self, step: Step, entry: Step) -> bool:
-        """Whether ``entry`` beats ``step`` on either half of the data, and clearly on both together."""
-        name = entry.effects[-1]
-        if name in EFFECTS and EFFECTS[name].follows_time:
-            return False
-        simulation = self.simulation
-        training = simulation.training
-        costs = [
-            float(simulation.cost(simulation.weigh(s.train, training), training)[0]) for s in (step, entry)
-        ]
-        fitted, held = costs[0] - costs[1], step.cost - entry.cost
-        numbers = len(entry.fitted.free) - len(step.fitted.free)
-        together = fitted + held - (self.price + math.log(2.0)) * numbers
-        least = max(TOGETHER, RELATIVE_TOGETHER * (costs[0] + step.cost))
-        return min(fitted, held) >= EITHER and together >= least
 
     @staticmethod
     def senseless(entry: Step, name: str) -> str:

@@ -89,7 +89,7 @@ class Search(LookAlikes):
         base = self.base_fit(step.fitted.point, rounds=6)
         step = self._grown(base)
         if not step.effects:
-            return small_effect(self, base) or self.steps[0]
+            return (small_effect(self, base) if self.small else None) or self.steps[0]
         step = self._another_way(base, step) or step
         self.take_weight(step)
         self.score(step)

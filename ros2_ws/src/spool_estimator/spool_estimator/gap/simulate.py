@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 #: Upper end of the compared band over that of the drive, and at least so many Hz.
 HARMONICS, AT_LEAST = 6.0, 300.0
 #: Lines times windows that a density is averaged over, on either side of a line.
-SMOOTHED = 12
+SMOOTHED = 24
 #: Share of the level that errors keep at high frequency by which they are weighed at least.
 LEAST = 0.5
 #: Weighed squares over their expectation from which a window is a bad one.
