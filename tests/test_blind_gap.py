@@ -54,6 +54,7 @@ def good() -> Case:
     ("seed", "hidden"),
     [
         (2, "none"),
+        (9023, "none"),  # the noise looks like a cubic spring to either half of the record
         (5, "coulomb_friction"),
         (12, "quadratic_damping"),
         (5066, "spring_backlash"),
@@ -71,11 +72,11 @@ def test_what_is_hidden_is_named_with_its_size(seed: int, hidden: str) -> None:
 
 
 @pytest.mark.parametrize(("seed", "hidden"), [(902, "coulomb_friction"), (901, "cubic_stiffness")])
-def test_an_effect_of_three_times_what_can_be_seen_at_all_is_named(seed: int, hidden: str) -> None:
-    """A hundredth of what is clear, seen by a test that knows it at a third of that."""
+def test_an_effect_of_twice_what_can_be_seen_at_all_is_named(seed: int, hidden: str) -> None:
+    """Less than a hundredth of what is clear, seen by a test that knows it at half of that."""
     seen = limit_case(seed, hidden, moderate=True)
     assert seen is not None
-    row = judge(make(seed, hidden, factor=3.0 * seen.factor, moderate=True))
+    row = judge(make(seed, hidden, factor=2.0 * seen.factor, moderate=True))
     assert row.verdict == hidden, row
 
 

@@ -113,13 +113,13 @@ def _evidence(simulation: Simulation, start: Step, found: list[Step]) -> list[fl
     rows = []
     for step in found:
         change = simulation.weigh(step.held, chosen)[0] - before
-        spread = _spread(change, noise, edges)
+        often = spread(change, noise, edges)
         numbers = len(step.fitted.free) - len(start.fitted.free)
-        rows.append((start.cost - step.cost) / max(1.0, spread) - price * numbers)
+        rows.append((start.cost - step.cost) / max(1.0, often) - price * numbers)
     return rows
 
 
-def _spread(change: Array, noise: list[Array], edges: NDArray[np.int64]) -> float:
+def spread(change: Array, noise: list[Array], edges: NDArray[np.int64]) -> float:
     """Return the variance of ``noise`` in the direction of ``change`` over that of independent numbers.
 
     Both are weighed, shape (m,); ``edges`` are where their windows begin, which are independent.

@@ -61,14 +61,16 @@ def difference(size: Array, frequency: Array, valve: Valve, factor: float, sprin
     if springs is not ANY_SPRING:
         return apart
     floating, _ = _nearest(size, frequency, valve, factor, NO_SPRING, SAME_DRAG)
-    return min(apart, floating, _at_times_floating(size, frequency, valve, factor))
+    return min(apart, floating, _floating_above(size, frequency, valve, factor))
 
 
-def _at_times_floating(size: Array, frequency: Array, valve: Valve, factor: float) -> float:
-    """Return the difference from the nearest valve whose spool floats in its play at some frequencies."""
+def _floating_above(size: Array, frequency: Array, valve: Valve, factor: float) -> float:
+    """Return the difference from the nearest valve whose spool floats in its play above some frequency."""
     swings = _apart(size, frequency, valve, factor, ANY_SPRING, ANY_DRAG)
     floats = _apart(size, frequency, valve, factor, NO_SPRING[:1], ANY_DRAG)
-    return float(np.minimum(swings, floats).mean(axis=-1).min())
+    below = np.cumsum(swings, axis=-1)
+    above = np.cumsum(floats[..., ::-1], axis=-1)[..., ::-1]
+    return float((below[..., :-1] + above[..., 1:]).min()) / swings.shape[-1]
 
 
 def opposite(ratio: Array, frequency: Array, valve: Valve) -> bool:
