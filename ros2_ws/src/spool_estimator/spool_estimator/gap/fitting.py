@@ -106,8 +106,9 @@ class Fitting:
                     size = value or parameter.start or 1e-3 * parameter.high
                     found.append(Free(parameter.name, parameter.low, parameter.high, size))
         for name, tolerance in ((GAIN, self.settings.gain_tolerance), (DELAY, self.settings.delay_tolerance)):
-            bound = WIDE[name] if name in effects else tolerance
-            found.append(Free(name, -bound, bound, 0.2 * tolerance, absolute=True))
+            # Steps are bounded by the scale: what is out of tolerance has a longer way to go.
+            bound, scale = (WIDE[name], tolerance) if name in effects else (tolerance, 0.2 * tolerance)
+            found.append(Free(name, -bound, bound, scale, absolute=True))
         return found
 
     def fit(
