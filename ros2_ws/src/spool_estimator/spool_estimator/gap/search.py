@@ -161,7 +161,7 @@ class Search(LookAlikes):
             clear = 0.0
             if name in EFFECTS[present].replaces:
                 clear = -CLEARLY * best.cost
-            elif numbers:
+            elif numbers > 0:
                 clear = CLEARLY * best.cost
             if best.cost - other.cost - self.price * numbers > clear and not self.senseless(other, name):
                 best = other
