@@ -24,6 +24,8 @@ from .usual import usual_share
 #: Residual power over the floor's, in the drive's band, from which something is left to explain where
 #: the error exceeds ``CLOSED`` floors, and this share of the gap's amplitude stays, in all or usually.
 LEFT_OVER, MAY_STAY = 1.8, 0.05
+#: The same without kinks in the force: nothing excuses what a smooth model leaves.
+SMOOTH_MAY_STAY = 0.01
 #: The same where the motion is sensitive: to the hits of stops, with which the right numbers leave a third of
 #: the usual window, and to the play of springs, within which nothing brings the spool back.
 SENSITIVE_MAY_STAY = {"end_stop": 0.5, "spring_backlash": 0.15}
@@ -60,6 +62,7 @@ def judge_outcome(
     stays = math.sqrt(max(after**2 - floor.nrmse**2, 0.0)) / gap if gap > 0.0 else 1.0
     stays = min(stays, usual_share(search.steps[0].held, final.held, floor.errors))
     most = max(SENSITIVE_MAY_STAY.get(name, MAY_STAY) for name in ("", *final.effects))
+    most = most if search.has_kinks(final) else SMOOTH_MAY_STAY
     left = excess(simulation, final.held, floor)
     search.take_weight(final)
     rest = remainder(simulation, final.fitted.point, final.train, final.held)
@@ -93,6 +96,8 @@ def judge_outcome(
         warnings.append(scatter.sentence)
         if verdict == "none":
             verdict, confidence = "unexplained", min(0.99, 1.0 - 0.5 * JITTER / scatter.evidence)
+        else:
+            scatter = None
     # Strong friction, too, spoils the coherence; a model that explains the record settles that.
     if not trusted and (unexplained or not named):
         verdict, confidence = "unexplained", min(confidence, 0.3)
