@@ -8,6 +8,9 @@ import numpy as np
 
 from ..effect import Array, Effect, Motion, scan
 
+#: Share of the force at speed by which the force at rest exceeds it at least: less is Coulomb friction.
+LEAST_EXCESS = 0.1
+
 
 class StribeckFriction(Effect):
     """A jump at reversals that is larger at low speed."""
@@ -62,6 +65,7 @@ class StribeckFriction(Effect):
     def sensible(self, values: Mapping[str, float], deviations: Mapping[str, float]) -> str:
         """Return why ``values`` make no sense: friction at rest must exceed friction at speed."""
         excess = values["static_force"] - values["coulomb_force"]
-        if excess < 3.0 * deviations.get("static_force", 0.0):
+        least = max(3.0 * deviations.get("static_force", 0.0), LEAST_EXCESS * values["coulomb_force"])
+        if excess < least:
             return "the force at rest does not significantly exceed the force at speed"
         return ""
