@@ -31,7 +31,10 @@ class _Channel:
 
 
 class _Output:
-    """Unbuffered file: mcap hands over whole chunks, and a full disk must be seen at once."""
+    """Unbuffered file: mcap hands over whole chunks, and a full disk must be seen at once.
+
+    Not derived from ``io.RawIOBase``, around which mcap puts a buffer: so mcap declares no such type.
+    """
 
     def __init__(self, path: Path) -> None:
         self.descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)

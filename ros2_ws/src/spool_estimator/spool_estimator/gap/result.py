@@ -144,7 +144,8 @@ class Hypothesis:
         id: effect of the catalogue.
         beside: effects that were already accepted when it was tried.
         nrmse_after: held out, with it, everything else refitted.
-        evidence: twice the log likelihood ratio on held-out data, less the price of its parameters.
+        evidence: twice the log likelihood ratio on held-out data, less the price of its parameters; of small
+            effects over all data, see :mod:`.small_effects`.
         parameters: values by name.
         accepted: it is part of the verdict.
         reason: why not, where it is not.

@@ -72,22 +72,38 @@ def small_effect(search: Search, base: Step) -> Step | None:
         fall = [search.nrmse(start) ** 2 - search.nrmse(step) ** 2 for step in found]
     finally:
         search.simulation, search.stretches = kept
-    best = max(range(len(found)), key=evidence.__getitem__, default=None)
-    if best is None:
+    if not found:
         return None
-    step, effect = found[best], chosen[best].effect
-    name = effect.id
-    enough = evidence[best] > (WITH_TIME if effect.follows_time else ENOUGH)
-    if not enough or fall[best] < SMALLEST**2 or search.senseless(step, name):
+    best = max(range(len(found)), key=evidence.__getitem__)
+    reasons = [
+        _refusal(search, step, own, less) for step, own, less in zip(found, evidence, fall, strict=True)
+    ]
+    for number, step in enumerate(found):
+        step.trials = {chosen[number].effect.id: chosen[number].trial}
+        # All windows named it; its numbers come from those that are fitted, so that the others can judge.
+        found[number] = search.polished(search.measured(step)) if number == best else search.measured(step)
+        name = step.effects[-1]
+        values = {own: step.fitted.point.values[own] for own in EFFECTS[name].fitted}
+        accepted = number == best and not reasons[best]
+        row = Hypothesis(
+            name, (), search.nrmse(found[number]), evidence[number], values, accepted, reasons[number]
+        )
+        search.ranking = [*(known for known in search.ranking if known.id != name), row]
+        search.tried[name, ()] = found[number]
+    if reasons[best]:
         return None
-    step.trials = {name: chosen[best].trial}
-    step = search.measured(step)
-    values = {number: step.fitted.point.values[number] for number in EFFECTS[name].fitted}
-    search.ranking = [row for row in search.ranking if row.id != name]
-    search.ranking.append(Hypothesis(name, (), search.nrmse(step), evidence[best], values, True))
-    search.tried[name, ()] = step
-    search.steps.append(step)
-    return step
+    search.steps.append(found[best])
+    return found[best]
+
+
+def _refusal(search: Search, step: Step, evidence: float, fall: float) -> str:
+    """Return why ``step``, with that evidence and fall of the share of power left, is none, or nothing."""
+    name = step.effects[-1]
+    if evidence < (WITH_TIME if EFFECTS[name].follows_time else ENOUGH):
+        return "it does not close the gap significantly"
+    if fall < SMALLEST**2:
+        return "it is too small to be told from errors of the simulation"
+    return search.senseless(step, name)
 
 
 def _fitted(search: Search, start: Step, name: str, values: Mapping[str, float]) -> Step:
