@@ -121,7 +121,7 @@ def analyse(
     if final is None:
         search = search_from(point)
         final = search.run(point)
-        final = search.judge_by(search.longer, final)
+        final = search.judge_by(search.free_runs(final), final)
     tell("measuring what is left", 0.9)
     outcome = judge_outcome(search, final, saturation, chosen, trusted=trusted)
     left = search.nrmse(final)

@@ -10,6 +10,8 @@ from .result import Hypothesis
 from .start_from_rest import Asymmetry, asymmetry
 
 ONE, TWO = "coulomb_friction", "asymmetric_friction"
+#: With it the springs do not say where the spool rests before it starts.
+PLAY = "spring_backlash"
 #: Evidence that two forces need over one; standard deviations by which their ratio must differ from 0.
 EVIDENCE, SIGNIFICANT = 25.0, 2.0
 
@@ -19,7 +21,7 @@ def by_direction(fitting: Fitting, step: Step) -> tuple[Step, Hypothesis] | None
 
     ``None`` where the start does not show that, or the friction is another one.
     """
-    if ONE not in step.effects:
+    if ONE not in step.effects or PLAY in step.effects:
         return None
     for stretch in fitting.stretches:
         found = asymmetry(fitting.simulation, stretch, step.fitted.point, fitting.base, fitting.valve)

@@ -87,7 +87,8 @@ class Effect(ABC):
         told_by: which drive tells them apart.
         rare: it acts in few stretches of a record only.
         follows_time: in a sweep it goes with the drive's frequency, as small errors of any model do.
-        valleys: a fit of it may end in a wrong valley: where it leaves a gap it starts from other sizes, too.
+        valleys: with it the motion can go several ways at one drive, so that a fit of free runs may end in a
+            wrong valley: runs are coupled to the measured motion.
         picture: what its signature is drawn over: ``velocity``, ``displacement``, ``time`` or ``samples``.
     """
 

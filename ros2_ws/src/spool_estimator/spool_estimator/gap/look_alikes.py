@@ -1,4 +1,4 @@
-"""Fits from other places: of effects that act alike from where the other stands, of one from other sizes."""
+"""Fits from other places: of effects that act alike, from where the other stands."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .alike import acting_alike, slides
-from .fitting import DELAY, GAIN, Step
+from .fitting import Step
 from .point import Point
 from .registry import EFFECTS
-from .rules import CLEARLY, Rules
+from .rules import Rules
 from .screening import FRICTIONS
 from .stretches import Stretch
 
@@ -21,8 +21,6 @@ ALIKE = 10.0
 FOLLOWED = 3
 #: Cost over the best one up to which a look-alike is fitted to its last digits.
 NEAR = 1.3
-#: Sizes over the fitted one from which an effect that leaves a gap is fitted once more.
-OTHER_SIZES = (0.7, 0.9, 1.1, 1.4)
 
 
 @dataclass(slots=True)
@@ -114,24 +112,3 @@ class LookAlikes(Rules):
                 if self.evidence(step, closer) > self.evidence(step, best):
                     best = closer
         return best
-
-    def elsewhere(self, step: Step, closer: float) -> Step:
-        """Return ``step`` or, where that leaves clearly less, a fit from other sizes of its newest effect."""
-        name = step.effects[-1]
-        if name not in EFFECTS or not EFFECTS[name].valleys:
-            return step
-        point = step.fitted.point
-        values = point.values
-        own = {number: values[number] for number in EFFECTS[name].amplitudes}
-        starts = [
-            replace(point, values={**values, **{number: size**closer * own[number] for number in own}})
-            for size in OTHER_SIZES
-        ]
-        starts += [start.moved((GAIN, DELAY), (0.0, 0.0)) for start in (point, *starts)]
-        self.score(step)
-        other = self.fit(step.effects, starts, rounds=5, tries=len(starts), enough=5e-3)
-        if other.cost >= NEAR * step.cost:
-            return step
-        other.trials = step.trials
-        other = self.polished(other)
-        return other if other.cost < (1.0 - CLEARLY) * step.cost else step

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
 from scipy.special import expit
 from spool_stream.quantity import Quantity, Validity
 
@@ -19,16 +21,19 @@ from .result import GapSettings, Hypothesis
 from .rules import EVIDENCE
 from .saturation import Saturation
 from .search import CLOSED, Search
+from .simulate import Simulation
 from .usual import usual_share
+
+Array = NDArray[np.float64]
 
 #: Residual power over the floor's, in the drive's band, from which something is left to explain where
 #: the error exceeds ``CLOSED`` floors, and this share of the gap's amplitude stays, in all or usually.
 LEFT_OVER, MAY_STAY = 1.8, 0.05
 #: The same without kinks in the force: nothing excuses what a smooth model leaves.
 SMOOTH_MAY_STAY = 0.01
-#: The same where the motion is sensitive: to the hits of stops, with which the right numbers leave a third of
-#: the usual window, and to the play of springs, within which nothing brings the spool back.
-SENSITIVE_MAY_STAY = {"end_stop": 0.5, "spring_backlash": 0.15}
+#: The same where the motion is sensitive to the hits of stops, with which the right numbers leave a third of
+#: the usual window.
+SENSITIVE_MAY_STAY = {"end_stop": 0.5}
 #: Error over the noise floor up to which what can be foretold of it is the noise's own doing.
 ABOVE_FLOOR = 1.1
 
@@ -50,22 +55,62 @@ class Outcome:
     advice: str
 
 
+@dataclass(frozen=True, slots=True)
+class _Judged:
+    """What is judged by: free runs, or coupled ones where the motion can go several ways.
+
+    Attributes:
+        simulation: of the windows.
+        before, held: errors of the base and of the hypothesis on those held out, m/s^2, shape (1, n) each.
+        train: of the hypothesis on the others.
+        floor: what noise leaves.
+    """
+
+    simulation: Simulation
+    before: list[Array]
+    train: list[Array]
+    held: list[Array]
+    floor: Floor
+
+    def nrmse(self, errors: list[Array]) -> float:
+        """Held out."""
+        return float(self.simulation.nrmse(errors, self.simulation.held_out)[0])
+
+
+def _judged(search: Search, final: Step, floor: Floor) -> _Judged:
+    base, coupled = search.steps[0], search.coupled
+    if coupled is None:
+        return _Judged(search.simulation, base.held, final.train, final.held, floor)
+    point, held = final.fitted.point, coupled.held_out
+    errors = coupled.errors([point], held)
+    return _Judged(
+        coupled,
+        coupled.errors([base.fitted.point], held),
+        coupled.errors([point], coupled.training),
+        errors,
+        noise_floor(coupled, point, errors),
+    )
+
+
 def judge_outcome(
     search: Search, final: Step, saturation: Saturation, settings: GapSettings, *, trusted: bool
 ) -> Outcome:
     """Return the verdict on what ``search`` accepted."""
     del settings
-    simulation = search.simulation
-    floor = noise_floor(simulation, final.fitted.point, final.held)
-    before, after = search.nrmse(search.steps[0]), search.nrmse(final)
-    gap = math.sqrt(max(before**2 - floor.nrmse**2, 0.0))
-    stays = math.sqrt(max(after**2 - floor.nrmse**2, 0.0)) / gap if gap > 0.0 else 1.0
-    stays = min(stays, usual_share(search.steps[0].held, final.held, floor.errors))
+    floor = noise_floor(search.simulation, final.fitted.point, final.held)
+    seen = _judged(search, final, floor)
+    before, after = (seen.nrmse(errors) for errors in (seen.before, seen.held))
+    noise = seen.floor.nrmse
+    gap = math.sqrt(max(before**2 - noise**2, 0.0))
+    stays = math.sqrt(max(after**2 - noise**2, 0.0)) / gap if gap > 0.0 else 1.0
+    stays = min(stays, usual_share(seen.before, seen.held, seen.floor.errors))
     most = max(SENSITIVE_MAY_STAY.get(name, MAY_STAY) for name in ("", *final.effects))
     most = most if search.has_kinks(final) else SMOOTH_MAY_STAY
-    left = excess(simulation, final.held, floor)
-    search.take_weight(final)
-    rest = remainder(simulation, final.fitted.point, final.train, final.held)
+    left = excess(seen.simulation, seen.held, seen.floor)
+    seen.simulation.take_weight(
+        seen.train, seen.simulation.training, [0.5 * s.noise.spool for s in seen.simulation.stretches]
+    )
+    rest = remainder(seen.simulation, final.fitted.point, seen.train, seen.held)
     follows = rest.tells(after, before, kinks=search.has_kinks(final)) and "end_stop" not in final.effects
     named = list(final.effects)
     extra: dict[str, Quantity] = {}
@@ -76,8 +121,8 @@ def judge_outcome(
         )
     runner = _runner_up(search)
     # Where nothing was added there is no gap to measure the remainder by, only the floor.
-    follows = follows and after > (ABOVE_FLOOR if final.effects else CLOSED) * floor.nrmse
-    still_open = left > LEFT_OVER and after > CLOSED * floor.nrmse
+    follows = follows and after > (ABOVE_FLOOR if final.effects else CLOSED) * noise
+    still_open = left > LEFT_OVER and after > CLOSED * noise
     unexplained = follows or (still_open and (stays > most or not final.effects))
     candidates: tuple[str, ...] = ()
     warnings: list[str] = []

@@ -67,6 +67,8 @@ def _cut(stretch: Stretch, gain: float, delay: float) -> Stretch:
     spool, speed, travel = (conditioning.apply(stretch.motion.spool, order) for order in (0, 1, 2))
     lead, margin = max(2, round(RUN_IN / period)), max(4, round(MARGIN / period))
     body = limited(stretch.quiet.apply(record.body), period, stretch.highest_frequency)
+    if stretch.pull is not None:
+        body = body - stretch.pull
     reach = min(body.size - 1, margin + lead + 4)
     padded = np.pad(body, reach, mode="reflect", reflect_type="odd")
     rise = 0.5 - 0.5 * np.cos(np.pi * (np.arange(margin // 2) + 0.5) / (margin // 2))

@@ -33,3 +33,12 @@ class Point:
         given = dict(zip(names, numbers, strict=True))
         gain, delay = given.pop("spool_gain_error", self.gain), given.pop("spool_delay", self.delay)
         return replace(self, values={**self.values, **given}, gain=gain, delay=delay)
+
+    def damped(self, damper: float) -> Point:
+        """Return this with a damper (N s/m) beside its viscous drag, without a share in that one's drift."""
+        values = dict(self.values)
+        known = values["viscous_coefficient"]
+        values["viscous_coefficient"] = known + damper
+        if "damping_drift_rate" in values:
+            values["damping_drift_rate"] *= known / (known + damper)
+        return replace(self, values=values)

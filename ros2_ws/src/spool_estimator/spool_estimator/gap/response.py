@@ -39,7 +39,9 @@ def responses(
         places = [place for place in wanted if simulation.places[place][0] is stretch]
         if not places:
             continue
-        rows = _through(stretch, point, forces(number), slopes, means=simulation.jumps is None)
+        rows = _through(
+            stretch, point.damped(simulation.damper), forces(number), slopes, means=simulation.jumps is None
+        )
         for place in places:
             window = simulation.places[place][1]
             part = slice(window.start, window.stop)

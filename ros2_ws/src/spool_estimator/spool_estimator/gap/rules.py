@@ -119,8 +119,8 @@ class Rules(Fitting):
     @classmethod
     def has_kinks(cls, step: Step) -> bool:
         """Whether the force of ``step`` jumps, or its slope over the displacement does."""
-        effects = [EFFECTS[name] for name in step.effects if name in EFFECTS]
-        return cls.has_jumps(step) or any(entry.valleys or entry.rare for entry in effects)
+        laws = {law for name in step.fitted.point.active for law in term(name).laws}
+        return cls.has_jumps(step) or "levels_law" in laws
 
     def refusal(self, step: Step, entry: Step, evidence: float) -> str:
         """Return why ``entry`` is not taken in place of ``step``, or an empty string."""

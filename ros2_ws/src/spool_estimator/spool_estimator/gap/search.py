@@ -8,13 +8,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .alike import slides
 from .balance import Screened
 from .by_direction import by_direction
+from .coupled import coupled_simulation, coupled_start, following
 from .effect import Effect
 from .fitting import BASE_NUMBERS, DELAY, GAIN, Step, parameters_of
 from .floor import noise_floor
-from .look_alikes import NEAR, LookAlikes
+from .look_alikes import LookAlikes
+from .other_laws import swapped
 from .point import Point
 from .registry import EFFECTS
 from .remainder import OF_GAP, remainder
@@ -34,8 +35,8 @@ Progress = Callable[[str, float], None]
 AT_FLOOR, CLOSED, SMOOTH = 1.2, 1.3, 1.08
 #: Share of the evidence of the first effect from which its look-alike is followed, too.
 NEARLY = 0.5
-#: Powers of those sizes, one after the other: far and near.
-CLOSER = (1.0, 0.4, 1.0, 0.4)
+#: Damper over the critical one that couples runs to the measured motion where that can go several ways.
+DAMPING_RATIO = 0.3
 #: Hypotheses that are refined with the weight of the best one.
 REFINED = 3
 
@@ -53,6 +54,7 @@ class Search(LookAlikes):
         tried: its fit, by effect and effects beside it.
         steps: base first, then each accepted one.
         overruled: laws of friction that were ahead alone and lost beside other effects, with the evidence.
+        coupled: by what hypotheses are judged where the motion can go several ways, ``None`` where it cannot.
     """
 
     longer: Simulation
@@ -63,6 +65,7 @@ class Search(LookAlikes):
     tried: dict[tuple[str, tuple[str, ...]], Step] = field(default_factory=dict)
     steps: list[Step] = field(default_factory=list)
     overruled: dict[str, float] = field(default_factory=dict)
+    coupled: Simulation | None = None
 
     def __post_init__(self) -> None:
         if not self.catalogue:
@@ -113,23 +116,43 @@ class Search(LookAlikes):
             better = self._forward(step)
             if better is None:
                 break
-            step = self._swapped(self.without_needless(better))
+            if any(EFFECTS[name].valleys for name in better.effects):
+                better = self._couple(better)
+            step = swapped(self, self.without_needless(better))
             if step.effects in [entry.effects for entry in self.steps]:
                 break
             self.steps.append(step)
             if self._complete(step):
                 break
-            for closer in CLOSER:
-                step, before = self.elsewhere(step, closer), step
-                self.steps[-1] = step
-                if step is not before and self._complete(step):
-                    return step
         return step
+
+    def _couple(self, step: Step) -> Step:
+        """Return ``step`` fitted with its runs coupled to the measured motion, as all are from now on."""
+        longest = self.settings.longest
+        point = coupled_start(self, self.whole, step.effects, step.fitted.point) or step.fitted.point
+        step.fitted = replace(step.fitted, point=point, settled=None)
+        self.simulation, self.coupled = (
+            coupled_simulation(self, self.whole, point, DAMPING_RATIO, longest) for _ in range(2)
+        )
+        self.stretches = self.simulation.stretches
+        for simulation in (self.simulation, self.coupled):
+            simulation.robust = True
+        for known in self.steps:
+            self.measured(known)
+        return self._settled(step)
+
+    def _settled(self, step: Step) -> Step:
+        """Return ``step`` fitted with the weight of what it leaves."""
+        step = self.polished(step)
+        self.take_weight(step)
+        for known in self.steps:
+            self.score(known)
+        return self.polished(step)
 
     def _complete(self, step: Step, most: float | None = None) -> bool:
         """Whether what ``step`` leaves is noise, up to ``most`` times the floor, in all or usually."""
         most = most or (AT_FLOOR if self.has_kinks(step) else SMOOTH)
-        longer, point = self.longer, step.fitted.point
+        longer, point = self.coupled or self.longer, step.fitted.point
         if self.has_jumps(step):
             longer.choose_sampling(point)
         training, held = longer.training, longer.held_out
@@ -144,51 +167,6 @@ class Search(LookAlikes):
         longer.take_weight(train, training, self.least_density)
         rest = remainder(longer, point, train, other)
         return not rest.tells(left, before, kinks=self.has_kinks(step))
-
-    def _swapped(self, step: Step) -> Step:
-        """Return ``step`` with another law of friction where that does better beside its other effects."""
-        present = next((name for name in step.effects if name in FRICTIONS and name in EFFECTS), None)
-        if present is None or len(step.effects) < 2:
-            return step
-        best = step
-        for name in sorted(FRICTIONS - {present}):
-            other = self._with_law(step, present, name)
-            if other is None:
-                continue
-            if other.cost < NEAR * best.cost:
-                other = self.polished(other)
-            numbers = len(other.fitted.free) - len(best.fitted.free)
-            clear = 0.0
-            if name in EFFECTS[present].replaces:
-                clear = -CLEARLY * best.cost
-            elif numbers > 0:
-                clear = CLEARLY * best.cost
-            if best.cost - other.cost - self.price * numbers > clear and not self.senseless(other, name):
-                best = other
-        if best is not step:
-            self.overruled[present] = abs(step.cost - best.cost)
-            if slides(best.effects[step.effects.index(present)]) and not slides(present):
-                return self._swapped(best)
-        return best
-
-    def _with_law(self, step: Step, present: str, name: str) -> Step | None:
-        """Return ``step`` with the law of friction ``name`` in place of ``present``, fitted."""
-        effects = tuple(name if entry == present else entry for entry in step.effects)
-        own = {parameter.name: parameter.start for parameter in parameters_of(name)}
-        known = [found for (law, _), found in self.tried.items() if law == name]
-        starts = []
-        for found in known:
-            own = self.own_of(found)
-            values = {**step.fitted.point.values, **own}
-            starts.append(replace(step.fitted.point, values=values, active=self.terms_of(effects)))
-        if name in [entry.id for entry in self.catalogue]:
-            starts += self.acting_like(step, present, name, own)
-        if not starts:
-            return None
-        other = self.fit(effects, starts, tries=2)
-        trials = {**step.trials, **(known[-1].trials if known else {})}
-        other.trials = {entry: trial for entry, trial in trials.items() if entry in effects}
-        return other
 
     def _another_way(self, base: Step, found: Step) -> Step | None:
         """Return what grows from the look-alike of the first effect, if ``found`` leaves a gap and it less.
@@ -206,7 +184,7 @@ class Search(LookAlikes):
         if not rows:
             return None
         second = max(rows, key=lambda row: row.evidence)
-        kept = self.steps, self.ranking, self.catalogue
+        kept = self.steps, self.ranking, self.catalogue, self.simulation, self.stretches, self.coupled
         start = self.polished(self.tried[second.id, ()])
         ranking = [replace(row, accepted=row is second) for row in self.ranking if not row.beside]
         self.steps, self.ranking = [*self.steps[:1], start], ranking
@@ -225,7 +203,9 @@ class Search(LookAlikes):
         if evidence > max(EVIDENCE, CLEARLY * other.cost):
             self.overruled[first.id] = evidence
             return other
-        self.steps, self.ranking, self.catalogue = kept
+        self.steps, self.ranking, self.catalogue, self.simulation, self.stretches, self.coupled = kept
+        for step in self.steps:
+            self.measured(step)
         return None
 
     def base_fit(self, start: Point, rounds: int = 10) -> Step:
@@ -242,6 +222,14 @@ class Search(LookAlikes):
             found.values["mass"], found.values["spring_stiffness"], found.values["viscous_coefficient"]
         )
         return step
+
+    def free_runs(self, final: Step) -> Simulation:
+        """Return the free runs that ``final`` is judged by, over whole windows."""
+        if self.coupled is None:
+            return self.longer
+        simulation = following(self, self.whole, final.fitted.point, DAMPING_RATIO)
+        simulation.robust = True
+        return simulation
 
     def judge_by(self, simulation: Simulation, final: Step) -> Step:
         """Measure every step and the ranking by the free runs of ``simulation`` from now on.
@@ -368,7 +356,12 @@ class Search(LookAlikes):
                 replace(point, values={**point.values, **bounded}) for point in (joint, known, nominal)
             ]
         tries = 3 if len(starts) > 6 else 1
-        found = self._widened(self.fit(effects, starts, rounds=rounds, tries=tries, enough=5e-3))
+        found = self.fit(effects, starts, rounds=rounds, tries=tries, enough=5e-3)
+        if self.coupled is None and any(EFFECTS[name].valleys for name in effects):
+            start = coupled_start(self, self.whole, effects, starts[-1])
+            if start:
+                found = min(found, self.fit(effects, [start], rounds=rounds), key=lambda one: one.cost)
+        found = self._widened(found)
         found.trials = {
             **{e: t for e, t in step.trials.items() if e in effects},
             entry.effect.id: entry.trial,

@@ -47,18 +47,23 @@ class Simulation:
         places: stretch, window and whether it is fitted, of each window.
         ringing: mass, stiffness and damping (kg, N/m, N s/m) with which an error of a window's start
             rings; ``None`` where windows have forgotten their start.
+        damper: N s/m, between model and measured motion, see :mod:`.coupled`.
         weighing: another object whenever what is compared, or its weight, has changed.
     """
 
-    def __init__(self, stretches: Sequence[Stretch], motions: Sequence[SwitchableMotion]) -> None:
+    def __init__(
+        self, stretches: Sequence[Stretch], motions: Sequence[SwitchableMotion], damper: float = 0.0
+    ) -> None:
         """Prepare the bands and start with the weight of the channels' noise.
 
         Args:
             stretches: with their windows.
             motions: kernels, quickest first; the first one that has all terms of a hypothesis steps it.
+            damper: that ``stretches`` are coupled by, N s/m.
         """
         self.stretches = tuple(stretches)
         self.motions = tuple(motions)
+        self.damper = damper
         self.places = [
             (stretch, window, training)
             for stretch in stretches
@@ -77,6 +82,8 @@ class Simulation:
     def run(self, points: Sequence[Point], chosen: Sequence[int]) -> list[Run]:
         """Simulate ``points`` (with the same terms) over the windows numbered ``chosen``."""
         motion = next(entry for entry in self.motions if entry.has(points[0].active))
+        if self.damper:
+            points = [point.damped(self.damper) for point in points]
         return self._batches.run(motion, points, [self.places[place][:2] for place in chosen])
 
     def errors(self, points: Sequence[Point], chosen: Sequence[int]) -> list[Array]:

@@ -1,0 +1,125 @@
+"""Free runs that a damper couples to the measured motion: where fits of springs with play begin.
+
+With play or preload a spool swings in one of several ways at the same drive, so a free run of almost the
+right numbers follows the measured motion or another, at chance, and the sum of squares is full of valleys. A
+damper between model and measurement leaves one way, and one valley: synchronization (Abarbanel and others,
+Dynamical state and parameter estimation, SIAM Journal on Applied Dynamical Systems 8, 2009). Its force has
+two parts: more viscous drag on the model, and a drive in proportion to the measured velocity.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ..free_run import limited
+from ..zero_phase import ZeroPhase, relative_motion
+from .descent import descend
+from .fitting import Fitting
+from .pieces import Piece, pieces_of
+from .point import Point
+from .simulate import Simulation
+from .stretches import Stretch, corrected
+
+#: Dampers of the coupling over the critical one of mass and spring, one fit after the other.
+DAMPING_RATIOS = (0.6, 0.3, 0.3)
+#: Share of the samples of other fits, and rounds of each fit.
+SHARE, ROUNDS = 2, 6
+#: Upper end of the band in which the damper acts over that of the drive.
+BAND = 3.0
+#: Samples of a coupled run from which another one starts.
+LOOK = 8
+
+
+def coupled_start(
+    fitting: Fitting, whole: Sequence[Stretch], effects: tuple[str, ...], point: Point
+) -> Point | None:
+    """Return ``point`` with the numbers of base and ``effects`` as fitted to ``whole`` with the dampers.
+
+    ``None`` where the base has no viscous drag that could hold the damper.
+    """
+    free = fitting.free_of(effects, point)
+    if "viscous_coefficient" not in [entry.name for entry in free]:
+        return None
+    for number, ratio in enumerate(DAMPING_RATIOS):
+        simulation = coupled_simulation(fitting, whole, point, ratio, fitting.settings.longest // SHARE)
+        # Far from the truth most windows are bad; counted by their logarithm they make another valley.
+        simulation.robust = number > 0
+        point = descend(simulation, [point], free, rounds=ROUNDS, enough=1e-3).point
+    return point
+
+
+def coupled_simulation(
+    fitting: Fitting, whole: Sequence[Stretch], point: Point, ratio: float, longest: int
+) -> Simulation:
+    """Return pieces of ``whole``, coupled to the motion that is measured with gain and delay of ``point``.
+
+    Args:
+        fitting: gives the kernels and the spring.
+        whole: stretches with their windows.
+        point: any hypothesis.
+        ratio: of the damper over the critical one.
+        longest: samples at most to fit, and again to hold out.
+    """
+    mass = point.values["mass"]
+    damper = 2.0 * ratio * math.sqrt(fitting.valve.spring_stiffness * mass)
+    stretches = [_coupled(stretch, damper / mass, point.gain, point.delay) for stretch in whole]
+    return Simulation(
+        pieces_of(stretches, longest, point.gain, point.delay), fitting.simulation.motions, damper
+    )
+
+
+def following(fitting: Fitting, whole: Sequence[Stretch], point: Point, ratio: float) -> Simulation:
+    """Return free runs over the windows of ``whole`` that start from where coupled runs of ``point`` came.
+
+    Where the motion can go several ways, those start on the measured one, whose displacement no accelerometer
+    tells within the play.
+    """
+    gain, delay = point.gain, point.delay
+    pieces = pieces_of(whole, fitting.settings.longest, gain, delay)
+    before = [
+        replace(
+            stretch,
+            windows=tuple(
+                replace(window, start=window.first, stop=window.first + LOOK) for window in stretch.windows
+            ),
+        )
+        for stretch in pieces
+    ]
+    coupled = coupled_simulation(fitting, before, point, ratio, 2 * fitting.settings.longest)
+    runs = iter(coupled.run([point], range(len(coupled.places))))
+    found = []
+    for stretch in pieces:
+        windows = []
+        for window in stretch.windows:
+            run = next(runs)
+            state = float(run.displacement[0, 0]), float(run.velocity[0, 0])
+            assert isinstance(window, Piece)
+            windows.append(replace(window, state=state, by_gain=(0.0, 0.0), by_delay=(0.0, 0.0)))
+        found.append(replace(stretch, windows=tuple(windows)))
+    return Simulation(found, fitting.simulation.motions)
+
+
+def _coupled(stretch: Stretch, rate: float, gain: float, delay: float) -> Stretch:
+    """Return ``stretch`` with a damper of ``rate`` times the mass (1/s) that pulls at its runs.
+
+    What it adds to the drive is taken off the spool's reading, too, so that relative motions are compared.
+    """
+    record, period = stretch.record, stretch.record.sample_period
+    better = corrected(record, gain, delay)
+    motion = relative_motion(better.body, better.spool, ZeroPhase(period, stretch.low_cut))
+    pull = rate * motion.velocity
+    read = corrected(replace(record, spool=pull), 1.0 / (1.0 + gain) - 1.0, -delay).spool
+    spool = record.spool - read
+    means = ZeroPhase(period, 0.0).apply(spool, interval_means=True)
+    windows = [
+        replace(
+            window,
+            measured=spool[window.start : window.stop],
+            measured_means=means[window.start : window.stop],
+        )
+        for window in stretch.windows
+    ]
+    high = BAND * stretch.highest_frequency
+    return replace(stretch, motion=motion, pull=limited(pull, period, high), windows=tuple(windows))

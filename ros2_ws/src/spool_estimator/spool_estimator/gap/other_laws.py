@@ -1,0 +1,66 @@
+"""Every law of dry friction in place of the one that was found first, beside other effects.
+
+Alone, a law takes what belongs to another effect; beside that one, another law may fit better.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from .alike import slides
+from .fitting import Step, parameters_of
+from .look_alikes import NEAR
+from .registry import EFFECTS
+from .rules import CLEARLY
+from .screening import FRICTIONS
+
+if TYPE_CHECKING:
+    from .search import Search
+
+
+def swapped(search: Search, step: Step) -> Step:
+    """Return ``step`` with another law of friction where that does better beside its other effects."""
+    present = next((name for name in step.effects if name in FRICTIONS and name in EFFECTS), None)
+    if present is None or len(step.effects) < 2:
+        return step
+    best = step
+    for name in sorted(FRICTIONS - {present}):
+        other = _with_law(search, step, present, name)
+        if other is None:
+            continue
+        if other.cost < NEAR * best.cost:
+            other = search.polished(other)
+        numbers = len(other.fitted.free) - len(best.fitted.free)
+        clear = 0.0
+        if name in EFFECTS[present].replaces:
+            clear = -CLEARLY * best.cost
+        elif numbers > 0:
+            clear = CLEARLY * best.cost
+        if best.cost - other.cost - search.price * numbers > clear and not search.senseless(other, name):
+            best = other
+    if best is not step:
+        search.overruled[present] = abs(step.cost - best.cost)
+        if slides(best.effects[step.effects.index(present)]) and not slides(present):
+            return swapped(search, best)
+    return best
+
+
+def _with_law(search: Search, step: Step, present: str, name: str) -> Step | None:
+    """Return ``step`` with the law of friction ``name`` in place of ``present``, fitted."""
+    effects = tuple(name if entry == present else entry for entry in step.effects)
+    own = {parameter.name: parameter.start for parameter in parameters_of(name)}
+    known = [found for (law, _), found in search.tried.items() if law == name]
+    starts = []
+    for found in known:
+        own = search.own_of(found)
+        values = {**step.fitted.point.values, **own}
+        starts.append(replace(step.fitted.point, values=values, active=search.terms_of(effects)))
+    if name in [entry.id for entry in search.catalogue]:
+        starts += search.acting_like(step, present, name, own)
+    if not starts:
+        return None
+    other = search.fit(effects, starts, tries=2)
+    trials = {**step.trials, **(known[-1].trials if known else {})}
+    other.trials = {entry: trial for entry, trial in trials.items() if entry in effects}
+    return other
