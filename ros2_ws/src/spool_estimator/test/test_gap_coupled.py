@@ -77,7 +77,7 @@ def test_fits_end_in_one_valley_wherever_they_begin(
 ) -> None:
     rules, whole, truth = play
     start = truth.moved(("backlash", "spring_stiffness"), (share * TRUTH, 1.03 * VALVE.spring_stiffness))
-    found = coupled_start(rules, whole, ("spring_backlash",), start)
+    found = coupled_start(rules, whole, ("spring_backlash",), [start])
     assert found is not None
     assert found.get("backlash") == pytest.approx(TRUTH, rel=0.005)
     assert found.get("spring_stiffness") == pytest.approx(VALVE.spring_stiffness, rel=0.01)
@@ -87,4 +87,4 @@ def test_fits_end_in_one_valley_wherever_they_begin(
 def test_a_base_without_viscous_drag_holds_no_damper(play: tuple[Rules, list[Stretch], Point]) -> None:
     rules, whole, truth = play
     bare = replace(rules, base=model_from_mapping({"name": "bare", "terms": ["inertia", "spring"]}, "own"))
-    assert coupled_start(bare, whole, ("spring_backlash",), truth) is None
+    assert coupled_start(bare, whole, ("spring_backlash",), [truth]) is None

@@ -26,6 +26,8 @@ from .stretches import Stretch, corrected
 DAMPING_RATIOS = (0.6, 0.3, 0.3)
 #: Share of the samples of other fits, and rounds of each fit.
 SHARE, ROUNDS = 2, 6
+#: Starts that are followed, of several.
+TRIES = 2
 #: Upper end of the band in which the damper acts over that of the drive.
 BAND = 3.0
 #: Samples of a coupled run from which another one starts.
@@ -33,21 +35,21 @@ LOOK = 8
 
 
 def coupled_start(
-    fitting: Fitting, whole: Sequence[Stretch], effects: tuple[str, ...], point: Point
+    fitting: Fitting, whole: Sequence[Stretch], effects: tuple[str, ...], starts: Sequence[Point]
 ) -> Point | None:
-    """Return ``point`` with the numbers of base and ``effects`` as fitted to ``whole`` with the dampers.
+    """Return the best of ``starts`` with the numbers of base and ``effects`` as fitted with the dampers.
 
     ``None`` where the base has no viscous drag that could hold the damper.
     """
-    free = fitting.free_of(effects, point)
+    free = fitting.free_of(effects, starts[0])
     if "viscous_coefficient" not in [entry.name for entry in free]:
         return None
     for number, ratio in enumerate(DAMPING_RATIOS):
-        simulation = coupled_simulation(fitting, whole, point, ratio, fitting.settings.longest // SHARE)
+        simulation = coupled_simulation(fitting, whole, starts[0], ratio, fitting.settings.longest // SHARE)
         # Far from the truth most windows are bad; counted by their logarithm they make another valley.
         simulation.robust = number > 0
-        point = descend(simulation, [point], free, rounds=ROUNDS, enough=1e-3).point
-    return point
+        starts = [descend(simulation, starts, free, rounds=ROUNDS, tries=TRIES, enough=1e-3).point]
+    return starts[0]
 
 
 def coupled_simulation(

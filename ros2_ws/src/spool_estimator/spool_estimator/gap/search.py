@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from .balance import Screened
 from .by_direction import by_direction
 from .coupled import coupled_simulation, coupled_start, following
+from .duel import winner_of_duels
 from .effect import Effect
 from .fitting import BASE_NUMBERS, DELAY, GAIN, Step, parameters_of
 from .floor import noise_floor
@@ -129,7 +130,7 @@ class Search(LookAlikes):
     def _couple(self, step: Step) -> Step:
         """Return ``step`` fitted with its runs coupled to the measured motion, as all are from now on."""
         longest = self.settings.longest
-        point = coupled_start(self, self.whole, step.effects, step.fitted.point) or step.fitted.point
+        point = coupled_start(self, self.whole, step.effects, [step.fitted.point]) or step.fitted.point
         step.fitted = replace(step.fitted, point=point, settled=None)
         self.simulation, self.coupled = (
             coupled_simulation(self, self.whole, point, DAMPING_RATIO, longest) for _ in range(2)
@@ -274,6 +275,8 @@ class Search(LookAlikes):
         if not sensible:
             return None
         winner = self.simplest(step, self.closest(step, self.polished(sensible[0]), sensible[1:]), ranked)
+        if self.coupled is None and not self._complete(winner, CLOSED):
+            winner = winner_of_duels(self, winner, ranked)
         winner = self._sensor_alone(step, winner) or winner
         if step.effects and not self.still_better(step, winner):
             return None
@@ -358,7 +361,7 @@ class Search(LookAlikes):
         tries = 3 if len(starts) > 6 else 1
         found = self.fit(effects, starts, rounds=rounds, tries=tries, enough=5e-3)
         if self.coupled is None and any(EFFECTS[name].valleys for name in effects):
-            start = coupled_start(self, self.whole, effects, starts[-1])
+            start = coupled_start(self, self.whole, effects, starts[2::3])
             if start:
                 found = min(found, self.fit(effects, [start], rounds=rounds), key=lambda one: one.cost)
         found = self._widened(found)

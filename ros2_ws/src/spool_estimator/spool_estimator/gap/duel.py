@@ -1,0 +1,66 @@
+"""Look-alikes with which the motion can go several ways, against the best by free runs: by coupled ones.
+
+Free runs of the right numbers take another way than the measured motion, so those of a smooth effect that
+acts alike may leave less.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .coupled import DAMPING_RATIOS, coupled_simulation, coupled_start
+from .fitting import DELAY, GAIN, Step
+from .point import Point
+from .registry import EFFECTS
+from .rules import CLEARLY, EVIDENCE
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from .search import Search
+
+
+def winner_of_duels(search: Search, winner: Step, others: Sequence[Step]) -> Step:
+    """Return ``winner``, which leaves a gap, or the one of ``others`` that acts alike and leaves less."""
+    best = winner
+    for other in others:
+        name, rival = best.effects[-1], other.effects[-1]
+        alike = rival in EFFECTS[name].confused_with or name in EFFECTS[rival].confused_with
+        if other is not best and alike and (EFFECTS[rival].valleys or EFFECTS[rival].rare):
+            best = _duel(search, best, other)
+    return best
+
+
+def _duel(search: Search, one: Step, other: Step) -> Step:
+    """Return ``other``, as fitted by coupled runs, where it wins with the coupling of either."""
+    points = [_coupled_fit(search, entry) for entry in (one, other)]
+    price = search.price * (len(other.fitted.free) - len(one.fitted.free))
+    for host in points:
+        simulation = coupled_simulation(
+            search, search.whole, host, DAMPING_RATIOS[-1], search.settings.longest
+        )
+        simulation.robust = True
+        held, training = simulation.held_out, simulation.training
+        least = [0.5 * stretch.noise.spool for stretch in simulation.stretches]
+        simulation.take_weight(simulation.errors([host], training), training, least)
+        before, after = (
+            float(simulation.cost(simulation.weigh(simulation.errors([point], held), held), held)[0])
+            for point in points
+        )
+        if before - after - price < max(EVIDENCE, CLEARLY * before):
+            return one
+    found = replace(other, fitted=replace(other.fitted, point=points[1], settled=None), train=[], held=[])
+    return search.measured(found)
+
+
+def _coupled_fit(search: Search, entry: Step) -> Point:
+    """Return the numbers of ``entry`` as fitted by coupled runs, from wherever it may start."""
+    reach = max(float(np.quantile(np.abs(stretch.motion.displacement), 0.999)) for stretch in search.whole)
+    known = entry.fitted.point
+    nominal = known.moved(("spring_stiffness", GAIN, DELAY), (search.valve.spring_stiffness, 0.0, 0.0))
+    own = EFFECTS[entry.effects[-1]].starts(search.own_of(entry), reach)
+    starts = [known, *(replace(nominal, values={**nominal.values, **values}) for values in own)]
+    return coupled_start(search, search.whole, entry.effects, starts) or known
