@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,8 @@ from .switchable import ALWAYS, SwitchableMotion
 
 Array = NDArray[np.float64]
 Job = tuple[Stretch, Window]
+#: A window's identity, delay and gain of the spool's channel, steps a sample.
+Place = tuple[int, float, float, int]
 
 #: Most steps per sample that a hypothesis may ask for; a stiffer one is stepped more coarsely.
 MOST_SUBSTEPS = 8
@@ -46,17 +48,20 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """What one window's body does at one delay.
+    """What drives one window, at one delay and gain of the spool's channel.
 
     Attributes:
         window: kept, since drives are known by its identity.
         steps: acceleration at the ends and midpoints of all steps, m/s^2, shape (2 n substeps + 1,).
-        means: over sample intervals, m/s^2, shape (n,).
+        means: of the body's acceleration over sample intervals, m/s^2, shape (n,).
+        pull: of the damper that couples to the measured motion, over the mass, at the samples, m/s^2, in
+            ``steps`` with the other sign; shape (n + 1,), or ``None`` without one.
     """
 
     window: Window
     steps: Array
     means: Array
+    pull: Array | None
 
 
 class Batches:
@@ -64,7 +69,7 @@ class Batches:
 
     def __init__(self) -> None:
         """Begin without drives."""
-        self._drives: dict[tuple[int, float, int], Drive] = {}
+        self._drives: dict[Place, Drive] = {}
 
     def run(self, motion: SwitchableMotion, points: Sequence[Point], jobs: Sequence[Job]) -> list[Run]:
         """Return what each of ``jobs`` gives for ``points`` (with the same terms), stepped by ``motion``."""
@@ -74,36 +79,49 @@ class Batches:
             key = stretch.record.sample_period, stretch.highest_frequency, length, lead
             groups.setdefault(key, []).append(number)
         found: dict[int, Run] = {}
-        drives: dict[tuple[int, float, int], Drive] = {}
+        drives: dict[Place, Drive] = {}
         for (period, highest, _, _), numbers in groups.items():
             substeps = steps_a_sample(points[0], period, highest)
             own = [jobs[number] for number in numbers]
             for _, window in own:
-                for delay in {point.delay for point in points}:
-                    place = id(window), delay, substeps
-                    drives[place] = self._drives.get(place) or _drive(window, period, substeps, delay)
+                for point in points:
+                    place = _place(window, point, substeps)
+                    if place not in drives:
+                        drives[place] = self._drives.get(place) or _drive(window, period, substeps, point)
             found.update(zip(numbers, _together(motion, points, own, drives, substeps), strict=True))
         self._drives = drives
         return [found[number] for number in range(len(jobs))]
 
 
-def _drive(window: Window, period: float, substeps: int, delay: float) -> Drive:
-    steps = half_steps(window, period, substeps, delay)
-    return Drive(window, steps, simpson_means(steps, substeps))
+def _place(window: Window, point: Point, substeps: int) -> Place:
+    """Return by what the drive of ``window`` at ``point`` is known."""
+    coupled = isinstance(window, Piece) and window.pull is not None
+    return id(window), point.delay, point.gain if coupled else 0.0, substeps
+
+
+def _drive(window: Window, period: float, substeps: int, point: Point) -> Drive:
+    steps = half_steps(window, period, substeps, point.delay)
+    means = simpson_means(steps, substeps)
+    if not isinstance(window, Piece) or window.pull is None:
+        return Drive(window, steps, means, None)
+    body, spool = (replace(window, drive=spectrum) for spectrum in window.pull)
+    pull = half_steps(spool, period, substeps) / (1.0 + point.gain)
+    pull -= half_steps(body, period, substeps, point.delay)
+    return Drive(window, steps - pull, means, pull[:: 2 * substeps])
 
 
 def _together(
     motion: SwitchableMotion,
     points: Sequence[Point],
     jobs: Sequence[Job],
-    drives: Mapping[tuple[int, float, int], Drive],
+    drives: Mapping[Place, Drive],
     substeps: int,
 ) -> list[Run]:
     """Return what each of ``jobs``, windows of one length, gives for ``points``."""
     stretch, window = jobs[0]
     period, lead = stretch.record.sample_period, window.start - window.first
     pairs = [(job, point) for job in jobs for point in points]
-    places = [(id(window), point.delay, substeps) for (_, window), point in pairs]
+    places = [_place(window, point, substeps) for (_, window), point in pairs]
     rows = {place: row for row, place in enumerate(dict.fromkeys(places))}
     stands_on = [rows[place] for place in places]
     sets = np.array([motion.row(point.active, point.values) for point in points])
@@ -122,7 +140,10 @@ def _together(
     means = np.diff(trajectory.velocity[:, lead:], axis=1) / period
     means += np.array([drives[place].means[lead:-1] for place in rows])[stands_on]
     means *= gains
-    acceleration = trajectory.acceleration[:, ahead] * gains
+    acceleration = trajectory.acceleration[:, ahead]
+    if drives[places[0]].pull is not None:
+        acceleration = acceleration + np.array([drives[place].pull for place in rows])[stands_on, ahead]
+    acceleration = acceleration * gains
     whole = acceleration, means, trajectory.displacement[:, ahead], trajectory.velocity[:, ahead]
     parts = [slice(first, first + len(points)) for first in range(0, len(pairs), len(points))]
     return [Run(*(array[part] for array in whole)) for part in parts]

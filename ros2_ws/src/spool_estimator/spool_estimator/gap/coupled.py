@@ -13,24 +13,18 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ..free_run import limited
-from ..zero_phase import ZeroPhase, relative_motion
 from .descent import descend
 from .fitting import Fitting
 from .pieces import Piece, pieces_of
 from .point import Point
 from .simulate import Simulation
-from .stretches import Stretch, corrected
+from .stretches import Stretch
 
 #: Dampers of the coupling over the critical one of mass and spring, one fit after the other.
-DAMPING_RATIOS = (0.6, 0.3, 0.3)
-#: Share of the samples of other fits, and rounds of each fit.
-SHARE, ROUNDS = 2, 6
-#: Starts that are followed, of several.
-TRIES = 2
-#: Upper end of the band in which the damper acts over that of the drive.
-BAND = 3.0
-#: Samples of a coupled run from which another one starts.
+DAMPING_RATIOS = (0.6, 0.3)
+#: Share of the samples of other fits, rounds of each fit, and starts that are followed.
+SHARE, ROUNDS, TRIES = 2, 8, 2
+#: Samples that a coupled run goes on where a free one starts from it.
 LOOK = 8
 
 
@@ -45,31 +39,33 @@ def coupled_start(
     if "viscous_coefficient" not in [entry.name for entry in free]:
         return None
     for number, ratio in enumerate(DAMPING_RATIOS):
-        simulation = coupled_simulation(fitting, whole, starts[0], ratio, fitting.settings.longest // SHARE)
+        simulation = coupled_simulation(fitting, whole, ratio, fitting.settings.longest // SHARE)
         # Far from the truth most windows are bad; counted by their logarithm they make another valley.
         simulation.robust = number > 0
         starts = [descend(simulation, starts, free, rounds=ROUNDS, tries=TRIES, enough=1e-3).point]
     return starts[0]
 
 
-def coupled_simulation(
-    fitting: Fitting, whole: Sequence[Stretch], point: Point, ratio: float, longest: int
-) -> Simulation:
-    """Return pieces of ``whole``, coupled to the motion that is measured with gain and delay of ``point``.
+def coupled_simulation(fitting: Fitting, whole: Sequence[Stretch], ratio: float, longest: int) -> Simulation:
+    """Return pieces of ``whole``, coupled to the motion that is measured with gain and delay of each point.
 
     Args:
-        fitting: gives the kernels and the spring.
+        fitting: gives the kernels, mass and spring.
         whole: stretches with their windows.
-        point: any hypothesis.
         ratio: of the damper over the critical one.
         longest: samples at most to fit, and again to hold out.
     """
-    mass = point.values["mass"]
+    mass = fitting.valve.moving_mass
     damper = 2.0 * ratio * math.sqrt(fitting.valve.spring_stiffness * mass)
-    stretches = [_coupled(stretch, damper / mass, point.gain, point.delay) for stretch in whole]
-    return Simulation(
-        pieces_of(stretches, longest, point.gain, point.delay), fitting.simulation.motions, damper
-    )
+    pieces = pieces_of(whole, longest, *_conditioned_with(fitting), damper / mass)
+    return Simulation(pieces, fitting.simulation.motions, damper)
+
+
+def _conditioned_with(fitting: Fitting) -> tuple[float, float]:
+    """Return the gain and delay of the spool's channel with which the motion was worked out."""
+    first = next(window for stretch in fitting.stretches for window in stretch.windows)
+    assert isinstance(first, Piece)
+    return first.gain, first.delay
 
 
 def following(fitting: Fitting, whole: Sequence[Stretch], point: Point, ratio: float) -> Simulation:
@@ -78,8 +74,7 @@ def following(fitting: Fitting, whole: Sequence[Stretch], point: Point, ratio: f
     Where the motion can go several ways, those start on the measured one, whose displacement no accelerometer
     tells within the play.
     """
-    gain, delay = point.gain, point.delay
-    pieces = pieces_of(whole, fitting.settings.longest, gain, delay)
+    pieces = pieces_of(whole, fitting.settings.longest, *_conditioned_with(fitting))
     before = [
         replace(
             stretch,
@@ -89,7 +84,7 @@ def following(fitting: Fitting, whole: Sequence[Stretch], point: Point, ratio: f
         )
         for stretch in pieces
     ]
-    coupled = coupled_simulation(fitting, before, point, ratio, 2 * fitting.settings.longest)
+    coupled = coupled_simulation(fitting, before, ratio, 2 * fitting.settings.longest)
     runs = iter(coupled.run([point], range(len(coupled.places))))
     found = []
     for stretch in pieces:
@@ -101,27 +96,3 @@ def following(fitting: Fitting, whole: Sequence[Stretch], point: Point, ratio: f
             windows.append(replace(window, state=state, by_gain=(0.0, 0.0), by_delay=(0.0, 0.0)))
         found.append(replace(stretch, windows=tuple(windows)))
     return Simulation(found, fitting.simulation.motions)
-
-
-def _coupled(stretch: Stretch, rate: float, gain: float, delay: float) -> Stretch:
-    """Return ``stretch`` with a damper of ``rate`` times the mass (1/s) that pulls at its runs.
-
-    What it adds to the drive is taken off the spool's reading, too, so that relative motions are compared.
-    """
-    record, period = stretch.record, stretch.record.sample_period
-    better = corrected(record, gain, delay)
-    motion = relative_motion(better.body, better.spool, ZeroPhase(period, stretch.low_cut))
-    pull = rate * motion.velocity
-    read = corrected(replace(record, spool=pull), 1.0 / (1.0 + gain) - 1.0, -delay).spool
-    spool = record.spool - read
-    means = ZeroPhase(period, 0.0).apply(spool, interval_means=True)
-    windows = [
-        replace(
-            window,
-            measured=spool[window.start : window.stop],
-            measured_means=means[window.start : window.stop],
-        )
-        for window in stretch.windows
-    ]
-    high = BAND * stretch.highest_frequency
-    return replace(stretch, motion=motion, pull=limited(pull, period, high), windows=tuple(windows))

@@ -35,22 +35,20 @@ def winner_of_duels(search: Search, winner: Step, others: Sequence[Step]) -> Ste
 
 
 def _duel(search: Search, one: Step, other: Step) -> Step:
-    """Return ``other``, as fitted by coupled runs, where it wins with the coupling of either."""
+    """Return ``other``, as fitted by coupled runs, where it wins with the weight of either."""
     points = [_coupled_fit(search, entry) for entry in (one, other)]
-    price = search.price * (len(other.fitted.free) - len(one.fitted.free))
+    simulation = coupled_simulation(search, search.whole, DAMPING_RATIOS[-1], search.settings.longest)
+    simulation.robust = True
+    held, training = simulation.held_out, simulation.training
+    least = [0.5 * stretch.noise.spool for stretch in simulation.stretches]
+    numbers = len(other.fitted.free) - len(one.fitted.free)
     for host in points:
-        simulation = coupled_simulation(
-            search, search.whole, host, DAMPING_RATIOS[-1], search.settings.longest
-        )
-        simulation.robust = True
-        held, training = simulation.held_out, simulation.training
-        least = [0.5 * stretch.noise.spool for stretch in simulation.stretches]
         simulation.take_weight(simulation.errors([host], training), training, least)
         before, after = (
             float(simulation.cost(simulation.weigh(simulation.errors([point], held), held), held)[0])
             for point in points
         )
-        if before - after - price < max(EVIDENCE, CLEARLY * before):
+        if before - after - search.price * numbers < max(EVIDENCE, CLEARLY * before):
             return one
     found = replace(other, fitted=replace(other.fitted, point=points[1], settled=None), train=[], held=[])
     return search.measured(found)

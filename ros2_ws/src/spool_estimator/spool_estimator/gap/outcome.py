@@ -124,6 +124,9 @@ def judge_outcome(
     follows = follows and after > (ABOVE_FLOOR if final.effects else CLOSED) * noise
     still_open = left > LEFT_OVER and after > CLOSED * noise
     unexplained = follows or (still_open and (stays > most or not final.effects))
+    # The measured velocity that runs are coupled to has errors, too: what runs free to the floor is complete.
+    if search.coupled is not None and search.nrmse(final) < CLOSED * floor.nrmse:
+        unexplained = False
     candidates: tuple[str, ...] = ()
     warnings: list[str] = []
     if unexplained and not (saturation.channel == "spool" and not final.effects and left < 3.0):

@@ -117,7 +117,7 @@ class Search(LookAlikes):
             better = self._forward(step)
             if better is None:
                 break
-            if any(EFFECTS[name].valleys for name in better.effects):
+            if self.coupled is None and any(EFFECTS[name].valleys for name in better.effects):
                 better = self._couple(better)
             step = swapped(self, self.without_needless(better))
             if step.effects in [entry.effects for entry in self.steps]:
@@ -133,7 +133,7 @@ class Search(LookAlikes):
         point = coupled_start(self, self.whole, step.effects, [step.fitted.point]) or step.fitted.point
         step.fitted = replace(step.fitted, point=point, settled=None)
         self.simulation, self.coupled = (
-            coupled_simulation(self, self.whole, point, DAMPING_RATIO, longest) for _ in range(2)
+            coupled_simulation(self, self.whole, DAMPING_RATIO, longest) for _ in range(2)
         )
         self.stretches = self.simulation.stretches
         for simulation in (self.simulation, self.coupled):

@@ -43,8 +43,6 @@ class Stretch:
         training: for each window, whether it is fitted.
         highest_frequency: of the drive, Hz.
         quiet: what took the body's noise off the drive.
-        pull: of the damper that couples runs to the measured motion, over the mass, m/s^2, shape (n,), or
-            ``None`` where they run free.
     """
 
     record: Record
@@ -56,7 +54,6 @@ class Stretch:
     training: tuple[bool, ...]
     highest_frequency: float
     quiet: Quiet
-    pull: Array | None = None
 
 
 def corrected(record: Record, gain: float, delay: float) -> Record:
