@@ -119,7 +119,9 @@ class Search(LookAlikes):
                 break
             if self.coupled is None and any(EFFECTS[name].valleys for name in better.effects):
                 better = self._couple(better)
-            step = swapped(self, self.without_needless(better))
+            step = self.without_needless(better)
+            if self.coupled is None:  # else by free runs in the end, which tell laws of friction apart better
+                step = swapped(self, step)
             if step.effects in [entry.effects for entry in self.steps]:
                 break
             self.steps.append(step)
@@ -251,7 +253,10 @@ class Search(LookAlikes):
                 self.score(final)
                 closer = self.fit(final.effects, [final.fitted.point], rounds=5)
                 if closer.cost < final.cost:
-                    self.steps[place] = final = closer
+                    final = closer
+            if self.coupled is not None:
+                final = swapped(self, final)
+            self.steps[place] = final
         for number, row in enumerate(self.ranking):
             fitted = self.tried.get((row.id, row.beside))
             if fitted is not None:
