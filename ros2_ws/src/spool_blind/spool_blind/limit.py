@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from .case import Case, make
+from .plain import RICHER, over_plain_friction
 
 #: Over the size that is drawn as clear.
 SMALLEST, LARGEST = 1e-4, 2.0
@@ -16,6 +17,7 @@ def limit_case(seed: int, hidden: str, *, moderate: bool = False) -> Case | None
     """Return the case of ``seed`` at the size at which the evidence is at the threshold.
 
     The test knows what is hidden, and base, gain and delay are refitted beside it: no program can do better.
+    A law of friction that contains the plain one must be told from that, too.
 
     Args:
         seed: of the condition and of the size that ``Case.factor`` is relative to.
@@ -49,4 +51,6 @@ def limit_case(seed: int, hidden: str, *, moderate: bool = False) -> Case | None
 def _over_threshold(case: Case) -> float:
     """Return the logarithm of the evidence over the threshold."""
     evidence = 0.0 if case.visibility is None else case.visibility.evidence
+    if evidence > case.threshold and case.hidden in RICHER:
+        evidence = min(evidence, over_plain_friction(case))
     return math.log(max(evidence, 1e-12) / case.threshold)

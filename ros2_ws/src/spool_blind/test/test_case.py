@@ -1,6 +1,7 @@
 """What is hidden is there, can be seen, and is the same each time."""
 
 import ast
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 import spool_blind
 from spool_blind.case import DISTINCT, NONE, hidden_by, kind_of, make
 from spool_blind.effects import EFFECTS
+from spool_blind.plain import over_plain_friction
 from spool_blind.strangers import STRANGERS
 from spool_blind.visibility import apart, look, threshold
 
@@ -88,3 +90,18 @@ def test_friction_by_direction_is_clear_where_the_start_tells_it_from_coulomb_fr
     assert case.factor > 1.0  # at the size that was drawn only the friction would be clear
     forces = case.truth["asymmetric_friction"]
     assert forces["forward_force"] != pytest.approx(forces["backward_force"], rel=0.2)
+
+
+def test_a_law_of_friction_is_harder_to_tell_from_the_plain_one_than_from_none():
+    case = make(3, "stribeck_friction", factor=0.02, moderate=True)
+    plain = make(3, "coulomb_friction", factor=0.02, moderate=True)
+    assert 1.0 < over_plain_friction(case) < 0.3 * case.visibility.evidence
+    with pytest.raises(ValueError, match="does not contain Coulomb friction"):
+        over_plain_friction(plain)
+
+
+def test_a_law_that_does_not_fall_is_the_plain_one():
+    case = make(3, "stribeck_friction", factor=0.02, moderate=True)
+    force = case.plant["coulomb_force"]
+    flat = replace(case, plant={**case.plant, "static_force": force})
+    assert over_plain_friction(flat) < 0.1
