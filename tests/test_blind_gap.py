@@ -55,17 +55,21 @@ def good() -> Case:
     [
         (2, "none"),
         (9023, "none"),  # the noise looks like a cubic spring to either half of the record
+        (12060, "none"),  # and here like a drag that drifts, to pieces of it
         (5, "coulomb_friction"),
         (12, "quadratic_damping"),
         (5066, "spring_backlash"),
         # A start that is hardly above the noise, and a law whose fit ends in the valley of another.
         (8009, "asymmetric_friction"),
         (7149, "mixed_friction"),
+        # The spool swings in several ways at one drive: free runs of the truth leave 60 %.
+        (10011, "spring_backlash"),
+        (10056, "damping_drift+spring_backlash"),
     ],
 )
 def test_what_is_hidden_is_named_with_its_size(seed: int, hidden: str) -> None:
     row = judge(make(seed, hidden))
-    assert row.verdict == hidden, row
+    assert set(row.verdict.split("+")) == set(hidden.split("+")), row
     assert all(abs(error) < 0.10 for error in row.errors.values()), row.errors
     if hidden != "none":
         assert set(row.errors) == set(row.truth)

@@ -19,6 +19,7 @@ from .batches import Run
 from .contact_search import contacts_for, free_flight_search, run_with_contacts
 from .fitting import Step
 from .floor import Floor
+from .judging import judged
 from .outcome import Outcome, judge_outcome
 from .pieces import pieces_of
 from .point import Point
@@ -121,7 +122,7 @@ def analyse(
     if final is None:
         search = search_from(point)
         final = search.run(point)
-        final = search.judge_by(search.free_runs(final), final)
+        final = judged(search, final)
     tell("measuring what is left", 0.9)
     outcome = judge_outcome(search, final, saturation, chosen, trusted=trusted)
     left = search.nrmse(final)

@@ -10,10 +10,10 @@ from .result import Hypothesis
 from .start_from_rest import Asymmetry, asymmetry
 
 ONE, TWO = "coulomb_friction", "asymmetric_friction"
-#: With it the springs do not say where the spool rests before it starts.
-PLAY = "spring_backlash"
 #: Evidence that two forces need over one; standard deviations by which their ratio must differ from 0.
 EVIDENCE, SIGNIFICANT = 25.0, 2.0
+#: Ratio of half their difference to their mean from which they are two: less is within errors of the others.
+LEAST = 0.1
 
 
 def by_direction(fitting: Fitting, step: Step) -> tuple[Step, Hypothesis] | None:
@@ -21,11 +21,13 @@ def by_direction(fitting: Fitting, step: Step) -> tuple[Step, Hypothesis] | None
 
     ``None`` where the start does not show that, or the friction is another one.
     """
-    if ONE not in step.effects or PLAY in step.effects:
+    if ONE not in step.effects:
         return None
     for stretch in fitting.stretches:
         found = asymmetry(fitting.simulation, stretch, step.fitted.point, fitting.base, fitting.valve)
-        if found is None or found.evidence < EVIDENCE or abs(found.ratio) < SIGNIFICANT * found.deviation:
+        if found is None or found.evidence < EVIDENCE:
+            continue
+        if abs(found.ratio) < max(LEAST, SIGNIFICANT * found.deviation):
             continue
         better = fitting.measured(_with_two_forces(fitting, step, found))
         values = {name: better.fitted.point.values[name] for name in ("forward_force", "backward_force")}

@@ -33,7 +33,7 @@ LEFT_OVER, MAY_STAY = 1.8, 0.05
 SMOOTH_MAY_STAY = 0.01
 #: The same where the motion is sensitive to the hits of stops, with which the right numbers leave a third of
 #: the usual window.
-SENSITIVE_MAY_STAY = {"end_stop": 0.5}
+SENSITIVE, SENSITIVE_MAY_STAY = "end_stop", 0.5
 #: Error over the noise floor up to which what can be foretold of it is the noise's own doing.
 ABOVE_FLOOR = 1.1
 
@@ -104,14 +104,16 @@ def judge_outcome(
     gap = math.sqrt(max(before**2 - noise**2, 0.0))
     stays = math.sqrt(max(after**2 - noise**2, 0.0)) / gap if gap > 0.0 else 1.0
     stays = min(stays, usual_share(seen.before, seen.held, seen.floor.errors))
-    most = max(SENSITIVE_MAY_STAY.get(name, MAY_STAY) for name in ("", *final.effects))
+    # Coupled runs follow through hits, too.
+    chaotic = SENSITIVE in final.effects and search.coupled is None
+    most = SENSITIVE_MAY_STAY if chaotic else MAY_STAY
     most = most if search.has_kinks(final) else SMOOTH_MAY_STAY
     left = excess(seen.simulation, seen.held, seen.floor)
     seen.simulation.take_weight(
         seen.train, seen.simulation.training, [0.5 * s.noise.spool for s in seen.simulation.stretches]
     )
     rest = remainder(seen.simulation, final.fitted.point, seen.train, seen.held)
-    follows = rest.tells(after, before, kinks=search.has_kinks(final)) and "end_stop" not in final.effects
+    follows = rest.tells(after, before, kinks=search.has_kinks(final)) and not chaotic
     named = list(final.effects)
     extra: dict[str, Quantity] = {}
     if saturation.channel == "spool":

@@ -162,6 +162,13 @@ class Rules(Fitting):
         values = {f.name: entry.fitted.point.get(f.name) for f in entry.fitted.free}
         return EFFECTS[name].sensible(values, entry.fitted.deviations)
 
+    @staticmethod
+    def vanished(entry: Step, name: str) -> bool:
+        """Whether no number of the effect ``name`` that is 0 without it differs from that in ``entry``."""
+        own = EFFECTS[name].amplitudes
+        values, spread = entry.fitted.point.values, entry.fitted.deviations
+        return bool(own) and all(abs(values[number]) < 3.0 * spread.get(number, 0.0) for number in own)
+
     def tolerance(self, name: str) -> float:
         """Return how far gain or delay may be off."""
         return self.settings.gain_tolerance if name == GAIN else self.settings.delay_tolerance

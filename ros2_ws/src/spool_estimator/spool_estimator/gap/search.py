@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .balance import Screened
 from .by_direction import by_direction
-from .coupled import coupled_simulation, coupled_start, following
+from .coupled import coupled_simulation, coupled_start
 from .duel import winner_of_duels
 from .effect import Effect
 from .fitting import BASE_NUMBERS, DELAY, GAIN, Step, parameters_of
@@ -225,43 +225,6 @@ class Search(LookAlikes):
             found.values["mass"], found.values["spring_stiffness"], found.values["viscous_coefficient"]
         )
         return step
-
-    def free_runs(self, final: Step) -> Simulation:
-        """Return the free runs that ``final`` is judged by, over whole windows."""
-        if self.coupled is None:
-            return self.longer
-        simulation = following(self, self.whole, final.fitted.point, DAMPING_RATIO)
-        simulation.robust = True
-        return simulation
-
-    def judge_by(self, simulation: Simulation, final: Step) -> Step:
-        """Measure every step and the ranking by the free runs of ``simulation`` from now on.
-
-        Returns:
-            ``final``, its last digits fitted to those: a free run holds more of slow effects than pieces do.
-        """
-        self.simulation, self.stretches = simulation, simulation.stretches
-        if self.has_jumps(final):
-            simulation.choose_sampling(final.fitted.point)
-        for step in self.steps:
-            self.measured(step)
-        if final.effects:
-            self.take_weight(final)
-            place = next(n for n, step in enumerate(self.steps) if step is final)
-            own = {free.name for free in final.fitted.free}
-            if own <= {free.name for free in self.free_of(final.effects, final.fitted.point)}:
-                self.score(final)
-                closer = self.fit(final.effects, [final.fitted.point], rounds=5)
-                if closer.cost < final.cost:
-                    final = closer
-            if self.coupled is not None:
-                final = swapped(self, final)
-            self.steps[place] = final
-        for number, row in enumerate(self.ranking):
-            fitted = self.tried.get((row.id, row.beside))
-            if fitted is not None:
-                self.ranking[number] = replace(row, nrmse_after=self.nrmse(self.measured(fitted)))
-        return final
 
     def _forward(self, step: Step) -> Step | None:
         chosen = candidates(self.simulation, self.regressed, self.catalogue, step)

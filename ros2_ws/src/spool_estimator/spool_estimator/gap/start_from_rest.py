@@ -23,6 +23,7 @@ from .stretches import Stretch
 
 Array = NDArray[np.float64]
 
+PLAY = "spring_backlash"
 #: s from the start that are looked at.
 LOOKED_AT = 1.5
 #: s over which the variance of what is left is taken: jumps of friction leave more where they are dense.
@@ -33,6 +34,8 @@ LEAST_LOCAL, LEAST_VARIANCE = 0.2, 1e-2
 QUIET_TIME, QUIET_SHARE = 0.01, 0.03
 #: Ratios (forward - backward) / (forward + backward) that are tried.
 RATIOS = np.linspace(-0.9, 0.9, 37)
+#: Shares of the play, within which the spool may rest anywhere, that are tried as its place.
+PLACES = np.linspace(-1.0, 1.0, 9)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,10 +112,14 @@ def asymmetry(
     substeps = 4
     drive = half_steps(window, period, substeps, point.delay)
     drive = drive[: 2 * substeps * size + 1]
+    rests = PLACES * point.values["backlash"] if PLAY in point.active else np.zeros(1)
     trajectory, _ = motion.advance_batch(
-        [MotionState()] * RATIOS.size, drive[np.newaxis], rows[:, np.newaxis, :],
-        sample_period=period, substeps=substeps,
-    )  # fmt: skip
+        [MotionState(rest) for rest in rests.tolist() for _ in RATIOS],
+        drive[np.newaxis],
+        np.tile(rows, (rests.size, 1))[:, np.newaxis, :],
+        sample_period=period,
+        substeps=substeps,
+    )
     body = simpson_means(drive, substeps)[:-1]
     means = (np.diff(trajectory.velocity, axis=1) / period + body) * (1.0 + point.gain)
     measured = 0.5 * (record.spool[: size - 1] + record.spool[1:size])
@@ -121,11 +128,12 @@ def asymmetry(
     width = max(1, round(0.002 / period))
     kernel = np.full(width, 1.0 / width)
     errors = np.array([np.convolve((row - measured) * kept, kernel, mode="valid")[::width] for row in means])
-    place = int(np.argmin(np.sum(errors**2, axis=1)))
+    errors = errors.reshape(rests.size, RATIOS.size, -1)
+    least = np.unravel_index(int(np.argmin(np.sum(errors**2, axis=-1))), errors.shape[:2])
     # The harmonics of friction stand in the channel's noise: what is left says more.
     noise = stretch.noise.spool_rms**2 / width
-    variance = _local(errors[place] ** 2, round(LOCAL / (width * period)), LEAST_VARIANCE * noise)
-    sums = np.sum(errors**2 / variance, axis=1)
+    variance = _local(errors[least] ** 2, round(LOCAL / (width * period)), LEAST_VARIANCE * noise)
+    sums = np.sum(errors**2 / variance, axis=-1).min(axis=0)
     place = int(np.argmin(sums))
     if place in (0, RATIOS.size - 1):
         return None
@@ -133,8 +141,8 @@ def asymmetry(
     step = float(RATIOS[1] - RATIOS[0])
     deviation = max(float(np.ptp(RATIOS[near])) / 4.0, step / 3.0)
     evidence = float(sums[RATIOS.size // 2] - sums[place])
-    below, least, above = sums[place - 1 : place + 2].tolist()
-    ratio = float(RATIOS[place]) + 0.5 * step * (below - above) / (below - 2.0 * least + above)
+    below, best, above = sums[place - 1 : place + 2].tolist()
+    ratio = float(RATIOS[place]) + 0.5 * step * (below - above) / (below - 2.0 * best + above)
     return Asymmetry(ratio, deviation, evidence, float(variance.mean()) / noise)
 
 

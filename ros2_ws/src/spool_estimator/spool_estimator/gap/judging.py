@@ -1,0 +1,74 @@
+"""The last step: what was found, fitted to and judged by free runs over whole windows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from .coupled import DAMPING_RATIOS, following
+from .fitting import Step
+from .other_laws import swapped
+from .registry import EFFECTS
+from .simulate import Simulation
+
+if TYPE_CHECKING:
+    from .search import Search
+
+
+def judged(search: Search, final: Step) -> Step:
+    """Measure every step and the ranking by free runs over whole windows from now on.
+
+    Returns:
+        ``final``, its last digits fitted to those: a free run holds more of slow effects than pieces do.
+    """
+    search.simulation = _free_runs(search, final)
+    search.stretches = search.simulation.stretches
+    if search.has_jumps(final):
+        search.simulation.choose_sampling(final.fitted.point)
+    for step in search.steps:
+        search.measured(step)
+    if final.effects:
+        search.take_weight(final)
+        place = next(n for n, step in enumerate(search.steps) if step is final)
+        final = _significant(search, _fitted(search, final))
+        search.steps = [*search.steps[:place], final] if final.effects else [final]
+    for number, row in enumerate(search.ranking):
+        fitted = search.tried.get((row.id, row.beside))
+        if fitted is not None:
+            search.ranking[number] = replace(row, nrmse_after=search.nrmse(search.measured(fitted)))
+    return final
+
+
+def _fitted(search: Search, final: Step) -> Step:
+    own = {free.name for free in final.fitted.free}
+    if not own <= {free.name for free in search.free_of(final.effects, final.fitted.point)}:
+        return final
+    search.score(final)
+    closer = search.fit(final.effects, [final.fitted.point], rounds=5)
+    best = closer if closer.cost < final.cost else final
+    # Free runs tell laws of friction apart better than coupled ones.
+    return best if search.coupled is None else swapped(search, best)
+
+
+def _free_runs(search: Search, final: Step) -> Simulation:
+    """Return the free runs that ``final`` is judged by, over whole windows."""
+    if search.coupled is None:
+        return search.longer
+    simulation = following(search, search.whole, final.fitted.point, DAMPING_RATIOS[-1])
+    simulation.robust = True
+    return simulation
+
+
+def _significant(search: Search, step: Step) -> Step:
+    """Return ``step`` without what whole windows do not show, though pieces of them did."""
+    gone = [name for name in step.effects if name in EFFECTS and search.vanished(step, name)]
+    for name in gone:
+        rows = [(n, row) for n, row in enumerate(search.ranking) if row.id == name and row.accepted]
+        for number, row in rows:
+            search.ranking[number] = replace(row, accepted=False, reason="whole windows do not show it")
+    if not gone:
+        return step
+    effects = tuple(name for name in step.effects if name not in gone)
+    less = search.fit(effects, [replace(step.fitted.point, active=search.terms_of(effects))])
+    less.trials = {name: trial for name, trial in step.trials.items() if name in effects}
+    return less
