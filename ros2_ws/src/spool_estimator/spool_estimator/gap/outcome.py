@@ -22,7 +22,7 @@ from .rules import EVIDENCE
 from .saturation import Saturation
 from .search import CLOSED, Search
 from .simulate import Simulation
-from .usual import usual_share
+from .usual import usual_excess, usual_share
 
 Array = NDArray[np.float64]
 
@@ -92,6 +92,15 @@ def _judged(search: Search, final: Step, floor: Floor) -> _Judged:
     )
 
 
+def _runs_free(search: Search, final: Step, floor: Floor) -> bool:
+    """Whether coupled runs judge, but free ones come down to the floor, in all or usually.
+
+    The measured velocity that runs are coupled to has errors, too, not to be told from the model's.
+    """
+    free = min(search.nrmse(final) / floor.nrmse, usual_excess(final.held, floor.errors))
+    return search.coupled is not None and free < CLOSED
+
+
 def judge_outcome(
     search: Search, final: Step, saturation: Saturation, settings: GapSettings, *, trusted: bool
 ) -> Outcome:
@@ -126,9 +135,7 @@ def judge_outcome(
     follows = follows and after > (ABOVE_FLOOR if final.effects else CLOSED) * noise
     still_open = left > LEFT_OVER and after > CLOSED * noise
     unexplained = follows or (still_open and (stays > most or not final.effects))
-    # The measured velocity that runs are coupled to has errors, too: what runs free to the floor is complete.
-    if search.coupled is not None and search.nrmse(final) < CLOSED * floor.nrmse:
-        unexplained = False
+    unexplained = unexplained and not _runs_free(search, final, floor)
     candidates: tuple[str, ...] = ()
     warnings: list[str] = []
     if unexplained and not (saturation.channel == "spool" and not final.effects and left < 3.0):
