@@ -1,6 +1,7 @@
 """The gap workflow on records of a second simulator: named right, nothing made up, bad records not judged.
 
-Few cases, none of the published study's seeds; `./spool study gap` runs those.
+Few cases; those with a seed of the published study were missed there and led to a mend. `./spool study gap`
+runs the others.
 """
 
 from __future__ import annotations
