@@ -81,6 +81,18 @@ def test_a_kernel_of_all_terms_moves_as_one_of_the_terms_that_are_on(extra: str)
     assert np.ptp(one.displacement) > 1e-4
 
 
+def test_a_base_without_drag_has_none_in_the_kernel_that_holds_it() -> None:
+    active = ("inertia", "spring")
+    every = SwitchableMotion(BASE)
+    own = ComposedMotion([term(name) for name in active])
+    values = {"mass": 0.18, "spring_stiffness": 1632.0, "viscous_coefficient": 4.0}
+    body = SWEEP.acceleration(half_step_times(0, 2000, 1000.0, 2))
+    given = {"sample_period": 1e-3, "substeps": 2}
+    one, _ = every.advance(MotionState(), body, every.row(active, values)[np.newaxis], **given)
+    other, _ = own.advance(MotionState(), body, own.table(values, 1), **given)
+    np.testing.assert_allclose(one.acceleration, other.acceleration, rtol=1e-9, atol=1e-9)
+
+
 def test_a_fit_that_came_to_rest_is_fitted_again_only_after_the_weight_changed(rules: Rules) -> None:
     step = rules.fit(("coulomb_friction",), points()[:1], rounds=30)
     assert step.fitted.point.get("coulomb_force") == pytest.approx(0.3, rel=0.03)

@@ -28,6 +28,11 @@ SHARE, ROUNDS, TRIES = 2, 8, 2
 LOOK = 8
 
 
+def holds_damper(fitting: Fitting) -> bool:
+    """Whether the base has viscous drag, which the model's part of the damper is added to."""
+    return any(entry.name == "viscous_friction" for entry in fitting.base.terms)
+
+
 def coupled_start(
     fitting: Fitting, whole: Sequence[Stretch], effects: tuple[str, ...], starts: Sequence[Point]
 ) -> Point | None:
@@ -35,9 +40,9 @@ def coupled_start(
 
     ``None`` where the base has no viscous drag that could hold the damper.
     """
-    free = fitting.free_of(effects, starts[0])
-    if "viscous_coefficient" not in [entry.name for entry in free]:
+    if not holds_damper(fitting):
         return None
+    free = fitting.free_of(effects, starts[0])
     for number, ratio in enumerate(DAMPING_RATIOS):
         simulation = coupled_simulation(fitting, whole, ratio, fitting.settings.longest // SHARE)
         # Far from the truth most windows are bad; counted by their logarithm they make another valley.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .balance import Screened
 from .by_direction import by_direction
-from .coupled import coupled_simulation, coupled_start
+from .coupled import coupled_simulation, coupled_start, holds_damper
 from .duel import winner_of_duels
 from .effect import Effect
 from .fitting import BASE_NUMBERS, DELAY, GAIN, Step, parameters_of
@@ -117,7 +117,8 @@ class Search(LookAlikes):
             better = self._forward(step)
             if better is None:
                 break
-            if self.coupled is None and any(EFFECTS[name].valleys for name in better.effects):
+            several = any(EFFECTS[name].valleys for name in better.effects)
+            if self.coupled is None and several and holds_damper(self):
                 better = self._couple(better)
             step = self.without_needless(better)
             if self.coupled is None:  # else by free runs in the end, which tell laws of friction apart better
@@ -243,7 +244,7 @@ class Search(LookAlikes):
         if not sensible:
             return None
         winner = self.simplest(step, self.closest(step, self.polished(sensible[0]), sensible[1:]), ranked)
-        if self.coupled is None and not self._complete(winner, CLOSED):
+        if self.coupled is None and holds_damper(self) and not self._complete(winner, CLOSED):
             winner = winner_of_duels(self, winner, ranked)
         winner = self._sensor_alone(step, winner) or winner
         if step.effects and not self.still_better(step, winner):

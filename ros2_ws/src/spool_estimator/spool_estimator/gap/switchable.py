@@ -62,7 +62,10 @@ class SwitchableMotion(ComposedMotion):
         return all(name in ALWAYS or name in self.switches for name in active)
 
     def row(self, active: Sequence[str], values: Mapping[str, float]) -> Array:
-        """Return a set with the terms ``active`` switched on, shape (width,); what is not given starts."""
+        """Return a set with the terms ``active`` switched on, shape (width,); what is not given starts.
+
+        Of ``ALWAYS``, which have no switch, those that are not ``active`` get zeros.
+        """
         row = np.zeros(self.width)
         for entry in self.terms:
             for parameter in entry.parameters:
@@ -70,7 +73,7 @@ class SwitchableMotion(ComposedMotion):
                 place = self.columns[entry.name, parameter.name]
                 if given:
                     row[place] = values[parameter.name]
-                elif row[place] == 0.0:
+                elif row[place] == 0.0 and (entry.name in active or entry.name not in ALWAYS):
                     row[place] = parameter.start
         for name in active:
             if name in self.switches:
