@@ -59,13 +59,15 @@ def good() -> Case:
         (12060, "none"),  # and here like a drag that drifts, to pieces of it
         (5, "coulomb_friction"),
         (12, "quadratic_damping"),
-        (5066, "spring_backlash"),
         # A start that is hardly above the noise, and a law whose fit ends in the valley of another.
         (8009, "asymmetric_friction"),
         (7149, "mixed_friction"),
         # The spool swings in several ways at one drive: free runs of the truth leave 60 %.
         (10011, "spring_backlash"),
         (10056, "damping_drift+spring_backlash"),
+        # A stop that is hit without pause, as which a cubic spring acts, and one that is hit in few windows.
+        (11108, "end_stop"),
+        (10088, "end_stop"),
     ],
 )
 def test_what_is_hidden_is_named_with_its_size(seed: int, hidden: str) -> None:

@@ -154,9 +154,9 @@ def saturation(generator: Generator, _: Condition, scale: Scale) -> Hidden:
 
 EFFECTS: dict[str, Kind] = {
     "coulomb_friction": Kind(coulomb, "friction", ("coulomb_friction",)),
-    "stribeck_friction": Kind(stribeck, "friction", ("stribeck_friction",)),
-    "mixed_friction": Kind(mixed, "friction", ("mixed_friction",)),
-    "asymmetric_friction": Kind(asymmetric, "friction", ("asymmetric_friction",)),
+    "stribeck_friction": Kind(stribeck, "friction", ("stribeck_friction",), richer=True),
+    "mixed_friction": Kind(mixed, "friction", ("mixed_friction",), richer=True),
+    "asymmetric_friction": Kind(asymmetric, "friction", ("asymmetric_friction",), richer=True),
     "presliding_friction": Kind(presliding, "friction", ("presliding_friction",)),
     "quadratic_damping": Kind(quadratic, "damping", ("quadratic_damping",)),
     "cubic_stiffness": Kind(cubic, "spring", ("cubic_stiffness",)),

@@ -63,11 +63,13 @@ class Kind:
         draw: draws it at clear size for a condition and the motion it has without it.
         group: two of a pair come from different groups.
         accepted: verdicts that are right; for an effect of the catalogue its own id.
+        richer: a law of friction that contains the plain one.
     """
 
     draw: Draw
     group: str
     accepted: tuple[str, ...]
+    richer: bool = False
 
 
 def between(generator: Generator, low: float, high: float) -> float:

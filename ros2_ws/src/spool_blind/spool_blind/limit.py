@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from .case import Case, make
-from .plain import RICHER, over_plain_friction
+from .plain import contains_plain_friction, over_plain_friction
 
 #: Over the size that is drawn as clear.
 SMALLEST, LARGEST = 1e-4, 2.0
@@ -51,6 +51,6 @@ def limit_case(seed: int, hidden: str, *, moderate: bool = False) -> Case | None
 def _over_threshold(case: Case) -> float:
     """Return the logarithm of the evidence over the threshold."""
     evidence = 0.0 if case.visibility is None else case.visibility.evidence
-    if evidence > case.threshold and case.hidden in RICHER:
+    if evidence > case.threshold and contains_plain_friction(case):
         evidence = min(evidence, over_plain_friction(case))
     return math.log(max(evidence, 1e-12) / case.threshold)

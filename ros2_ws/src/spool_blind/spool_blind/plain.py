@@ -14,16 +14,20 @@ from scipy.optimize import least_squares
 
 from .case import Case, sample_times
 from .condition import DELAY_TOLERANCE, GAIN_TOLERANCE
+from .effects import EFFECTS
 from .visibility import apart
 
 Array = NDArray[np.float64]
 
-#: Laws that contain Coulomb friction.
-RICHER = ("stribeck_friction", "mixed_friction", "asymmetric_friction")
 #: Steps for slopes and room, in units of ``_SIZES``, and runs of the fit.
 STEP, ROOM, RUNS = 0.05, 200.0, 8
 #: Sizes of stiffness and damping (relative), gain, delay (of their tolerances), and force (of the drive's).
 _SIZES = np.array([0.002, 0.02, 0.05, 0.05, 0.02])
+
+
+def contains_plain_friction(case: Case) -> bool:
+    """Whether what is hidden is one law of friction that contains the plain one."""
+    return case.hidden in EFFECTS and EFFECTS[case.hidden].richer
 
 
 def over_plain_friction(case: Case) -> float:
@@ -32,8 +36,9 @@ def over_plain_friction(case: Case) -> float:
     Raises:
         ValueError: what is hidden does not contain Coulomb friction.
     """
-    if case.hidden not in RICHER:
-        raise ValueError(f"{case.hidden} does not contain Coulomb friction; these do: {', '.join(RICHER)}")
+    if not contains_plain_friction(case):
+        richer = ", ".join(name for name, kind in EFFECTS.items() if kind.richer)
+        raise ValueError(f"{case.hidden} does not contain Coulomb friction; these do: {richer}")
     condition = case.condition
     force = condition.scale().force
     target = _reading(case, case.plant, case.channels.gain, case.channels.delay)

@@ -15,7 +15,7 @@ from spool_estimator.gap.result import GapSettings
 from spool_estimator.gap.rules import Rules
 from spool_estimator.gap.simulate import Simulation
 from spool_estimator.gap.stretches import Stretch, stretches_of
-from spool_estimator.record import Record
+from spool_estimator.record import records_from_blocks
 from spool_sim.excitation import SteppedSine
 from spool_sim.model import MODELS, model_from_mapping
 from spool_sim.sensors import Sensor
@@ -41,13 +41,9 @@ def _play() -> tuple[Rules, list[Stretch], Point]:
         VALVE, drive, model=PLAY, parameters={"backlash": TRUTH}, sample_rate=2000.0, block_size=50,
         body_sensor=sensor, spool_sensor=sensor,
     )  # fmt: skip
-    blocks = list(simulator.records(20.0))
-    body, spool = (
-        np.concatenate([getattr(block, name) for block in blocks]).astype(np.float64)
-        for name in ("body", "spool")
-    )
+    (record,) = records_from_blocks(simulator.records(20.0), "play")
     damping = VALVE.viscous_coefficient
-    whole = stretches_of([Record("play", 0, 5e-4, body, spool)], [], FLUID, VALVE, damping=damping)
+    whole = stretches_of([record], [], FLUID, VALVE, damping=damping)
     pieces = pieces_of(whole, 30_000)
     rules = Rules(pieces, Simulation(pieces, motions_for(FLUID)), FLUID, VALVE, GapSettings())
     point = Point(rules.terms_of(("spring_backlash",)), {**FLUID.values_for(VALVE), "backlash": TRUTH})

@@ -13,7 +13,7 @@ from spool_estimator.gap.rules import Rules
 from spool_estimator.gap.simulate import Simulation
 from spool_estimator.gap.stretches import stretches_of
 from spool_estimator.gap.switchable import SwitchableMotion
-from spool_estimator.record import Record
+from spool_estimator.record import records_from_blocks
 from spool_sim.composed_motion import ComposedMotion, MotionState
 from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS, model_from_mapping
@@ -39,12 +39,8 @@ def _rules() -> Rules:
         VALVE, SWEEP, model="coulomb", parameters={"coulomb_force": 0.3}, sample_rate=1000.0, block_size=50,
         body_sensor=sensor, spool_sensor=sensor,
     )  # fmt: skip
-    blocks = list(simulator.records(10.0))
-    body, spool = (
-        np.concatenate([getattr(block, name) for block in blocks]).astype(np.float64)
-        for name in ("body", "spool")
-    )
-    stretches = stretches_of([Record("dry", 0, 1e-3, body, spool)], [], FLUID, VALVE, damping=2.0)
+    (record,) = records_from_blocks(simulator.records(10.0), "dry")
+    stretches = stretches_of([record], [], FLUID, VALVE, damping=2.0)
     pieces = pieces_of(stretches, 9000)
     return Rules(pieces, Simulation(pieces, motions_for(FLUID)), FLUID, VALVE, GapSettings())
 

@@ -13,7 +13,7 @@ from spool_estimator.gap.remainder import Remainder, remainder
 from spool_estimator.gap.response import responses
 from spool_estimator.gap.simulate import Simulation
 from spool_estimator.gap.stretches import stretches_of
-from spool_estimator.record import Record
+from spool_estimator.record import records_from_blocks
 from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor
@@ -41,12 +41,7 @@ def _simulation() -> Simulation:
         body_sensor=sensor,
         spool_sensor=sensor,
     )
-    blocks = list(simulator.records(16.0))
-    body, spool = (
-        np.concatenate([getattr(block, name) for block in blocks]).astype(np.float64)
-        for name in ("body", "spool")
-    )
-    record = Record("healthy", 0, 1e-3, body, spool)
+    (record,) = records_from_blocks(simulator.records(16.0), "healthy")
     return Simulation(stretches_of([record], [], FLUID, VALVE, damping=2.0), motions_for(FLUID))
 
 

@@ -21,7 +21,8 @@ from .simulate import Simulation
 from .stretches import Stretch
 
 #: Dampers of the coupling over the critical one of mass and spring, one fit after the other.
-DAMPING_RATIOS = (0.6, 0.3)
+DAMPING_RATIO = 0.3
+DAMPING_RATIOS = (0.6, DAMPING_RATIO)
 #: Share of the samples of other fits, rounds of each fit, and starts that are followed.
 SHARE, ROUNDS, TRIES = 2, 8, 2
 #: Samples that a coupled run goes on where a free one starts from it.

@@ -9,9 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from .coupled import DAMPING_RATIOS, coupled_simulation, coupled_start
+from .coupled import DAMPING_RATIO, coupled_simulation, coupled_start
 from .fitting import DELAY, GAIN, Step
 from .point import Point
 from .registry import EFFECTS
@@ -37,7 +35,7 @@ def winner_of_duels(search: Search, winner: Step, others: Sequence[Step]) -> Ste
 def _duel(search: Search, one: Step, other: Step) -> Step:
     """Return ``other``, as fitted by coupled runs, where it wins with the weight of either."""
     points = [_coupled_fit(search, entry) for entry in (one, other)]
-    simulation = coupled_simulation(search, search.whole, DAMPING_RATIOS[-1], search.settings.longest)
+    simulation = coupled_simulation(search, search.whole, DAMPING_RATIO, search.settings.longest)
     simulation.robust = True
     held, training = simulation.held_out, simulation.training
     least = [0.5 * stretch.noise.spool for stretch in simulation.stretches]
@@ -56,9 +54,8 @@ def _duel(search: Search, one: Step, other: Step) -> Step:
 
 def _coupled_fit(search: Search, entry: Step) -> Point:
     """Return the numbers of ``entry`` as fitted by coupled runs, from wherever it may start."""
-    reach = max(float(np.quantile(np.abs(stretch.motion.displacement), 0.999)) for stretch in search.whole)
     known = entry.fitted.point
     nominal = known.moved(("spring_stiffness", GAIN, DELAY), (search.valve.spring_stiffness, 0.0, 0.0))
-    own = EFFECTS[entry.effects[-1]].starts(search.own_of(entry), reach)
+    own = EFFECTS[entry.effects[-1]].starts(search.own_of(entry), search.reach)
     starts = [known, *(replace(nominal, values={**nominal.values, **values}) for values in own)]
     return coupled_start(search, search.whole, entry.effects, starts) or known

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from .coupled import DAMPING_RATIOS, following
+from .coupled import DAMPING_RATIO, following
 from .fitting import Step
 from .other_laws import swapped
 from .registry import EFFECTS
@@ -54,7 +54,7 @@ def _free_runs(search: Search, final: Step) -> Simulation:
     """Return the free runs that ``final`` is judged by, over whole windows."""
     if search.coupled is None:
         return search.longer
-    simulation = following(search, search.whole, final.fitted.point, DAMPING_RATIOS[-1])
+    simulation = following(search, search.whole, final.fitted.point, DAMPING_RATIO)
     simulation.robust = True
     return simulation
 

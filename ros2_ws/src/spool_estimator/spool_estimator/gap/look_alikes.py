@@ -34,6 +34,11 @@ class LookAlikes(Rules):
 
     whole: Sequence[Stretch]
 
+    @property
+    def reach(self) -> float:
+        """The largest travel, m: the 99.9 % quantile."""
+        return max(float(np.quantile(np.abs(s.motion.displacement), 0.999)) for s in self.whole)
+
     def contained(self, tried: list[Step]) -> list[Step]:
         """Return ``tried``; what fits worse than an effect that it contains starts from that once more."""
         by_name = {entry.effects[-1]: entry for entry in tried}

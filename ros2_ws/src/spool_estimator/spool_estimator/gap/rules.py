@@ -164,10 +164,10 @@ class Rules(Fitting):
 
     @staticmethod
     def vanished(entry: Step, name: str) -> bool:
-        """Whether no number of the effect ``name`` that is 0 without it differs from that in ``entry``."""
+        """Whether what is 0 without the effect ``name`` is, in ``entry``, smaller than its uncertainty."""
         own = EFFECTS[name].amplitudes
         values, spread = entry.fitted.point.values, entry.fitted.deviations
-        return bool(own) and all(abs(values[number]) < 3.0 * spread.get(number, 0.0) for number in own)
+        return bool(own) and all(abs(values[number]) < spread.get(number, 0.0) for number in own)
 
     def tolerance(self, name: str) -> float:
         """Return how far gain or delay may be off."""

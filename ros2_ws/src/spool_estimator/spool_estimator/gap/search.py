@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .balance import Screened
 from .by_direction import by_direction
-from .coupled import coupled_simulation, coupled_start, holds_damper
+from .coupled import DAMPING_RATIO, coupled_simulation, coupled_start, holds_damper
 from .duel import winner_of_duels
 from .effect import Effect
 from .fitting import BASE_NUMBERS, DELAY, GAIN, Step, parameters_of
@@ -36,8 +36,6 @@ Progress = Callable[[str, float], None]
 AT_FLOOR, CLOSED, SMOOTH = 1.2, 1.3, 1.08
 #: Share of the evidence of the first effect from which its look-alike is followed, too.
 NEARLY = 0.5
-#: Damper over the critical one that couples runs to the measured motion where that can go several ways.
-DAMPING_RATIO = 0.3
 #: Hypotheses that are refined with the weight of the best one.
 REFINED = 3
 
@@ -132,13 +130,11 @@ class Search(LookAlikes):
 
     def _couple(self, step: Step) -> Step:
         """Return ``step`` fitted with its runs coupled to the measured motion, as all are from now on."""
-        longest = self.settings.longest
         point = coupled_start(self, self.whole, step.effects, [step.fitted.point]) or step.fitted.point
         step.fitted = replace(step.fitted, point=point, settled=None)
-        self.simulation, self.coupled = (
-            coupled_simulation(self, self.whole, DAMPING_RATIO, longest) for _ in range(2)
-        )
+        self.simulation = coupled_simulation(self, self.whole, DAMPING_RATIO, self.settings.longest)
         self.stretches = self.simulation.stretches
+        self.coupled = Simulation(self.stretches, self.simulation.motions, self.simulation.damper)
         for simulation in (self.simulation, self.coupled):
             simulation.robust = True
         for known in self.steps:
@@ -317,9 +313,8 @@ class Search(LookAlikes):
         known = replace(step.fitted.point, active=self.terms_of(effects))
         joint = known.moved(BASE_NUMBERS, self._joint(entry.base, known))
         nominal = joint.moved(("spring_stiffness", GAIN, DELAY), (self.valve.spring_stiffness, 0.0, 0.0))
-        reach = max(float(np.quantile(np.abs(s.motion.displacement), 0.999)) for s in self.whole)
         starts = []
-        for values in entry.effect.starts(entry.values, reach):
+        for values in entry.effect.starts(entry.values, self.reach):
             bounded = {}
             for name, value in values.items():
                 parameter = next(p for t in entry.effect.terms for p in parameters_of(t) if p.name == name)
