@@ -144,7 +144,7 @@ def make(
             alone = [_Trial(condition, [thing], tolerance) for thing in grown]
             if all(trial.clear(scale) for trial in alone):
                 trial = alone[0] if len(alone) == 1 else _Trial(condition, grown)
-                # Friction may keep the spool from the stop, or its sensor from the rail, that it meets alone.
+                # Friction may keep the spool from the stop, or its sensor from the rail, but for one hit.
                 if len(alone) == 1 or all(trial.differs(other) for other in alone):
                     return _record(seed, hidden, trial, noise_seed, size)
             if not all(thing.size or thing.edges for thing in things):
@@ -172,8 +172,8 @@ class _Trial:
         for thing in things:
             values.update(thing.channel)
         self.channels = Channels(**values)
-        quiet = replace(self.channels, noise=0.0)
-        _, self.spool = quiet.read(self.motion, sample_times(condition), np.random.default_rng(0))
+        self.quiet = replace(self.channels, noise=0.0)
+        _, self.spool = self.quiet.read(self.motion, sample_times(condition), np.random.default_rng(0))
         self.visibility: Visibility | None = self._look(tolerance) if things else None
 
     def _look(self, tolerance: float) -> Visibility:
@@ -206,8 +206,17 @@ class _Trial:
         return apart(difference, numbers, rate, self.channels.noise) >= DISTINCT
 
     def differs(self, other: _Trial) -> bool:
-        """Return whether the record without noise differs from that of ``other`` by more than the noise."""
-        return float((self.spool - other.spool).std()) >= CLEAR * self.channels.noise
+        """Return whether the record without noise differs from ``other``, and not in one second only.
+
+        Both in steps of one length: friction is sensitive to those.
+        """
+        motion = self.condition.move(other.plant, like=self.plant)
+        _, spool = other.quiet.read(motion, sample_times(self.condition), np.random.default_rng(0))
+        squares = (self.spool - spool) ** 2
+        seconds = np.arange(0, squares.size, round(self.condition.sample_rate))
+        loudest = int(np.argmax(np.add.reduceat(squares, seconds)))
+        squares[seconds[loudest] :][: round(self.condition.sample_rate)] = 0.0
+        return float(np.sqrt(squares.mean())) >= CLEAR * self.channels.noise
 
 
 def sample_times(condition: Condition) -> Array:

@@ -78,9 +78,10 @@ class Condition:
     gain: float
     delay: float
 
-    def move(self, plant: Plant) -> Motion:
-        """Move ``plant`` under this condition's drive."""
-        time, h = steps(self.duration, self.sample_rate, self.before, plant.longest_step)
+    def move(self, plant: Plant, like: Plant | None = None) -> Motion:
+        """Move ``plant`` under this condition's drive, in steps as short as ``like`` would need."""
+        longest = plant.longest_step if like is None else like.longest_step
+        time, h = steps(self.duration, self.sample_rate, self.before, longest)
         return move(plant, time, h, self.amplitude * self.drive.at(time))
 
     def scale(self) -> Scale:

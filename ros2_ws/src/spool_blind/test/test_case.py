@@ -105,3 +105,10 @@ def test_a_law_that_does_not_fall_is_the_plain_one():
     force = case.plant["coulomb_force"]
     flat = replace(case, plant={**case.plant, "static_force": force})
     assert over_plain_friction(flat) < 0.1
+
+
+def test_of_two_effects_each_shows_in_more_than_one_second():
+    case = make(20476, "coulomb_friction+sensor_saturation")
+    full_scale = case.truth["sensor_saturation"]["full_scale"]
+    at_rail = case.time[np.abs(case.spool) >= 0.999 * full_scale]
+    assert np.unique(np.floor(at_rail)).size > 1

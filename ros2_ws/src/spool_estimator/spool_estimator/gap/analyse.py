@@ -119,7 +119,7 @@ def analyse(
     search = search_from(point)
     # Through many hits a free run is judged over the pieces that it is fitted over.
     final = run_with_contacts(search, point) if flight else None
-    if final is None:
+    if final is None or search.nrmse(final) > NOTHING:
         search = search_from(point)
         final = search.run(point)
         final = judged(search, final)

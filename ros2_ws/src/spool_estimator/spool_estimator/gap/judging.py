@@ -10,6 +10,7 @@ from .fitting import Step
 from .other_laws import swapped
 from .registry import EFFECTS
 from .simulate import Simulation
+from .sliding_laws import told_by_all_windows
 
 if TYPE_CHECKING:
     from .search import Search
@@ -46,8 +47,8 @@ def _fitted(search: Search, final: Step) -> Step:
     search.score(final)
     closer = search.fit(final.effects, [final.fitted.point], rounds=5)
     best = closer if closer.cost < final.cost else final
-    # Free runs tell laws of friction apart better than coupled ones.
-    return best if search.coupled is None else swapped(search, best)
+    # Free runs over whole windows tell laws of friction apart best.
+    return told_by_all_windows(search, best if search.coupled is None else swapped(search, best))
 
 
 def _free_runs(search: Search, final: Step) -> Simulation:
@@ -62,6 +63,8 @@ def _free_runs(search: Search, final: Step) -> Simulation:
 def _significant(search: Search, step: Step) -> Step:
     """Return ``step`` without what whole windows do not show, though pieces of them did."""
     gone = [name for name in step.effects if name in EFFECTS and search.vanished(step, name)]
+    if not gone and search.coupled is None:  # free runs that part from the measured motion tell no effect
+        gone = search.needless(step)
     for name in gone:
         rows = [(n, row) for n, row in enumerate(search.ranking) if row.id == name and row.accepted]
         for number, row in rows:

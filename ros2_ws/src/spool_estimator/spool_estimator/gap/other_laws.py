@@ -26,7 +26,7 @@ def swapped(search: Search, step: Step) -> Step:
         return step
     best = step
     for name in sorted(FRICTIONS - {present}):
-        other = _with_law(search, step, present, name)
+        other = with_law(search, step, present, name)
         if other is None:
             continue
         if other.cost < NEAR * best.cost:
@@ -46,7 +46,9 @@ def swapped(search: Search, step: Step) -> Step:
     return best
 
 
-def _with_law(search: Search, step: Step, present: str, name: str) -> Step | None:
+def with_law(
+    search: Search, step: Step, present: str, name: str, *, tries: int = 2, rounds: int = 6
+) -> Step | None:
     """Return ``step`` with the law of friction ``name`` in place of ``present``, fitted."""
     effects = tuple(name if entry == present else entry for entry in step.effects)
     own = {parameter.name: parameter.start for parameter in parameters_of(name)}
@@ -60,7 +62,7 @@ def _with_law(search: Search, step: Step, present: str, name: str) -> Step | Non
         starts += search.acting_like(step, present, name, own)
     if not starts:
         return None
-    other = search.fit(effects, starts, tries=2)
+    other = search.fit(effects, starts, tries=tries, rounds=rounds)
     trials = {**step.trials, **(known[-1].trials if known else {})}
     other.trials = {entry: trial for entry, trial in trials.items() if entry in effects}
     return other

@@ -36,6 +36,8 @@ SMOOTH_MAY_STAY = 0.01
 SENSITIVE, SENSITIVE_MAY_STAY = "end_stop", 0.5
 #: Error over the noise floor up to which what can be foretold of it is the noise's own doing.
 ABOVE_FLOOR = 1.1
+#: Share of blind cases that were named right where more than that was left after it.
+INCOMPLETE = 0.9
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,7 +212,7 @@ def _confidence(search: Search, final: Step, left: float) -> float:
     for name, margin in search.overruled.items():
         if name not in final.effects:
             sure *= float(expit(0.08 * margin))
-    return float(sure / math.sqrt(max(1.0, left / LEFT_OVER)))
+    return float(sure * (INCOMPLETE if left > LEFT_OVER else 1.0))
 
 
 def sentence(

@@ -24,6 +24,8 @@ BESIDE = 0.08
 OPEN = 0.1
 #: Share of the windows, those most helped, without which a further effect must still help.
 MOST_HELPED = 0.15
+#: Error over the noise floor up to which it need not, since chance does not lead there.
+CLOSES = 1.2
 #: Evidence by which a richer effect must beat a simpler one that it contains.
 RICHER = 16.0
 #: Share of the weighed sum of squares by which it must do so.
@@ -137,7 +139,8 @@ class Rules(Fitting):
             return "it is too small to be told from errors of the simulation"
         name = entry.effects[-1]
         local = name in EFFECTS and (EFFECTS[name].rare or EFFECTS[name].follows_time)
-        if step.effects and name in EFFECTS and not local and _in_most(step, entry) < EVIDENCE:
+        by_chance = not local and self.nrmse(entry) > CLOSES * self.floor and _in_most(step, entry) < EVIDENCE
+        if step.effects and name in EFFECTS and by_chance:
             return "it helps in few windows only, as chance does where the motion is sensitive"
         values = {f.name: entry.fitted.point.get(f.name) for f in entry.fitted.free}
         if name in (GAIN, DELAY):
@@ -183,15 +186,28 @@ class Rules(Fitting):
         return math.sqrt(float(np.median(shares)))
 
     def without_needless(self, step: Step) -> Step:
-        """Return ``step`` without the effects that it no longer needs."""
+        """Return ``step`` without the effects that it no longer needs beside its newest."""
         for name in step.effects[:-1]:
-            effects = tuple(entry for entry in step.effects if entry != name)
-            less = self.fit(effects, [replace(step.fitted.point, active=self.terms_of(effects))])
-            less.trials = {e: t for e, t in step.trials.items() if e != name}
-            gain = less.cost - step.cost - self.price * (len(step.fitted.free) - len(less.fitted.free))
-            if gain < EVIDENCE or gain < RELATIVE * step.cost:
+            less = self._less(step, name)
+            if self._does_as_well(less, step):
                 return less
         return step
+
+    def needless(self, step: Step) -> list[str]:
+        """Return the first effect beside others without which ``step`` does as well, if there is one."""
+        known = [name for name in step.effects if name in EFFECTS] if len(step.effects) > 1 else []
+        return next(([name] for name in known if self._does_as_well(self._less(step, name), step)), [])
+
+    def _less(self, step: Step, name: str) -> Step:
+        """Return ``step`` without the effect ``name``, fitted."""
+        effects = tuple(entry for entry in step.effects if entry != name)
+        less = self.fit(effects, [replace(step.fitted.point, active=self.terms_of(effects))])
+        less.trials = {e: t for e, t in step.trials.items() if e != name}
+        return less
+
+    def _does_as_well(self, less: Step, step: Step) -> bool:
+        gain = less.cost - step.cost - self.price * (len(step.fitted.free) - len(less.fitted.free))
+        return gain < EVIDENCE or gain < RELATIVE * step.cost
 
 
 def _in_most(step: Step, entry: Step) -> float:

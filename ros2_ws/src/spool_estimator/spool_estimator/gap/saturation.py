@@ -13,8 +13,10 @@ from ..record import Record
 
 Array = NDArray[np.float64]
 
-#: Share of the samples, and count, at a rail from which a channel clips.
-SHARE, COUNT = 3e-4, 12
+#: Samples at a rail from which a channel clips, and how many times as many as at levels below it.
+COUNT, PILED = 12, 10.0
+#: Levels below: those of a sine read by a coarse converter are filled up to five times less than its top.
+BELOW = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,9 +74,16 @@ def clipped(row: Array) -> NDArray[np.bool_] | None:
         top = float(values.max())
         at_top = values >= top - 1e-6 * abs(top)
         count = int(np.count_nonzero(at_top))
-        if top > 0.0 and count >= max(COUNT, SHARE * row.size) and _in_runs(at_top):
+        if top > 0.0 and count >= max(COUNT, PILED * _usual_count(values[~at_top])) and _in_runs(at_top):
             found |= at_top
     return found if found.any() else None
+
+
+def _usual_count(values: Array) -> float:
+    """Return how many of ``values`` share one of their highest levels."""
+    some = values[values > np.quantile(values, 0.9)]
+    _, counts = np.unique(some, return_counts=True)
+    return float(counts[-BELOW:].mean()) if counts.size else 0.0
 
 
 def _in_runs(pile: NDArray[np.bool_]) -> bool:

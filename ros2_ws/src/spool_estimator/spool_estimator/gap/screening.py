@@ -59,6 +59,20 @@ def candidates(
     return found + [entry for entry in left if entry.effect.id not in known]
 
 
+def overlooked(
+    stretches: Sequence[Stretch], catalogue: Sequence[Effect], step: Step, known: Sequence[Screened]
+) -> list[Screened]:
+    """Return what the regression sees beside ``known``, of which none helps, if runs may part with it."""
+    values = step.fitted.point.values
+    balance = balance_of(stretches, values)
+    peaks = lines_beside_the_drive(stretches, values)
+    names = {*step.effects, *(entry.effect.id for entry in known)}
+    effects = [entry for entry in catalogue if entry.id not in names and (entry.valleys or entry.rare)]
+    balance.prepare([*step.trials.values(), *(entry.trial for entry in known[:1])])
+    balance.reweigh()
+    return [entry for entry in _screened(balance, effects, step, peaks) if entry.gain > SCREENED]
+
+
 def small_candidates(
     simulation: Simulation, stretches: Sequence[Stretch], catalogue: Sequence[Effect], step: Step
 ) -> list[Screened]:

@@ -11,18 +11,19 @@ from numpy.typing import NDArray
 from .balance import Screened
 from .by_direction import by_direction
 from .coupled import DAMPING_RATIO, coupled_simulation, coupled_start, holds_damper
-from .duel import winner_of_duels
+from .duel import coupled_fit, winner_of_duels
 from .effect import Effect
 from .fitting import BASE_NUMBERS, DELAY, GAIN, Step, parameters_of
 from .floor import noise_floor
 from .look_alikes import LookAlikes
 from .other_laws import swapped
 from .point import Point
+from .rarely import rare_effect
 from .registry import EFFECTS
 from .remainder import OF_GAP, remainder
 from .result import Hypothesis
 from .rules import CLEARLY, EVIDENCE
-from .screening import FRICTIONS, balance_of, candidates
+from .screening import FRICTIONS, balance_of, candidates, overlooked
 from .simulate import Simulation
 from .small_effects import small_effect
 from .stretches import Stretch
@@ -115,8 +116,7 @@ class Search(LookAlikes):
             better = self._forward(step)
             if better is None:
                 break
-            several = any(EFFECTS[name].valleys for name in better.effects)
-            if self.coupled is None and several and holds_damper(self):
+            if self.coupled is None and holds_damper(self) and self._several_ways(better):
                 better = self._couple(better)
             step = self.without_needless(better)
             if self.coupled is None:  # else by free runs in the end, which tell laws of friction apart better
@@ -125,12 +125,20 @@ class Search(LookAlikes):
                 break
             self.steps.append(step)
             if self._complete(step):
-                break
+                more = rare_effect(self, step) if self.coupled is None else None
+                self.steps += [more] if more else []
+                return more or step
         return step
+
+    def _several_ways(self, step: Step) -> bool:
+        """Whether the motion can go several ways with ``step``: free runs do not tell what it leaves."""
+        if any(EFFECTS[name].valleys for name in step.effects):
+            return True
+        return any(EFFECTS[name].rare for name in step.effects) and not self._complete(step, CLOSED)
 
     def _couple(self, step: Step) -> Step:
         """Return ``step`` fitted with its runs coupled to the measured motion, as all are from now on."""
-        point = coupled_start(self, self.whole, step.effects, [step.fitted.point]) or step.fitted.point
+        point = coupled_fit(self, step)
         step.fitted = replace(step.fitted, point=point, settled=None)
         self.simulation = coupled_simulation(self, self.whole, DAMPING_RATIO, self.settings.longest)
         self.stretches = self.simulation.stretches
@@ -231,26 +239,42 @@ class Search(LookAlikes):
                 sensor = self.fit((*step.effects, name), [step.fitted.point])
                 sensor.trials = step.trials
                 tried.append(sensor)
-        if not tried:
+        ranked, sensible = self._sensible(step, tried)
+        if not sensible and self.coupled is None and holds_damper(self) and not self._complete(step, CLOSED):
+            more = overlooked(self.regressed, self.catalogue, step, chosen)
+            ranked, sensible = self._sensible(
+                step, [*ranked, *(self._try(step, own, rounds=3) for own in more)]
+            )
+        if not ranked:
             return None
-        ranked = self._ranked(step, tried)
-        sensible = [entry for entry in ranked if not self.refusal(step, entry, self.evidence(step, entry))]
         for entry in ranked:
             self._note(step, entry)
-        if not sensible:
+        ahead = step
+        if sensible:
+            closest = self.closest(step, self.polished(sensible[0]), sensible[1:])
+            ahead = self.simplest(step, closest, ranked)
+        least, winner = self.evidence(step, ahead), ahead
+        if self.coupled is None and holds_damper(self) and not self._complete(ahead, CLOSED):
+            winner = winner_of_duels(self, step, ahead, ranked)
+        if winner is not ahead:
+            least += EVIDENCE  # by which a duel is won at least
+        elif winner is step:
             return None
-        winner = self.simplest(step, self.closest(step, self.polished(sensible[0]), sensible[1:]), ranked)
-        if self.coupled is None and holds_damper(self) and not self._complete(winner, CLOSED):
-            winner = winner_of_duels(self, winner, ranked)
-        winner = self._sensor_alone(step, winner) or winner
-        if step.effects and not self.still_better(step, winner):
-            return None
+        else:
+            winner = self._sensor_alone(step, winner) or winner
+            if step.effects and not self.still_better(step, winner):
+                return None
         name = winner.effects[-1]
         own = [n for n, row in enumerate(self.ranking) if (row.id, row.beside) == (name, step.effects)]
-        known = max(self.ranking[own[-1]].evidence, self.evidence(step, winner))
+        known = max(self.ranking[own[-1]].evidence, self.evidence(step, winner), least)
         self.ranking[own[-1]] = replace(self.ranking[own[-1]], evidence=known, accepted=True, reason="")
         self.tried[name, step.effects] = winner
         return winner
+
+    def _sensible(self, step: Step, tried: list[Step]) -> tuple[list[Step], list[Step]]:
+        """Return ``tried``, the best first, and those of them that are not refused."""
+        ranked = self._ranked(step, tried) if tried else []
+        return ranked, [own for own in ranked if not self.refusal(step, own, self.evidence(step, own))]
 
     def _ranked(self, step: Step, tried: list[Step]) -> list[Step]:
         """Return ``tried``, the best of them refined, with one weight for all: what the best leaves.

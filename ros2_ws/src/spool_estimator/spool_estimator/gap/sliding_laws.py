@@ -1,0 +1,80 @@
+"""Laws of dry friction that do not contain each other, told apart by all windows.
+
+Mixed and Stribeck friction are alike over most speeds: held-out windows alone decide by chance. Neither is
+the richer one, so that the likelihood over all windows counts, at a price for each number (Schwarz).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from .alike import slides
+from .fitting import Step
+from .other_laws import with_law
+from .registry import EFFECTS
+from .screening import FRICTIONS
+from .small_effects import AllWindows
+
+#: Starts that are followed, and for how long: fits of these laws end in several valleys.
+FOLLOWED, ROUNDS = 4, 3
+#: Cost over that of the other law from which a law is given up after those.
+FAR = 1.3
+
+if TYPE_CHECKING:
+    from .search import Search
+
+
+def told_by_all_windows(search: Search, step: Step) -> Step:
+    """Return ``step`` with the sliding law that all windows show, in place of one that they show less."""
+    best = step
+    for present in [name for name in step.effects if name in FRICTIONS and name in EFFECTS and slides(name)]:
+        for name in _others(search, present):
+            other = with_law(search, step, present, name, tries=FOLLOWED, rounds=ROUNDS)
+            if other is None or other.cost > FAR * step.cost:
+                continue
+            other, margin = _compared(search, step, other)
+            if search.senseless(other, name):
+                continue
+            search.overruled[present if margin > 0.0 else name] = abs(margin)
+            if margin > 0.0:
+                _overrule(search, present, name)
+                # All windows named it; its numbers come from those that are fitted, the others judge.
+                best = search.polished(search.measured(other))
+    return best
+
+
+def _others(search: Search, present: str) -> list[str]:
+    """Return the laws that neither contain ``present`` nor are contained in it."""
+    names = sorted(entry.id for entry in search.catalogue if entry.id in FRICTIONS and entry.id != present)
+    return [
+        name
+        for name in names
+        if slides(name) and name not in EFFECTS[present].replaces and present not in EFFECTS[name].replaces
+    ]
+
+
+def _compared(search: Search, one: Step, other: Step) -> tuple[Step, float]:
+    """Return ``other`` fitted to all windows, and its evidence over ``one`` there, less the price."""
+    kept = search.simulation, search.stretches
+    everything = AllWindows.of(search.simulation)
+    search.simulation, search.stretches = everything, everything.stretches
+    try:
+        everything.choose_sampling(one.fitted.point)
+        both = [replace(step, fitted=replace(step.fitted, settled=None)) for step in (one, other)]
+        one, other = (search.polished(search.measured(step)) for step in both)
+        numbers = len(other.fitted.free) - len(one.fitted.free)
+        return other, one.cost - other.cost - search.price * numbers
+    finally:
+        search.simulation, search.stretches = kept
+
+
+def _overrule(search: Search, present: str, name: str) -> None:
+    """Let the ranking say that ``name`` was taken in place of ``present``."""
+    for number, row in enumerate(search.ranking):
+        if row.id == present and row.accepted:
+            reason = f"{name.replace('_', ' ')} fits all windows better"
+            search.ranking[number] = replace(row, accepted=False, reason=reason)
+            for place, rival in enumerate(search.ranking):
+                if (rival.id, rival.beside) == (name, row.beside):
+                    search.ranking[place] = replace(rival, accepted=True, reason="")
