@@ -251,8 +251,7 @@ class Search(LookAlikes):
             self._note(step, entry)
         ahead = step
         if sensible:
-            closest = self.closest(step, self.polished(sensible[0]), sensible[1:])
-            ahead = self.simplest(step, closest, ranked)
+            ahead = self.simplest(step, self.polished(sensible[0]), ranked)
         least, winner = self.evidence(step, ahead), ahead
         if self.coupled is None and holds_damper(self) and not self._complete(ahead, CLOSED):
             winner = winner_of_duels(self, step, ahead, ranked)

@@ -174,7 +174,8 @@ class Simulation:
         hits a stop would drown all others in which it swings free.
         """
         edges, usual = self.parts(chosen)
-        squares = np.add.reduceat(weighed**2, edges[:-1], axis=1)
+        with np.errstate(over="ignore"):  # a run that diverges costs more than any number
+            squares = np.add.reduceat(weighed**2, edges[:-1], axis=1)
         if not self.robust:
             return np.asarray(squares)
         bad = np.maximum(squares / usual, 1.0)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 def told_by_all_windows(search: Search, step: Step) -> Step:
     """Return ``step`` with the sliding law that all windows show, in place of one that they show less."""
     best = step
-    for present in [name for name in step.effects if name in FRICTIONS and name in EFFECTS and slides(name)]:
+    for present in filter(_falls_with_speed, step.effects):
         for name in _others(search, present):
             other = with_law(search, step, present, name, tries=FOLLOWED, rounds=ROUNDS)
             if other is None or other.cost > FAR * step.cost:
@@ -44,13 +44,18 @@ def told_by_all_windows(search: Search, step: Step) -> Step:
     return best
 
 
+def _falls_with_speed(name: str) -> bool:
+    """Whether ``name`` is a law of sliding friction with speeds in it."""
+    return name in EFFECTS and name in FRICTIONS and slides(name) and any(EFFECTS[name].speeds_to_try(1.0))
+
+
 def _others(search: Search, present: str) -> list[str]:
-    """Return the laws that neither contain ``present`` nor are contained in it."""
-    names = sorted(entry.id for entry in search.catalogue if entry.id in FRICTIONS and entry.id != present)
+    """Return the laws like ``present`` that neither contain it nor are contained in it."""
+    names = sorted(entry.id for entry in search.catalogue if entry.id != present)
     return [
         name
-        for name in names
-        if slides(name) and name not in EFFECTS[present].replaces and present not in EFFECTS[name].replaces
+        for name in filter(_falls_with_speed, names)
+        if name not in EFFECTS[present].replaces and present not in EFFECTS[name].replaces
     ]
 
 
