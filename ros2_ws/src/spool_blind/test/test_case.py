@@ -10,6 +10,7 @@ import spool_blind
 from spool_blind.case import DISTINCT, NONE, hidden_by, kind_of, make
 from spool_blind.effects import EFFECTS
 from spool_blind.plain import over_plain_friction
+from spool_blind.plant import Plant
 from spool_blind.strangers import STRANGERS
 from spool_blind.visibility import apart, look, threshold
 
@@ -107,8 +108,12 @@ def test_a_law_that_does_not_fall_is_the_plain_one():
     assert over_plain_friction(flat) < 0.1
 
 
-def test_of_two_effects_each_shows_in_more_than_one_second():
-    case = make(20476, "coulomb_friction+sensor_saturation")
-    full_scale = case.truth["sensor_saturation"]["full_scale"]
-    at_rail = case.time[np.abs(case.spool) >= 0.999 * full_scale]
-    assert np.unique(np.floor(at_rail)).size > 1
+def test_a_stop_out_of_reach_changes_nothing_but_the_step():
+    """How friction sticks depends on the step, which must not pass for a stop."""
+    case = make(3, "coulomb_friction", factor=1.0, moderate=True)
+    plain = Plant(case.plant)
+    stopped = plain.with_(stop_gap=1.0, stop_stiffness=1e6, stop_damping=5.0)
+    moved, other = (case.condition.move(plant, like=stopped) for plant in (plain, stopped))
+    assert stopped.longest_step < plain.longest_step
+    assert np.array_equal(moved.displacement, other.displacement)
+    assert not np.array_equal(case.condition.move(plain).time, moved.time)

@@ -70,6 +70,14 @@ def test_a_sensor_turned_round_is_refused_for_any_drag(drag: float) -> None:
     assert "turned round" in unit_or_exchange(-real(1.0, drag), FREQUENCY, VALVE)
 
 
+@settings(deadline=None, max_examples=40)
+@given(drag=DRAGS, corner=st.floats(15.0, 60.0))
+def test_a_channel_that_lags_is_not_turned_round(drag: float, corner: float) -> None:
+    """Behind a low-pass of second order, far above its corner, every sine looks turned."""
+    lagging = real(drag=drag) / (1.0 + 1j * FREQUENCY / corner) ** 2
+    assert "opposite" not in unit_or_exchange(lagging, FREQUENCY, VALVE)
+
+
 @pytest.mark.parametrize("drag", [0.3, 1.0])
 def test_exchanged_channels_are_refused(drag: float) -> None:
     assert "exchanged" in unit_or_exchange(1.0 / real(1.0, drag), FREQUENCY, VALVE)

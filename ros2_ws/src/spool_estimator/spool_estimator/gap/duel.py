@@ -10,32 +10,41 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from .coupled import DAMPING_RATIO, coupled_simulation, coupled_start
-from .fitting import DELAY, GAIN, Step
+from .fitting import BASE_NUMBERS, DELAY, GAIN, Step
 from .point import Point
 from .registry import EFFECTS
-from .rules import CLEARLY, EVIDENCE
-
-#: Share of the power left by one law that another may leave, so that no weight of windows matters.
-DECISIVE = 0.25
+from .rules import AT_FLOOR, CLEARLY, EVIDENCE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from .search import Search
 
+#: Share of the power left by one law that another may leave, so that no weight of windows matters.
+DECISIVE = 0.25
+
 
 def winner_of_duels(search: Search, step: Step, winner: Step, others: Sequence[Step]) -> Step:
     """Return ``winner``, which leaves a gap, or the one of ``others`` that acts alike and leaves less.
 
-    ``winner`` may be ``step`` itself, which others are added to: with any of them the motion may go several
-    ways, so that free runs show no gain.
+    ``winner`` may be ``step`` itself, which others are added to: the motion may go several ways with any of
+    them, with the first as with a spring that stiffens, so that free runs show no gain.
     """
-    best = winner
-    for other in others:
-        if other is best or not (EFFECTS[other.effects[-1]].valleys or EFFECTS[other.effects[-1]].rare):
+    best, fitted = winner, None
+    for number, other in enumerate(others):
+        entry = EFFECTS[other.effects[-1]]
+        if other is winner or not (entry.valleys or entry.rare or (winner is step and number == 0)):
+            continue
+        if winner is step and step.effects and search.evidence(step, other) < 0.0:
             continue
         if best is step or _alike(best.effects[-1], other.effects[-1]):
-            best = _duel(search, best, other)
+            fitted = fitted or coupled_fit(search, best)
+            rival = coupled_fit(search, other)
+            if _wins(search, best, fitted, other, rival):
+                best, fitted = replace(other, fitted=replace(other.fitted, point=rival, settled=None)), rival
+                search.measured(best)
+                if search.nrmse(best) < AT_FLOOR * search.floor:
+                    break
     return best
 
 
@@ -43,24 +52,26 @@ def _alike(name: str, rival: str) -> bool:
     return rival in EFFECTS[name].confused_with or name in EFFECTS[rival].confused_with
 
 
-def _duel(search: Search, one: Step, other: Step) -> Step:
-    """Return ``other``, as fitted by coupled runs, where it wins with the weight of either."""
-    points = [coupled_fit(search, entry) for entry in (one, other)]
+def _wins(search: Search, one: Step, fitted: Point, other: Step, rival: Point) -> bool:
+    """Whether ``other`` at ``rival`` leaves less than ``one`` at ``fitted``, with the weight of either."""
+    entry = EFFECTS[other.effects[-1]]
+    if entry.sensible({name: rival.get(name) for name in (*BASE_NUMBERS, *entry.fitted)}, {}):
+        return False
     simulation = coupled_simulation(search, search.whole, DAMPING_RATIO, search.settings.longest)
     simulation.robust = True
     held, training = simulation.held_out, simulation.training
-    errors = [simulation.errors([point], held) for point in points]
+    errors = [simulation.errors([point], held) for point in (fitted, rival)]
     before, after = (float(simulation.nrmse(rows, held)[0]) ** 2 for rows in errors)
-    if after > DECISIVE * before:
-        least = [0.5 * stretch.noise.spool for stretch in simulation.stretches]
-        numbers = len(other.fitted.free) - len(one.fitted.free)
-        for host in points:
-            simulation.take_weight(simulation.errors([host], training), training, least)
-            cost, less = (float(simulation.cost(simulation.weigh(rows, held), held)[0]) for rows in errors)
-            if cost - less - search.price * numbers < max(EVIDENCE, CLEARLY * cost):
-                return one
-    found = replace(other, fitted=replace(other.fitted, point=points[1], settled=None), train=[], held=[])
-    return search.measured(found)
+    if after < DECISIVE * before:
+        return True
+    least = [0.5 * stretch.noise.spool for stretch in simulation.stretches]
+    numbers = len(other.fitted.free) - len(one.fitted.free)
+    for host in (fitted, rival):
+        simulation.take_weight(simulation.errors([host], training), training, least)
+        cost, less = (float(simulation.cost(simulation.weigh(rows, held), held)[0]) for rows in errors)
+        if cost - less - search.price * numbers < max(EVIDENCE, CLEARLY * cost):
+            return False
+    return True
 
 
 def coupled_fit(search: Search, entry: Step) -> Point:

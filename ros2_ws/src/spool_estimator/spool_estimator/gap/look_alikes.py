@@ -17,6 +17,8 @@ from .stretches import Stretch
 
 #: Cost over the best one up to which a sliding law is started from where it acts like that.
 ALIKE = 10.0
+#: Starts of those that are followed.
+FOLLOWED = 3
 #: Cost over the best one up to which a look-alike is fitted to its last digits.
 NEAR = 1.3
 
@@ -96,3 +98,22 @@ class LookAlikes(Rules):
             free = [number for number in EFFECTS[name].fitted if number not in speeds]
             found.append(acting_alike(point, law, start, name, free, speed))
         return found
+
+    def closest(self, step: Step, winner: Step, others: list[Step]) -> Step:
+        """Return the best of ``winner`` and the sliding laws close behind it, fitted to their last digits."""
+        name = winner.effects[-1]
+        if name not in FRICTIONS or not slides(name):
+            return winner
+        best = winner
+        for entry in others:
+            other = entry.effects[-1]
+            if other not in FRICTIONS or not slides(other) or other in EFFECTS[name].replaces:
+                continue
+            if entry.cost < ALIKE * winner.cost:
+                effects = (*winner.effects[:-1], other)
+                starts = [entry.fitted.point, *self.acting_like(winner, name, other, self.own_of(entry))]
+                closer = self.fit(effects, starts, rounds=10, tries=FOLLOWED)
+                closer.trials = entry.trials
+                if self.evidence(step, closer) > self.evidence(step, best):
+                    best = closer
+        return best

@@ -18,9 +18,9 @@ from .jitter import Jitter, sampling_jitter
 from .registry import EFFECTS
 from .remainder import FORETOLD, Remainder, remainder
 from .result import GapSettings, Hypothesis
-from .rules import EVIDENCE
+from .rules import CLOSED, EVIDENCE
 from .saturation import Saturation
-from .search import CLOSED, Search
+from .search import Search
 from .simulate import Simulation
 from .usual import usual_excess, usual_share
 

@@ -12,6 +12,7 @@ from .coupled import coupled_start
 from .fitting import Step
 from .left_over import screen_left_over
 from .result import Hypothesis
+from .rules import CLOSED
 from .screening import LEFT, balance_of
 
 if TYPE_CHECKING:
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
 
 #: Share of the power left without a rare effect that one with may leave, for which no bad window is spared.
 HALVED = 0.5
-#: Error over the noise floor up to which no window is left to explain.
-CLOSED = 1.3
 #: Starts that are followed.
 FOLLOWED = 4
 

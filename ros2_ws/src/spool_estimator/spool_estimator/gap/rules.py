@@ -24,8 +24,9 @@ BESIDE = 0.08
 OPEN = 0.1
 #: Share of the windows, those most helped, without which a further effect must still help.
 MOST_HELPED = 0.15
-#: Error over the noise floor up to which it need not, since chance does not lead there.
-CLOSES = 1.2
+#: Error over the noise floor up to which nothing is left: chance does not lead there. And up to which it is
+#: noise where what is left cannot be foretold.
+AT_FLOOR, CLOSED = 1.2, 1.3
 #: Evidence by which a richer effect must beat a simpler one that it contains.
 RICHER = 16.0
 #: Share of the weighed sum of squares by which it must do so.
@@ -138,9 +139,7 @@ class Rules(Fitting):
         if all(falls):
             return "it is too small to be told from errors of the simulation"
         name = entry.effects[-1]
-        local = name in EFFECTS and (EFFECTS[name].rare or EFFECTS[name].follows_time)
-        by_chance = not local and self.nrmse(entry) > CLOSES * self.floor and _in_most(step, entry) < EVIDENCE
-        if step.effects and name in EFFECTS and by_chance:
+        if step.effects and self._by_chance(step, entry):
             return "it helps in few windows only, as chance does where the motion is sensitive"
         values = {f.name: entry.fitted.point.get(f.name) for f in entry.fitted.free}
         if name in (GAIN, DELAY):
@@ -148,6 +147,13 @@ class Rules(Fitting):
                 return "it is not significantly beyond its tolerance"
             return ""
         return self.senseless(entry, name)
+
+    def _by_chance(self, step: Step, entry: Step) -> bool:
+        """Whether ``entry`` helps ``step`` in few windows only, and not down to the floor."""
+        name = entry.effects[-1]
+        local = name not in EFFECTS or EFFECTS[name].rare or EFFECTS[name].follows_time
+        closes = self.nrmse(entry) < AT_FLOOR * self.floor
+        return not (local or closes) and _in_most(step, entry) < EVIDENCE
 
     def _least_share(self, step: Step, before: float) -> float:
         """Return the share of the power ``before`` that an effect beside those of ``step`` must explain."""

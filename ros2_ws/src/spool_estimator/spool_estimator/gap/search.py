@@ -22,7 +22,7 @@ from .rarely import rare_effect
 from .registry import EFFECTS
 from .remainder import OF_GAP, remainder
 from .result import Hypothesis
-from .rules import CLEARLY, EVIDENCE
+from .rules import AT_FLOOR, CLEARLY, CLOSED, EVIDENCE
 from .screening import FRICTIONS, balance_of, candidates, overlooked
 from .simulate import Simulation
 from .small_effects import small_effect
@@ -32,9 +32,9 @@ from .usual import usual_excess
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
-#: Error over the noise floor up to which nothing more is looked for, in the next step and from the start,
-#: where what is left cannot be foretold either; less for forces without kinks, which simulate without error.
-AT_FLOOR, CLOSED, SMOOTH = 1.2, 1.3, 1.08
+#: Error over the noise floor up to which nothing more is looked for beside forces without kinks, which
+#: simulate without error; beside others ``AT_FLOOR``, and from the start ``CLOSED``.
+SMOOTH = 1.08
 #: Share of the evidence of the first effect from which its look-alike is followed, too.
 NEARLY = 0.5
 #: Hypotheses that are refined with the weight of the best one.
@@ -240,7 +240,8 @@ class Search(LookAlikes):
                 sensor.trials = step.trials
                 tried.append(sensor)
         ranked, sensible = self._sensible(step, tried)
-        if not sensible and self.coupled is None and holds_damper(self) and not self._complete(step, CLOSED):
+        duels = self.coupled is None and holds_damper(self)
+        if not (sensible or step.effects) and duels and not self._complete(step, CLOSED):
             more = overlooked(self.regressed, self.catalogue, step, chosen)
             ranked, sensible = self._sensible(
                 step, [*ranked, *(self._try(step, own, rounds=3) for own in more)]
@@ -251,9 +252,10 @@ class Search(LookAlikes):
             self._note(step, entry)
         ahead = step
         if sensible:
-            ahead = self.simplest(step, self.polished(sensible[0]), ranked)
+            closest = self.closest(step, self.polished(sensible[0]), sensible[1:])
+            ahead = self.simplest(step, closest, ranked)
         least, winner = self.evidence(step, ahead), ahead
-        if self.coupled is None and holds_damper(self) and not self._complete(ahead, CLOSED):
+        if duels and not self._complete(ahead, CLOSED):
             winner = winner_of_duels(self, step, ahead, ranked)
         if winner is not ahead:
             least += EVIDENCE  # by which a duel is won at least

@@ -30,6 +30,8 @@ LOOKED_AT, FAR = 150, 1.5
 LARGE, CLEARLY, AT_LEAST = 0.3, 0.6, 0.85
 #: Cosine of the angle to the transfer expected, median over frequency, below which a sign must be wrong.
 OPPOSITE = -0.7
+#: Share of the frequencies that are the slow ones, and that cosine from which the sign is right there.
+SLOW, ALIKE = 0.1, 0.35
 #: Difference from any valve beyond which a record is that of none.
 NO_VALVE = 0.65
 
@@ -80,7 +82,10 @@ def opposite(ratio: Array, frequency: Array, valve: Valve) -> bool:
     described = expected_transfer(frequency, valve)
     # Exchanged channels have no valve's amplitude, and their angle says nothing.
     tried = (described, nearest) if apart < LARGE else (described,)
-    return any(float(np.median(np.cos(np.angle(ratio / one)))) < OPPOSITE for one in tried)
+    # A channel that lags, as behind a low-pass, has the right sign where the drive is slow.
+    slow = frequency <= np.quantile(frequency, SLOW)
+    alike = [np.cos(np.angle(ratio / one)) for one in tried]
+    return any(np.median(row) < OPPOSITE and np.median(row[slow]) < ALIKE for row in alike)
 
 
 def _nearest(
