@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 
 from .coupled import DAMPING_RATIO, following
 from .fitting import Step
+from .floor import noise_floor
 from .other_laws import swapped
 from .registry import EFFECTS
+from .rules import CLOSED
 from .simulate import Simulation
 from .sliding_laws import told_by_all_windows
 
@@ -63,7 +65,8 @@ def _free_runs(search: Search, final: Step) -> Simulation:
 def _significant(search: Search, step: Step) -> Step:
     """Return ``step`` without what whole windows do not show, though pieces of them did."""
     gone = [name for name in step.effects if name in EFFECTS and search.vanished(step, name)]
-    if not gone and search.coupled is None:  # free runs that part from the measured motion tell no effect
+    floor = noise_floor(search.simulation, step.fitted.point, step.held).nrmse
+    if not gone and search.nrmse(step) < CLOSED * floor:  # runs that part from the motion tell no effect
         gone = search.needless(step)
     for name in gone:
         rows = [(n, row) for n, row in enumerate(search.ranking) if row.id == name and row.accepted]

@@ -27,6 +27,8 @@ MOST_HELPED = 0.15
 #: Error over the noise floor up to which nothing is left: chance does not lead there. And up to which it is
 #: noise where what is left cannot be foretold.
 AT_FLOOR, CLOSED = 1.2, 1.3
+#: Error over that with an effect up to which others do without it.
+NO_WORSE = 1.01
 #: Evidence by which a richer effect must beat a simpler one that it contains.
 RICHER = 16.0
 #: Share of the weighed sum of squares by which it must do so.
@@ -201,8 +203,11 @@ class Rules(Fitting):
 
     def needless(self, step: Step) -> list[str]:
         """Return the first effect beside others without which ``step`` does as well, if there is one."""
-        known = [name for name in step.effects if name in EFFECTS] if len(step.effects) > 1 else []
-        return next(([name] for name in known if self._does_as_well(self._less(step, name), step)), [])
+        for name in step.effects if len(step.effects) > 1 else ():
+            less = self._less(step, name)
+            if self._does_as_well(less, step) or self.nrmse(less) < NO_WORSE * self.nrmse(step):
+                return [name]
+        return []
 
     def _less(self, step: Step, name: str) -> Step:
         """Return ``step`` without the effect ``name``, fitted."""
