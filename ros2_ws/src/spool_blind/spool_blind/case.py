@@ -136,14 +136,14 @@ def make(
         if not things or factor is not None:
             size = 1.0 if factor is None else factor
             return _record(
-                seed, hidden, _Trial(condition, [thing.sized(size) for thing in things]), noise_seed, size
+                seed, hidden, Trial(condition, [thing.sized(size) for thing in things]), noise_seed, size
             )
         for growth in range(GROWTHS + 1):
             size = GROWTH**growth
             grown = [thing.sized(size) for thing in things]
-            alone = [_Trial(condition, [thing], tolerance) for thing in grown]
+            alone = [Trial(condition, [thing], tolerance) for thing in grown]
             if all(trial.clear(scale) for trial in alone):
-                trial = alone[0] if len(alone) == 1 else _Trial(condition, grown)
+                trial = alone[0] if len(alone) == 1 else Trial(condition, grown)
                 # Friction may keep the spool from the stop, or its sensor from the rail, but for one hit.
                 if len(alone) == 1 or all(trial.differs(other) for other in alone):
                     return _record(seed, hidden, trial, noise_seed, size)
@@ -156,7 +156,7 @@ def _kind(name: str) -> Kind:
     return EFFECTS[name] if name in EFFECTS else STRANGERS[name]
 
 
-class _Trial:
+class Trial:
     """A motion with something hidden, and how visible that is."""
 
     def __init__(self, condition: Condition, things: list[Hidden], tolerance: float = 1.0) -> None:
@@ -201,11 +201,11 @@ class _Trial:
             return True
         simpler = replace(thing, plant={**thing.plant, **thing.simpler}, simpler={})
         others = [simpler if entry is thing else entry for entry in self.things]
-        difference = self.spool - _Trial(self.condition, others).spool
+        difference = self.spool - Trial(self.condition, others).spool
         numbers, rate = self.condition.base.numbers, self.condition.sample_rate
         return apart(difference, numbers, rate, self.channels.noise) >= DISTINCT
 
-    def differs(self, other: _Trial) -> bool:
+    def differs(self, other: Trial) -> bool:
         """Return whether the record without noise differs from ``other``, and not in one second only.
 
         Both in steps of one length: friction is sensitive to those.
@@ -224,7 +224,7 @@ def sample_times(condition: Condition) -> Array:
     return np.arange(round(condition.duration * condition.sample_rate)) / condition.sample_rate
 
 
-def _record(seed: int, hidden: str, trial: _Trial, noise_seed: int, factor: float) -> Case:
+def _record(seed: int, hidden: str, trial: Trial, noise_seed: int, factor: float) -> Case:
     t = sample_times(trial.condition)
     body, spool = trial.channels.read(trial.motion, t, np.random.default_rng(noise_seed))
     names = [] if hidden == NONE else hidden.split("+")

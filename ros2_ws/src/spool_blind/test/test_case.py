@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import spool_blind
-from spool_blind.case import DISTINCT, NONE, hidden_by, kind_of, make
+from spool_blind.case import DISTINCT, NONE, Trial, hidden_by, kind_of, make
 from spool_blind.effects import EFFECTS
+from spool_blind.hidden import Hidden
 from spool_blind.plain import over_plain_friction
-from spool_blind.plant import Plant
 from spool_blind.strangers import STRANGERS
 from spool_blind.visibility import apart, look, threshold
 
@@ -108,12 +108,15 @@ def test_a_law_that_does_not_fall_is_the_plain_one():
     assert over_plain_friction(flat) < 0.1
 
 
-def test_a_stop_out_of_reach_changes_nothing_but_the_step():
-    """How friction sticks depends on the step, which must not pass for a stop."""
+def test_a_stop_beside_friction_differs_from_none_only_where_it_is_reached():
+    """A stop makes steps finer, and how friction sticks depends on those: that alone is no difference."""
     case = make(3, "coulomb_friction", factor=1.0, moderate=True)
-    plain = Plant(case.plant)
-    stopped = plain.with_(stop_gap=1.0, stop_stiffness=1e6, stop_damping=5.0)
-    moved, other = (case.condition.move(plant, like=stopped) for plant in (plain, stopped))
-    assert stopped.longest_step < plain.longest_step
-    assert np.array_equal(moved.displacement, other.displacement)
-    assert not np.array_equal(case.condition.move(plain).time, moved.time)
+    quiet = replace(case.condition, noise_share=1e-9)
+    friction = Hidden({"coulomb_force": case.plant["coulomb_force"]})
+    dry = Trial(quiet, [friction])
+    for share, reached in ((1.2, False), (0.5, True)):
+        gap = share * float(np.abs(dry.motion.displacement).max())
+        stop = Hidden({"stop_gap": gap, "stop_stiffness": 1e6, "stop_damping": 5.0})
+        both = Trial(quiet, [friction, stop])
+        assert both.plant.longest_step < dry.plant.longest_step
+        assert both.differs(dry) is reached

@@ -33,7 +33,8 @@ def winner_of_duels(search: Search, step: Step, winner: Step, others: Sequence[S
     best, fitted = winner, None
     for number, other in enumerate(others):
         entry = EFFECTS[other.effects[-1]]
-        if other is winner or not (entry.valleys or entry.rare or (winner is step and number == 0)):
+        several = entry.valleys or entry.rare or (winner is step and number == 0 and entry.terms)
+        if other is winner or not several:
             continue
         if winner is step and step.effects and search.evidence(step, other) < 0.0:
             continue

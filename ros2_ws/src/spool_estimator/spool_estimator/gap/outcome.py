@@ -36,7 +36,7 @@ SMOOTH_MAY_STAY = 0.01
 SENSITIVE, SENSITIVE_MAY_STAY = "end_stop", 0.5
 #: Error over the noise floor up to which what can be foretold of it is the noise's own doing.
 ABOVE_FLOOR = 1.1
-#: Share of blind cases that were named right where more than that was left after it.
+#: Share of right names where more than that is left, no more than blind cases had.
 INCOMPLETE = 0.9
 
 
