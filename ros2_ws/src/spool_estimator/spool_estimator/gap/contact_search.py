@@ -20,7 +20,6 @@ from .fitting import Step
 from .free_flight import in_free_flight, without_hits
 from .pieces import Piece, pieces_of
 from .point import Point
-from .rarely import by_power
 from .result import Hypothesis
 from .rules import CLEARLY
 from .search import Search
@@ -49,6 +48,8 @@ MORE = 2
 WANDER = 0.5
 #: Gain and delay (s) found in free flight from which the hits are looked at again.
 GAIN_MATTERS, DELAY_MATTERS = 0.01, 0.2e-3
+#: Share of the power left without a stop that one with may leave, for which no bad window is spared.
+HALVED = 0.5
 
 
 def contacts_for(search: Search, mass: float) -> Contacts | None:
@@ -272,8 +273,27 @@ def _choose_sampling(simulation: Simulation, point: Point) -> None:
 
 
 def _row(search: Search, without: Step, step: Step) -> Hypothesis:
-    evidence = max(search.evidence(without, step), by_power(search, without, step))
+    evidence = max(search.evidence(without, step), _by_power(search, without, step))
     values = {free.name: step.fitted.point.get(free.name) for free in step.fitted.free}
     reason = search.refusal(without, step, evidence)
     search.tried[STOP, without.effects] = step
     return Hypothesis(STOP, without.effects, search.nrmse(step), evidence, values, reason=reason)
+
+
+def _by_power(search: Search, without: Step, step: Step) -> float:
+    """Return the evidence for ``step`` by the power that both leave in windows that are bad with either.
+
+    0 where ``step`` leaves more than ``HALVED`` of the power: few windows with hits, each counted by a
+    logarithm, weigh less than one that is grazed too early.
+    """
+    if search.nrmse(step) ** 2 >= HALVED * search.nrmse(without) ** 2:
+        return 0.0
+    simulation, held = search.simulation, search.simulation.held_out
+    edges, usual = simulation.parts(held)
+    before, after = (
+        np.add.reduceat(simulation.weigh(entry.held, held)[0] ** 2, edges[:-1]) for entry in (without, step)
+    )
+    bad = np.maximum(before, after) > usual
+    numbers = len(step.fitted.free) - len(without.fitted.free)
+    gain = math.log(float(before[bad].sum()) / float(after[bad].sum())) if bad.any() else 0.0
+    return float(np.diff(edges)[bad].sum()) * gain - search.price * numbers

@@ -18,7 +18,6 @@ from .floor import noise_floor
 from .look_alikes import LookAlikes
 from .other_laws import swapped
 from .point import Point
-from .rarely import rare_effect
 from .registry import EFFECTS
 from .remainder import OF_GAP, remainder
 from .result import Hypothesis
@@ -125,9 +124,7 @@ class Search(LookAlikes):
                 break
             self.steps.append(step)
             if self._complete(step):
-                more = rare_effect(self, step) if self.coupled is None else None
-                self.steps += [more] if more else []
-                return more or step
+                break
         return step
 
     def _several_ways(self, step: Step) -> bool:
