@@ -282,15 +282,25 @@ def half_steps(window: Window, sample_period: float, substeps: int, delay: float
 
     Shape (2 n substeps + 1,), n the samples from ``first`` to ``stop`` inclusive.
     """
-    finer = 2 * substeps
-    spectrum = _delayed(window, sample_period, delay)
+    return np.asarray(half_steps_of([window], sample_period, substeps, [delay])[0])
+
+
+def half_steps_of(
+    windows: Sequence[Window], sample_period: float, substeps: int, delays: Sequence[float]
+) -> Array:
+    """Return the same for w ``windows`` of one length, each with its own of ``delays``, on all processors.
+
+    Shape (w, 2 n substeps + 1).
+    """
+    finer, window = 2 * substeps, windows[0]
+    spectra = np.array([_delayed(*pair, sample_period) for pair in zip(windows, delays, strict=True)])
     # The drive has nothing left at half the sample rate, so its line there needs no halving.
-    fine = fft.irfft(spectrum, finer * window.length) * finer
+    fine = fft.irfft(spectra, finer * window.length, workers=-1)
     first = finer * window.margin
-    return np.asarray(fine[first : first + finer * (window.stop + 1 - window.first) + 1])
+    return np.asarray(fine[:, first : first + finer * (window.stop + 1 - window.first) + 1] * finer)
 
 
-def _delayed(window: Window, sample_period: float, delay: float) -> NDArray[np.complex128]:
+def _delayed(window: Window, delay: float, sample_period: float) -> NDArray[np.complex128]:
     if delay == 0.0:
         return window.drive
     frequency = fft.rfftfreq(window.length, sample_period)
@@ -300,7 +310,7 @@ def _delayed(window: Window, sample_period: float, delay: float) -> NDArray[np.c
 def _body_means(window: Window, sample_period: float, delay: float) -> Array:
     """Return the mean of the drive from each sample that counts to the next, m/s^2."""
     frequency = fft.rfftfreq(window.length, sample_period)
-    spectrum = _delayed(window, sample_period, delay) * interval_mean_response(frequency, sample_period)
+    spectrum = _delayed(window, delay, sample_period) * interval_mean_response(frequency, sample_period)
     first = window.margin + window.start - window.first
     means = fft.irfft(spectrum, window.length)
     return np.asarray(means[first : first + window.stop - window.start])

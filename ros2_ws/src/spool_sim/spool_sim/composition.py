@@ -201,8 +201,9 @@ def _from_disk(name: str, source: str) -> ModuleType:
 def _in_memory(name: str, source: str) -> ModuleType:
     module = ModuleType(name)
     text = source.replace(
-        "from spool_stream.compiled import compiled",
-        "from spool_sim.composition import compiled_in_memory as compiled",
+        "from spool_stream.compiled import compiled, inlined",
+        "from spool_sim.composition import compiled_in_memory as compiled\n"
+        "from spool_stream.compiled import inlined",
     )
     sys.modules[name] = module
     namespace: dict[str, Any] = module.__dict__

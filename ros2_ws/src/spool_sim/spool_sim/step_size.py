@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -22,7 +23,12 @@ def slopes(
     entry: Term, values: Mapping[str, float], largest_displacement: float = LARGEST_DISPLACEMENT
 ) -> tuple[float, float]:
     """Return the steepest change of a term's force with displacement (N/m) and with velocity (N s/m)."""
-    given = [float(values[parameter.name]) for parameter in entry.parameters]
+    given = tuple(float(values[parameter.name]) for parameter in entry.parameters)
+    return _slopes(entry, given, largest_displacement)
+
+
+@lru_cache(maxsize=256)  # of many hypotheses most terms keep their numbers
+def _slopes(entry: Term, given: tuple[float, ...], largest_displacement: float) -> tuple[float, float]:
     smooth, sliding, memory, levels = (
         entry.plain(law) for law in ("force_law", "sliding_law", "memory_law", "levels_law")
     )

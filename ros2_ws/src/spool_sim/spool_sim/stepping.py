@@ -18,7 +18,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_stream.compiled import compiled
+from spool_stream.compiled import compiled, inlined
 
 from .fluid_laws import EVENTS, MASS, given, next_level, remembered, rest, sliding, smooth, start_memory
 
@@ -27,7 +27,7 @@ Numbers = tuple[float, ...]
 LARGEST_EVENT_COUNT = 40
 
 
-@compiled
+@inlined
 def acceleration(
     z: float, v: float, t: float, s: float, a: float, z0: float, x: Numbers, q: Numbers
 ) -> float:
@@ -108,7 +108,10 @@ def first_time(
     s: float,
     x: Numbers,
     low: float,
+    before: float,
     high: float,
+    z1: float,
+    v1: float,
     k1: float,
     u: float,
     t: float,
@@ -120,12 +123,10 @@ def first_time(
 ) -> tuple[float, float, float]:
     """Return (tau, z, v) at which the slip reaches ``level`` m, or comes to rest where that is not a number.
 
-    Regula falsi (Illinois) on the end of a shortened piece: before the event at ``low``, past it at ``high``.
+    Regula falsi (Illinois) on the end of a shortened piece: ``before`` > 0 is the velocity or the way to the
+    level in direction ``s`` at ``low``; at ``high``, past the event, stand ``z1`` and ``v1``.
     """
     at_rest = math.isnan(level)
-    z1, v1 = slip(z, v, s, x, low, k1, u, t, h, a0, b, d, q)
-    before = s * v1 if at_rest else s * (level - z1)
-    z1, v1 = slip(z, v, s, x, high, k1, u, t, h, a0, b, d, q)
     past = s * v1 if at_rest else s * (level - z1)
     tau = high
     side = 0
@@ -195,34 +196,39 @@ def step_with_events(
         tau, stops = left, False
         if s * v1 > 0.0:
             rate0 = s * k1
-            rate1 = s * acceleration(z1, v1, t + h, s, a1, z, x, q)
-            if v != 0.0 and rate0 < 0.0 < rate1:
+            rate1 = s * acceleration(z1, v1, t + h, s, a1, z, x, q) if v != 0.0 and rate0 < 0.0 else 0.0
+            if rate1 > 0.0:
                 # Both ends slip the same way, but the velocity may have dipped through zero between.
                 dip = left * rate0 / (rate0 - rate1)
-                _, value = slip(z, v, s, x, dip, k1, u, t, h, a0, b, d, q)
-                if s * value <= 0.0:
-                    tau, z1, v1 = first_time(math.nan, z, v, s, x, 0.0, dip, k1, u, t, h, a0, b, d, q)
+                z2, v2 = slip(z, v, s, x, dip, k1, u, t, h, a0, b, d, q)
+                if s * v2 <= 0.0:
+                    tau, z1, v1 = first_time(
+                        math.nan, z, v, s, x, 0.0, s * v, dip, z2, v2, k1, u, t, h, a0, b, d, q
+                    )
                     stops = True
         else:
-            first = 0.0
-            last = left
+            first, last, before = 0.0, left, s * v
             if v == 0.0:
                 # Released and at rest again within the step: find an instant of slip before that.
                 first = left
-                value = v1
+                z2, v2 = z1, v1
                 for _ in range(30):
-                    last = first
+                    last, z1, v1 = first, z2, v2
                     first *= 0.5
-                    _, value = slip(z, v, s, x, first, k1, u, t, h, a0, b, d, q)
-                    if s * value > 0.0:
+                    z2, v2 = slip(z, v, s, x, first, k1, u, t, h, a0, b, d, q)
+                    if s * v2 > 0.0:
                         break
-                if s * value <= 0.0:
+                before = s * v2
+                if before <= 0.0:
                     return z, 0.0, 0.0, x  # too short to move: the next step settles it
-            tau, z1, v1 = first_time(math.nan, z, v, s, x, first, last, k1, u, t, h, a0, b, d, q)
+            tau, z1, v1 = first_time(
+                math.nan, z, v, s, x, first, before, last, z1, v1, k1, u, t, h, a0, b, d, q
+            )
             stops = True
         level = next_level(z, z1, q)
         if not math.isnan(level):
-            tau, _, v1 = first_time(level, z, v, s, x, 0.0, tau, k1, u, t, h, a0, b, d, q)
+            before = s * (level - z)
+            tau, _, v1 = first_time(level, z, v, s, x, 0.0, before, tau, z1, v1, k1, u, t, h, a0, b, d, q)
             z1, stops = level, s * v1 <= 0.0
         x = remembered(x, z1 - z, s, q)
         z = z1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -12,7 +13,7 @@ from spool_sim.step_size import substeps_for
 from spool_sim.terms import term
 from spool_stream.errors import InputError
 
-from ..free_run import Window, half_steps
+from ..free_run import Window, half_steps, half_steps_of
 from .pieces import Piece
 from .point import Point
 from .stretches import Stretch
@@ -65,11 +66,11 @@ class Drive:
 
 
 class Batches:
-    """Steps windows of one length together; keeps the drives of the last call, most of which come again."""
+    """Steps windows of one length together; each thread keeps its last drives: most come again."""
 
     def __init__(self) -> None:
         """Begin without drives."""
-        self._drives: dict[Place, Drive] = {}
+        self._last = threading.local()
 
     def run(self, motion: SwitchableMotion, points: Sequence[Point], jobs: Sequence[Job]) -> list[Run]:
         """Return what each of ``jobs`` gives for ``points`` (with the same terms), stepped by ``motion``."""
@@ -80,16 +81,20 @@ class Batches:
             groups.setdefault(key, []).append(number)
         found: dict[int, Run] = {}
         drives: dict[Place, Drive] = {}
+        last: dict[Place, Drive] = getattr(self._last, "drives", {})
         for (period, highest, _, _), numbers in groups.items():
             substeps = steps_a_sample(points[0], period, highest)
             own = [jobs[number] for number in numbers]
-            for _, window in own:
-                for point in points:
-                    place = _place(window, point, substeps)
-                    if place not in drives:
-                        drives[place] = self._drives.get(place) or _drive(window, period, substeps, point)
+            needed = {
+                _place(window, point, substeps): (window, point) for _, window in own for point in points
+            }
+            known = {place: last[place] for place in needed if place in last}
+            missing = {place: needed[place] for place in needed if place not in known}
+            made = _drives(list(missing.values()), period, substeps) if missing else []
+            drives.update(known)
+            drives.update(zip(missing, made, strict=True))
             found.update(zip(numbers, _together(motion, points, own, drives, substeps), strict=True))
-        self._drives = drives
+        self._last.drives = drives
         return [found[number] for number in range(len(jobs))]
 
 
@@ -99,15 +104,21 @@ def _place(window: Window, point: Point, substeps: int) -> Place:
     return id(window), point.delay, point.gain if coupled else 0.0, substeps
 
 
-def _drive(window: Window, period: float, substeps: int, point: Point) -> Drive:
-    steps = half_steps(window, period, substeps, point.delay)
-    means = simpson_means(steps, substeps)
-    if not isinstance(window, Piece) or window.pull is None:
-        return Drive(window, steps, means, None)
-    body, spool = (replace(window, drive=spectrum) for spectrum in window.pull)
-    pull = half_steps(spool, period, substeps) / (1.0 + point.gain)
-    pull -= half_steps(body, period, substeps, point.delay)
-    return Drive(window, steps - pull, means, pull[:: 2 * substeps])
+def _drives(needed: Sequence[tuple[Window, Point]], period: float, substeps: int) -> list[Drive]:
+    """Return the drive of each of ``needed``, windows of one length."""
+    windows, delays = [window for window, _ in needed], [point.delay for _, point in needed]
+    found = []
+    steps = half_steps_of(windows, period, substeps, delays)
+    for (window, point), row in zip(needed, steps, strict=True):
+        means = simpson_means(row, substeps)
+        if not isinstance(window, Piece) or window.pull is None:
+            found.append(Drive(window, row, means, None))
+            continue
+        body, spool = (replace(window, drive=spectrum) for spectrum in window.pull)
+        pull = half_steps(spool, period, substeps) / (1.0 + point.gain)
+        pull -= half_steps(body, period, substeps, point.delay)
+        found.append(Drive(window, row - pull, means, pull[:: 2 * substeps]))
+    return found
 
 
 def _together(

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_sim.terms import term
 
+from .at_once import at_once
 from .point import Point
 from .simulate import Simulation
 
@@ -83,13 +84,11 @@ def descend(
     ]
     residuals = simulation.weigh(simulation.errors(inside, chosen), chosen)
     squares = simulation.cost(residuals, chosen)
-    best: Fitted | None = None
-    for place in np.argsort(squares)[:tries].tolist():
-        found = _follow(simulation, inside[place], residuals[place], free, rounds, enough)
-        if best is None or found.squares < best.squares:
-            best = found
-    assert best is not None
-    return best
+    found = at_once(
+        lambda place: _follow(simulation, inside[place], residuals[place], free, rounds, enough),
+        np.argsort(squares)[:tries].tolist(),
+    )
+    return min(found, key=lambda one: one.squares)
 
 
 def _follow(

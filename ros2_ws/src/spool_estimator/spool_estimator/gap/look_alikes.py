@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .alike import acting_alike, slides
+from .at_once import at_once
 from .fitting import Step
 from .point import Point
 from .registry import EFFECTS
@@ -42,8 +43,8 @@ class LookAlikes(Rules):
     def contained(self, tried: list[Step]) -> list[Step]:
         """Return ``tried``; what fits worse than an effect that it contains starts from that once more."""
         by_name = {entry.effects[-1]: entry for entry in tried}
-        found = []
-        for entry in tried:
+
+        def from_inner(entry: Step) -> Step:
             best = entry
             for name in EFFECTS[entry.effects[-1]].replaces:
                 inner = by_name.get(name)
@@ -56,8 +57,9 @@ class LookAlikes(Rules):
                 again = self.fit(effects, [point], rounds=3, enough=5e-3)
                 again.trials = entry.trials
                 best = min(best, again, key=lambda one: one.cost)
-            found.append(best)
-        return self._alike(found)
+            return best
+
+        return self._alike(at_once(from_inner, tried))
 
     def _alike(self, tried: list[Step]) -> list[Step]:
         """Return ``tried``; sliding laws near the best one start once more from where they act like that."""
@@ -67,20 +69,20 @@ class LookAlikes(Rules):
             return tried
         best = min(laws.values(), key=lambda entry: entry.cost)
         law = best.effects[-1]
-        found = []
-        for entry in tried:
+
+        def from_best(entry: Step) -> Step:
             name = entry.effects[-1]
             # A gain or a delay that one law has let free, and the other not, parts the best of laws.
             freed = best.effects[:-1] != entry.effects[:-1]
             near = entry.cost <= ALIKE * best.cost and name not in EFFECTS[law].replaces
             if name not in laws or entry is best or not (freed or near):
-                found.append(entry)
-                continue
+                return entry
             starts = self.acting_like(best, law, name, self.own_of(entry))
             again = self.fit((*best.effects[:-1], name), starts, rounds=3, enough=5e-3)
             again.trials = entry.trials
-            found.append(min(entry, again, key=lambda one: one.cost))
-        return found
+            return min(entry, again, key=lambda one: one.cost)
+
+        return at_once(from_best, tried)
 
     def acting_like(self, like: Step, law: str, name: str, own: Mapping[str, float]) -> list[Point]:
         """Return points of ``like`` at which ``name``, in place of its ``law``, acts most like that.
@@ -104,16 +106,18 @@ class LookAlikes(Rules):
         name = winner.effects[-1]
         if name not in FRICTIONS or not slides(name):
             return winner
-        best = winner
-        for entry in others:
+
+        def close(entry: Step) -> bool:
             other = entry.effects[-1]
-            if other not in FRICTIONS or not slides(other) or other in EFFECTS[name].replaces:
-                continue
-            if entry.cost < ALIKE * winner.cost:
-                effects = (*winner.effects[:-1], other)
-                starts = [entry.fitted.point, *self.acting_like(winner, name, other, self.own_of(entry))]
-                closer = self.fit(effects, starts, rounds=10, tries=FOLLOWED)
-                closer.trials = entry.trials
-                if self.evidence(step, closer) > self.evidence(step, best):
-                    best = closer
-        return best
+            rival = other in FRICTIONS and slides(other) and other not in EFFECTS[name].replaces
+            return rival and entry.cost < ALIKE * winner.cost
+
+        def closer(entry: Step) -> Step:
+            other = entry.effects[-1]
+            starts = [entry.fitted.point, *self.acting_like(winner, name, other, self.own_of(entry))]
+            found = self.fit((*winner.effects[:-1], other), starts, rounds=5, tries=FOLLOWED)
+            found.trials = entry.trials
+            return self.polished(found)
+
+        rivals = at_once(closer, filter(close, others))
+        return max([winner, *rivals], key=lambda entry: self.evidence(step, entry))

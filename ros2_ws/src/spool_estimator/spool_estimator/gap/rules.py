@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from spool_sim.terms import term
 
+from .at_once import at_once
 from .fitting import DELAY, GAIN, Fitting, Step
 from .registry import EFFECTS
 
@@ -16,6 +17,8 @@ from .registry import EFFECTS
 EVIDENCE = 40.0
 #: Share of the weighed sum of squares that it must take away at least.
 RELATIVE = 4e-3
+#: Cost over that of the best of laws that contain each other up to which one is fitted on.
+HOPEFUL = 2.0
 #: Share of the measured acceleration, rms, that it must explain: less is within what any simulation errs.
 SMALLEST = 5e-4
 #: Share of the power of what is left that a further effect must explain beside others.
@@ -81,13 +84,12 @@ class Rules(Fitting):
     def simplest(self, step: Step, winner: Step, others: Sequence[Step]) -> Step:
         """Return the simplest of ``winner`` and its look-alikes that none of the others clearly beats."""
         name = winner.effects[-1]
-        family = [winner]
-        for entry in others:
-            other = entry.effects[-1]
-            if other in EFFECTS[name].replaces or name in EFFECTS[other].replaces:
-                polished = self.polished(entry)
-                if not self.refusal(step, polished, step.cost - polished.cost):
-                    family.append(polished)
+        replaced = EFFECTS[name].replaces
+        related = [
+            own for own in others if own.effects[-1] in replaced or name in EFFECTS[own.effects[-1]].replaces
+        ]
+        polished = at_once(self.polished, [own for own in related if own.cost < HOPEFUL * winner.cost])
+        family = [winner, *(own for own in polished if not self.refusal(step, own, step.cost - own.cost))]
         family.sort(key=lambda entry: len(entry.fitted.free))
         best = family[0]
         for entry in family[1:]:

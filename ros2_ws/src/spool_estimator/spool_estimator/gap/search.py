@@ -8,9 +8,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from .at_once import at_once
 from .balance import Screened
 from .by_direction import by_direction
 from .coupled import DAMPING_RATIO, coupled_simulation, coupled_start, holds_damper
+from .descent import Fitted
 from .duel import coupled_fit, winner_of_duels
 from .effect import Effect
 from .fitting import BASE_NUMBERS, DELAY, GAIN, Step, parameters_of
@@ -65,6 +67,7 @@ class Search(LookAlikes):
     steps: list[Step] = field(default_factory=list)
     overruled: dict[str, float] = field(default_factory=dict)
     coupled: Simulation | None = None
+    _complete_at: tuple[Fitted, float] | None = None
 
     def __post_init__(self) -> None:
         if not self.catalogue:
@@ -157,6 +160,8 @@ class Search(LookAlikes):
     def _complete(self, step: Step, most: float | None = None) -> bool:
         """Whether what ``step`` leaves is noise, up to ``most`` times the floor, in all or usually."""
         most = most or (AT_FLOOR if self.has_kinks(step) else SMOOTH)
+        if self._complete_at and self._complete_at[0] is step.fitted and self._complete_at[1] <= most:
+            return True
         longer, point = self.coupled or self.longer, step.fitted.point
         if self.has_jumps(step):
             longer.choose_sampling(point)
@@ -171,7 +176,10 @@ class Search(LookAlikes):
             return False
         longer.take_weight(train, training, self.least_density)
         rest = remainder(longer, point, train, other)
-        return not rest.tells(left, before, kinks=self.has_kinks(step))
+        if rest.tells(left, before, kinks=self.has_kinks(step)):
+            return False
+        self._complete_at = step.fitted, most
+        return True
 
     def _another_way(self, base: Step, found: Step) -> Step | None:
         """Return what grows from the look-alike of the first effect, if ``found`` leaves a gap and it less.
@@ -230,7 +238,7 @@ class Search(LookAlikes):
 
     def _forward(self, step: Step) -> Step | None:
         chosen = candidates(self.simulation, self.regressed, self.catalogue, step)
-        tried = self.contained([self._try(step, entry, rounds=3) for entry in chosen])
+        tried = self.contained(at_once(lambda entry: self._try(step, entry, rounds=3), chosen))
         for name in (GAIN, DELAY):
             if name in step.fitted.at_bound and name not in step.effects:
                 sensor = self.fit((*step.effects, name), [step.fitted.point])
@@ -286,7 +294,7 @@ class Search(LookAlikes):
                 self.measured(entry)
         self.take_weight(best)
         tried.sort(key=lambda entry: entry.cost)
-        again = [self.polished(entry, rounds=5) for entry in tried[:REFINED]] + tried[REFINED:]
+        again = at_once(lambda entry: self.polished(entry, rounds=5), tried[:REFINED]) + tried[REFINED:]
         self.score(step)
         closer = self.polished(step, rounds=5)
         if closer.cost < step.cost:

@@ -127,17 +127,28 @@ class Simulation:
 
     def weigh(self, errors: Sequence[Array], chosen: Sequence[int]) -> Array:
         """Return ``errors`` weighed to variance 1, shape (s, m)."""
+        ways = [self._way_of(place, error.shape[-1]) for place, error in zip(chosen, errors, strict=True)]
+        lengths: dict[int, list[int]] = {}
+        for number, error in enumerate(errors):
+            lengths.setdefault(error.shape[-1], []).append(number)
+        lines: dict[int, NDArray[np.complex128]] = {}
+        for numbers in lengths.values():  # windows of one length together, on all processors
+            rows = np.array([errors[number] for number in numbers]) * ways[numbers[0]].taper
+            lines.update(zip(numbers, fft.rfft(rows, axis=-1, workers=-1, overwrite_x=True), strict=True))
         parts = []
-        for place, error in zip(chosen, errors, strict=True):
-            way = self._ways.get(place)
-            if way is None:
-                way = self._ways[place] = self._way(place, error.shape[-1])
-            lines = fft.rfft(error * way.taper, axis=-1)[:, way.band] / way.scale
-            real = np.concatenate([lines.real, lines.imag], axis=1)
+        for number, way in enumerate(ways):
+            own = lines[number][:, way.band] / way.scale
+            real = np.concatenate([own.real, own.imag], axis=1)
             if way.ringing is not None:
                 real -= (real @ way.ringing) @ way.ringing.T
             parts.append(real)
         return np.concatenate(parts, axis=1)
+
+    def _way_of(self, place: int, length: int) -> _Way:
+        """Return how the errors (length,) of the window ``place`` are weighed, worked out once a weight."""
+        if place not in self._ways:
+            self._ways[place] = self._way(place, length)
+        return self._ways[place]
 
     def _way(self, place: int, length: int) -> _Way:
         """Return how the errors (length,) of the window ``place`` are weighed now."""

@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from .alike import slides
+from .at_once import at_once
 from .fitting import Step
 from .other_laws import with_law
 from .registry import EFFECTS
@@ -67,7 +68,7 @@ def _compared(search: Search, one: Step, other: Step) -> tuple[Step, float]:
     try:
         everything.choose_sampling(one.fitted.point)
         both = [replace(step, fitted=replace(step.fitted, settled=None)) for step in (one, other)]
-        one, other = (search.polished(search.measured(step)) for step in both)
+        one, other = at_once(lambda step: search.polished(search.measured(step)), both)
         numbers = len(other.fitted.free) - len(one.fitted.free)
         return other, one.cost - other.cost - search.price * numbers
     finally:

@@ -23,6 +23,8 @@ from spool_sim.terms import TERMS, Parameter, Term, term
 
 Array = NDArray[np.float64]
 ALWAYS = ("inertia", "spring", "viscous_friction")
+#: Switch of all terms together that do more than slide, but those of ``ALWAYS``: most hypotheses have none.
+PUSHING = "pushing"
 #: Functions of the laws that a step calls up to dozens of times.
 INNERMOST = ("smooth", "sliding", "remembered")
 
@@ -32,7 +34,7 @@ class SwitchableMotion(ComposedMotion):
 
     Attributes:
         columns: place of each term's parameter in a set, by (term, parameter).
-        switches: place of each term's switch.
+        switches: place of each term's switch, and of the common one called ``PUSHING``.
         width: length of a set.
     """
 
@@ -78,6 +80,8 @@ class SwitchableMotion(ComposedMotion):
         for name in active:
             if name in self.switches:
                 row[self.switches[name]] = 1.0
+                if _pushes(term(name)):
+                    row[self.switches[PUSHING]] = 1.0
         return row
 
     def places(self, active: Sequence[str], parameter: str) -> list[int]:
@@ -85,6 +89,11 @@ class SwitchableMotion(ComposedMotion):
         return sorted(
             {place for (name, own), place in self.columns.items() if own == parameter and name in active}
         )
+
+
+def _pushes(entry: Term) -> bool:
+    """Whether ``entry`` does anything but slide and hold at rest."""
+    return bool(set(entry.laws) - {"sliding_law", "rest_law"})
 
 
 def _places(terms: Sequence[Term]) -> tuple[dict[tuple[str, str], int], dict[str, int], int]:
@@ -102,7 +111,8 @@ def _places(terms: Sequence[Term]) -> tuple[dict[tuple[str, str], int], dict[str
         if entry.name not in ALWAYS:
             switches[entry.name] = width
             width += 1
-    return columns, switches, width
+    switches[PUSHING] = width
+    return columns, switches, width + 1
 
 
 def laws_source(terms: Sequence[Term]) -> str:
@@ -113,7 +123,9 @@ def laws_source(terms: Sequence[Term]) -> str:
         "from spool_sim.terms.base import Array",
         "from spool_stream.compiled import inlined",
     ]
-    smooth, sliding, rest, levels = [], [], [], []
+    smooth: list[str] = []
+    pushing: list[str] = []
+    sliding, rest, levels = [], [], []
     memories: list[str] = []
     kinds: set[str] = set()
 
@@ -128,9 +140,10 @@ def laws_source(terms: Sequence[Term]) -> str:
             imports.append(f"from {entry.laws[law].__module__} import {law} as {law}_{number}")
             kinds.add(law)
         if "force_law" in entry.laws:
-            smooth += guarded(entry, [f"total += force_law_{number}(z, v, t{ends})"])
+            own = pushing if entry.name in switches else smooth
+            own += guarded(entry, [f"total += force_law_{number}(z, v, t{ends})"])
         if "memory_law" in entry.laws:
-            smooth += guarded(entry, [f"total += x[{len(memories)}]"])
+            pushing += guarded(entry, [f"total += x[{len(memories)}]"])
             call = f"memory_law_{number}(x[{len(memories)}], slip, s{ends})"
             memories.append(f"({call} if q.c{switches[entry.name]} != 0.0 else 0.0)")
         if "sliding_law" in entry.laws:
@@ -151,6 +164,9 @@ def laws_source(terms: Sequence[Term]) -> str:
                     "        level = place",
                 ],
             )
+    if pushing:
+        smooth += [f"if q.c{switches[PUSHING]} != 0.0:", *(f"    {line}" for line in pushing)]
+    skip = [f"if q.c{switches[PUSHING]} == 0.0:", "    return math.nan"] if levels else []
     memory = memories or ["x[0]"]
     kept = max(1, len(memories))
     numbers = "tuple[float, ...]"
@@ -171,7 +187,7 @@ def laws_source(terms: Sequence[Term]) -> str:
         (f"remembered(x: {numbers}, slip: float, s: float, q: np.void) -> {numbers}",
          [f"return ({tuple_of(memory)})"]),
         ("next_level(z0: float, z1: float, q: np.void) -> float",
-         ["level = math.nan", "bottom, top = min(z0, z1), max(z0, z1)", *levels, "return level"]),
+         [*skip, "level = math.nan", "bottom, top = min(z0, z1), max(z0, z1)", *levels, "return level"]),
     ]  # fmt: skip
     events = bool(kinds & {"sliding_law", "memory_law", "levels_law"})
     text = [
