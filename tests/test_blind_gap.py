@@ -57,6 +57,7 @@ def good() -> Case:
         (2, "none"),
         (9023, "none"),  # the noise looks like a cubic spring to either half of the record
         (12060, "none"),  # and here like a drag that drifts, to pieces of it
+        (1081, "none"),  # and to the half that is held out
         (5, "coulomb_friction"),
         (12, "quadratic_damping"),
         # A start that is hardly above the noise, and a law whose fit ends in the valley of another.

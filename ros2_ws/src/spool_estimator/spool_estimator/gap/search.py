@@ -26,7 +26,7 @@ from .result import Hypothesis
 from .rules import AT_FLOOR, CLEARLY, CLOSED, EVIDENCE
 from .screening import FRICTIONS, balance_of, candidates, overlooked
 from .simulate import Simulation
-from .small_effects import small_effect
+from .small_effects import beyond_noise, small_effect
 from .stretches import Stretch
 from .usual import usual_excess
 
@@ -272,6 +272,10 @@ class Search(LookAlikes):
                 return None
         name = winner.effects[-1]
         own = [n for n, row in enumerate(self.ranking) if (row.id, row.beside) == (name, step.effects)]
+        if not step.effects and self._complete(step, CLOSED) and not beyond_noise(self, step, winner):
+            reason = "noise that the base rings with may leave as much"
+            self.ranking[own[-1]] = replace(self.ranking[own[-1]], reason=reason)
+            return None
         known = max(self.ranking[own[-1]].evidence, self.evidence(step, winner), least)
         self.ranking[own[-1]] = replace(self.ranking[own[-1]], evidence=known, accepted=True, reason="")
         self.tried[name, step.effects] = winner

@@ -96,10 +96,19 @@ def small_effect(search: Search, base: Step) -> Step | None:
     return found[best]
 
 
+def beyond_noise(search: Search, base: Step, step: Step) -> bool:
+    """Whether ``step`` explains more of what ``base`` leaves on held-out windows than such noise allows."""
+    return _evidence(search.simulation, base, [step])[0] >= _enough(step.effects[-1])
+
+
+def _enough(name: str) -> float:
+    return WITH_TIME if EFFECTS[name].follows_time else ENOUGH
+
+
 def _refusal(search: Search, step: Step, evidence: float, fall: float) -> str:
     """Return why ``step``, with that evidence and fall of the share of power left, is none, or nothing."""
     name = step.effects[-1]
-    if evidence < (WITH_TIME if EFFECTS[name].follows_time else ENOUGH):
+    if evidence < _enough(name):
         return "it does not close the gap significantly"
     if fall < SMALLEST**2:
         return "it is too small to be told from errors of the simulation"
