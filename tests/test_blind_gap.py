@@ -54,12 +54,12 @@ def good() -> Case:
 @pytest.mark.parametrize(
     ("seed", "hidden"),
     [
-        (2, "none"),
         (9023, "none"),  # the noise looks like a cubic spring to either half of the record
         (12060, "none"),  # and here like a drag that drifts, to pieces of it
         (1081, "none"),  # and to the half that is held out
-        (5, "coulomb_friction"),
         (12, "quadratic_damping"),
+        # Few windows, in which the two simulators stick differently, favour a richer law.
+        (15005, "coulomb_friction"),
         # A start that is hardly above the noise, and a law whose fit ends in the valley of another.
         (8009, "asymmetric_friction"),
         (7149, "mixed_friction"),

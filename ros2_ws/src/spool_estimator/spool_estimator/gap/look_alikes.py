@@ -20,6 +20,8 @@ from .stretches import Stretch
 ALIKE = 10.0
 #: Starts of those that are followed.
 FOLLOWED = 3
+#: Cost over that of the best up to which a law that contains that one is fitted on.
+HOPEFUL = 2.0
 #: Cost over the best one up to which a look-alike is fitted to its last digits.
 NEAR = 1.3
 
@@ -121,3 +123,32 @@ class LookAlikes(Rules):
 
         rivals = at_once(closer, filter(close, others))
         return max([winner, *rivals], key=lambda entry: self.evidence(step, entry))
+
+    def simplest(self, step: Step, winner: Step, others: Sequence[Step]) -> Step:
+        """Return the simplest of ``winner`` and its look-alikes that none of the others clearly beats."""
+        name = winner.effects[-1]
+        replaced = EFFECTS[name].replaces
+        related = [
+            own for own in others if own.effects[-1] in replaced or name in EFFECTS[own.effects[-1]].replaces
+        ]
+
+        def fitted_on(own: Step) -> Step:
+            other = own.effects[-1]
+            if other not in replaced or not slides(name):
+                return self.polished(own)
+            # Where the spool sticks the sum of squares is rough: the simpler law may have ended in a dent.
+            starts = [own.fitted.point, *self.acting_like(winner, name, other, self.own_of(own))]
+            found = self.fit((*winner.effects[:-1], other), starts, rounds=7, tries=len(starts))
+            found.trials = own.trials
+            return found
+
+        hopeful = [own for own in related if own.effects[-1] in replaced or own.cost < HOPEFUL * winner.cost]
+        fitted = at_once(fitted_on, hopeful)
+        family = [winner, *(own for own in fitted if not self.refusal(step, own, step.cost - own.cost))]
+        family.sort(key=lambda entry: len(entry.fitted.free))
+        best = family[0]
+        for entry in family[1:]:
+            same = len(entry.fitted.free) == len(best.fitted.free)
+            if entry.cost < best.cost if same else self.beats_simpler(best, entry):
+                best = entry
+        return best

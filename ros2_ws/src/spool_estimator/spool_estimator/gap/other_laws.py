@@ -31,13 +31,16 @@ def swapped(search: Search, step: Step) -> Step:
             continue
         if other.cost < NEAR * best.cost:
             other = search.polished(other)
-        numbers = len(other.fitted.free) - len(best.fitted.free)
-        clear = 0.0
-        if name in EFFECTS[present].replaces:
-            clear = -CLEARLY * best.cost
-        elif numbers > 0:
-            clear = CLEARLY * best.cost
-        if best.cost - other.cost - search.price * numbers > clear and not search.senseless(other, name):
+        law = next(entry for entry in best.effects if entry in FRICTIONS)
+        if name in EFFECTS[law].replaces:
+            better = not search.beats_simpler(other, best)
+        elif law in EFFECTS[name].replaces:
+            better = search.beats_simpler(best, other)
+        else:
+            numbers = len(other.fitted.free) - len(best.fitted.free)
+            clear = CLEARLY * best.cost if numbers > 0 else 0.0
+            better = best.cost - other.cost - search.price * numbers > clear
+        if better and not search.senseless(other, name):
             best = other
     if best is not step:
         search.overruled[present] = abs(step.cost - best.cost)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy import stats
 from spool_sim.terms import term
 
-from .at_once import at_once
 from .fitting import DELAY, GAIN, Fitting, Step
 from .registry import EFFECTS
 
@@ -17,8 +16,6 @@ from .registry import EFFECTS
 EVIDENCE = 40.0
 #: Share of the weighed sum of squares that it must take away at least.
 RELATIVE = 4e-3
-#: Cost over that of the best of laws that contain each other up to which one is fitted on.
-HOPEFUL = 2.0
 #: Share of the measured acceleration, rms, that it must explain: less is within what any simulation errs.
 SMALLEST = 5e-4
 #: Share of the power of what is left that a further effect must explain beside others.
@@ -34,7 +31,9 @@ AT_FLOOR, CLOSED = 1.2, 1.3
 NO_WORSE = 1.01
 #: Evidence by which a richer effect must beat a simpler one that it contains.
 RICHER = 16.0
-#: Share of the weighed sum of squares by which it must do so.
+#: Probability that it does so in as many windows by chance, and the fewest windows that such a test takes.
+BY_CHANCE, FEWEST = 0.005, 8
+#: Share of the weighed sum of squares by which it must do so in fewer, and one that is only alike in any.
 CLEARLY = 0.03
 #: Numbers that may end at a bound without harm: contact parts that vanish.
 FREE_TO_VANISH = (
@@ -81,23 +80,19 @@ class Rules(Fitting):
         found.trials = step.trials
         return found
 
-    def simplest(self, step: Step, winner: Step, others: Sequence[Step]) -> Step:
-        """Return the simplest of ``winner`` and its look-alikes that none of the others clearly beats."""
-        name = winner.effects[-1]
-        replaced = EFFECTS[name].replaces
-        related = [
-            own for own in others if own.effects[-1] in replaced or name in EFFECTS[own.effects[-1]].replaces
-        ]
-        polished = at_once(self.polished, [own for own in related if own.cost < HOPEFUL * winner.cost])
-        family = [winner, *(own for own in polished if not self.refusal(step, own, step.cost - own.cost))]
-        family.sort(key=lambda entry: len(entry.fitted.free))
-        best = family[0]
-        for entry in family[1:]:
-            numbers = len(entry.fitted.free) - len(best.fitted.free)
-            clear = max(RICHER, CLEARLY * entry.cost) if numbers else 0.0
-            if best.cost - entry.cost - self.price * numbers > clear:
-                best = entry
-        return best
+    def beats_simpler(self, simple: Step, rich: Step) -> bool:
+        """Whether ``rich`` beats ``simple``, which it contains, in the sum and window by window.
+
+        What simulations of friction err by is large in few windows: there a richer law gains by chance. The
+        windows are independent, so the sign and rank of what each one gains tell (Wilcoxon 1945).
+        """
+        numbers = len(rich.fitted.free) - len(simple.fitted.free)
+        gain, gains = simple.cost - rich.cost - self.price * numbers, simple.costs - rich.costs
+        if gain <= RICHER:
+            return False
+        if gains.size < FEWEST:
+            return gain > CLEARLY * rich.cost
+        return float(stats.wilcoxon(gains, alternative="greater").pvalue) < BY_CHANCE
 
     def still_better(self, step: Step, winner: Step) -> bool:
         """Whether ``winner`` beats ``step`` even where that goes on from the numbers of ``winner``."""
