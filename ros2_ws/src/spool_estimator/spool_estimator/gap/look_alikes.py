@@ -122,7 +122,9 @@ class LookAlikes(Rules):
             return self.polished(found)
 
         rivals = at_once(closer, filter(close, others))
-        return max([winner, *rivals], key=lambda entry: self.evidence(step, entry))
+        # Down to the last digits a law may leave what makes sense, as a force at rest below that at speed.
+        known = [entry for entry in (winner, *rivals) if not self.senseless(entry, entry.effects[-1])]
+        return max(known or [winner], key=lambda entry: self.evidence(step, entry))
 
     def simplest(self, step: Step, winner: Step, others: Sequence[Step]) -> Step:
         """Return the simplest of ``winner`` and its look-alikes that none of the others clearly beats."""

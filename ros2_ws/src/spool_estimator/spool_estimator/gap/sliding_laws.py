@@ -37,6 +37,8 @@ def told_by_all_windows(search: Search, step: Step) -> Step:
             other, margin = _compared(search, step, other)
             if search.senseless(other, name):
                 continue
+            if search.senseless(step, present):
+                margin = abs(margin)
             search.overruled[present if margin > 0.0 else name] = abs(margin)
             if margin > 0.0:
                 _overrule(search, present, name)
