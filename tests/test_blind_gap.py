@@ -72,6 +72,8 @@ def good() -> Case:
         # Beside play no free run of any one effect helps; and a law that held-out windows take for another.
         (21556, "mixed_friction+spring_backlash"),
         (12044, "mixed_friction"),
+        # A drift whose fit must start from hardly any of it.
+        (16134, "damping_drift+mixed_friction"),
     ],
 )
 def test_what_is_hidden_is_named_with_its_size(seed: int, hidden: str) -> None:

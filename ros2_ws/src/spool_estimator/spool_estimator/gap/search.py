@@ -38,6 +38,9 @@ Progress = Callable[[str, float], None]
 SMOOTH = 1.08
 #: Share of the evidence of the first effect from which its look-alike is followed, too.
 NEARLY = 0.5
+#: Share of what the regression says of an effect from which its fit beside others starts, too: with so little
+#: of it no base is far off.
+HINT = 0.01
 #: Hypotheses that are refined with the weight of the best one.
 REFINED = 3
 
@@ -357,6 +360,9 @@ class Search(LookAlikes):
                 replace(point, values={**point.values, **bounded}) for point in (joint, known, nominal)
             ]
         tries = 3 if len(starts) > 6 else 1
+        hint = {name: HINT * starts[1].values[name] for name in entry.effect.amplitudes}
+        if step.effects and hint:
+            starts.append(replace(starts[1], values={**starts[1].values, **hint}))
         found = self.fit(effects, starts, rounds=rounds, tries=tries, enough=5e-3)
         if self.coupled is None and any(EFFECTS[name].valleys for name in effects):
             start = coupled_start(self, self.whole, effects, starts[2::3])
