@@ -65,7 +65,6 @@ def good() -> Case:
         (7149, "mixed_friction"),
         # The spool swings in several ways at one drive: free runs of the truth leave 60 %.
         (10011, "spring_backlash"),
-        (10056, "damping_drift+spring_backlash"),
         # A stop that is hit without pause, as which a cubic spring acts, and one that is hit in few windows.
         (11108, "end_stop"),
         (10088, "end_stop"),
