@@ -167,6 +167,7 @@ def test_a_stopped_recording_is_complete(
         source.executor.spin_once(timeout_sec=0.002)
     source.publish("/valve_1/oil_temperature", Temperature(temperature=41.5))
     source.until(lambda: all(written(recorder.bag, topic) == len(source.sent[topic]) for topic in wanted))
+    source.until(lambda: written(recorder.bag, "/diagnostics") > 0)
     assert recorder.end(number) == 0
 
     reader = BagReader(recorder.bag)
