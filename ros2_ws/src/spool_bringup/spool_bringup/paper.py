@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
@@ -12,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from spool_stream.errors import InputError
+from spool_stream.processors import processors
 
 from . import page as html
 from . import paper_figures as figures
@@ -78,7 +78,7 @@ def compute(plan: Plan, advance: Callable[[float], None] = _quietly) -> Results:
     fits: dict[Key, Fit] = {}
     free: dict[Key, Fit] = {}
     # Fresh processes: threads of the libraries do not survive a fork.
-    with ProcessPoolExecutor(min(4, os.cpu_count() or 1), mp_context=get_context("spawn")) as pool:
+    with ProcessPoolExecutor(min(4, processors()), mp_context=get_context("spawn")) as pool:
         waiting = [
             pool.submit(fit_both, series, model.name, data[series.number])
             for model in MODELS

@@ -9,7 +9,6 @@ without phase, so that it does not shake dry friction loose.
 from __future__ import annotations
 
 import copy
-import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -22,6 +21,7 @@ from spool_sim.model import Model
 from spool_sim.step_size import substeps_for
 from spool_sim.valve import Valve
 from spool_stream.errors import InputError
+from spool_stream.processors import processors
 
 from .record import Record
 from .zero_phase import ZeroPhase, interval_mean_response, relative_motion
@@ -236,7 +236,7 @@ class FreeRun:
         count = sets.shape[0]
         gain = np.zeros(count) if gains is None else gains
         delay = np.zeros(count) if delays is None else delays
-        parts = min(len(self.windows), _processors())
+        parts = min(len(self.windows), processors())
         if parts < 2 or count * sum(window.stop - window.first for window in self.windows) < 20_000:
             return [self._respond(window, sets, gain, delay) for window in self.windows]
         with ThreadPoolExecutor(parts) as pool:  # the kernel runs without the interpreter lock
@@ -387,7 +387,3 @@ def _spread(windows: list[Window], longest: float, periods: Sequence[float]) -> 
         return tuple(windows)
     count = max(1, int(len(windows) * longest / total))
     return tuple(windows[(2 * place + 1) * len(windows) // (2 * count)] for place in range(count))
-
-
-def _processors() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

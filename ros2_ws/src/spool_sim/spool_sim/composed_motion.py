@@ -8,7 +8,6 @@ at rest it takes up any force between its bounds. See :mod:`spool_sim.stepping` 
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_stream.processors import processors
 
 from .composition import kernel_of, unique_parameters
 from .terms import Term
@@ -61,8 +61,7 @@ class Trajectory:
 
 def _shares(count: int) -> list[slice]:
     """Return the valves of each processor; few valves stay together."""
-    processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    shares = max(1, min(processors, count // SMALLEST_SHARE))
+    shares = max(1, min(processors(), count // SMALLEST_SHARE))
     edges = [count * number // shares for number in range(shares + 1)]
     return [slice(first, last) for first, last in pairwise(edges)]
 

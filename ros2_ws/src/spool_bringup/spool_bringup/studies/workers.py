@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from typing import TypeVar
+
+from spool_stream.processors import processors
 
 from ..progress import progress
 
@@ -25,7 +26,7 @@ def spread(
         what: shown beside the bar.
         workers: processes; as many as there are cores by default, 1 stays in this process.
     """
-    count = min(workers or os.cpu_count() or 1, len(items))
+    count = min(workers or processors(), len(items))
     with progress(what, len(items)) as advance:
         if count <= 1:
             for item in items:

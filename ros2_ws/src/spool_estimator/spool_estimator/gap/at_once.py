@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
+
+from spool_stream.processors import processors
 
 Item = TypeVar("Item")
 Found = TypeVar("Found")
@@ -19,5 +20,5 @@ def at_once(work: Callable[[Item], Found], items: Iterable[Item]) -> list[Found]
     every = list(items)
     if len(every) < 2:
         return [work(item) for item in every]
-    with ThreadPoolExecutor(min(len(every), os.cpu_count() or 1)) as pool:
+    with ThreadPoolExecutor(min(len(every), processors())) as pool:
         return list(pool.map(work, every))

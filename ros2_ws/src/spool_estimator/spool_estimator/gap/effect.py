@@ -166,6 +166,10 @@ class Effect(ABC):
                 return f"{name} is not significant"
         return ""
 
+    def trifling(self, values: Mapping[str, float], seconds: float) -> bool:  # noqa: ARG002
+        """Whether the fitted ``values`` mean nothing on a machine in a record of ``seconds``."""
+        return False
+
     @property
     def amplitudes(self) -> tuple[str, ...]:
         """Parameters that are 0 where the effect is absent."""

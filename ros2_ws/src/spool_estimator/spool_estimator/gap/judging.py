@@ -63,15 +63,19 @@ def _free_runs(search: Search, final: Step) -> Simulation:
 
 
 def _significant(search: Search, step: Step) -> Step:
-    """Return ``step`` without what whole windows do not show, though pieces of them did."""
-    gone = [name for name in step.effects if name in EFFECTS and search.vanished(step, name)]
+    """Return ``step`` without what whole windows do not show, though pieces did, or what means nothing."""
+    known = [name for name in step.effects if name in EFFECTS]
+    gone = [name for name in known if search.vanished(step, name) or search.trifling(step, name)]
     floor = noise_floor(search.simulation, step.fitted.point, step.held).nrmse
     if not gone and search.nrmse(step) < CLOSED * floor:  # runs that part from the motion tell no effect
         gone = search.needless(step)
     for name in gone:
         rows = [(n, row) for n, row in enumerate(search.ranking) if row.id == name and row.accepted]
         for number, row in rows:
-            search.ranking[number] = replace(row, accepted=False, reason="whole windows do not show it")
+            reason = "whole windows do not show it"
+            if search.trifling(step, name):
+                reason = "there is so little of it that it means nothing on a machine"
+            search.ranking[number] = replace(row, accepted=False, reason=reason)
     if not gone:
         return step
     effects = tuple(name for name in step.effects if name not in gone)

@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from .alike import slides
+from .at_once import at_once
 from .fitting import Step, parameters_of
 from .look_alikes import NEAR
 from .registry import EFFECTS
@@ -24,13 +25,18 @@ def swapped(search: Search, step: Step) -> Step:
     present = next((name for name in step.effects if name in FRICTIONS and name in EFFECTS), None)
     if present is None or len(step.effects) < 2:
         return step
-    best = step
-    for name in sorted(FRICTIONS - {present}):
+
+    def in_place(name: str) -> Step | None:
         other = with_law(search, step, present, name)
+        if other is None or search.senseless(other, name):
+            return None
+        return search.polished(other) if other.cost < NEAR * step.cost else other
+
+    best = step
+    names = sorted(FRICTIONS - {present})
+    for name, other in zip(names, at_once(in_place, names), strict=True):
         if other is None:
             continue
-        if other.cost < NEAR * best.cost:
-            other = search.polished(other)
         law = next(entry for entry in best.effects if entry in FRICTIONS)
         if name in EFFECTS[law].replaces:
             better = not search.beats_simpler(other, best)

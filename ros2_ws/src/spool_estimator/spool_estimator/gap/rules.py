@@ -6,11 +6,14 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 from spool_sim.terms import term
 
 from .fitting import DELAY, GAIN, Fitting, Step
 from .registry import EFFECTS
+
+Array = NDArray[np.float64]
 
 #: Twice the log likelihood ratio on held-out data, less the price of the parameters, that an effect needs.
 EVIDENCE = 40.0
@@ -81,18 +84,10 @@ class Rules(Fitting):
         return found
 
     def beats_simpler(self, simple: Step, rich: Step) -> bool:
-        """Whether ``rich`` beats ``simple``, which it contains, in the sum and window by window.
-
-        What simulations of friction err by is large in few windows: there a richer law gains by chance. The
-        windows are independent, so the sign and rank of what each one gains tell (Wilcoxon 1945).
-        """
+        """Whether ``rich`` beats ``simple``, which it contains, in the sum and window by window."""
         numbers = len(rich.fitted.free) - len(simple.fitted.free)
-        gain, gains = simple.cost - rich.cost - self.price * numbers, simple.costs - rich.costs
-        if gain <= RICHER:
-            return False
-        if gains.size < FEWEST:
-            return gain > CLEARLY * rich.cost
-        return float(stats.wilcoxon(gains, alternative="greater").pvalue) < BY_CHANCE
+        gain = simple.cost - rich.cost - self.price * numbers
+        return gain > RICHER and in_windows(simple.costs - rich.costs, gain / rich.cost)
 
     def still_better(self, step: Step, winner: Step) -> bool:
         """Whether ``winner`` beats ``step`` even where that goes on from the numbers of ``winner``."""
@@ -177,6 +172,11 @@ class Rules(Fitting):
         values, spread = entry.fitted.point.values, entry.fitted.deviations
         return bool(own) and all(abs(values[number]) < spread.get(number, 0.0) for number in own)
 
+    def trifling(self, entry: Step, name: str) -> bool:
+        """Whether the effect ``name`` of ``entry``, beside others, is too small to mean anything."""
+        seconds = max(stretch.record.duration for stretch in self.stretches)
+        return len(entry.effects) > 1 and EFFECTS[name].trifling(entry.fitted.point.values, seconds)
+
     def tolerance(self, name: str) -> float:
         """Return how far gain or delay may be off."""
         return self.settings.gain_tolerance if name == GAIN else self.settings.delay_tolerance
@@ -216,6 +216,21 @@ class Rules(Fitting):
     def _does_as_well(self, less: Step, step: Step) -> bool:
         gain = less.cost - step.cost - self.price * (len(step.fitted.free) - len(less.fitted.free))
         return gain < EVIDENCE or gain < RELATIVE * step.cost
+
+
+def in_windows(gains: Array, share: float) -> bool:
+    """Whether what a richer law gains in each window is more than chance.
+
+    What simulations of friction err by is large in few windows: there a richer law gains by chance. The
+    windows are independent, so the sign and rank of each gain tell (Wilcoxon, Biometrics Bulletin 1, 1945).
+
+    Args:
+        gains: falls of the weighed sum of squares, one a window, shape (w,).
+        share: the fall of all, as a share of the sum that is left; it decides where windows are too few.
+    """
+    if gains.size < FEWEST:
+        return share > CLEARLY
+    return float(stats.wilcoxon(gains, alternative="greater").pvalue) < BY_CHANCE
 
 
 def _in_most(step: Step, entry: Step) -> float:

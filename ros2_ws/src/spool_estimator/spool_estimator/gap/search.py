@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .at_once import at_once
-from .balance import Screened
+from .beside import joint_numbers, tried_beside
 from .by_direction import by_direction
-from .coupled import DAMPING_RATIO, coupled_simulation, coupled_start, holds_damper
+from .coupled import DAMPING_RATIO, coupled_simulation, holds_damper
 from .descent import Fitted
 from .duel import coupled_fit, winner_of_duels
 from .effect import Effect
-from .fitting import BASE_NUMBERS, DELAY, GAIN, Step, parameters_of
+from .fitting import BASE_NUMBERS, DELAY, GAIN, Step
 from .floor import noise_floor
 from .look_alikes import LookAlikes
 from .other_laws import swapped
@@ -24,7 +24,7 @@ from .registry import EFFECTS
 from .remainder import OF_GAP, remainder
 from .result import Hypothesis
 from .rules import AT_FLOOR, CLEARLY, CLOSED, EVIDENCE
-from .screening import FRICTIONS, balance_of, candidates, overlooked
+from .screening import balance_of, candidates, overlooked
 from .simulate import Simulation
 from .small_effects import beyond_noise, small_effect
 from .stretches import Stretch
@@ -38,9 +38,6 @@ Progress = Callable[[str, float], None]
 SMOOTH = 1.08
 #: Share of the evidence of the first effect from which its look-alike is followed, too.
 NEARLY = 0.5
-#: Share of what the regression says of an effect from which its fit beside others starts, too: with so little
-#: of it no base is far off.
-HINT = 0.01
 #: Hypotheses that are refined with the weight of the best one.
 REFINED = 3
 
@@ -229,7 +226,7 @@ class Search(LookAlikes):
         values = start.values
         balance = balance_of(self.regressed, values)
         balance.prepare()
-        numbers = self._joint(balance.coefficients()[:4], start)
+        numbers = joint_numbers(balance.coefficients()[:4], start)
         ring = (values["mass"], *numbers[:2])
         self.simulation.let_start_ring(*ring)
         step = self.fit((), [start, start.moved(BASE_NUMBERS, numbers)], rounds=rounds, tries=2)
@@ -241,7 +238,7 @@ class Search(LookAlikes):
 
     def _forward(self, step: Step) -> Step | None:
         chosen = candidates(self.simulation, self.regressed, self.catalogue, step)
-        tried = self.contained(at_once(lambda entry: self._try(step, entry, rounds=3), chosen))
+        tried = self.contained(at_once(lambda entry: tried_beside(self, step, entry), chosen))
         for name in (GAIN, DELAY):
             if name in step.fitted.at_bound and name not in step.effects:
                 sensor = self.fit((*step.effects, name), [step.fitted.point])
@@ -252,7 +249,7 @@ class Search(LookAlikes):
         if not (sensible or step.effects) and duels and not self._complete(step, CLOSED):
             more = overlooked(self.regressed, self.catalogue, step, chosen)
             ranked, sensible = self._sensible(
-                step, [*ranked, *(self._try(step, own, rounds=3) for own in more)]
+                step, [*ranked, *(tried_beside(self, step, own) for own in more)]
             )
         if not ranked:
             return None
@@ -344,62 +341,3 @@ class Search(LookAlikes):
                 self.ranking.append(replace(row, reason=reason))
         self._note(step, alone)
         return alone
-
-    def _try(self, step: Step, entry: Screened, rounds: int) -> Step:
-        effects = self._with(step.effects, entry.effect)
-        known = replace(step.fitted.point, active=self.terms_of(effects))
-        joint = known.moved(BASE_NUMBERS, self._joint(entry.base, known))
-        nominal = joint.moved(("spring_stiffness", GAIN, DELAY), (self.valve.spring_stiffness, 0.0, 0.0))
-        starts = []
-        for values in entry.effect.starts(entry.values, self.reach):
-            bounded = {}
-            for name, value in values.items():
-                parameter = next(p for t in entry.effect.terms for p in parameters_of(t) if p.name == name)
-                bounded[name] = float(np.clip(value, parameter.low, parameter.high))
-            starts += [
-                replace(point, values={**point.values, **bounded}) for point in (joint, known, nominal)
-            ]
-        tries = 3 if len(starts) > 6 else 1
-        hint = {name: HINT * starts[1].values[name] for name in entry.effect.amplitudes}
-        if step.effects and hint:
-            starts.append(replace(starts[1], values={**starts[1].values, **hint}))
-        found = self.fit(effects, starts, rounds=rounds, tries=tries, enough=5e-3)
-        if self.coupled is None and any(EFFECTS[name].valleys for name in effects):
-            start = coupled_start(self, self.whole, effects, starts[2::3])
-            if start:
-                found = min(found, self.fit(effects, [start], rounds=rounds), key=lambda one: one.cost)
-        found = self._widened(found)
-        found.trials = {
-            **{e: t for e, t in step.trials.items() if e in effects},
-            entry.effect.id: entry.trial,
-        }
-        return found
-
-    @staticmethod
-    def _with(effects: Sequence[str], entry: Effect) -> tuple[str, ...]:
-        """Return ``effects`` with ``entry``, which takes the place of what it contains or excludes."""
-        gone = {*entry.replaces, *(FRICTIONS if entry.id in FRICTIONS else ())}
-        return (*(name for name in effects if name not in gone), entry.id)
-
-    def _joint(self, base: Array, point: Point) -> list[float]:
-        """Return the base's numbers from the regression with the effect, kept to what is physical."""
-        stiffness, damping, gain, delay = base.tolist()
-        known = [point.get(name) for name in BASE_NUMBERS]
-        return [
-            float(np.clip(stiffness, 0.5 * known[0], 2.0 * known[0])),
-            max(damping, 0.02 * known[1]),
-            gain,
-            delay,
-        ]
-
-    def _widened(self, step: Step) -> Step:
-        """Return ``step`` with gain or delay let free beyond its tolerance, where it pushes against that."""
-        for name in (GAIN, DELAY):
-            if name not in step.fitted.at_bound or name in step.effects:
-                continue
-            effects = (*step.effects[:-1], name, step.effects[-1])
-            wider = self.fit(effects, [step.fitted.point], rounds=3, enough=5e-3)
-            value, spread = wider.fitted.point.get(name), wider.fitted.deviations[name]
-            if abs(value) > self.tolerance(name) + 3.0 * spread and wider.cost < step.cost - EVIDENCE:
-                step = wider
-        return step

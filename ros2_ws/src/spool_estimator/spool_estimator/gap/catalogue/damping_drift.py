@@ -8,6 +8,9 @@ import numpy as np
 
 from ..effect import Array, Effect, Motion
 
+#: Change of the damping over a record below which nothing is wrong: a tenth of a kelvin of the oil does more.
+TRIFLE = 5e-3
+
 
 class DampingDrift(Effect):
     """Drag in proportion to time."""
@@ -33,6 +36,10 @@ class DampingDrift(Effect):
         """Return the relative rate."""
         rate = float(coefficients[0]) / max(motion.damping, 1e-9)
         return {"damping_drift_rate": rate}
+
+    def trifling(self, values: Mapping[str, float], seconds: float) -> bool:
+        """Whether the drag changes by less than any oil's temperature does to it."""
+        return abs(values["damping_drift_rate"]) * seconds < TRIFLE
 
     @property
     def amplitudes(self) -> tuple[str, ...]:

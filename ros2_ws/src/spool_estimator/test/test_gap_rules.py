@@ -1,0 +1,53 @@
+"""When a richer law is taken for a simpler one that it contains, and when an effect means nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from spool_estimator.gap.registry import EFFECTS
+from spool_estimator.gap.rules import BY_CHANCE, CLEARLY, FEWEST, in_windows
+
+WINDOWS = st.integers(FEWEST, 60)
+SIZES = st.floats(1e-3, 1e3)
+
+
+@given(count=WINDOWS, size=SIZES, seed=st.integers(0, 2**32 - 1))
+def test_a_law_that_gains_in_every_window_wins_however_little(count: int, size: float, seed: int) -> None:
+    gains = size * np.random.default_rng(seed).uniform(0.1, 1.0, count)
+    assert in_windows(gains, share=1e-9)
+
+
+@given(count=WINDOWS, size=st.floats(1.0, 1e6), seed=st.integers(0, 2**32 - 1))
+def test_no_gain_in_two_windows_makes_up_for_losses_in_all_others(count: int, size: float, seed: int) -> None:
+    gains = -np.random.default_rng(seed).uniform(0.1, 1.0, count)
+    gains[:2] = size * 1e3
+    assert not in_windows(gains, share=1e3)
+
+
+@pytest.mark.parametrize("count", [FEWEST, 12, 24])
+def test_gains_of_either_sign_win_as_rarely_as_said(count: int) -> None:
+    """Heavy tails, as simulations of friction err."""
+    drawn = np.random.default_rng(5).standard_t(2.0, (3000, count))
+    won = sum(in_windows(gains, share=1.0) for gains in drawn)
+    # Four deviations of a binomial count.
+    assert won <= 3000 * BY_CHANCE + 4.0 * np.sqrt(3000 * BY_CHANCE)
+
+
+@given(count=st.integers(1, FEWEST - 1), share=st.floats(0.0, 1.0))
+def test_few_windows_decide_by_the_share_of_all(count: int, share: float) -> None:
+    assert in_windows(np.ones(count), share) == (share > CLEARLY)
+
+
+@given(seconds=st.floats(10.0, 4000.0), change=st.floats(-0.2, 0.2))
+def test_a_drift_is_a_trifle_by_what_it_does_over_the_record(seconds: float, change: float) -> None:
+    """Half a percent of the damping: a tenth of a kelvin of the oil."""
+    drift = EFFECTS["damping_drift"]
+    assert drift.trifling({"damping_drift_rate": change / seconds}, seconds) == (
+        abs(change / seconds) * seconds < 5e-3
+    )
+
+
+def test_friction_is_never_a_trifle() -> None:
+    assert not EFFECTS["coulomb_friction"].trifling({"coulomb_force": 1e-9}, 40.0)
