@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import stats
 from spool_sim.terms import term
 
+from .at_once import at_once
 from .fitting import DELAY, GAIN, Fitting, Step
 from .registry import EFFECTS
 
@@ -200,8 +201,8 @@ class Rules(Fitting):
 
     def needless(self, step: Step) -> list[str]:
         """Return the first effect beside others without which ``step`` does as well, if there is one."""
-        for name in step.effects if len(step.effects) > 1 else ():
-            less = self._less(step, name)
+        names = step.effects if len(step.effects) > 1 else ()
+        for name, less in zip(names, at_once(lambda name: self._less(step, name), names), strict=True):
             if self._does_as_well(less, step) or self.nrmse(less) < NO_WORSE * self.nrmse(step):
                 return [name]
         return []

@@ -42,6 +42,17 @@ NEARLY = 0.5
 REFINED = 3
 
 
+@dataclass(frozen=True, slots=True)
+class _Left:
+    """What a fit leaves over whole windows: over the noise ``floor``, enough of the gap, and no noise."""
+
+    fitted: Fitted
+    floor: float
+    excess: float
+    counts: bool
+    tells: bool
+
+
 @dataclass(slots=True)
 class Search(LookAlikes):
     """One search over one set of stretches.
@@ -67,7 +78,7 @@ class Search(LookAlikes):
     steps: list[Step] = field(default_factory=list)
     overruled: dict[str, float] = field(default_factory=dict)
     coupled: Simulation | None = None
-    _complete_at: tuple[Fitted, float] | None = None
+    _judged: _Left | None = None
 
     def __post_init__(self) -> None:
         if not self.catalogue:
@@ -160,8 +171,14 @@ class Search(LookAlikes):
     def _complete(self, step: Step, most: float | None = None) -> bool:
         """Whether what ``step`` leaves is noise, up to ``most`` times the floor, in all or usually."""
         most = most or (AT_FLOOR if self.has_kinks(step) else SMOOTH)
-        if self._complete_at and self._complete_at[0] is step.fitted and self._complete_at[1] <= most:
-            return True
+        if self._judged is None or self._judged.fitted is not step.fitted:
+            self._judged = self._left_by(step)
+        self.floor = self._judged.floor
+        if self._judged.excess > most and self._judged.counts:
+            return False
+        return not self._judged.tells
+
+    def _left_by(self, step: Step) -> _Left:
         longer, point = self.coupled or self.longer, step.fitted.point
         if self.has_jumps(step):
             longer.choose_sampling(point)
@@ -170,16 +187,14 @@ class Search(LookAlikes):
         train, other = errors[: len(training)], errors[len(training) :]
         left, before = float(longer.nrmse(other, held)[0]), self.nrmse(self.steps[0])
         floor = noise_floor(longer, point, other)
-        self.floor = floor.nrmse
         excess = min(left / floor.nrmse, usual_excess(other, floor.errors))
-        if excess > most and left**2 - floor.nrmse**2 > (OF_GAP * before) ** 2:
-            return False
-        longer.take_weight(train, training, self.least_density)
-        rest = remainder(longer, point, train, other)
-        if rest.tells(left, before, kinks=self.has_kinks(step)):
-            return False
-        self._complete_at = step.fitted, most
-        return True
+        counts = left**2 - floor.nrmse**2 > (OF_GAP * before) ** 2
+        tells = False
+        if not counts or excess <= CLOSED:
+            longer.take_weight(train, training, self.least_density)
+            rest = remainder(longer, point, train, other)
+            tells = rest.tells(left, before, kinks=self.has_kinks(step))
+        return _Left(step.fitted, floor.nrmse, excess, counts=counts, tells=tells)
 
     def _another_way(self, base: Step, found: Step) -> Step | None:
         """Return what grows from the look-alike of the first effect, if ``found`` leaves a gap and it less.

@@ -20,7 +20,7 @@ from .small_effects import AllWindows
 #: Starts that are followed, and for how long: fits of these laws end in several valleys.
 FOLLOWED, ROUNDS = 4, 3
 #: Cost over that of the other law from which a law is given up after those.
-FAR = 1.3
+FAR = 1.1
 
 if TYPE_CHECKING:
     from .search import Search

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from .at_once import at_once
 from .fitting import Step
 from .floor import noise_floor
 from .registry import EFFECTS
@@ -67,7 +68,7 @@ def small_effect(search: Search, base: Step) -> Step | None:
         search.take_weight(start)
         start = search.polished(start, rounds=10)
         chosen = small_candidates(everything, search.regressed, search.catalogue, start)
-        found = [_fitted(search, start, entry.effect.id, entry.values) for entry in chosen]
+        found = at_once(lambda entry: _fitted(search, start, entry.effect.id, entry.values), chosen)
         evidence = _evidence(everything, start, found)
         fall = [search.nrmse(start) ** 2 - search.nrmse(step) ** 2 for step in found]
     finally:
