@@ -33,7 +33,7 @@ OWN = (
     "RMW_",
     "_ROS_",
 )
-PATIENCE_S = 240
+PATIENCE_S = 600
 READ_ONLY = 'mount --bind "$0" "$0" && mount -o remount,bind,ro "$0"'
 
 

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import cast
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from spool_estimator.gap.registry import EFFECTS
 from spool_estimator.gap.rules import BY_CHANCE, CLEARLY, FEWEST, in_windows
+from spool_estimator.gap.stretches import Stretch, span_of
+from spool_estimator.record import Record
 
 WINDOWS = st.integers(FEWEST, 60)
 SIZES = st.floats(1e-3, 1e3)
@@ -47,6 +52,17 @@ def test_a_drift_is_a_trifle_by_what_it_does_over_the_record(seconds: float, cha
     assert drift.trifling({"damping_drift_rate": change / seconds}, seconds) == (
         abs(change / seconds) * seconds < 5e-3
     )
+
+
+@pytest.mark.parametrize("apart", [0.0, 3588.0])
+def test_a_record_in_parts_is_as_long_as_from_the_first_to_the_last(apart: float) -> None:
+    """Of a long bag parts of 12 s are held: the oil drifts between them, too."""
+    period = 0.0005
+    still = np.zeros(24_000)
+    begins = [round(begin * 1e9) for begin in (5.0, 5.0 + apart)]
+    parts = [Record("part", begin, period, still, still, origin=0) for begin in begins]
+    stretches = [cast(Stretch, SimpleNamespace(record=record)) for record in parts]
+    assert span_of(stretches) == pytest.approx(12.0 + apart)
 
 
 def test_friction_is_never_a_trifle() -> None:

@@ -18,8 +18,10 @@ from .contacts import FAR, ContactLaw, Contacts, find_contacts
 from .descent import Fitted, Free, descend
 from .fitting import Step
 from .free_flight import in_free_flight, without_hits
+from .judging import TRIFLE, dropped
 from .pieces import Piece, pieces_of
 from .point import Point
+from .registry import EFFECTS
 from .result import Hypothesis
 from .rules import CLEARLY
 from .search import Search
@@ -98,6 +100,10 @@ def run_with_contacts(search: Search, start: Point) -> Step | None:
     flight = free.run(start)
     if TWO in flight.effects:  # its start from rest is judged with the stop
         flight = free.steps[-2]
+    trifles = [name for name in flight.effects if name in EFFECTS and free.trifling(flight, name)]
+    if trifles:
+        flight = dropped(free, flight, trifles, TRIFLE)
+        free.steps.append(flight)
     point = flight.fitted.point
     more, later = (1.0 + point.gain) / (1.0 + start.gain) - 1.0, point.delay - start.delay
     if abs(more) > GAIN_MATTERS or abs(later) > DELAY_MATTERS:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,10 @@ from .sliding_laws import told_by_all_windows
 
 if TYPE_CHECKING:
     from .search import Search
+
+
+#: Why an effect beside others leaves that helps, but by next to nothing.
+TRIFLE = "there is so little of it that it means nothing on a machine"
 
 
 def judged(search: Search, final: Step) -> Step:
@@ -65,20 +70,20 @@ def _free_runs(search: Search, final: Step) -> Simulation:
 def _significant(search: Search, step: Step) -> Step:
     """Return ``step`` without what whole windows do not show, though pieces did, or what means nothing."""
     known = [name for name in step.effects if name in EFFECTS]
-    gone = [name for name in known if search.vanished(step, name) or search.trifling(step, name)]
+    gone = [name for name in known if search.vanished(step, name)]
+    reason = "whole windows do not show it"
+    if not gone and len(step.effects) > 1:
+        gone = [name for name in known if search.trifling(step, name)]
+        reason = TRIFLE
     floor = noise_floor(search.simulation, step.fitted.point, step.held).nrmse
     if not gone and search.nrmse(step) < CLOSED * floor:  # runs that part from the motion tell no effect
-        gone = search.needless(step)
-    for name in gone:
-        rows = [(n, row) for n, row in enumerate(search.ranking) if row.id == name and row.accepted]
-        for number, row in rows:
-            reason = "whole windows do not show it"
-            if search.trifling(step, name):
-                reason = "there is so little of it that it means nothing on a machine"
+        gone, reason = search.needless(step), "the model does as well without it"
+    return _significant(search, dropped(search, step, gone, reason)) if gone else step
+
+
+def dropped(search: Search, step: Step, names: Sequence[str], reason: str) -> Step:
+    """Return ``step`` without the effects ``names``, fitted, and let the ranking say the ``reason``."""
+    for number, row in enumerate(search.ranking):
+        if row.id in names and row.accepted:
             search.ranking[number] = replace(row, accepted=False, reason=reason)
-    if not gone:
-        return step
-    effects = tuple(name for name in step.effects if name not in gone)
-    less = search.fit(effects, [replace(step.fitted.point, active=search.terms_of(effects))])
-    less.trials = {name: trial for name, trial in step.trials.items() if name in effects}
-    return less
+    return search.without(step, names)

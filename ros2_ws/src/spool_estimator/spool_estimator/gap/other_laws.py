@@ -16,6 +16,9 @@ from .registry import EFFECTS
 from .rules import CLEARLY
 from .screening import FRICTIONS
 
+#: Cost over that of the present law up to which another one that makes no sense yet is fitted on.
+HARDLY = 1.05
+
 if TYPE_CHECKING:
     from .search import Search
 
@@ -28,9 +31,10 @@ def swapped(search: Search, step: Step) -> Step:
 
     def in_place(name: str) -> Step | None:
         other = with_law(search, step, present, name)
-        if other is None or search.senseless(other, name):
+        if other is None:
             return None
-        return search.polished(other) if other.cost < NEAR * step.cost else other
+        most = HARDLY if search.senseless(other, name) else NEAR
+        return search.polished(other) if other.cost < most * step.cost else other
 
     best = step
     names = sorted(FRICTIONS - {present})

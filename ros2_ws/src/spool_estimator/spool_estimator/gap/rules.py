@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from spool_sim.terms import term
 from .at_once import at_once
 from .fitting import DELAY, GAIN, Fitting, Step
 from .registry import EFFECTS
+from .stretches import span_of
 
 Array = NDArray[np.float64]
 
@@ -174,9 +176,8 @@ class Rules(Fitting):
         return bool(own) and all(abs(values[number]) < spread.get(number, 0.0) for number in own)
 
     def trifling(self, entry: Step, name: str) -> bool:
-        """Whether the effect ``name`` of ``entry``, beside others, is too small to mean anything."""
-        seconds = max(stretch.record.duration for stretch in self.stretches)
-        return len(entry.effects) > 1 and EFFECTS[name].trifling(entry.fitted.point.values, seconds)
+        """Whether the effect ``name`` of ``entry`` is too small to mean anything on a machine."""
+        return EFFECTS[name].trifling(entry.fitted.point.values, span_of(self.stretches))
 
     def tolerance(self, name: str) -> float:
         """Return how far gain or delay may be off."""
@@ -194,7 +195,7 @@ class Rules(Fitting):
     def without_needless(self, step: Step) -> Step:
         """Return ``step`` without the effects that it no longer needs beside its newest."""
         for name in step.effects[:-1]:
-            less = self._less(step, name)
+            less = self.without(step, [name])
             if self._does_as_well(less, step):
                 return less
         return step
@@ -202,16 +203,16 @@ class Rules(Fitting):
     def needless(self, step: Step) -> list[str]:
         """Return the first effect beside others without which ``step`` does as well, if there is one."""
         names = step.effects if len(step.effects) > 1 else ()
-        for name, less in zip(names, at_once(lambda name: self._less(step, name), names), strict=True):
+        for name, less in zip(names, at_once(lambda name: self.without(step, [name]), names), strict=True):
             if self._does_as_well(less, step) or self.nrmse(less) < NO_WORSE * self.nrmse(step):
                 return [name]
         return []
 
-    def _less(self, step: Step, name: str) -> Step:
-        """Return ``step`` without the effect ``name``, fitted."""
-        effects = tuple(entry for entry in step.effects if entry != name)
+    def without(self, step: Step, names: Collection[str]) -> Step:
+        """Return ``step`` without the effects ``names``, fitted."""
+        effects = tuple(entry for entry in step.effects if entry not in names)
         less = self.fit(effects, [replace(step.fitted.point, active=self.terms_of(effects))])
-        less.trials = {e: t for e, t in step.trials.items() if e != name}
+        less.trials = {e: t for e, t in step.trials.items() if e not in names}
         return less
 
     def _does_as_well(self, less: Step, step: Step) -> bool:

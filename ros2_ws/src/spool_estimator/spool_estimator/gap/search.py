@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from .at_once import at_once
 from .beside import joint_numbers, tried_beside
 from .by_direction import by_direction
@@ -30,7 +27,6 @@ from .small_effects import beyond_noise, small_effect
 from .stretches import Stretch
 from .usual import usual_excess
 
-Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
 #: Error over the noise floor up to which nothing more is looked for beside forces without kinks, which
@@ -44,7 +40,15 @@ REFINED = 3
 
 @dataclass(frozen=True, slots=True)
 class _Left:
-    """What a fit leaves over whole windows: over the noise ``floor``, enough of the gap, and no noise."""
+    """What a fit leaves over whole windows.
+
+    Attributes:
+        fitted: the fit.
+        floor: what noise leaves, over the measured acceleration.
+        excess: error over that, in all or usually.
+        counts: whether it is some of the gap.
+        tells: whether it can be foretold, as noise cannot.
+    """
 
     fitted: Fitted
     floor: float
@@ -154,6 +158,7 @@ class Search(LookAlikes):
         self.simulation = coupled_simulation(self, self.whole, DAMPING_RATIO, self.settings.longest)
         self.stretches = self.simulation.stretches
         self.coupled = Simulation(self.stretches, self.simulation.motions, self.simulation.damper)
+        self._judged = None
         for simulation in (self.simulation, self.coupled):
             simulation.robust = True
         for known in self.steps:
@@ -189,8 +194,8 @@ class Search(LookAlikes):
         floor = noise_floor(longer, point, other)
         excess = min(left / floor.nrmse, usual_excess(other, floor.errors))
         counts = left**2 - floor.nrmse**2 > (OF_GAP * before) ** 2
-        tells = False
-        if not counts or excess <= CLOSED:
+        tells = counts and excess > CLOSED  # so much is no noise
+        if not tells:
             longer.take_weight(train, training, self.least_density)
             rest = remainder(longer, point, train, other)
             tells = rest.tells(left, before, kinks=self.has_kinks(step))
@@ -232,6 +237,7 @@ class Search(LookAlikes):
             self.overruled[first.id] = evidence
             return other
         self.steps, self.ranking, self.catalogue, self.simulation, self.stretches, self.coupled = kept
+        self._judged = None
         for step in self.steps:
             self.measured(step)
         return None

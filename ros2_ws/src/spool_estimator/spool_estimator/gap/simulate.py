@@ -24,6 +24,8 @@ HARMONICS, AT_LEAST = 6.0, 300.0
 SMOOTHED = 24
 #: Share of the level that errors keep at high frequency by which they are weighed at least.
 LEAST = 0.5
+#: Error that a run is given at most, m/s^2: one that diverges costs a number, too.
+FAR = 1e6
 #: Weighed squares over their expectation from which a window is a bad one.
 BAD = 2.0
 
@@ -98,10 +100,11 @@ class Simulation:
             stretch, window, _ = self.places[place]
             mask = stretch.kept[window.start : window.stop]
             if self.jumps is None:
-                error = (run.means - window.measured_means) * mask
+                error = run.means - window.measured_means
             else:
-                error = (run.acceleration - window.measured) * mask * self.jumps[place]
-            found.append(np.nan_to_num(error, nan=1e6, posinf=1e6, neginf=-1e6))
+                error, mask = run.acceleration - window.measured, mask * self.jumps[place]
+            np.clip(error, -FAR, FAR, out=error)
+            found.append(np.nan_to_num(error, copy=False, nan=FAR) * mask)
         return found
 
     def choose_sampling(self, point: Point) -> bool:
@@ -185,8 +188,7 @@ class Simulation:
         hits a stop would drown all others in which it swings free.
         """
         edges, usual = self.parts(chosen)
-        with np.errstate(over="ignore"):  # a run that diverges costs more than any number
-            squares = np.add.reduceat(weighed**2, edges[:-1], axis=1)
+        squares = np.add.reduceat(weighed**2, edges[:-1], axis=1)
         if not self.robust:
             return np.asarray(squares)
         bad = np.maximum(squares / usual, 1.0)

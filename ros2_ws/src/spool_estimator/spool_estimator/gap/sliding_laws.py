@@ -9,18 +9,25 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from scipy import stats
+
 from .alike import slides
 from .at_once import at_once
 from .fitting import Step
 from .other_laws import with_law
 from .registry import EFFECTS
+from .rules import FEWEST, in_windows
 from .screening import FRICTIONS
 from .small_effects import AllWindows
 
 #: Starts that are followed, and for how long: fits of these laws end in several valleys.
 FOLLOWED, ROUNDS = 4, 3
-#: Cost over that of the other law from which a law is given up after those.
-FAR = 1.1
+#: Cost over that of the other law from which a law is given up after those, and where it is so in nearly all
+#: held-out windows.
+FAR, APART = 1.3, 1.1
+#: Share of the windows, on either end of what they say, that do not count: with play, preload or stops a run
+#: may go another way in one of them, which would outweigh all others.
+EXTREME = 0.1
 
 if TYPE_CHECKING:
     from .search import Search
@@ -32,7 +39,7 @@ def told_by_all_windows(search: Search, step: Step) -> Step:
     for present in filter(_falls_with_speed, step.effects):
         for name in _others(search, present):
             other = with_law(search, step, present, name, tries=FOLLOWED, rounds=ROUNDS)
-            if other is None or other.cost > FAR * step.cost:
+            if other is None or _far(step, other):
                 continue
             other, margin = _compared(search, step, other)
             if search.senseless(other, name):
@@ -63,7 +70,7 @@ def _others(search: Search, present: str) -> list[str]:
 
 
 def _compared(search: Search, one: Step, other: Step) -> tuple[Step, float]:
-    """Return ``other`` fitted to all windows, and its evidence over ``one`` there, less the price."""
+    """Return ``other`` fitted to all windows, and its evidence over ``one`` in all but extreme ones."""
     kept = search.simulation, search.stretches
     everything = AllWindows.of(search.simulation)
     search.simulation, search.stretches = everything, everything.stretches
@@ -72,9 +79,17 @@ def _compared(search: Search, one: Step, other: Step) -> tuple[Step, float]:
         both = [replace(step, fitted=replace(step.fitted, settled=None)) for step in (one, other)]
         one, other = at_once(lambda step: search.polished(search.measured(step)), both)
         numbers = len(other.fitted.free) - len(one.fitted.free)
-        return other, one.cost - other.cost - search.price * numbers
+        gains = one.costs - other.costs
+        return other, gains.size * float(stats.trim_mean(gains, EXTREME)) - search.price * numbers
     finally:
         search.simulation, search.stretches = kept
+
+
+def _far(step: Step, other: Step) -> bool:
+    """Whether ``other``, hardly fitted yet, is too far behind ``step`` on held-out windows to catch up."""
+    behind = other.cost / step.cost
+    nearly_all = step.costs.size >= FEWEST and in_windows(other.costs - step.costs, behind - 1.0)
+    return behind > FAR or (behind > APART and nearly_all)
 
 
 def _overrule(search: Search, present: str, name: str) -> None:

@@ -208,3 +208,10 @@ def thinned(stretches: Sequence[Stretch], longest: int) -> list[Stretch]:
 def _travel(stretch: Stretch, place: int) -> float:
     window = stretch.windows[place]
     return float(np.abs(stretch.motion.displacement[window.start : window.stop]).max())
+
+
+def span_of(stretches: Sequence[Stretch]) -> float:
+    """Return the time from the beginning of the first to the end of the last of ``stretches``, s."""
+    begins = [stretch.record.first_sample * stretch.record.sample_period for stretch in stretches]
+    ends = [begin + stretch.record.duration for begin, stretch in zip(begins, stretches, strict=True)]
+    return max(ends) - min(begins)
