@@ -86,7 +86,7 @@ def test_what_is_hidden_is_named_with_its_size(seed: int, hidden: str) -> None:
 
 
 def test_forces_that_leave_most_of_the_gap_are_not_named() -> None:
-    """A sensor that swings on its mounting leaves a tenth over noise; Dahl friction explains a quarter of it."""
+    """A sensor that swings on its mounting: a tenth over noise, a quarter of which Dahl friction explains."""
     assert judge(make(17077, "sensor_mounting")).verdict == "unexplained"
 
 
