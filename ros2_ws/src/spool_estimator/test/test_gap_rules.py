@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from spool_estimator.gap.registry import EFFECTS
 from spool_estimator.gap.rules import BY_CHANCE, CLEARLY, FEWEST, in_windows
+from spool_estimator.gap.sliding_laws import APART, FAR, too_far, usual_sum
 from spool_estimator.gap.stretches import Stretch, span_of
 from spool_estimator.record import Record
 
@@ -43,6 +44,27 @@ def test_gains_of_either_sign_win_as_rarely_as_said(count: int) -> None:
 @given(count=st.integers(1, FEWEST - 1), share=st.floats(0.0, 1.0))
 def test_few_windows_decide_by_the_share_of_all(count: int, share: float) -> None:
     assert in_windows(np.ones(count), share) == (share > CLEARLY)
+
+
+@given(count=st.integers(10, 60), outlier=st.floats(-1e9, 1e9), seed=st.integers(0, 2**32 - 1))
+def test_no_single_window_decides_between_laws(count: int, outlier: float, seed: int) -> None:
+    """With play a run goes another way in one window, and leaves any amount there."""
+    gains = np.random.default_rng(seed).uniform(0.5, 1.5, count)
+    gains[0] = outlier
+    assert 0.5 * count < usual_sum(gains) < 1.5 * count
+
+
+@given(count=WINDOWS, behind=st.floats(1.0, 2.0), seed=st.integers(0, 2**32 - 1))
+def test_a_law_is_given_up_that_is_behind_in_every_window(count: int, behind: float, seed: int) -> None:
+    costs = np.random.default_rng(seed).uniform(0.5, 1.5, count)
+    if abs(behind - APART) > 1e-6:
+        assert too_far(costs, behind * costs) == (behind > APART)
+
+
+@given(count=st.integers(1, FEWEST - 1), behind=st.floats(1.0, 2.0))
+def test_few_windows_give_up_a_law_only_that_is_a_third_behind(count: int, behind: float) -> None:
+    if abs(behind - FAR) > 1e-6:
+        assert too_far(np.ones(count), np.full(count, behind)) == (behind > FAR)
 
 
 @given(seconds=st.floats(10.0, 4000.0), change=st.floats(-0.2, 0.2))

@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 from .alike import slides
@@ -19,6 +21,8 @@ from .registry import EFFECTS
 from .rules import FEWEST, in_windows
 from .screening import FRICTIONS
 from .small_effects import AllWindows
+
+Array = NDArray[np.float64]
 
 #: Starts that are followed, and for how long: fits of these laws end in several valleys.
 FOLLOWED, ROUNDS = 4, 3
@@ -39,7 +43,7 @@ def told_by_all_windows(search: Search, step: Step) -> Step:
     for present in filter(_falls_with_speed, step.effects):
         for name in _others(search, present):
             other = with_law(search, step, present, name, tries=FOLLOWED, rounds=ROUNDS)
-            if other is None or _far(step, other):
+            if other is None or too_far(step.costs, other.costs):
                 continue
             other, margin = _compared(search, step, other)
             if search.senseless(other, name):
@@ -79,17 +83,27 @@ def _compared(search: Search, one: Step, other: Step) -> tuple[Step, float]:
         both = [replace(step, fitted=replace(step.fitted, settled=None)) for step in (one, other)]
         one, other = at_once(lambda step: search.polished(search.measured(step)), both)
         numbers = len(other.fitted.free) - len(one.fitted.free)
-        gains = one.costs - other.costs
-        return other, gains.size * float(stats.trim_mean(gains, EXTREME)) - search.price * numbers
+        return other, usual_sum(one.costs - other.costs) - search.price * numbers
     finally:
         search.simulation, search.stretches = kept
 
 
-def _far(step: Step, other: Step) -> bool:
-    """Whether ``other``, hardly fitted yet, is too far behind ``step`` on held-out windows to catch up."""
-    behind = other.cost / step.cost
-    nearly_all = step.costs.size >= FEWEST and in_windows(other.costs - step.costs, behind - 1.0)
-    return behind > FAR or (behind > APART and nearly_all)
+def usual_sum(gains: Array) -> float:
+    """Return the sum of ``gains``, one a window, shape (w,), were its extremes like the others."""
+    return gains.size * float(stats.trim_mean(gains, EXTREME))
+
+
+def too_far(costs: Array, rival: Array) -> bool:
+    """Whether a law is too far behind another one on held-out windows to catch up.
+
+    Args:
+        costs: weighed sum of squares of the law that is ahead, one a window, shape (w,).
+        rival: of the other, which is hardly fitted yet.
+    """
+    behind = float(rival.sum() / costs.sum())
+    if APART < behind <= FAR:
+        return costs.size >= FEWEST and in_windows(rival - costs, behind - 1.0)
+    return behind > FAR
 
 
 def _overrule(search: Search, present: str, name: str) -> None:
