@@ -34,11 +34,11 @@ SMOOTH_MAY_STAY = 0.01
 #: The same where the motion is sensitive to the hits of stops, with which the right numbers leave a third of
 #: the usual window.
 SENSITIVE, SENSITIVE_MAY_STAY = "end_stop", 0.5
-#: Share of the gap's amplitude that forces which are named may leave at most, where the error exceeds that
-#: many floors: of 970 blind cases none that was named right left more than 0.51.
-HARDLY, OVER_FLOOR = 0.7, 1.05
-#: Error over the noise floor up to which what can be foretold of it is the noise's own doing.
+#: Error over the noise floor up to which what is left may be noise: the floor is known to some 5 %.
 ABOVE_FLOOR = 1.1
+#: Share of the gap's amplitude that forces which are named may leave at most, beyond that: of 970 blind cases
+#: none that was named right left more than 0.51.
+HARDLY = 0.7
 #: Share of right names where more than that is left, no more than blind cases had.
 INCOMPLETE = 0.9
 
@@ -185,7 +185,7 @@ def _share(before: float, after: float, noise: float) -> float:
 def _hardly(search: Search, final: Step, noise: float) -> bool:
     """Whether free runs of ``final`` leave most of the gap, whatever coupled ones do."""
     after = search.nrmse(final)
-    return after > OVER_FLOOR * noise and _share(search.nrmse(search.steps[0]), after, noise) > HARDLY
+    return after > ABOVE_FLOOR * noise and _share(search.nrmse(search.steps[0]), after, noise) > HARDLY
 
 
 def _jitter(search: Search, final: Step) -> Jitter | None:
