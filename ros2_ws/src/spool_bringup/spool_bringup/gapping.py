@@ -87,21 +87,25 @@ def run_gap(
             result = analyse_forces(
                 forces, model, kind, holdout=held_forces, mass=known, settings=settings, progress=tell
             )
+    # Files first: who reads only the first lines of what is shown (`| head`) has them all the same.
+    written = []
     if outputs.json is not None:
         write_json(outputs.json, result.to_dict())
-    # Off a terminal names must not be cut to some width that nobody has.
-    console = Console()
-    show(result, console if console.is_terminal else Console(width=140))
     if outputs.report is not None:
         from .fit_page import write_page  # noqa: PLC0415 - matplotlib is needed here only
         from .gap_page import gap_page  # noqa: PLC0415
 
         write_page(outputs.report, gap_page(result))
-        print(f"{outputs.report}: the report")
+        written.append(f"{outputs.report}: the report")
     if outputs.model is not None:
         found = f"{result.base_model} with what the gap analysis of {result.record} found: {result.verdict}"
         save_model(outputs.model, result.model, result.parameters, found)
-        print(f"{outputs.model}: the model with what was found")
+        written.append(f"{outputs.model}: the model with what was found")
+    # Off a terminal names must not be cut to some width that nobody has.
+    console = Console()
+    show(result, console if console.is_terminal else Console(width=140))
+    for line in written:
+        print(line)
     return 0
 
 
