@@ -29,7 +29,7 @@ app = typer.Typer(
 
 @app.command()
 def demo(
-    seconds: Annotated[float, typer.Option(help="Length of the run, s; at least 30.")] = 60.0,
+    seconds: Annotated[float, typer.Option(help="Length of the run, s; at least 40.")] = 60.0,
     out: Annotated[Path, typer.Option(help="Folder for bag, analysis and report.")] = Path("spool_demo"),
 ) -> None:
     """Run the main job live: two valves simulated, estimated, monitored and recorded by ROS 2 nodes.
