@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -107,6 +110,22 @@ def test_columns_of_other_names_and_a_known_mass_are_taken(
     assert model.values["mass"] == SOFT.moving_mass
     assert model.values["spring_stiffness"] == pytest.approx(1632.0, rel=0.02)
     assert model.values["coulomb_force"] == pytest.approx(0.5, rel=0.03)
+
+
+def test_a_reader_who_ends_early_has_the_files_all_the_same(
+    tmp_path: Path, rubbing: tuple[Array, Array, Array]
+) -> None:
+    """As `| head` does."""
+    record, model, page = (tmp_path / name for name in ("rig.csv", "found.yaml", "page.html"))
+    write(record, *rubbing)
+    arguments = ["gap", record, "--kind", "driven", "--save-model", model, "--report", page]
+    program = f"from spool_bringup.cli import main; main({[str(word) for word in arguments]})"
+    reading, writing = os.pipe()
+    os.close(reading)
+    subprocess.run([sys.executable, "-c", program], stdout=writing, stderr=subprocess.DEVNULL, check=False)
+    os.close(writing)
+    assert load_model(model).values["coulomb_force"] == pytest.approx(0.5, rel=0.03)
+    assert "coulomb" in page.read_text()
 
 
 @pytest.mark.parametrize(
