@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 from spool_stream.errors import InputError
+from spool_stream.suggestion import did_you_mean
 
 from .excitation_base import Array, Excitation, rise
 from .excitation_broadband import MachineOrders, Multisine
@@ -154,5 +155,8 @@ def load_excitation(name_or_path: str | Path) -> Excitation:
         return preset
     path = Path(name_or_path)
     if not path.exists():
-        raise InputError(f"{path}: no such excitation; give one of {', '.join(PRESETS)} or a YAML file")
+        raise InputError(
+            f"{path}: no such excitation; give one of {', '.join(PRESETS)} or a YAML file"
+            f"{did_you_mean(str(path), PRESETS)}"
+        )
     return from_mapping(read_mapping(path, "excitation"), str(path))

@@ -9,6 +9,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from spool_stream.errors import InputError
+from spool_stream.suggestion import did_you_mean
 
 from .composition import unique_parameters
 from .terms import Parameter, Term, term
@@ -47,7 +48,10 @@ class Model:
             if parameter.name == name:
                 return parameter
         known = ", ".join(parameter.name for parameter in self.parameters)
-        raise InputError(f"{where}: {name}: unknown parameter of model '{self.name}', known are {known}")
+        near = did_you_mean(name, (parameter.name for parameter in self.parameters))
+        raise InputError(
+            f"{where}: {name}: unknown parameter of model '{self.name}', known are {known}{near}"
+        )
 
     def values_for(self, valve: Valve, overrides: Mapping[str, float] | None = None) -> dict[str, float]:
         """Return all parameter values: override, else the model's own, else the valve's, else the start.
@@ -150,5 +154,8 @@ def load_model(name_or_path: str | Path) -> Model:
         return known
     path = Path(name_or_path)
     if not path.exists():
-        raise InputError(f"{path}: no such model; give one of {', '.join(MODELS)} or a YAML file")
+        raise InputError(
+            f"{path}: no such model; give one of {', '.join(MODELS)} or a YAML file"
+            f"{did_you_mean(str(path), MODELS)}"
+        )
     return model_from_mapping(read_mapping(path, "model"), str(path))

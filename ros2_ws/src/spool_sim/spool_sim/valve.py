@@ -8,7 +8,9 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 from spool_stream.errors import InputError
+from spool_stream.suggestion import did_you_mean
 
+from .plausible import implausible, unit_guesses
 from .validation import Number, Positive, one_line, read_mapping
 from .viscosity import OILS
 
@@ -54,6 +56,9 @@ class Valve(BaseModel):
             raise ValueError("spool_mass is part of moving_mass and cannot be larger")
         if self.radial_clearance >= 0.5 * self.land_diameter:
             raise ValueError("radial_clearance is larger than the spool's radius")
+        said = implausible(self)
+        if said:
+            raise ValueError("; ".join(said))
         return self
 
     @property
@@ -123,7 +128,21 @@ def valve_from_mapping(mapping: dict[str, Any], where: str = "valve") -> Valve:
     try:
         return Valve.model_validate(mapping)
     except ValidationError as error:
-        raise one_line(error, where, tuple(Valve.model_fields)) from None
+        guesses = unit_guesses(mapping, _out_of_range(error))
+        said = str(one_line(error, where, tuple(Valve.model_fields)))
+        raise InputError("; ".join([said, *guesses])) from None
+
+
+def _out_of_range(error: ValidationError) -> dict[str, tuple[float, float]]:
+    """Return the range allowed of each number that lies outside, by its key."""
+    keys = [str(fault["loc"][0]) for fault in error.errors() if fault["type"].endswith("_than_equal")]
+    found = {}
+    for key in keys:
+        limits = Valve.model_fields[key].metadata
+        lowest = max((limit.ge for limit in limits if hasattr(limit, "ge")), default=-math.inf)
+        highest = min((limit.le for limit in limits if hasattr(limit, "le")), default=math.inf)
+        found[key] = (lowest, highest)
+    return found
 
 
 def load_valve(path: str | Path) -> Valve:
@@ -150,5 +169,8 @@ def find_valve(name: str | Path) -> Valve:
     if str(name) in shipped:
         return load_valve(shipped[str(name)])
     if not Path(name).exists():
-        raise InputError(f"{name}: no such valve file; shipped ones are {', '.join(shipped)}")
+        raise InputError(
+            f"{name}: no such valve file; shipped ones are {', '.join(shipped)}"
+            f"{did_you_mean(str(name), shipped)}"
+        )
     return load_valve(name)

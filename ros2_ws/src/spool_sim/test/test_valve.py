@@ -44,6 +44,11 @@ def test_oil_is_optional(valve_file: Path, valve_text: str) -> None:
         ("radial_clearance: 15e-6", "radial_clearance: 15", ["radial_clearance", "less than"]),
         ("oil: HL68", "oil: HL46", ["oil", "HL46", "HL68", "Azolla ZS22"]),
         ("oil_temperature: 20", "oil_temperature: 900", ["oil_temperature"]),
+        ("spool_mass: 0.172", "spool_mass: 0.0001", ["spool_mass", "less than", "kg"]),
+        ("spring_stiffness: 1632", "spring_stiffness: 1.632", ["spring_stiffness", "N/mm?", "N/m: 1632"]),
+        ("land_diameter: 0.020", "land_diameter: 20", ["land_diameter", "did you write mm?", "0.02"]),
+        ("radial_clearance: 15e-6", "radial_clearance: 15", ["did you write um?", "1.5e-05"]),
+        ("dynamic_viscosity: 0.0612", "dynamic_viscosity: 61.2", ["dynamic_viscosity", "mPa s?", "0.0612"]),
         ("id: valve_soft", "id: 'two words'", ["id", "two words"]),
         ("id: valve_soft", "id: [", ["line", "YAML"]),
         ("id: valve_soft\n", "- 1\n", ["YAML"]),
@@ -61,6 +66,19 @@ def test_wrong_file_is_refused_in_one_line(
     assert message.startswith(f"{valve_file}: ")
     for word in said:
         assert word in message
+
+
+def test_masses_in_grams_are_refused(valve_mapping: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match=r"moving_mass: 180 kg .*did you write g\?.* kg: 0\.18;"):
+        valve_from_mapping({**valve_mapping, "moving_mass": 180.0, "spool_mass": 172.0})
+
+
+@pytest.mark.parametrize("scale", [0.3, 1.0, 3.0])
+def test_small_and_large_valves_are_believed(valve_mapping: dict[str, Any], scale: float) -> None:
+    """Lengths times ``scale``, masses with its cube, springs for the same stroke under the same pressure."""
+    powers = {"land_diameter": 1, "land_length": 1, "moving_mass": 3, "spool_mass": 3, "spring_stiffness": 1}
+    grown = {key: valve_mapping[key] * scale**power for key, power in powers.items()}
+    valve_from_mapping({**valve_mapping, **grown})
 
 
 def test_several_faults_are_all_named(valve_mapping: dict[str, Any]) -> None:

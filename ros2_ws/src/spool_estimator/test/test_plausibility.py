@@ -1,0 +1,76 @@
+"""A valve file against a record: the wrong one is told, the right one never doubted, and no guess without data."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from spool_estimator.plausibility import check_records
+from spool_estimator.record import Record
+from spool_sim.excitation_broadband import Multisine
+from spool_sim.excitation_sines import Standstill
+from spool_sim.sensors import Sensor
+from spool_sim.simulator import Simulator
+from spool_sim.valve import Valve, find_valve
+
+SOFT, STIFF = (find_valve(name) for name in ("4weh10_soft", "4weh10_stiff"))
+SHAKEN = Multisine(low_frequency=10.0, high_frequency=100.0, rms=7.0)
+
+
+def simulated(valve: Valve, seconds: float = 20.0, drive: Any = SHAKEN, **changes: Any) -> Record:
+    plain = Sensor(noise=0.05)
+    simulator = Simulator(
+        valve, drive, sample_rate=2000.0, block_size=40, seed=3, start_stamp=1, body_sensor=plain,
+        spool_sensor=plain, **{"model": "coulomb", **changes},
+    )  # fmt: skip
+    blocks = list(simulator.records(seconds))
+    rows = (np.concatenate([getattr(block, row) for block in blocks]) for row in ("body", "spool"))
+    return Record("made", 1, 1.0 / 2000.0, *(row.astype(np.float64) for row in rows))
+
+
+@pytest.mark.parametrize(("valve", "other"), [(SOFT, STIFF), (STIFF, SOFT)], ids=["soft", "stiff"])
+def test_the_other_valves_file_is_told_from_the_record(valve: Valve, other: Valve) -> None:
+    record = simulated(valve)
+    assert check_records(valve, [record]) == []
+    (doubt,) = check_records(other, [record])
+    assert f"says {other.natural_frequency:.3g} Hz" in doubt
+    assert f"shows {valve.natural_frequency:.3g} Hz" in doubt
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1], ids="{:+.0%}".format)
+def test_a_spring_within_its_tolerance_is_no_contradiction(share: float) -> None:
+    filed = SOFT.model_copy(update={"spring_stiffness": share * SOFT.spring_stiffness})
+    assert check_records(filed, [simulated(SOFT)]) == []
+
+
+@pytest.mark.parametrize("force", [2.0, 5.0, 20.0], ids="{:g} N".format)
+def test_a_spool_that_sticks_does_not_contradict_its_file(force: float) -> None:
+    """Its body gives it 1.3 N rms: from 5 N on it hardly ever slips, and then nothing can be told."""
+    assert check_records(SOFT, [simulated(SOFT, coulomb_force=force)]) == []
+
+
+@pytest.mark.parametrize(
+    "drive",
+    [Standstill(), Multisine(low_frequency=80.0, high_frequency=100.0, rms=7.0)],
+    ids=["standstill", "far above the resonance"],
+)
+def test_a_record_that_does_not_show_the_resonance_contradicts_nothing(drive: Any) -> None:
+    for filed in (SOFT, STIFF):
+        assert check_records(filed, [simulated(STIFF if filed is STIFF else SOFT, drive=drive)]) == []
+
+
+def test_a_viscosity_in_other_units_is_told_from_the_damping() -> None:
+    """61.2 mPa s written as 6.12 Pa s."""
+    filed = SOFT.model_copy(update={"dynamic_viscosity": 100.0 * SOFT.dynamic_viscosity})
+    (doubt,) = check_records(filed, [simulated(SOFT)])
+    assert "dynamic_viscosity" in doubt
+
+
+def test_hot_oil_and_a_worn_sleeve_are_no_contradiction() -> None:
+    hot = SOFT.model_copy(update={"dynamic_viscosity": SOFT.dynamic_viscosity_at(80.0) / 2.0})
+    assert check_records(SOFT, [simulated(hot)]) == []
+
+
+def test_too_short_a_record_tells_nothing() -> None:
+    assert check_records(SOFT, [simulated(STIFF, seconds=3.0)]) == []
