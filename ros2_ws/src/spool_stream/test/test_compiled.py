@@ -97,3 +97,33 @@ def test_kernels_run_where_none_can_be_kept(tmp_path: Path) -> None:
     )
     assert done.stdout.split() == ["1.5"]
     assert done.stderr == ""
+
+
+def test_only_a_change_in_what_a_module_imports_makes_its_kernels_old(tmp_path: Path) -> None:
+    package = tmp_path / "three_files"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "constants.py").write_text("FACTOR = 2.0\n")
+    (package / "other.py").write_text("UNUSED = 1\n")
+    (package / "caller.py").write_text(
+        "from spool_stream.compiled import compiled\n\nfrom .constants import (  # comment, with a comma\n"
+        "    FACTOR as SIZE,\n)\n\n@compiled\ndef times(x):\n    return SIZE * x\n"
+    )
+    stream = str(Path(spool_stream.__file__).parents[1])
+    found = []
+    for file, text in (("other", "UNUSED = 2\n"), ("other", "UNUSED = 3\n"), ("constants", "FACTOR = 5.0\n")):
+        (package / f"{file}.py").write_text(text)
+        done = subprocess.run(
+            [sys.executable, "-c", "from three_files.caller import times; print(times(1.0))"],
+            env={
+                **os.environ,
+                "PYTHONPATH": f"{stream}:{tmp_path}",
+                "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+            },
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        folders = len(list((tmp_path / "cache" / "spool_kernels").iterdir()))
+        found.append((float(done.stdout), folders))
+    assert found == [(2.0, 1), (2.0, 1), (5.0, 2)]
