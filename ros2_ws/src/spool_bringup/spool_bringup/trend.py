@@ -14,11 +14,12 @@ from rich.console import Console
 from rich.table import Table
 from spool_bag.names import check_valve
 from spool_monitor.state_file import default_folder, valve_folder
-from spool_monitor.trend import KEPT, Span, TrendStore, finest
+from spool_monitor.trend import KEPT, Span, TrendStore, finest, own_file
 from spool_monitor.valve_state import TRENDS
 from spool_stream.errors import InputError
 
 from .commands import write_json
+from .outputs import check_output, write_file
 from .page import page, picture, table
 
 _UNITS = {"m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}
@@ -42,9 +43,10 @@ def show_trend(
     check_valve(valve)
     if out is not None and out.suffix not in (".png", ".html"):
         raise InputError(f"--out {out}: name a file that ends in .png or .html")
+    check_output(out, "--out")
     begin = _since(since)
     base = (state_folder or default_folder()).expanduser()
-    path = valve_folder(base, valve) / TRENDS
+    path = own_file(valve_folder(base, valve) / TRENDS)
     if not path.is_file():
         there = sorted(str(one.parent.parent.relative_to(base)) for one in base.glob(f"**/{TRENDS}"))
         raise InputError(
@@ -159,15 +161,12 @@ def _steps(
 
 def _write(out: Path, result: dict[str, Any]) -> None:
     image, content = picture(draw(result), f"history of {result['valve']}")
-    try:
-        if out.suffix == ".png":
-            out.write_bytes(content)
-        else:
-            rows = _rows(result)
-            sections = [image, table(list(rows[0]), rows)]
-            out.write_text(page(f"History of {result['valve']}", sections), encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"--out {out}: cannot be written: {error.strerror}") from error
+    if out.suffix == ".png":
+        write_file(out, content, "--out")
+        return
+    rows = _rows(result)
+    sections = [image, table(list(rows[0]), rows)]
+    write_file(out, page(f"History of {result['valve']}", sections), "--out")
 
 
 def _rows(result: dict[str, Any]) -> list[dict[str, object]]:

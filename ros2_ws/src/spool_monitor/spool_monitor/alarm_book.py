@@ -29,7 +29,7 @@ from .alarm import (
 from .alarm_code import LATCHING, Namur
 from .event import Condition, Event, condition_name
 
-_ALARMS = TypeAdapter(list[Alarm])
+_ALARM = TypeAdapter(Alarm)
 
 
 @dataclass(slots=True)
@@ -135,23 +135,49 @@ class AlarmBook:
         ]
 
     def load(self, content: Any) -> None:
-        """Take up what :meth:`dump` gave; ``latching`` is as it is set now.
+        """Take up what :meth:`dump` gave, of whatever version; ``latching`` is as it is set now.
 
         Raises:
-            InputError: ``content`` is no list of alarms; the book is as before.
+            InputError: ``content`` is no list of alarms, or some of them can't be read; the others are
+                taken up.
 
         """
-        try:
-            known = [
-                {**entry, "value": math.nan if entry["value"] is None else entry["value"]}
-                for entry in content
-            ]
-            loaded = _ALARMS.validate_python(known)
-        except (ValidationError, TypeError, KeyError) as error:
-            raise InputError(f"the kept alarms can't be read: {str(error).splitlines()[0]}") from error
-        for alarm in loaded:
-            latching = alarm.kind in self.latching
-            self.alarms[alarm.name] = replace(alarm, latching=latching, latched=alarm.latched and latching)
+        self._take(content, lambda _: True)
+
+    def join(self, content: Any) -> None:
+        """Take up what another book dumped, where it was changed later than here.
+
+        Raises:
+            InputError: as :meth:`load`.
+
+        """
+
+        def later(alarm: Alarm) -> bool:
+            own = self.alarms.get(alarm.name)
+            return own is None or alarm.changed_at > own.changed_at
+
+        self._take(content, later)
+
+    def _take(self, content: Any, wanted: Callable[[Alarm], bool]) -> None:
+        if not isinstance(content, list):
+            raise InputError("the kept alarms can't be read: they are no list")
+        unreadable = []
+        for entry in content:
+            try:
+                value = math.nan if entry["value"] is None else entry["value"]
+                alarm = _ALARM.validate_python({**entry, "value": value})
+            except (ValidationError, TypeError, KeyError) as error:
+                unreadable.append(str(error).splitlines()[0])
+                continue
+            if wanted(alarm):
+                latching = alarm.kind in self.latching
+                self.alarms[alarm.name] = replace(
+                    alarm, latching=latching, latched=alarm.latched and latching
+                )
+        if unreadable:
+            raise InputError(
+                f"{len(unreadable)} of {len(content)} of the kept alarms can't be read: {unreadable[0]}"
+            )
 
     def _of(self, kind: str, source: str) -> Alarm:
         name = condition_name(kind, source)

@@ -107,13 +107,15 @@ class AlarmDesk:
             "kept over a restart": "yes" if self._state.writable else "no",
         }
         if trends is not None:
+            values["trends"] = f"held in memory: {trends.trouble}" if trends.trouble else "kept"
             values["travel since the start (m)"] = trends.travel.travel
             values["reversals since the start"] = trends.travel.reversals
         return Status("alarms", level, text, values)
 
     def watch(self) -> None:
-        """End the shelves that are due."""
+        """End the shelves that are due, and bring to the disk what could not be written."""
         self._settle(self._state.alarms.advance(self._now()))
+        self._state.retry(self._now())
 
     def _settle(self, transitions: Sequence[Transition]) -> None:
         if not any(transition.changed for transition in transitions):

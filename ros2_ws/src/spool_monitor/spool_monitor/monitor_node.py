@@ -113,8 +113,8 @@ class MonitorNode(ManagedNode):
         state = ValveState(self._core, self._folder(), warn, AlarmBook(kinds))
         state.open()
         self._desk = AlarmDesk(self, state)
-        if state.writable and state.folder is not None:
-            self._trends = TrendWriter(state.folder / TRENDS, warn)
+        if state.folder is not None:
+            self._trends = TrendWriter(state.folder / TRENDS, warn, lambda: state.owned)
         self._health_publisher = self.create_lifecycle_publisher(ValveHealth, "health", qos.state())
         self._event_publisher = self.create_lifecycle_publisher(HealthEvent, "events", qos.state(depth=100))
         self._diagnostics = DiagnosticPublisher(self, self._valve_id)

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -141,9 +142,39 @@ def test_after_a_restart_a_condition_that_is_over_ends_its_alarm() -> None:
 def test_what_cannot_be_read_is_refused_and_changes_nothing(content: object) -> None:
     alarms = book()
     before = dict(alarms.alarms)
-    with pytest.raises(InputError, match="the kept alarms can't be read"):
+    with pytest.raises(InputError, match="the kept alarms can't be read:"):
         alarms.load(content)
     assert alarms.alarms == before
+
+
+def test_one_unreadable_alarm_costs_no_other_its_latch() -> None:
+    before = book()
+    before.update(event("stuck_spool", RAISED))
+    before.update(event("stuck_spool", CLEARED))
+    content = [{"kind": "resonance", "value": 1.0, "severity": 9}, *before.dump()]
+    after = book()
+    with pytest.raises(InputError, match="1 of .* of the kept alarms can't be read"):
+        after.load(content)
+    assert after.alarms["stuck_spool"].latched
+
+
+def test_what_a_later_version_adds_to_an_alarm_is_left_out() -> None:
+    before = book()
+    before.update(event("stuck_spool", RAISED))
+    after = book()
+    after.load([{**entry, "colour": "red"} for entry in before.dump()])
+    assert after.alarms["stuck_spool"].active
+
+
+def test_of_two_books_the_later_change_of_each_alarm_counts() -> None:
+    ours, theirs = book(), book()
+    ours.update(replace(event("stuck_spool", RAISED), stamp=1 * SECOND))
+    theirs.update(replace(event("stuck_spool", RAISED), stamp=1 * SECOND))
+    theirs.acknowledge("stuck_spool", eva(2 * SECOND))
+    ours.update(replace(event("resonance", RAISED), stamp=3 * SECOND))
+    ours.join(theirs.dump())
+    assert ours.alarms["stuck_spool"].acknowledged
+    assert ours.alarms["resonance"].active
 
 
 def test_a_kind_that_latches_no_more_is_let_go() -> None:

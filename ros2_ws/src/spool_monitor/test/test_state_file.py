@@ -6,6 +6,7 @@ import json
 import os
 import random
 import signal
+import stat
 import subprocess
 import sys
 from pathlib import Path
@@ -50,9 +51,11 @@ def test_any_damaged_byte_is_seen_and_the_last_good_copy_used(
     (folder / "a.json").write_bytes(data)
     again = StateFile(folder / "a.json")
     loaded = again.load()
-    # White space carries nothing, so a change there may pass; a changed value never does.
-    assert loaded == {"value": 2 if not again.warnings else 1}
-    if again.warnings:
+    # White space carries nothing, so a change there may pass; a changed value never does. A format that looks
+    # like a later version's is read with a warning.
+    later = any("a later version" in warning for warning in again.warnings)
+    assert loaded == {"value": 2 if not again.warnings or later else 1}
+    if again.warnings and not later:
         assert "a.json.last is used" in again.warnings[0]
 
 
@@ -73,7 +76,10 @@ def test_a_damaged_file_does_not_push_the_good_copy_out(tmp_path: Path) -> None:
     [
         ("", "Expecting value"),
         ("[]", "not a state file"),
-        (json.dumps({"format": 9, "sequence": 1, "sha256": "", "content": 1}), "has format 9"),
+        (json.dumps({"format": 9, "sequence": 1, "sha256": "", "content": 1}), "format 9, this one"),
+        (json.dumps({"format": 0, "sequence": 1, "sha256": "", "content": 1}), "its format is 0"),
+        ('{"content": ' + "[" * 20_000 + "]" * 20_000 + "}", "nested too deeply"),
+        ("[" * 20_000, "nested too deeply"),
         (json.dumps({"format": 1, "sequence": 1, "sha256": "0", "content": 1}), "checksum does not fit"),
         (json.dumps({"format": 1, "sequence": "1", "sha256": "0", "content": 1}), "checksum does not fit"),
     ],
@@ -83,6 +89,78 @@ def test_what_is_no_state_is_said_and_not_used(tmp_path: Path, text: str, reason
     file = StateFile(tmp_path / "a.json")
     assert file.load() is None
     assert reason in file.warnings[0]
+
+
+def written_by_a_later_version(path: Path, content: object, **changes: object) -> bytes:
+    """Write a state as a version with format 2 would; return the file's bytes."""
+    file = StateFile(path)
+    file.save(content)
+    whole = {**json.loads(path.read_text()), "format": 2, **changes}
+    path.write_text(json.dumps(whole))
+    return path.read_bytes()
+
+
+def test_a_later_version_s_state_is_read_and_left_alone_on_a_downgrade(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    later = written_by_a_later_version(path, {"latched": True})
+    for expected in ({"latched": True}, "of this version"):
+        file = StateFile(path)
+        assert file.load() == expected
+        assert "a later version of the suite wrote it (format 2" in file.warnings[0]
+        file.save("of this version")
+    assert path.read_bytes() == later
+    assert {"a.json", "a.json.format1"} <= names(tmp_path)
+
+
+def test_what_was_kept_during_a_downgrade_is_taken_up_by_the_later_version(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.json"
+    written_by_a_later_version(path, "before")
+    older = StateFile(path)
+    older.load()
+    older.save("during")
+    monkeypatch.setattr("spool_monitor.state_file.FORMAT", 2)
+    upgraded = StateFile(path)
+    assert upgraded.load() == "during"
+    assert upgraded.warnings == []
+    upgraded.save("after")
+    assert StateFile(path).load() == "after"
+
+
+def test_a_later_version_s_unknown_checksum_is_no_damage(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    later = written_by_a_later_version(path, "x", sha256="another law")
+    file = StateFile(path)
+    assert file.load() is None
+    file.save("mine")
+    assert path.read_bytes() == later
+    assert StateFile(path).load() == "mine"
+
+
+def test_a_damaged_file_is_kept_aside(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    path.write_text("perhaps somebody can still read this")
+    file = StateFile(path)
+    assert file.load() is None
+    file.save(1)
+    assert (tmp_path / "a.json.damaged").read_text() == "perhaps somebody can still read this"
+
+
+def test_only_the_owner_may_read_the_state(tmp_path: Path) -> None:
+    folder = tmp_path / "valve_1" / "monitor"
+    folder.mkdir(parents=True, mode=0o755)
+    (folder / "a.json").write_text("{}")
+    (folder / "a.json").chmod(0o644)
+    before = os.umask(0o022)
+    try:
+        FolderLock(folder).release()
+        for _ in range(2):
+            StateFile(folder / "a.json").save(1)
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+    assert {stat.S_IMODE(path.stat().st_mode) for path in folder.iterdir()} == {0o600}
 
 
 def test_what_json_cannot_hold_leaves_the_state_as_it_was(tmp_path: Path) -> None:

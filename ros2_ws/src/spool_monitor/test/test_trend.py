@@ -5,6 +5,7 @@ import os
 import random
 import signal
 import sqlite3
+import stat
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +13,8 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_monitor.trend import DAY, HOUR, KEPT, MINUTE, Sums, TrendStore, finest
+from spool_monitor.trend import DAY, HOUR, KEPT, MINUTE, Sums, TrendStore, finest, own_file
+from spool_monitor.trend_writer import TrendWriter
 from spool_stream.errors import InputError
 
 SECOND = 1_000_000_000
@@ -120,6 +122,131 @@ def test_a_failed_writing_leaves_nothing_half_done(tmp_path: Path) -> None:
     with pytest.raises(OSError, match=r"trends\.sqlite: disk full"):
         store.write(sums)
     assert [span.count for span in store.spans("coulomb_force", MINUTE)] == [1]
+
+
+def count(path: Path, seconds: int = MINUTE) -> list[int]:
+    store = TrendStore(path, read_only=True)
+    counts = [span.count for span in store.spans("x", seconds)]
+    store.close()
+    return counts
+
+
+def writer(path: Path) -> tuple[TrendWriter, list[str]]:
+    said: list[str] = []
+    return TrendWriter(path, said.append, patience=0.05), said
+
+
+def feed(trends: TrendWriter, second: int) -> None:
+    """Gather one value, and wait until it is written or is not."""
+    trends._sums.add((NOON + second) * SECOND, "x", "1", 1.0)
+    trends.flush((NOON + second) * SECOND)
+    assert trends._writing is not None
+    trends._writing.result()
+
+
+@pytest.mark.parametrize("from_the_start", [False, True])
+def test_what_is_gathered_while_the_file_is_locked_is_written_afterwards(
+    tmp_path: Path, from_the_start: bool
+) -> None:
+    path = tmp_path / "t.sqlite"
+    stored(tmp_path).close()
+    (tmp_path / "trends.sqlite").replace(path)
+    other = sqlite3.connect(path, isolation_level=None)
+    if from_the_start:
+        other.execute("PRAGMA locking_mode=EXCLUSIVE")
+        other.execute("BEGIN EXCLUSIVE")
+    trends, said = writer(path)
+    feed(trends, 0)
+    if not from_the_start:
+        other.execute("BEGIN EXCLUSIVE")
+    for second in (10, 20, 70):
+        feed(trends, second)
+    assert "locked" in trends.trouble
+    assert len(said) == 1
+    other.execute("COMMIT")
+    other.close()
+    feed(trends, 80)
+    assert trends.trouble == ""
+    assert "written again" in said[1]
+    trends.close()
+    assert count(path) == [3, 2]
+    assert count(path, DAY) == [5]
+
+
+def test_the_file_removed_while_it_is_in_use_is_made_anew(tmp_path: Path) -> None:
+    path = tmp_path / "t.sqlite"
+    trends, said = writer(path)
+    feed(trends, 0)
+    for one in tmp_path.iterdir():
+        one.unlink()
+    feed(trends, 10)
+    feed(trends, 20)
+    trends.close()
+    assert count(path) == [2]
+    assert "removed or replaced" in said[0]
+
+
+def test_a_file_damaged_while_it_is_in_use_is_put_aside(tmp_path: Path) -> None:
+    path = tmp_path / "t.sqlite"
+    trends, said = writer(path)
+    feed(trends, 0)
+    trends.close()
+    path.write_bytes(b"no data base" * 1000)
+    again, said = writer(path)
+    feed(again, 10)
+    again.close()
+    assert "kept as t.sqlite.damaged" in said[0]
+    assert count(path) == [1]
+
+
+def test_what_is_held_while_nothing_can_be_written_is_bounded() -> None:
+    held = Sums()
+    for minute in range(500):
+        more = Sums()
+        more.add((NOON + 60 * minute) * SECOND, "x", "1", 1.0)
+        more.count("travel", "m", 1.0)
+        held.merge(more, most=100)
+    assert len(held.spans) == 100
+    assert sum(values[0] for (_, seconds, _), values in held.spans.items() if seconds == DAY) == 500
+    assert max(start for _, seconds, start in held.spans if seconds == MINUTE) == NOON + 60 * 499
+    assert held.counts == {"travel": 500.0}
+
+
+def test_a_later_version_s_file_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "t.sqlite"
+    base = sqlite3.connect(path)
+    base.execute("PRAGMA user_version=2")
+    base.execute("CREATE TABLE other (x)")
+    base.commit()
+    base.close()
+    later = path.read_bytes()
+    trends, said = writer(path)
+    feed(trends, 0)
+    trends.close()
+    assert "a later version of the suite wrote it" in said[0]
+    assert path.read_bytes() == later
+    assert own_file(path) == tmp_path / "t.format1.sqlite"
+    assert count(own_file(path)) == [1]
+
+
+def test_only_the_owner_may_read_the_trends(tmp_path: Path) -> None:
+    path = tmp_path / "trends.sqlite"
+    path.touch(mode=0o644)
+    store = stored(tmp_path, (0, 1.0))
+    assert {stat.S_IMODE(one.stat().st_mode) for one in tmp_path.iterdir()} == {0o600}
+    store.close()
+
+
+def test_a_value_of_the_wrong_kind_is_damage(tmp_path: Path) -> None:
+    stored(tmp_path, (0, 1.0)).close()
+    base = sqlite3.connect(tmp_path / "trends.sqlite")
+    base.execute("UPDATE span SET minimum = 'low'")
+    base.commit()
+    base.close()
+    store = TrendStore(tmp_path / "trends.sqlite", read_only=True)
+    with pytest.raises(InputError, match="it is damaged"):
+        store.spans("coulomb_force", MINUTE)
+    store.close()
 
 
 WRITER = """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import random
 import signal
@@ -13,7 +14,8 @@ import pytest
 from spool_monitor.alarm import Operator
 from spool_monitor.event import Event, EventState, Severity
 from spool_monitor.monitor import Monitor
-from spool_monitor.valve_state import ALARMS, ValveState
+from spool_monitor.state_file import StateFile
+from spool_monitor.valve_state import ALARMS, RETRY, ValveState
 from spool_stream.quantity import Quantity
 
 
@@ -121,6 +123,71 @@ def test_a_folder_in_use_is_left_alone(tmp_path: Path) -> None:
     second.keep_alarms()
     assert not (tmp_path / ALARMS).exists()
     first.close()
+
+
+def test_a_downgrade_keeps_latches_and_leaves_the_later_version_s_file(tmp_path: Path) -> None:
+    state, _ = opened(tmp_path)
+    state.alarms.update(stuck(EventState.RAISED, 1))
+    state.alarms.update(stuck(EventState.CLEARED, 2))
+    state.keep_alarms()
+    state.close()
+    later = json.loads((tmp_path / ALARMS).read_text()) | {"format": 2}
+    (tmp_path / ALARMS).write_text(json.dumps(later))
+    for operator in ("", "Eva"):
+        older, warnings = opened(tmp_path)
+        assert older.alarms.alarms["stuck_spool"].latched
+        assert older.alarms.alarms["stuck_spool"].acknowledged_by == operator
+        assert len(warnings) == 1
+        if not operator:
+            older.alarms.acknowledge("stuck_spool", Operator("Eva", 3))
+            older.keep_alarms()
+        older.close()
+    assert json.loads((tmp_path / ALARMS).read_text()) == later
+
+
+def test_what_can_t_be_understood_is_kept_aside(tmp_path: Path) -> None:
+    StateFile(tmp_path / ALARMS).save({"not": "alarms"})
+    state, warnings = opened(tmp_path)
+    state.keep_alarms()
+    state.close()
+    assert "it will be kept as alarms.json.damaged" in warnings[0]
+    assert '"not": "alarms"' in (tmp_path / "alarms.json.damaged").read_text()
+
+
+def test_a_disk_that_was_full_is_written_as_soon_as_it_is_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    state, warnings = opened(tmp_path)
+    with monkeypatch.context() as full:
+        full.setattr(os, "fsync", lambda _: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+        state.alarms.update(stuck(EventState.RAISED, 1))
+        state.keep_alarms()
+        state.retry(0)
+        assert not state.writable
+        assert len(warnings) == 1
+        assert "No space left on device" in warnings[0]
+    state.retry(RETRY // 2)
+    assert not state.writable
+    state.retry(RETRY)
+    assert state.writable
+    assert "can be written again" in warnings[1]
+    state.close()
+    again, _ = opened(tmp_path)
+    assert again.alarms.alarms["stuck_spool"].active
+    again.close()
+
+
+def test_a_folder_that_another_monitor_leaves_is_taken_over_with_what_it_holds(tmp_path: Path) -> None:
+    first, _ = opened(tmp_path)
+    second, _ = opened(tmp_path)
+    first.alarms.update(stuck(EventState.RAISED, 1))
+    first.alarms.acknowledge("stuck_spool", Operator("Eva", 2))
+    first.keep_alarms()
+    first.close()
+    second.retry(0)
+    assert second.writable
+    assert second.alarms.alarms["stuck_spool"].acknowledged_by == "Eva"
+    second.close()
 
 
 @pytest.mark.parametrize("folder", [None, Path("/proc/nowhere")])
