@@ -7,26 +7,24 @@ from typing import Annotated
 
 import typer
 
-from .cli_options import JsonFile
+from .cli_options import ColumnsOption, Force, JsonFile, ModelFile, ModelName, ReportFile
+from .completion import model_names, valve_names
 
 RecordsArgument = Annotated[
     list[Path], typer.Argument(help="Bags or CSV files of one valve.", metavar="RECORD...")
-]
-ReportFile = Annotated[
-    Path | None, typer.Option("--report", help="Write pictures and tables as one HTML page.", metavar="HTML")
 ]
 OutFolder = Annotated[
     Path | None, typer.Option("--out", help="Folder for all of these files.", metavar="DIR")
 ]
 FittedValve = Annotated[
     str | None,
-    typer.Option("--valve", help="YAML file of the valve, or a shipped one's name; default: the bag's own."),
-]
+    typer.Option(
+        "--valve", help="YAML file of the valve, or a shipped one's name; default: the bag's own.",
+        autocompletion=valve_names,
+    ),
+]  # fmt: skip
 NameOption = Annotated[
     str | None, typer.Option("--name", help="Which valve of a bag that holds several, e.g. valve_2.")
-]
-ColumnsOption = Annotated[
-    str | None, typer.Option(help="Names in a CSV file, e.g. time_s=t,body_m_s2=ch1,spool_m_s2=ch2")
 ]
 StartOption = Annotated[float, typer.Option(help="Use the record from here on, s since its first sample.")]
 StopOption = Annotated[float | None, typer.Option(help="Use the record up to here, s; default: its end.")]
@@ -47,14 +45,12 @@ SensorDelay = Annotated[
 def fit(
     records: RecordsArgument,
     valve: FittedValve = None,
-    model: Annotated[str, typer.Option(help="Model: its name or a YAML file.")] = "coulomb",
+    model: ModelName = "coulomb",
     json: JsonFile = None,
     report: ReportFile = None,
-    save_model: Annotated[
-        Path | None,
-        typer.Option(help="Write the fitted model as YAML, for simulate and the nodes.", metavar="YAML"),
-    ] = None,
+    save_model: ModelFile = None,
     out: OutFolder = None,
+    _force: Force = False,
     free: Annotated[
         list[str] | None, typer.Option(help="Fit it though the valve file gives it; =VALUE to start from.")
     ] = None,
@@ -92,7 +88,9 @@ def compare(
     records: RecordsArgument,
     valve: Annotated[
         list[str] | None,
-        typer.Option("--valve", help="As of fit; once for all records, or once for each."),
+        typer.Option(
+            "--valve", help="As of fit; once for all records, or once for each.", autocompletion=valve_names
+        ),
     ] = None,
     models: Annotated[
         str | None,
@@ -106,6 +104,7 @@ def compare(
     json: JsonFile = None,
     report: ReportFile = None,
     out: OutFolder = None,
+    _force: Force = False,
     sensor_gain: SensorGain = False,
     sensor_delay: SensorDelay = False,
     holdout: HoldoutOption = None,
@@ -138,7 +137,10 @@ def gap(
     records: RecordsArgument,
     valve: FittedValve = None,
     base: Annotated[
-        str, typer.Option(help="Model that something may be missing from: name or YAML file.")
+        str,
+        typer.Option(
+            help="Model that something may be missing from: name or YAML file.", autocompletion=model_names
+        ),
     ] = "fluid",
     holdout: Annotated[
         list[Path] | None,
@@ -150,10 +152,8 @@ def gap(
     ] = "accelerations",
     json: JsonFile = None,
     report: ReportFile = None,
-    save_model: Annotated[
-        Path | None,
-        typer.Option(help="Write the model found as YAML, for simulate and the nodes.", metavar="YAML"),
-    ] = None,
+    save_model: ModelFile = None,
+    _force: Force = False,
     gain_tolerance: Annotated[
         float, typer.Option(help="Relative gain error of the spool's sensor that its data sheet allows.")
     ] = 0.05,

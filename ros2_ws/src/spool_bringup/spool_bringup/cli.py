@@ -13,18 +13,50 @@ from typer.exceptions import TyperException
 from . import commands
 from .alarm_cli import app as alarm_app
 from .analysis_cli import compare, fit, gap, paper, study
-from .cli_options import BagArgument, JsonFile, ValveFile
+from .cli_options import (
+    BagArgument,
+    ColumnsOption,
+    ExcitationName,
+    Force,
+    JsonFile,
+    ModelName,
+    RecordArgument,
+    ValveFile,
+)
+from .completion import model_names, valve_names
+from .outputs import one_command
 from .replaying import RefitRequest
+from .terminal import fail
 
 app = typer.Typer(
     name="spool",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     help="Watch hydraulic spool valves: simulate, estimate, monitor, record and replay.\n\n"
     "Example: [bold]./spool demo --seconds 60 --out demo_output[/bold]",
 )
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from .version import suite_version  # noqa: PLC0415
+
+        print(f"spool {suite_version()}")
+        raise typer.Exit
+
+
+@app.callback()
+def everywhere(
+    version: Annotated[
+        bool,
+        typer.Option("--version", help="Say which version this is.", is_eager=True, callback=_version),
+    ] = False,
+) -> None:
+    """Watch hydraulic spool valves: simulate, estimate, monitor, record and replay.
+
+    Example: [bold]./spool demo --seconds 60 --out demo_output[/bold]
+    """
 
 
 @app.command()
@@ -66,10 +98,8 @@ def run(
 def simulate(
     out: Annotated[Path, typer.Option(help="Bag to be made.", metavar="BAG")],
     valve: ValveFile = "4weh10_soft",
-    model: Annotated[str, typer.Option(help="Model: its name or a YAML file.")] = "coulomb",
-    excitation: Annotated[
-        str, typer.Option(help="Body acceleration: a preset, a YAML file, or a record (bag or CSV file).")
-    ] = "sweep",
+    model: ModelName = "coulomb",
+    excitation: ExcitationName = "sweep",
     seconds: Annotated[
         float | None, typer.Option(help="Length, s; default: the recorded excitation's, else 40.")
     ] = None,
@@ -86,6 +116,7 @@ def simulate(
     ] = None,
     seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
     name: Annotated[str, typer.Option(help="Namespace of the valve in the bag.")] = "valve_1",
+    _force: Force = False,
 ) -> None:
     """Write a bag from the simulator, faster than real time and without DDS.
 
@@ -103,10 +134,9 @@ def import_(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="CSV file, may be gzipped.")],
     out: Annotated[Path, typer.Option(help="Bag to be made.", metavar="BAG")],
     name: Annotated[str, typer.Option(help="Namespace of the valve in the bag.")] = "valve_1",
-    columns: Annotated[
-        str | None, typer.Option(help="Names in the file, e.g. time_s=t,body_m_s2=ch1,spool_m_s2=ch2")
-    ] = None,
+    columns: ColumnsOption = None,
     start: Annotated[str, typer.Option(help="Time of time_s = 0, ISO 8601, UTC.")] = "2025-01-01T00:00:00",
+    _force: Force = False,
 ) -> None:
     """Turn a data logger's CSV file into a bag.
 
@@ -119,27 +149,35 @@ def import_(
 def export(
     bag: BagArgument,
     out: Annotated[Path, typer.Option(help="FILE.parquet, FILE.csv or FILE.csv.gz", metavar="FILE")],
-    valve: Annotated[list[str] | None, typer.Option(help="Valve in the bag; default: all.")] = None,
+    name: Annotated[
+        list[str] | None,
+        typer.Option("--name", "--valve", help="Namespace of a valve in the bag; default: all."),
+    ] = None,
+    _force: Force = False,
 ) -> None:
     """Write a bag's samples as a table.
 
     Example: ./spool export record_bag --out record.parquet
     """
-    commands.export(bag, out, valve)
+    commands.export(bag, out, name)
 
 
 @app.command()
-def info(bag: BagArgument, json: JsonFile = None) -> None:
-    """Say what is in a bag and what was lost on the way into it; exit 1 where something was.
+def info(
+    record: RecordArgument, columns: ColumnsOption = None, json: JsonFile = None, _force: Force = False
+) -> None:
+    """Say what is in a record and what was lost on the way into it; exit 1 where something was.
 
     Example: ./spool info record_bag
     """
-    raise typer.Exit(commands.info(bag, json))
+    raise typer.Exit(commands.info(record, json, columns))
 
 
 @app.command()
 def recover(
-    bag: BagArgument, out: Annotated[Path, typer.Option(help="Bag to be made.", metavar="BAG")]
+    bag: BagArgument,
+    out: Annotated[Path, typer.Option(help="Bag to be made.", metavar="BAG")],
+    _force: Force = False,
 ) -> None:
     """Make a damaged bag readable and count what was saved; exit 1 where something was lost.
 
@@ -150,25 +188,32 @@ def recover(
 
 @app.command()
 def replay(
-    bag: BagArgument,
+    record: RecordArgument,
     valve: Annotated[
         list[str] | None,
         typer.Option(
-            "--valve", help="YAML file of a valve; once for all, or once for each in order of name."
+            "--valve",
+            help="YAML file of the valve, or a shipped one's name; of several valves NAME=FILE for each. "
+            "Default: what the bag says of its valves.",
+            autocompletion=valve_names,
         ),
     ] = None,
+    columns: ColumnsOption = None,
     json: JsonFile = None,
+    _force: Force = False,
     method: Annotated[str, typer.Option(help="Estimator: prediction, or equation.")] = "prediction",
     refits: Annotated[bool, typer.Option("--refits", help="Refit the last 4 s again and again.")] = False,
-    refit_model: Annotated[str, typer.Option(help="Model of the refits: name or YAML file.")] = "coulomb",
+    refit_model: Annotated[
+        str, typer.Option(help="Model of the refits: name or YAML file.", autocompletion=model_names)
+    ] = "coulomb",
     refit_period: Annotated[float, typer.Option(help="Data time between refits, s.")] = 5.0,
 ) -> None:
-    """Run estimator and monitor over a bag, as fast as the machine can.
+    """Run estimator and monitor over a record, as fast as the machine can.
 
     Example: ./spool replay bags/practice_03 --valve 4weh10_soft --json result.json
     """
     request = RefitRequest(refit_model, refit_period) if refits else None
-    commands.replay(bag, valve or [], json, request, method)
+    commands.replay(record, valve or [], json, request, method, columns)
 
 
 for _command in (fit, compare, gap, paper, study):
@@ -189,6 +234,7 @@ def trend(
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Picture FILE.png or page FILE.html.")] = None,
     json: JsonFile = None,
+    _force: Force = False,
 ) -> None:
     """Show what the monitor kept of a valve: minimum, mean, maximum per minute, hour or day, and counters.
 
@@ -206,6 +252,7 @@ app.add_typer(alarm_app, name="alarm")
 def bench(
     what: Annotated[str | None, typer.Argument(help="Which one; default: all there are.")] = None,
     json: JsonFile = None,
+    _force: Force = False,
 ) -> None:
     """Time the suite beside its peers, on the same work in one run.
 
@@ -219,30 +266,30 @@ def bench(
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; return the exit code: 0 done, 1 found a problem, 2 bad input or usage."""
     arguments = sys.argv[1:] if arguments is None else arguments
+    with one_command():
+        return _run(arguments)
+
+
+def _run(arguments: list[str]) -> int:
     try:
         result = app(arguments, prog_name="spool", standalone_mode=False)
     except InputError as error:
-        return _fail(str(error))
+        return fail(str(error))
     except OSError as error:
-        return _fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+        return fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
     except KeyboardInterrupt:
-        return _fail("interrupted", 130)
+        return fail("interrupted", 130)
     except typer.Exit as stop:
         return stop.exit_code
     except typer.Abort:
-        return _fail("interrupted", 130)
+        return fail("interrupted", 130)
     except TyperException as error:
         command = next((word for word in arguments if not word.startswith("-")), "")
         text = error.format_message()
         if not text:  # no arguments: the help has been shown
             return 2
-        return _fail(f"{text} See: ./spool {command} --help".replace("  ", " "))
+        return fail(f"{text} See: ./spool {command} --help".replace("  ", " "))
     return result if isinstance(result, int) else 0
-
-
-def _fail(text: str, code: int = 2) -> int:
-    print("spool: " + " ".join(text.split()), file=sys.stderr)
-    return code
 
 
 if __name__ == "__main__":

@@ -24,11 +24,15 @@ from spool_sim.sensors import Sensor, Sensors, load_sensors
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
 from spool_stream.errors import InputError
+from spool_stream.printable import printable
 
+from .csv_source import CsvSource
+from .outputs import STANDARD_OUTPUT, making_room, write_file, write_standard_output
 from .progress import progress
 from .recorded import find_excitation
-from .records import parse_columns
+from .records import is_csv, parse_columns
 from .replaying import RefitRequest, replay_bag
+from .terminal import cell, fail, warn
 from .valve_record import VALVE_DESCRIPTION, encode_valve
 
 #: 2025-01-01 UTC: a simulated record has no time of its own.
@@ -93,7 +97,7 @@ def simulate(
     blocks = simulator.records(seconds)
     valve_id = simulator.valve.id
     count = 0
-    with BagWriter(out) as writer, progress("simulating", seconds) as advance:
+    with making_room(out), BagWriter(out) as writer, progress("simulating", seconds) as advance:
         description = writer.add_topic(f"/{name}/valve", VALVE_DESCRIPTION)
         channel = writer.add_topic(f"/{name}/acceleration", ACCELERATION_BLOCK)
         writer.write(description, SIMULATION_START, encode_valve(simulator.valve, SIMULATION_START))
@@ -129,11 +133,13 @@ def import_record(file: Path, out: Path, name: str, columns: str | None, start: 
     except ValueError as error:
         raise InputError(f"--start {start!r}: write it like 2025-01-31T12:00:00") from error
     zoned = time if time.tzinfo else time.replace(tzinfo=timezone.utc)
-    result = import_csv(
-        file, out, valve=name, columns=parse_columns(columns), start=round(zoned.timestamp()) * 1_000_000_000
-    )
+    with making_room(out):
+        result = import_csv(
+            file, out, valve=name, columns=parse_columns(columns),
+            start=round(zoned.timestamp()) * 1_000_000_000,
+        )  # fmt: skip
     for warning in result.warnings:
-        Console(stderr=True).print(f"warning: {warning}", style="yellow", markup=False, highlight=False)
+        warn(warning)
     lost = f", {result.lost_blocks} blocks lost in gaps" if result.lost_blocks else ""
     print(
         f"{out}: {result.samples} samples in {result.blocks} blocks of /{name}, "
@@ -143,18 +149,27 @@ def import_record(file: Path, out: Path, name: str, columns: str | None, start: 
 
 def export(bag: Path, out: Path, valves: Sequence[str] | None) -> None:
     """Write a bag's samples as a table and say how many."""
-    with progress("exporting") as advance:
+    with making_room(out), progress("exporting") as advance:
         result = export_bag(bag, out, valves=valves, progress=advance)
-    print(f"{out}: {result.rows} rows of {', '.join(result.valves)}")
+    print(f"{out}: {result.rows} rows of {printable(', '.join(result.valves))}")
 
 
-def info(bag: Path, json: Path | None) -> int:
-    """Show what is in a bag; return 1 where something was lost or is damaged."""
+def info(record: Path, json: Path | None, columns: str | None = None) -> int:
+    """Show what is in a bag or CSV file; return 1 where something was lost or is damaged.
+
+    2 where a bag has nothing of a valve in it.
+    """
     with progress("reading"):
-        found = describe(bag)
+        found = CsvSource(record, parse_columns(columns)).describe() if is_csv(record) else describe(record)
     if json is not None:
         write_json(json, found.to_dict())
     _show(found)
+    if not found.valves:
+        held = ", ".join(f"{topic.name} ({topic.type})" for topic in found.topics[:5]) or "nothing"
+        return fail(
+            f"{record}: no valve in it: it holds {held}; what is looked for is a topic NAME/acceleration of "
+            f"{ACCELERATION_BLOCK}"
+        )
     broken = not found.closed or found.damages or any(v.lost_blocks or v.refused_blocks for v in found.valves)
     return 1 if broken else 0
 
@@ -163,25 +178,28 @@ def _show(found: BagInformation) -> None:
     console = Console()
     duration = "?" if found.duration is None else f"{found.duration:.1f} s"
     state = "closed properly" if found.closed else "not closed properly: see ./spool recover"
-    console.print(f"{found.path}: {duration}, {found.size / 1e6:.1f} MB, {state}", highlight=False)
+    text = f"{found.path}: {duration}, {found.size / 1e6:.1f} MB, {state}"
+    console.print(cell(text), soft_wrap=True)
     topics = Table("topic", "type", "messages", "per second", box=None, pad_edge=False)
     for topic in found.topics:
         rate = "" if topic.rate is None else f"{topic.rate:.1f}"
-        topics.add_row(topic.name, topic.type, str(topic.messages), rate)
-    console.print(topics)
+        topics.add_row(cell(topic.name), cell(topic.type), str(topic.messages), rate)
+    if found.topics:
+        console.print(topics)
     valves = Table("valve", "blocks", "samples", "Hz", "lost", "refused", box=None, pad_edge=False)
     for valve in found.valves:
         rate = "?" if valve.sample_rate is None else f"{valve.sample_rate:g}"
         cells = (valve.blocks, valve.samples, rate, valve.lost_blocks, valve.refused_blocks)
-        valves.add_row(valve.name, *map(str, cells))
-    console.print(valves)
+        valves.add_row(cell(valve.name), *map(str, cells))
+    if found.valves:
+        console.print(valves)
     for warning in found.warnings:
-        console.print(f"warning: {warning}", style="yellow", markup=False, highlight=False)
+        warn(warning)
 
 
 def recover_bag(bag: Path, out: Path) -> int:
     """Copy what is readable into a new bag; return 1 where something was lost."""
-    with progress("recovering"):
+    with making_room(out), progress("recovering"):
         result = recover(bag, out)
     kept = sum(result.messages.values())
     lost = "an unknown number" if result.lost is None else str(result.lost)
@@ -189,7 +207,7 @@ def recover_bag(bag: Path, out: Path) -> int:
     places = len(result.damages)
     print(f"{out}: {kept} messages saved, {lost} lost, {bad} not decodable, {places} damaged places")
     for damage in result.damages:
-        print(f"  at byte {damage.offset}: {damage.reason}")
+        print(f"  at byte {damage.offset}: {printable(damage.reason)}")
     return 1 if result.lost or bad or result.damages else 0
 
 
@@ -199,15 +217,19 @@ def replay(
     json: Path | None,
     refits: RefitRequest | None = None,
     method: str = "prediction",
+    columns: str | None = None,
 ) -> None:
-    """Run estimator and monitor over a bag; show the result and write it as JSON."""
-    result = replay_bag(bag, valves, refits=refits, method=method)
+    """Run estimator and monitor over a record; show the result and write it as JSON."""
+    result = replay_bag(bag, valves, refits=refits, method=method, columns=columns)
     if json is not None:
         write_json(json, result)
     console = Console()
     for name, valve in result["valves"].items():
         losses = f"{valve['lost_blocks']} lost" if valve["lost_blocks"] else "none lost"
-        console.print(f"[bold]{name}[/bold]: {valve['blocks']} blocks, {losses}", highlight=False)
+        for warning in valve["warnings"]:
+            warn(warning)
+        text = f": {valve['blocks']} blocks, {losses}; {valve['valve']['sentence']}"
+        console.print(cell(name, "bold") + cell(text), soft_wrap=True)
         for parameter, quantity in valve["estimate"]["parameters"].items():
             console.print(f"  {parameter.replace('_', ' '):22} {_number(quantity)}", highlight=False)
         for found in valve.get("refits", ()):
@@ -215,11 +237,11 @@ def replay(
                 f"{name.replace('_', ' ')} {_number(found['parameters'][name])}" for name in found["fitted"]
             )
             text = f"refit {found['state'].replace('_', ' ')}: {fitted or found['reason']}"
-            console.print(f"  {found['t_s']:8.1f} s  {text}", markup=False, highlight=False, soft_wrap=True)
+            console.print(cell(f"  {found['t_s']:8.1f} s  {text}"), soft_wrap=True)
         for event in valve["events"]:
             cause = f" ({event['cause'].replace('_', ' ')})" if event["cause"] else ""
             text = f"{event['kind'].replace('_', ' ')}{cause} {event['state']}: {event['message']}"
-            console.print(f"  {event['t_s']:8.1f} s  {text}", markup=False, highlight=False, soft_wrap=True)
+            console.print(cell(f"  {event['t_s']:8.1f} s  {text}"), soft_wrap=True)
 
 
 def _number(quantity: Mapping[str, Any]) -> str:
@@ -229,15 +251,16 @@ def _number(quantity: Mapping[str, Any]) -> str:
 
 
 def write_json(path: Path, value: object) -> None:
-    """Write ``value`` as JSON with null for numbers that are not finite.
+    """Write ``value`` as JSON with null for numbers that are not finite; ``-`` is standard output.
 
     Raises:
-        InputError: the file can't be written.
+        InputError: the file can't be written, or is there already.
     """
-    try:
-        path.write_text(json_module.dumps(_finite(value), indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from error
+    text = json_module.dumps(_finite(value), indent=1, allow_nan=False) + "\n"
+    if path == STANDARD_OUTPUT:
+        write_standard_output(text)
+    else:
+        write_file(path, text, "--json")
 
 
 def _finite(value: Any) -> Any:

@@ -20,6 +20,7 @@ from .fitting import Outputs
 from .progress import progress
 from .ranking import WORTH, Ranking, Series, rank
 from .records import Selection
+from .terminal import warn
 
 #: The paper's four models and the two that dry friction is usually told by.
 DEFAULT_MODELS = ("fluid", "coulomb", "stribeck", "microwedge", "mixed", "coulomb_hydrodynamic")
@@ -48,9 +49,13 @@ def run_compare(
     if doubled is not None:
         raise InputError(f"--models: '{doubled}' stands there {names.count(doubled)} times: give each once")
     settings = FitSettings(fit_gain=sensor_gain, fit_delay=sensor_delay)
-    series = fit_all(load_series(records, valves, selection, held_out, together=together), chosen, settings)
-    ranking = rank(series)
     wanted = outputs.within("compare")
+    loaded = load_series(records, valves, selection, held_out, together=together)
+    for data in loaded:
+        for doubt in data.doubts:
+            warn(f"{data.name}: {doubt}")
+    series = fit_all(loaded, chosen, settings)
+    ranking = rank(series)
     if wanted.json is not None:
         write_json(wanted.json, comparison_dictionary(series, ranking))
     print_comparison(series, ranking, Console())

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
+from spool_estimator.plausibility import check_records
 from spool_estimator.record import Record
 from spool_sim.valve import Valve
 from spool_stream.errors import InputError
@@ -38,6 +39,7 @@ class Data:
         fitted: stretches that parameters come from.
         held_out: stretches that errors are judged by, empty where the records are too short for that.
         held_paths: records that were named to be held out; empty where pieces of the others are.
+        doubts: what speaks against the valve's description, a sentence each.
     """
 
     name: str
@@ -46,6 +48,7 @@ class Data:
     fitted: tuple[Record, ...]
     held_out: tuple[Record, ...]
     held_paths: tuple[Path, ...] = ()
+    doubts: tuple[str, ...] = ()
 
     @property
     def seconds(self) -> float:
@@ -72,14 +75,15 @@ def load_data(
         check(recording)
     records = stretches_of(recordings)
     name = ", ".join(path.name for path in paths)
+    doubts = tuple(check_records(described, records))
     if not held_out:
-        return Data(name, tuple(paths), described, *divided(records))
+        return Data(name, tuple(paths), described, *divided(records), doubts=doubts)
     others: list[Record] = []
     for path in held_out:
         recording = load_recording(path, Selection(selection.name, selection.columns))
         check(recording)
         others += recording.stretches
-    return Data(name, tuple(paths), described, tuple(records), tuple(others), tuple(held_out))
+    return Data(name, tuple(paths), described, tuple(records), tuple(others), tuple(held_out), doubts)
 
 
 def check(recording: Recording) -> None:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from spool_stream.errors import InputError
 
 from . import fit_curves as curves
 from . import fit_pictures as pictures
 from . import page as html
 from .fit_results import Judged, correlated, parameter_rows, quality_rows
+from .outputs import write_file
 
 WAVEFORM = (
     "Spool acceleration, measured and simulated from the measured body acceleration alone; below, what is "
@@ -47,6 +47,7 @@ def fit_page(judged: Judged) -> str:
         ),
         *([html.listing(correlations(judged))] if correlated(found) else []),
         *([html.listing(found.warnings)] if found.warnings else []),
+        *_doubts(judged),
         html.heading("How well it holds"),
         html.table(["what", "value"], quality),
     ]
@@ -62,6 +63,11 @@ def fit_page(judged: Judged) -> str:
         ),
     ]
     return html.page(title, sections)
+
+
+def _doubts(judged: Judged) -> list[str]:
+    """Return what speaks against the valve file, as a list; nothing where nothing does."""
+    return [html.listing([f"Warning: {doubt}" for doubt in judged.data.doubts])] if judged.data.doubts else []
 
 
 def summary(judged: Judged) -> str:
@@ -90,9 +96,6 @@ def write_page(path: Path, text: str) -> None:
     """Write a page.
 
     Raises:
-        InputError: it cannot be written.
+        InputError: it cannot be written, or is there already.
     """
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from error
+    write_file(path, text, "--report")

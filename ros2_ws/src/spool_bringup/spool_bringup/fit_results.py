@@ -18,6 +18,7 @@ from spool_stream.errors import InputError
 from spool_stream.quantity import Quantity
 
 from .fit_data import Data
+from .outputs import write_file
 
 #: How many times a descent that has not converged goes on.
 ROUNDS = 2
@@ -93,7 +94,7 @@ def to_dictionary(judged: Judged) -> dict[str, Any]:
         "terms": [term.name for term in found.model.terms],
         "converged": found.converged,
         "reason": found.reason,
-        "warnings": list(found.warnings),
+        "warnings": [*data.doubts, *found.warnings],
         "parameters": {quantity.name: _quantity(quantity) for quantity in found.parameters},
         "combinations": {quantity.name: _quantity(quantity) for quantity in found.combinations},
         "not_observable": list(found.not_observable),
@@ -270,10 +271,7 @@ def save_model(path: Path, found: Fit, source: str) -> None:
     """Write the fitted model to ``path``.
 
     Raises:
-        InputError: the fit has no result, or the file cannot be written.
+        InputError: the fit has no result, or the file cannot be written or is there already.
     """
     text = model_text(found, source)
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from error
+    write_file(path, text, "--save-model")

@@ -15,8 +15,10 @@ from spool_stream.errors import InputError
 from .commands import write_json
 from .fit_data import load_data
 from .fit_results import fit_and_judge, print_fit, save_model, to_dictionary
+from .outputs import STANDARD_OUTPUT, check_output
 from .progress import progress
 from .records import Selection
+from .terminal import warn
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +34,7 @@ class Outputs:
         """Return these with every file of ``folder`` named; the folder is made.
 
         Raises:
-            InputError: the folder cannot be made.
+            InputError: the folder cannot be made, or a file in it is there already.
         """
         if self.folder is None:
             return self
@@ -40,11 +42,15 @@ class Outputs:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(f"--out {self.folder}: cannot be made: {error.strerror}") from error
-        return Outputs(
+        named = Outputs(
             self.json or self.folder / f"{stem}.json",
             self.report or self.folder / f"{stem}.html",
             self.model or (self.folder / "model.yaml" if model else None),
         )
+        for path in (named.json, named.report, named.model):
+            if path != STANDARD_OUTPUT:
+                check_output(path, "--out")
+        return named
 
 
 def run_fit(
@@ -66,9 +72,11 @@ def run_fit(
         InputError: records, valve, model or parameters cannot be used.
     """
     model = load_model(model_name)
+    wanted = outputs.within("fit", model=True)
     data = load_data(records, valve, selection, held_out)
     settings = fit_settings(model, data.valve, free, fixed, gain=sensor_gain, delay=sensor_delay)
-    wanted = outputs.within("fit", model=True)
+    for doubt in data.doubts:
+        warn(doubt)
     with progress(f"fitting {model.name}"):
         judged = fit_and_judge(data, model, settings)
     if wanted.json is not None:

@@ -16,6 +16,7 @@ from spool_estimator.gap.force_analyse import analyse_forces
 from spool_estimator.gap.force_record import ForceRecord
 from spool_estimator.gap.result import GapResult, GapSettings
 from spool_estimator.long_record import LARGEST
+from spool_estimator.plausibility import check_records
 from spool_sim.model import Model, load_model
 from spool_sim.valve import find_valve
 from spool_stream.errors import InputError
@@ -23,10 +24,14 @@ from spool_stream.quantity import Quantity
 
 from .commands import write_json
 from .fit_results import rounded
+from .outputs import write_file
 from .progress import progress
 from .records import Selection, is_csv, load_recordings, stretches_of
+from .terminal import warn
 
 KINDS = ("accelerations", "driven", "imposed")
+#: Confidence at most where the record contradicts its valve file: its numbers are as likely wrong as right.
+DOUBTED_CONFIDENCE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +86,7 @@ def run_gap(
                 stretches_of(recordings), described, model, holdout=stretches_of(held), settings=settings,
                 progress=tell,
             )  # fmt: skip
+            result = doubted(result, check_records(described, stretches_of(recordings)))
         else:
             known = find_valve(valve).moving_mass if valve is not None and kind == "driven" else None
             forces, held_forces = (_force_records(paths, kind, selection) for paths in (records, holdout))
@@ -109,6 +115,14 @@ def run_gap(
     return 0
 
 
+def doubted(result: GapResult, doubts: Sequence[str]) -> GapResult:
+    """Return ``result`` with what speaks against its valve file said first, and its confidence capped."""
+    if not doubts:
+        return result
+    confidence = min(result.confidence, DOUBTED_CONFIDENCE)
+    return replace(result, warnings=(*doubts, *result.warnings), confidence=confidence)
+
+
 def _force_records(paths: Sequence[Path], kind: str, selection: Selection) -> list[ForceRecord]:
     found = []
     for path in paths:
@@ -134,7 +148,7 @@ def _force_records(paths: Sequence[Path], kind: str, selection: Selection) -> li
 def show(result: GapResult, console: Console) -> None:
     """Print the verdict, what was found and how the hypotheses rank."""
     for warning in result.warnings:
-        console.print(f"warning: {warning}", style="yellow", markup=False, highlight=False, soft_wrap=True)
+        warn(warning)
     console.print(f"{result.verdict}  (confidence {result.confidence:.2f})", style="bold", highlight=False)
     console.print(result.sentence, markup=False, highlight=False, soft_wrap=True)
     console.print(f"Where it sat: {result.where.sentence}.", markup=False, highlight=False, soft_wrap=True)
@@ -171,7 +185,7 @@ def save_model(path: Path, model: Model, fitted: Sequence[Quantity], comment: st
         comment: first line, says where it comes from.
 
     Raises:
-        InputError: the file cannot be written.
+        InputError: the file cannot be written, or is there already.
     """
     known = {quantity.name: quantity for quantity in fitted}
     lines = [
@@ -188,7 +202,4 @@ def save_model(path: Path, model: Model, fitted: Sequence[Quantity], comment: st
         lines.append(
             f"  {parameter.name}: {float(model.values[parameter.name])!r}  # {parameter.unit}, {note}"
         )
-    try:
-        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from error
+    write_file(path, "\n".join(lines) + "\n", "--save-model")

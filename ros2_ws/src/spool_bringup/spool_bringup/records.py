@@ -19,7 +19,11 @@ from spool_sim.valve import Valve, find_valve, shipped_valves
 from spool_stream.block import Block
 from spool_stream.errors import InputError
 
+from .csv_source import CsvSource
 from .valve_record import recorded_valve
+
+#: What a replay reads.
+Source = BagReader | CsvSource
 
 Array = NDArray[np.float64]
 
@@ -88,6 +92,19 @@ def parse_columns(text: str | None) -> Mapping[str, str] | None:
         if not (wanted and mark and found):
             raise InputError(f"--columns {text!r}: write it like time_s=t,body_m_s2=ch1,spool_m_s2=ch2")
     return {wanted.strip(): found.strip() for wanted, _, found in pairs}
+
+
+def open_source(path: Path, columns: str | None = None) -> Source:
+    """Return the record at ``path``, a bag or a CSV file with ``columns`` as of ``--columns``.
+
+    Raises:
+        InputError: there is none, or it cannot be read.
+    """
+    if is_csv(path):
+        return CsvSource(path, parse_columns(columns))
+    if columns is not None:
+        raise InputError(f"--columns: {path} is no CSV file: leave it out")
+    return BagReader(path)
 
 
 def is_csv(path: Path) -> bool:

@@ -9,25 +9,25 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from spool_bag.reader import BagReader
 from spool_estimator.estimate import Estimate
 from spool_estimator.estimator import phase_of, settings_for
 from spool_estimator.estimators import make_estimator
+from spool_estimator.plausibility import ValveCheck
 from spool_estimator.refit import Refit, RefitSettings, WindowRefits
 from spool_monitor.detectors import JUDGEMENT_TEXTS
 from spool_monitor.event import Event
 from spool_monitor.monitor import Health, Monitor, MonitorSettings
 from spool_monitor.replay import Replay
 from spool_sim.model import load_model
-from spool_sim.valve import Valve, find_valve
+from spool_sim.valve import Valve
 from spool_stream.block import Block
 from spool_stream.errors import InputError
 from spool_stream.quantity import Quantity
 
+from .csv_source import CsvSource
 from .progress import progress
-from .valve_record import recorded_valve
-
-DEFAULT_VALVE = "4weh10_soft"
+from .records import Source, open_source
+from .valve_choice import ChosenValve, choose_valves
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,36 +58,49 @@ def replay_bag(
     baseline_time: float | None = None,
     refits: RefitRequest | None = None,
     method: str = "prediction",
+    columns: str | None = None,
 ) -> dict[str, Any]:
-    """Replay every valve of the bag ``path``; return the contract's ``replay --json`` as a dictionary.
+    """Replay every valve of the record ``path``; return the contract's ``replay --json`` as a dictionary.
+
+    Args:
+        path: a bag or a CSV file.
+        valve_files: as in ``choose_valves``.
+        baseline_time: s; default: the monitor's.
+        refits: what to refit beside it.
+        method: of the estimator.
+        columns: a CSV file's names, as of ``--columns``.
 
     Raises:
-        InputError: no valve in the bag, or the number of valve files fits neither one nor each.
+        InputError: no valve in the record, or the valve files cannot be used.
     """
-    reader = BagReader(path)
+    reader = open_source(path, columns)
     names = reader.valves
     if not names:
         raise InputError(f"{path}: no acceleration topic in it, so there is nothing to replay")
-    valves = _valves(reader, names, valve_files)
+    valves = choose_valves(reader, names, valve_files)
     result: dict[str, Any] = {"bag": str(path), "duration_s": None, "valves": {}}
     first = last = None
     for name in names:
         one = replay_valve(
-            reader, name, valves[name], baseline_time=baseline_time, refits=refits, method=method
+            reader, name, valves[name].valve, baseline_time=baseline_time, refits=refits, method=method
         )
         if one.first_stamp is not None and one.last_stamp is not None:
             first = one.first_stamp if first is None else min(first, one.first_stamp)
             last = one.last_stamp if last is None else max(last, one.last_stamp)
         result["valves"][name] = one
     for name, one in result["valves"].items():
-        result["valves"][name] = _valve_result(one, first or 0)
+        result["valves"][name] = {
+            **_valve_result(one, first or 0),
+            "valve": _chosen(valves[name]),
+            "warnings": [text for text in (valves[name].warning(name), *_doubts(one)) if text],
+        }
     if first is not None and last is not None:
         result["duration_s"] = (last - first) * 1e-9
     return result
 
 
 def replay_valve(
-    reader: BagReader,
+    reader: Source,
     name: str,
     valve: Valve,
     *,
@@ -102,8 +115,11 @@ def replay_valve(
         settings = MonitorSettings(natural_frequency=valve.natural_frequency, baseline_time=baseline_time)
     windows = refits.for_valve(valve) if refits is not None else None
     estimator = make_estimator(method, settings_for(valve, phase=phase_of(name)))
-    one = Replay(estimator, Monitor(settings), keep=keep, refits=windows)
-    expected = reader.topics[f"/{name}/acceleration"].messages
+    one = Replay(estimator, Monitor(settings), keep=keep, refits=windows, check=ValveCheck(valve))
+    if isinstance(reader, CsvSource):
+        expected = reader.count
+    else:
+        expected = reader.topics[f"/{name}/acceleration"].messages
     with progress(f"replaying {name}", expected) as advance:
         for item in reader.stream(name):
             if isinstance(item, Block):
@@ -116,18 +132,21 @@ def replay_valve(
     return one
 
 
-def _valves(reader: BagReader, names: Sequence[str], files: Sequence[str]) -> dict[str, Valve]:
-    given = [find_valve(file) for file in files]
-    if len(given) == len(names):
-        return dict(zip(names, given, strict=True))
-    if len(given) == 1:
-        return dict.fromkeys(names, given[0])
-    if given:
-        raise InputError(
-            f"--valve was given {len(given)} times, the bag holds {', '.join(names)}: "
-            "give it once for all or once for each"
-        )
-    return {name: recorded_valve(reader, name) or find_valve(DEFAULT_VALVE) for name in names}
+def _chosen(chosen: ChosenValve) -> dict[str, Any]:
+    """Return which valve a replay took."""
+    return {
+        "id": chosen.valve.id,
+        "source": chosen.source,
+        "file": chosen.file or None,
+        "moving_mass_kg": chosen.valve.moving_mass,
+        "natural_frequency_Hz": chosen.valve.natural_frequency,
+        "sentence": chosen.sentence(),
+    }
+
+
+def _doubts(one: Replay) -> list[str]:
+    """Return what speaks against the valve's description."""
+    return [] if one.check is None else one.check.doubts()
 
 
 def _valve_result(one: Replay, start: int) -> dict[str, Any]:

@@ -1,9 +1,9 @@
 """Plausibility of a valve's description against a record: does the record's spool swing as the file says?
 
-The natural frequency and the damping ratio come from the record alone: the estimator tells them from both
-accelerations, dry friction apart, and gives the same numbers whatever valve file it starts from (the moving mass
-only scales forces). A record in which the spool sticks, or that is not excited near the resonance, gives no
-tracked estimate, and then nothing is said.
+The natural frequency and the damping ratio come from the record alone: the estimator identifies them from
+both accelerations, dry friction apart, and gives the same numbers whatever valve file it starts from (the
+moving mass only scales forces). A record in which the spool sticks, or that is not excited near the
+resonance, gives no tracked estimate, and then nothing is said.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from .estimator import settings_for
 from .estimators import make_estimator
 from .record import Record
 
-#: Tracked estimates that are looked at: the first minute judges the file, what changes later is the monitor's.
+#: Tracked estimates that are looked at: the first minute judges the file, later changes are the monitor's.
 MOST = 60
 #: Tracked estimates below which nothing is said: the median lies outside of the range that 5 draws span in
 #: 2 * 0.5^5 = 6 % of cases.
 LEAST = 5
-#: Relative tolerance of a file's natural frequency: half of the 10 % that coil springs of usual quality may be
-#: off in their rate (EN 15800, grade 2), and half of 10 % for the oil and the springs in the moving mass.
+#: Relative tolerance of a file's natural frequency: half of 10 % for the rate of a coil spring (a usual
+#: catalogue tolerance; EN 15800 sets it by grade and coils), half of 10 % for oil and springs in the mass.
 TOLERANCE = 0.10
 #: deg C: oil that is hotter than this damages seals (ISO 4413 wants less than 80 in the tank), and how far a
 #: worn sleeve may have opened its clearance. Less damping than that leaves is not the file's valve.
@@ -97,17 +97,16 @@ class ValveCheck:
 
     def _of_frequency(self) -> str:
         shown, filed = self.natural_frequency, self.valve.natural_frequency
-        if (
-            shown is None
-            or shown.low <= filed * (1.0 + TOLERANCE)
-            and filed * (1.0 - TOLERANCE) <= shown.high
-        ):
+        if shown is None:
+            return ""
+        if shown.low <= filed * (1.0 + TOLERANCE) and filed * (1.0 - TOLERANCE) <= shown.high:
             return ""
         factor = (shown.middle / filed) ** 2
         return (
-            f"the valve file of '{self.valve.id}' says {filed:.3g} Hz, the record shows {shown.middle:.3g} Hz "
-            f"({shown.low:.3g} to {shown.high:.3g} Hz): another valve's file, or spring_stiffness over "
-            f"moving_mass is wrong by a factor of {factor:.2g}; forces scale with moving_mass, so check it"
+            f"the valve file of '{self.valve.id}' says {filed:.3g} Hz, the record shows "
+            f"{shown.middle:.3g} Hz ({shown.low:.3g} to {shown.high:.3g} Hz): another valve's file, "
+            f"or spring_stiffness over moving_mass is wrong by a factor of {factor:.2g}; "
+            "forces scale with moving_mass, so check it"
         )
 
     def _of_damping(self) -> str:
@@ -117,8 +116,8 @@ class ValveCheck:
         if shown >= least:
             return ""
         return (
-            f"the valve file of '{self.valve.id}' says a damping ratio of {self.valve.damping_ratio:.2g}, and "
-            f"{least:.2g} at least with oil at {HOTTEST:g} deg C in a worn sleeve; the record shows "
+            f"the valve file of '{self.valve.id}' says a damping ratio of {self.valve.damping_ratio:.2g}, "
+            f"and {least:.2g} at least with oil at {HOTTEST:g} deg C in a worn sleeve; the record shows "
             f"{shown:.2g} at most: check dynamic_viscosity (Pa s), radial_clearance and the land (m)"
         )
 
@@ -134,7 +133,7 @@ class ValveCheck:
 
 
 def check_records(valve: Valve, records: Sequence[Record]) -> list[str]:
-    """Return what contradicts between ``valve`` and ``records`` of it, a sentence each; empty where nothing."""
+    """Return a sentence for each contradiction of ``valve`` and ``records`` of it; empty where none is."""
     check = ValveCheck(valve)
     for record in records:
         estimator = make_estimator("prediction", settings_for(valve))

@@ -1,4 +1,4 @@
-"""A valve file against a record: the wrong one is told, the right one never doubted, and no guess without data."""
+"""A valve file against a record: the wrong one is told, the right one not doubted, no guess without data."""
 
 from __future__ import annotations
 

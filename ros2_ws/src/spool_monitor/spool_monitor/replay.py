@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from spool_estimator.estimate import Estimate
 from spool_estimator.estimators import StreamEstimator
 from spool_estimator.gap_watch import GapWatch
+from spool_estimator.plausibility import ValveCheck
 from spool_estimator.refit import Refit, WindowRefits, refit
 from spool_stream.block import Block
 from spool_stream.block_gate import BlockGate, SharedGate
@@ -28,6 +29,7 @@ class Replay:
         estimates: every estimate, where ``keep`` asked for them; the last one is ``estimator.latest``.
         gap: watches what the model leaves over, as the estimator's node does.
         refitted: every refit, where ``refits`` asked for them; none is skipped here.
+        check: compares the valve's description with the estimates, where it is given.
         events: every event; a valve that flaps is bounded by its conditions' delays.
 
     """
@@ -37,6 +39,7 @@ class Replay:
     keep: bool = False
     refits: WindowRefits | None = None
     gap: GapWatch = field(default_factory=GapWatch)
+    check: ValveCheck | None = None
     estimates: list[Estimate] = field(default_factory=list, init=False)
     events: list[Event] = field(default_factory=list, init=False)
     refitted: list[Refit] = field(default_factory=list, init=False)
@@ -151,6 +154,8 @@ class Replay:
             if change is not None:
                 self.events.append(gap_event(change))
             self._told(self.monitor.update_estimate(estimate))
+            if self.check is not None:
+                self.check.update(estimate)
             if self.keep:
                 self.estimates.append(estimate)
 

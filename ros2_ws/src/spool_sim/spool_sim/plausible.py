@@ -1,4 +1,4 @@
-"""Plausibility of a valve's numbers by physics alone: what no spool valve has, and the unit that explains it."""
+"""Plausibility of a valve's numbers by physics alone: what no valve has, and the unit that explains it."""
 
 from __future__ import annotations
 
@@ -13,13 +13,12 @@ if TYPE_CHECKING:
 STEEL = 7850.0
 #: m/s^2, standard gravity (ISO 80000-3).
 GRAVITY = 9.80665
-#: A spool is 4 to 10 diameters long (ISO 4401 mounting patterns leave room for no more); four times as long as
-#: the longest, of solid steel, is the heaviest that is believed.
+#: Diameters: spools are some 4 to 10 long; four times the longest, of solid steel, is the heaviest believed.
 LONGEST = 40.0
 #: Share of a solid steel land that the lightest spool weighs: aluminium is a third of steel, a tube with thin
 #: walls some tenth of that, and a third of it is left as a margin.
 LIGHTEST = 0.01
-#: Pa s: ISO VG 680, the thickest hydraulic grade of ISO 3448, is as thick as that below 0 deg C only.
+#: Pa s: some 30 times ISO VG 680 at 40 deg C, one of the thickest grades of ISO 3448.
 THICKEST = 20.0
 
 #: Units that people write instead, by key: name, value of one in SI.

@@ -45,7 +45,7 @@ def test_oil_is_optional(valve_file: Path, valve_text: str) -> None:
         ("oil: HL68", "oil: HL46", ["oil", "HL46", "HL68", "Azolla ZS22"]),
         ("oil_temperature: 20", "oil_temperature: 900", ["oil_temperature"]),
         ("spool_mass: 0.172", "spool_mass: 0.0001", ["spool_mass", "less than", "kg"]),
-        ("spring_stiffness: 1632", "spring_stiffness: 1.632", ["spring_stiffness", "N/mm?", "N/m: 1632"]),
+        ("spring_stiffness: 1632.0", "spring_stiffness: 1.632", ["spring_stiffness", "N/mm?", "N/m: 1632"]),
         ("land_diameter: 0.020", "land_diameter: 20", ["land_diameter", "did you write mm?", "0.02"]),
         ("radial_clearance: 15e-6", "radial_clearance: 15", ["did you write um?", "1.5e-05"]),
         ("dynamic_viscosity: 0.0612", "dynamic_viscosity: 61.2", ["dynamic_viscosity", "mPa s?", "0.0612"]),

@@ -13,7 +13,8 @@ from spool_bag.reader import BagReader
 from spool_sim.valve import find_valve
 
 from ..commands import simulate
-from ..replaying import DEFAULT_VALVE, replay_valve
+from ..replaying import replay_valve
+from ..valve_choice import DEFAULT_VALVE
 from .timing import Timing, best_of
 
 SECONDS = 120.0

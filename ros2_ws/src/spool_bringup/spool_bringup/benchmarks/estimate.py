@@ -24,7 +24,8 @@ from spool_stream.errors import InputError
 
 from ..commands import simulate
 from ..processes import Nodes
-from ..replaying import DEFAULT_VALVE, RefitRequest, replay_valve
+from ..replaying import RefitRequest, replay_valve
+from ..valve_choice import DEFAULT_VALVE
 from . import many_valves
 from .live_source import BLOCK_RATE, LiveSource
 from .many_valves import LEARNING

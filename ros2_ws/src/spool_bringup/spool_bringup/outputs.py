@@ -1,0 +1,173 @@
+"""Output files: one rule for every command that writes.
+
+What is there already is refused, unless ``--force`` was given; a link is never written through, not even
+then; a file appears under its name when it is whole. ``-`` is standard output, for JSON only.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+import shutil
+import stat
+import sys
+from collections.abc import Iterator
+from contextvars import ContextVar
+from pathlib import Path
+from typing import TextIO
+
+from spool_stream.errors import InputError
+
+STANDARD_OUTPUT = Path("-")
+
+_force: ContextVar[bool] = ContextVar("force", default=False)
+_stdout: ContextVar[TextIO | None] = ContextVar("stdout", default=None)
+
+
+@contextlib.contextmanager
+def one_command() -> Iterator[None]:
+    """Forget what one call of a command line chose: that files are replaced, that text goes to stderr."""
+    force, kept, stdout = _force.set(False), _stdout.set(None), sys.stdout
+    try:
+        yield
+    finally:
+        _force.reset(force)
+        _stdout.reset(kept)
+        sys.stdout = stdout
+
+
+def replace_existing(wanted: bool) -> bool:
+    """Replace existing files from here on, where ``wanted``; the callback of ``--force``."""
+    _force.set(wanted)
+    return wanted
+
+
+def check_output(path: Path | None, option: str) -> Path | None:
+    """Return ``path`` if a file can be written there, so that no long work is done in vain.
+
+    Raises:
+        InputError: it is there and ``--force`` was not given, it is a link, or its folder is missing.
+    """
+    if path is None or _is_device(path):
+        return path
+    if path == STANDARD_OUTPUT:
+        raise InputError(f"{option} -: only --json can write to standard output: name a file")
+    if path.is_symlink():
+        raise InputError(f"{option} {path}: it is a link: name the file itself")
+    if path.is_dir():
+        raise InputError(f"{option} {path}: it is a folder: name a file")
+    if path.exists() and not _force.get():
+        raise InputError(f"{option} {path}: it is there already: name another file, or replace it by --force")
+    if not path.parent.is_dir():
+        raise InputError(f"{option} {path}: there is no folder {path.parent}: make it first")
+    return path
+
+
+def write_file(path: Path, content: str | bytes, option: str = "output") -> None:
+    """Write ``content`` (text as UTF-8) to ``path`` by the rule of this module.
+
+    Raises:
+        InputError: it must not or cannot be written; nothing is left of it then.
+    """
+    data = content.encode() if isinstance(content, str) else content
+    check_output(path, option)
+    try:
+        if _is_device(path):
+            path.write_bytes(data)
+        else:
+            _write_whole(path, data)
+    except FileExistsError:  # it came up since
+        check_output(path, option)
+        raise InputError(f"{option} {path}: it is there already") from None
+    except OSError as error:
+        raise InputError(f"{option} {path}: cannot be written: {error.strerror}") from error
+
+
+def _write_whole(path: Path, data: bytes) -> None:
+    """Write a file under another name and rename it."""
+    part = path.with_name(f".spool-{os.getpid()}-{secrets.token_hex(4)}.partial")
+    try:
+        with part.open("xb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+        if _force.get():
+            part.replace(path)
+        else:
+            _appear(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _appear(part: Path, path: Path) -> None:
+    """Give the finished file its name, unless somebody else has taken it meanwhile."""
+    try:
+        os.link(part, path, follow_symlinks=False)
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without hard links
+        if os.path.lexists(path):
+            raise FileExistsError(path) from None
+        part.rename(path)
+
+
+def _is_device(path: Path) -> bool:
+    """Return whether ``path`` is a pipe or a device, such as /dev/stdout: nothing is there to be lost."""
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError):
+        return False
+    return stat.S_ISFIFO(mode) or stat.S_ISCHR(mode) or stat.S_ISSOCK(mode)
+
+
+@contextlib.contextmanager
+def making_room(path: Path, option: str = "--out") -> Iterator[None]:
+    """Move aside what is at ``path`` while the block makes a bag or a table there; ``--force`` only.
+
+    What was there comes back where the block fails, and goes where it succeeds.
+
+    Raises:
+        InputError: it is there and ``--force`` was not given, it is a link, or a folder that is no bag.
+    """
+    if path.is_symlink():
+        raise InputError(f"{option} {path}: it is a link: name the bag or the file itself")
+    if not path.exists() or (path.is_dir() and not any(path.iterdir())):
+        yield
+        return
+    if not _force.get():
+        raise InputError(f"{option} {path}: it is there already: name another one, or replace it by --force")
+    if path.is_dir() and not any(path.glob("*.mcap")):
+        raise InputError(f"{option} {path}: a folder that is no bag is not replaced: name another one")
+    aside = path.with_name(f".spool-{os.getpid()}-{secrets.token_hex(4)}.replaced")
+    try:
+        path.rename(aside)
+    except OSError as error:
+        raise InputError(f"{option} {path}: cannot be replaced: {error.strerror}") from error
+    try:
+        yield
+    except BaseException:
+        _remove(path)
+        aside.rename(path)
+        raise
+    _remove(aside)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def text_to_stderr() -> None:
+    """Keep standard output for JSON: what is shown to people goes to standard error from here on."""
+    _stdout.set(sys.stdout)
+    sys.stdout = sys.stderr
+
+
+def write_standard_output(text: str) -> None:
+    """Write ``text``, and nothing else, to standard output."""
+    stream = _stdout.get() or sys.stdout
+    stream.write(text)
+    stream.flush()
