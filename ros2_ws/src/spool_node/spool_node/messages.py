@@ -22,6 +22,7 @@ def to_block(message: AccelerationBlock) -> Block:
         sample_period=message.sample_period,
         body=np.frombuffer(message.body, dtype=np.float32),
         spool=np.frombuffer(message.spool, dtype=np.float32),
+        source=message.header.frame_id,
     )
 
 

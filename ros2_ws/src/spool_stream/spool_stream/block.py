@@ -17,7 +17,8 @@ class Block:
 
     ``stamp`` is the acquisition time of the first sample (integer ns), ``sequence`` counts
     blocks since the source started, ``sample_period`` is in s, ``body`` and ``spool`` are
-    accelerations in m/s^2 of shape (n,). A block holds what arrived; it may be malformed:
+    accelerations in m/s^2 of shape (n,), ``source`` is the ``frame_id`` of the message: the valve's id, empty
+    where it is not known. A block holds what arrived; it may be malformed:
     :class:`~spool_stream.block_gate.BlockGate` decides.
     """
 
@@ -26,6 +27,7 @@ class Block:
     sample_period: float
     body: Samples
     spool: Samples
+    source: str = ""
 
     @property
     def end(self) -> int:
@@ -43,4 +45,5 @@ def joined(blocks: Sequence[Block]) -> Block:
         blocks[0].sample_period,
         np.concatenate([block.body for block in blocks]),
         np.concatenate([block.spool for block in blocks]),
+        blocks[0].source,
     )

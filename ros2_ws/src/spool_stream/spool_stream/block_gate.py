@@ -9,6 +9,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .block import Block, joined
+from .rate_check import RateCheck, RateState
+from .recent import RecentCounts
+
+#: A block's stamp, end (ns), sequence and sample period (s).
+Place = tuple[int, int, int, float]
+
+#: s after which the first source is stale where another one sends, as for the nodes' ``stale_after``; and
+#: streams besides the first one that are followed.
+STALE, MOST_RIVALS = 1.5, 4
 
 #: s, sample periods that a source can have; the lower one bounds what consumers set aside per second.
 SHORTEST_PERIOD, LONGEST_PERIOD = 1.0e-6, 10.0
@@ -37,68 +46,181 @@ class Fault(enum.Enum):
     LOST = "blocks lost (jump in sequence)"
     GAP = "stamp is ahead by more than was lost"
     SEQUENCE_BACK = "sequence goes back"
-    NEW_SOURCE = "stream goes on from another place (source restarted, clock set)"
+    SEQUENCE_AHEAD = "sequence is ahead of what the stamps say elapsed"
+    NEW_SOURCE = "stream goes on from another place (source restarted)"
+    NEW_TIME = "stream goes on at another time or rate (clock set)"
     NEW_PERIOD = "sample_period changed"
+    RATE = "sample_period contradicts the stamps"
+    SECOND_SOURCE = "a second source sends on the same topic"
+    FOREIGN = "frame_id is another valve's"
+
+    @property
+    def cause(self) -> str:
+        """The cause of a ``data_fault``: ``rate``, ``source``, ``lost`` or ``malformed``."""
+        return _CAUSES.get(self, "malformed")
+
+
+_CAUSES = {
+    Fault.RATE: "rate",
+    Fault.NEW_SOURCE: "source",
+    Fault.SECOND_SOURCE: "source",
+    Fault.FOREIGN: "source",
+    Fault.LOST: "lost",
+}
+
+
+@dataclass(slots=True)
+class _Rival:
+    """A stream that does not continue the first one: its newest block, and its blocks since the first sent.
+
+    ``since`` is the stamp (ns) of the oldest of them; ``direct``: they take the first one's sequence up.
+    """
+
+    place: Place
+    since: int
+    blocks: int
+    direct: bool
 
 
 @dataclass(slots=True)
 class BlockGate:
     """Judge the blocks of one stream in the order of their arrival and count the faults.
 
-    A block that neither continues the stream nor explains itself as the first after a loss is refused; only
-    if the next one continues it, the stream has really moved (a source that restarted, a clock set back, a
-    bag replayed again) and goes on from there. A single wrong stamp costs a block, never the stream.
+    The first source keeps its place. A block that neither continues the stream nor explains itself as the
+    first after a loss is refused. The stream moves to another place where its sequence goes on there (a clock
+    that was set, another sample rate), or where another source sent for STALE s while the first one was
+    silent (a source that restarted, a bag replayed again). A single wrong stamp costs a block, never the
+    stream. Blocks whose ``source`` is another valve's are never used, nor are those of a wrong sample rate.
 
     Attributes:
         accepted: blocks that may be used.
         refused: blocks that must not be used.
         lost: blocks that never arrived, from jumps in ``sequence``.
         faults: how often each fault was seen.
+        fault: what was wrong with the newest block, ``None`` where nothing was.
         last: the last accepted block's stamp, end (ns), sequence and period (s), ``None`` before the first.
         before: what ``last`` was when the newest block came.
+        source: the valve's id, that of the first block that names one where none is given.
+        rate: whether ``sample_period`` agrees with the stamps.
+        recent: lost and refused blocks of the last minute of data.
+        other: the id that a foreign block named last.
+
     """
 
     accepted: int = 0
     refused: int = 0
     lost: int = 0
     faults: dict[Fault, int] = field(default_factory=dict)
-    last: tuple[int, int, int, float] | None = None
-    before: tuple[int, int, int, float] | None = None
-    _unconfirmed: tuple[int, int, int, float] | None = None
+    fault: Fault | None = None
+    last: Place | None = None
+    before: Place | None = None
+    source: str = ""
+    rate: RateCheck = field(default_factory=RateCheck)
+    recent: RecentCounts = field(default_factory=RecentCounts)
+    other: str = ""
+    _rivals: list[_Rival] = field(default_factory=list)
+    _held_back: Place | None = None
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether the stamps confirm the sample rate: before, nothing is to be said of the valve."""
+        return self.rate.state is RateState.CONFIRMED
+
+    @property
+    def steady(self) -> bool:
+        """Whether a block that is due to the nanosecond continues the stream and changes nothing else."""
+        return self.rate.steady and self._held_back is None
 
     def judge(self, block: Block) -> Verdict:
         """Return what to do with ``block``; never raises for what a message can hold."""
         self.before = self.last
+        self.fault = None
         fault = malformed(block)
         if fault is not None:
             return self._refuse(fault)
+        if self.source and block.source and block.source != self.source:
+            self.other = block.source
+            return self._refuse(Fault.FOREIGN)
+        follows = self.rate.take(block)
         if self.last is None:
             return self._accept(block, Verdict.RESTARTS)
-        fault = _departure(self.last, block)
+        if follows and self.rate.state is RateState.WRONG:
+            return self._hold_back(block)
+        if self._held_back is not None:
+            if _departure(self._held_back, block) is None:
+                return self._accept(block, Verdict.RESTARTS)
+            if block.sequence == self._held_back[2] + 1 and not self.confirmed:
+                return self._hold_back(block)
+        return self._place(block, self.last)
+
+    def _place(self, block: Block, last: Place) -> Verdict:
+        """Say which stream ``block`` belongs to, and what follows for it."""
+        fault = _departure(last, block)
+        rival = next((one for one in self._rivals if _departure(one.place, block) is None), None)
+        if rival is not None and (
+            fault is not None or _distance(rival.place, block) < _distance(last, block)
+        ):
+            return self._continue(rival, block)
         if fault is None:
             return self._accept(block, Verdict.CONTINUES)
         if fault is Fault.LOST:
-            self.lost += block.sequence - self.last[2] - 1
+            missing = block.sequence - last[2] - 1
+            self.lost += missing
+            self.recent.count(missing, 0)
             self._count(Fault.LOST)
             return self._accept(block, Verdict.RESTARTS)
-        if self._unconfirmed is not None and _departure(self._unconfirmed, block) is None:
-            self._count(Fault.NEW_SOURCE)
-            return self._accept(block, Verdict.RESTARTS)
-        self._unconfirmed = _place(block)
+        direct = block.sequence == last[2] + 1
+        if fault is Fault.GAP and direct and self.rate.state is RateState.UNKNOWN:
+            return self._hold_back(block)
+        self._rivals = [*self._rivals[1 - MOST_RIVALS :], _Rival(_at(block), block.stamp, 1, direct)]
         return self._refuse(fault)
+
+    def _continue(self, rival: _Rival, block: Block) -> Verdict:
+        """Take the next block of another stream, which takes the first one's place once that is stale."""
+        rival.place = _at(block)
+        rival.blocks += 1
+        if rival.blocks == 1:
+            rival.since = block.stamp
+        if rival.direct and rival.blocks == 2:
+            self._count(Fault.NEW_TIME)
+            return self._accept(block, Verdict.RESTARTS)
+        if block.stamp - rival.since >= STALE * 1e9:
+            self._count(Fault.NEW_SOURCE)
+            self.rate.begin(block)
+            return self._accept(block, Verdict.RESTARTS)
+        return self._refuse(Fault.SECOND_SOURCE)
+
+    def _hold_back(self, block: Block) -> Verdict:
+        self._held_back = _at(block)
+        self._still_there()
+        return self._refuse(Fault.RATE)
+
+    def _still_there(self) -> None:
+        """Take note that the first source has sent: the others begin to wait anew."""
+        for rival in self._rivals:
+            rival.blocks, rival.direct = 0, False
 
     def _accept(self, block: Block, verdict: Verdict) -> Verdict:
         self.accepted += 1
-        self.last = _place(block)
-        self._unconfirmed = None
+        self.last = _at(block)
+        self._held_back = None
+        self.source = self.source or block.source
+        if self._rivals:
+            self._rivals = [] if verdict is Verdict.RESTARTS else self._rivals
+            self._still_there()
+        self.recent.advance(block.body.size * block.sample_period)
         return verdict
 
     def _refuse(self, fault: Fault) -> Verdict:
         self.refused += 1
+        if self.last is not None:
+            self.recent.advance(1e-9 * (self.last[1] - self.last[0]))
+        self.recent.count(0, 1)
         self._count(fault)
         return Verdict.REFUSED
 
     def _count(self, fault: Fault) -> None:
+        self.fault = fault
         self.faults[fault] = self.faults.get(fault, 0) + 1
 
 
@@ -118,14 +240,20 @@ class SharedGate(BlockGate):
     def admit_run(self, blocks: Sequence[Block]) -> Block | None:
         """Accept ``blocks`` at once and return them as one, which every consumer then takes.
 
-        They follow the last one and each other to the nanosecond. Where one of them is malformed, nothing is
-        accepted and ``None`` returned: judge each by itself.
+        They follow the last one and each other to the nanosecond, and the stream was ``steady``. Where one of
+        them is malformed or another valve's, nothing is accepted and ``None`` returned: judge each by itself.
         """
         run = joined(blocks)
         if malformed(run) is not None or any(not 0 < block.body.size == block.spool.size for block in blocks):
             return None
-        self.before = self.last if len(blocks) == 1 else _place(blocks[-2])
+        if any(block.source and block.source != self.source for block in blocks):
+            return None
+        self.before = self.last if len(blocks) == 1 else _at(blocks[-2])
+        self.fault = None
+        for block in blocks:
+            self.rate.take(block)
         self._accept(blocks[-1], Verdict.CONTINUES)
+        self.recent.advance((run.body.size - blocks[-1].body.size) * run.sample_period)
         self.accepted += len(blocks) - 1
         self._admitted = run
         self._verdict = Verdict.CONTINUES
@@ -136,11 +264,16 @@ class SharedGate(BlockGate):
         return self._verdict if block is self._admitted else BlockGate.judge(self, block)
 
 
-def _place(block: Block) -> tuple[int, int, int, float]:
+def _at(block: Block) -> Place:
     return block.stamp, block.end, block.sequence, block.sample_period
 
 
-def _departure(last: tuple[int, int, int, float], block: Block) -> Fault | None:
+def _distance(place: Place, block: Block) -> int:
+    """Return how far from where it was due ``block`` comes, ns."""
+    return abs(block.stamp - place[1])
+
+
+def _departure(last: Place, block: Block) -> Fault | None:
     """Return how ``block`` departs from what was due after ``last``, or ``None`` where it continues."""
     stamp, end, sequence, period = last
     if block.stamp <= stamp:
@@ -150,14 +283,15 @@ def _departure(last: tuple[int, int, int, float], block: Block) -> Fault | None:
     if abs(block.sample_period / period - 1.0) > 1e-6:
         return Fault.NEW_PERIOD
     duration = block.body.size * period * 1e9
+    # Clocks of sources jitter: half a block is a gap, a few samples are not.
+    jitter = max(2.0 * period * 1e9, 0.5 * duration)
     missing = block.sequence - sequence - 1
     if missing > 0:
-        # Blocks may differ in length and clocks drift: only a stamp far ahead of the loss is not believed.
+        # Blocks may differ in length and clocks drift: only a stamp far from the loss is not believed.
+        if block.stamp - end < 0.5 * missing * min(duration, end - stamp) - jitter:
+            return Fault.SEQUENCE_AHEAD
         return Fault.LOST if block.stamp - end <= 2.0 * missing * duration + 1e9 else Fault.GAP
-    # Clocks of sources jitter: half a block is a gap, a few samples are not.
-    if abs(block.stamp - end) > max(2.0 * period * 1e9, 0.5 * duration):
-        return Fault.GAP
-    return None
+    return Fault.GAP if abs(block.stamp - end) > jitter else None
 
 
 def malformed(block: Block) -> Fault | None:

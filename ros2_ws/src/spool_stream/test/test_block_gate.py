@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_stream.block import Block
-from spool_stream.block_gate import BlockGate, Fault, SharedGate, Verdict, malformed
+from spool_stream.block_gate import STALE, BlockGate, Fault, SharedGate, Verdict, malformed
 
 SIZE, PERIOD = 40, 5e-4
 LENGTH = 20_000_000  # ns per block
@@ -15,10 +15,33 @@ START = 1_700_000_000_000_000_000
 MINUTE = 60_000_000_000
 
 
+#: Blocks of 20 ms after which the stamps have confirmed the rate.
+RUN_IN = 100
+
+
 def block(number: int, **changes: object) -> Block:
     """Return block ``number`` of a sound stream, with ``changes``."""
     samples = np.linspace(-1.0, 1.0, SIZE, dtype=np.float32)
     return replace(Block(START + number * LENGTH, number, PERIOD, samples, samples.copy()), **changes)
+
+
+def running() -> BlockGate:
+    """Return a gate of a stream whose rate is confirmed: block RUN_IN is due."""
+    gate = BlockGate()
+    for number in range(RUN_IN):
+        gate.judge(block(number))
+    assert gate.confirmed
+    return gate
+
+
+def after(number: int, **changes: object) -> Block:
+    """Return the block that is ``number`` blocks behind the newest one, with ``changes``."""
+    return block(RUN_IN - 1 + number, **changes)
+
+
+def at(number: float) -> int:
+    """Return the stamp that is due ``number`` blocks behind the newest one's, ns."""
+    return START + round((RUN_IN - 1 + number) * LENGTH)
 
 
 def with_value(value: float) -> np.ndarray:
@@ -29,7 +52,7 @@ def with_value(value: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Case:
-    """What the gate says to ``given`` after the sound blocks 0, 1 and 2."""
+    """What the gate says to ``given`` after RUN_IN sound blocks."""
 
     given: Block
     verdict: Verdict
@@ -39,50 +62,53 @@ class Case:
 
 EMPTY = np.zeros(0, dtype=np.float32)
 CASES = {
-    "next": Case(block(3), Verdict.CONTINUES, None),
+    "next": Case(after(1), Verdict.CONTINUES, None),
     "lengths differ": Case(
-        block(3, spool=np.zeros(39, dtype=np.float32)), Verdict.REFUSED, Fault.LENGTHS_DIFFER
+        after(1, spool=np.zeros(39, dtype=np.float32)), Verdict.REFUSED, Fault.LENGTHS_DIFFER
     ),
-    "empty": Case(block(3, body=EMPTY, spool=EMPTY), Verdict.REFUSED, Fault.LENGTHS_DIFFER),
-    "period zero": Case(block(3, sample_period=0.0), Verdict.REFUSED, Fault.BAD_PERIOD),
-    "period negative": Case(block(3, sample_period=-PERIOD), Verdict.REFUSED, Fault.BAD_PERIOD),
-    "period NaN": Case(block(3, sample_period=float("nan")), Verdict.REFUSED, Fault.BAD_PERIOD),
-    "period infinite": Case(block(3, sample_period=float("inf")), Verdict.REFUSED, Fault.BAD_PERIOD),
-    "period of 1e300 s": Case(block(3, sample_period=1e300), Verdict.REFUSED, Fault.BAD_PERIOD),
-    "period denormal": Case(block(3, sample_period=5e-324), Verdict.REFUSED, Fault.BAD_PERIOD),
-    "broken word": Case(block(3, body=with_value(1e30)), Verdict.REFUSED, Fault.NOT_FINITE),
-    "denormal samples": Case(block(3, body=with_value(1e-42)), Verdict.CONTINUES, None),
-    "NaN in body": Case(block(3, body=with_value(np.nan)), Verdict.REFUSED, Fault.NOT_FINITE),
-    "infinite in spool": Case(block(3, spool=with_value(-np.inf)), Verdict.REFUSED, Fault.NOT_FINITE),
-    "stamp 0": Case(block(3, stamp=0), Verdict.REFUSED, Fault.NO_TIME),
-    "stamp back": Case(block(3, stamp=START + LENGTH), Verdict.REFUSED, Fault.TIME_BACK),
-    "duplicate": Case(block(2), Verdict.REFUSED, Fault.TIME_BACK),
-    "late block": Case(block(1), Verdict.REFUSED, Fault.TIME_BACK),
-    "jump in sequence": Case(block(6), Verdict.RESTARTS, Fault.LOST, lost=3),
-    "jump in sequence alone": Case(block(3, sequence=5), Verdict.RESTARTS, Fault.LOST, lost=2),
-    "sequence back": Case(block(0, stamp=START + 3 * LENGTH + MINUTE), Verdict.REFUSED, Fault.SEQUENCE_BACK),
-    "sequence stands still": Case(block(3, sequence=2), Verdict.REFUSED, Fault.SEQUENCE_BACK),
-    "gap in time": Case(block(3, stamp=START + 4 * LENGTH), Verdict.REFUSED, Fault.GAP),
-    "far ahead": Case(block(3, stamp=START + 5 * MINUTE), Verdict.REFUSED, Fault.GAP),
-    "ahead by more than was lost": Case(block(6, stamp=START + 5 * MINUTE), Verdict.REFUSED, Fault.GAP),
-    "jitter of two samples": Case(block(3, stamp=START + 3 * LENGTH + 1_000_000), Verdict.CONTINUES, None),
-    "period changes": Case(block(3, sample_period=2 * PERIOD), Verdict.REFUSED, Fault.NEW_PERIOD),
-    "far back": Case(block(3, stamp=START - 5 * MINUTE), Verdict.REFUSED, Fault.TIME_BACK),
+    "empty": Case(after(1, body=EMPTY, spool=EMPTY), Verdict.REFUSED, Fault.LENGTHS_DIFFER),
+    "period zero": Case(after(1, sample_period=0.0), Verdict.REFUSED, Fault.BAD_PERIOD),
+    "period negative": Case(after(1, sample_period=-PERIOD), Verdict.REFUSED, Fault.BAD_PERIOD),
+    "period NaN": Case(after(1, sample_period=float("nan")), Verdict.REFUSED, Fault.BAD_PERIOD),
+    "period infinite": Case(after(1, sample_period=float("inf")), Verdict.REFUSED, Fault.BAD_PERIOD),
+    "period of 1e300 s": Case(after(1, sample_period=1e300), Verdict.REFUSED, Fault.BAD_PERIOD),
+    "period denormal": Case(after(1, sample_period=5e-324), Verdict.REFUSED, Fault.BAD_PERIOD),
+    "broken word": Case(after(1, body=with_value(1e30)), Verdict.REFUSED, Fault.NOT_FINITE),
+    "denormal samples": Case(after(1, body=with_value(1e-42)), Verdict.CONTINUES, None),
+    "NaN in body": Case(after(1, body=with_value(np.nan)), Verdict.REFUSED, Fault.NOT_FINITE),
+    "infinite in spool": Case(after(1, spool=with_value(-np.inf)), Verdict.REFUSED, Fault.NOT_FINITE),
+    "stamp 0": Case(after(1, stamp=0), Verdict.REFUSED, Fault.NO_TIME),
+    "stamp back": Case(after(1, stamp=at(-1)), Verdict.REFUSED, Fault.TIME_BACK),
+    "duplicate": Case(after(0), Verdict.REFUSED, Fault.TIME_BACK),
+    "late block": Case(after(-1), Verdict.REFUSED, Fault.TIME_BACK),
+    "jump in sequence": Case(after(4), Verdict.RESTARTS, Fault.LOST, lost=3),
+    "jump in sequence alone": Case(after(1, sequence=RUN_IN + 2), Verdict.REFUSED, Fault.SEQUENCE_AHEAD),
+    "one false bit in sequence": Case(
+        after(1, sequence=RUN_IN + 2**60), Verdict.REFUSED, Fault.SEQUENCE_AHEAD
+    ),
+    "sequence back": Case(block(0, stamp=at(1) + MINUTE), Verdict.REFUSED, Fault.SEQUENCE_BACK),
+    "sequence stands still": Case(after(1, sequence=RUN_IN - 1), Verdict.REFUSED, Fault.SEQUENCE_BACK),
+    "gap in time": Case(after(1, stamp=at(2)), Verdict.REFUSED, Fault.GAP),
+    "far ahead": Case(after(1, stamp=at(1) + 5 * MINUTE), Verdict.REFUSED, Fault.GAP),
+    "ahead by more than was lost": Case(after(4, stamp=at(1) + 5 * MINUTE), Verdict.REFUSED, Fault.GAP),
+    "jitter of two samples": Case(after(1, stamp=at(1) + 1_000_000), Verdict.CONTINUES, None),
+    "period changes": Case(after(1, sample_period=2 * PERIOD), Verdict.REFUSED, Fault.NEW_PERIOD),
+    "far back": Case(after(1, stamp=at(1) - 5 * MINUTE), Verdict.REFUSED, Fault.TIME_BACK),
 }
 
 
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
 def test_verdict_and_counts(case: Case) -> None:
-    gate = BlockGate()
-    verdicts = [gate.judge(block(number)) for number in range(3)]
-    assert verdicts == [Verdict.RESTARTS, Verdict.CONTINUES, Verdict.CONTINUES]
+    gate = running()
     before = gate.last
     assert gate.judge(case.given) is case.verdict
     refused = case.verdict is Verdict.REFUSED
     assert gate.refused == refused
-    assert gate.accepted == 3 + (not refused)
+    assert gate.accepted == RUN_IN + (not refused)
     assert gate.lost == case.lost
     assert gate.faults == ({} if case.fault is None else {case.fault: 1})
+    assert gate.fault is case.fault
+    assert (gate.recent.lost, gate.recent.refused) == (case.lost, refused)
     if refused:
         assert gate.last == before
     else:
@@ -97,46 +123,96 @@ def test_verdict_and_counts(case: Case) -> None:
 
 @pytest.mark.parametrize("name", [name for name, case in CASES.items() if case.verdict is Verdict.REFUSED])
 def test_stream_goes_on_after_a_refused_block(name: str) -> None:
-    gate = BlockGate()
-    for number in range(3):
-        gate.judge(block(number))
+    gate = running()
     gate.judge(CASES[name].given)
-    assert gate.judge(block(3)) is Verdict.CONTINUES
+    assert gate.judge(after(1)) is Verdict.CONTINUES
     assert gate.lost == 0
 
 
-MOVED = {
-    "clock set back": [block(number, stamp=block(number).stamp - 5 * MINUTE) for number in (3, 4, 5)],
-    "clock set ahead": [block(number, stamp=block(number).stamp + 5 * MINUTE) for number in (3, 4, 5)],
-    "source restarted": [block(number, stamp=block(number).stamp + MINUTE) for number in (0, 1, 2)],
-    "bag replayed again": [block(number) for number in (0, 1, 2)],
-    "another sample rate": [
-        block(3 + number, stamp=START + (3 + 2 * number) * LENGTH, sample_period=2 * PERIOD)
-        for number in (0, 1, 2)
-    ],
-}
-
-
-@pytest.mark.parametrize("moved", MOVED.values(), ids=MOVED.keys())
-def test_a_stream_that_really_moved_costs_one_block(moved: list[Block]) -> None:
-    gate = BlockGate()
-    for number in range(3):
-        gate.judge(block(number))
-    verdicts = [gate.judge(each) for each in moved]
+@pytest.mark.parametrize("minutes", [-5, 5])
+def test_a_clock_that_was_set_costs_one_block(minutes: int) -> None:
+    gate = running()
+    verdicts = [gate.judge(after(n, stamp=at(n) + minutes * MINUTE)) for n in (1, 2, 3)]
     assert verdicts == [Verdict.REFUSED, Verdict.RESTARTS, Verdict.CONTINUES]
+    assert gate.faults[Fault.NEW_TIME] == 1
+    assert gate.lost == 0
+    assert gate.confirmed
+
+
+def test_another_sample_rate_costs_one_block_and_has_to_be_confirmed() -> None:
+    gate = running()
+    slower = [after(1 + n, stamp=at(1 + 2 * n), sample_period=2 * PERIOD) for n in range(50)]
+    assert [gate.judge(each) for each in slower[:3]] == [
+        Verdict.REFUSED,
+        Verdict.RESTARTS,
+        Verdict.CONTINUES,
+    ]
+    assert not gate.confirmed
+    assert {gate.judge(each) for each in slower[3:]} == {Verdict.CONTINUES}
+    assert gate.confirmed
+
+
+#: First stamp of a source that begins to count anew: where it was restarted, or a bag is played again.
+ANEW = {"source restarted": at(1) + MINUTE, "bag replayed again": START}
+
+
+@pytest.mark.parametrize("first", ANEW.values(), ids=ANEW.keys())
+def test_a_source_that_counts_anew_is_taken_once_the_first_one_is_stale(first: int) -> None:
+    gate = running()
+    verdicts = [gate.judge(block(number, stamp=first + number * LENGTH)) for number in range(100)]
+    waits = round(STALE * 1e9 / LENGTH)
+    assert set(verdicts[:waits]) == {Verdict.REFUSED}
+    assert verdicts[waits : waits + 2] == [Verdict.RESTARTS, Verdict.CONTINUES]
     assert gate.faults[Fault.NEW_SOURCE] == 1
     assert gate.lost == 0
 
 
 def test_single_wrong_stamps_never_move_the_stream() -> None:
-    gate = BlockGate()
+    gate = running()
     for number in range(30):
         if number % 5 == 3:
-            gate.judge(block(100 + number, stamp=START + (-1) ** number * 5 * MINUTE))
-        expected = Verdict.CONTINUES if number else Verdict.RESTARTS
-        assert gate.judge(block(number)) is expected
+            gate.judge(after(100 + number, stamp=at(1) + (-1) ** number * 5 * MINUTE))
+        assert gate.judge(after(1 + number)) is Verdict.CONTINUES
     assert gate.refused == 6
     assert gate.lost == 0
+
+
+ORDERS = ("one by one", "bursts of a second", "at random", "other first")
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("ahead", [-3_000, -7, 3, 5_000], ids="{:+d} blocks".format)
+@pytest.mark.parametrize("clock", [0, 7_000_000, 3_600_000_000_000], ids="{:d} ns".format)
+def test_the_first_of_two_sources_keeps_its_place_for_a_minute(order: str, ahead: int, clock: int) -> None:
+    gate = BlockGate()
+    random = np.random.default_rng(1)
+    ours = [block(5_000 + n) for n in range(3_000)]
+    theirs = [block(5_000 + n, sequence=5_000 + n + ahead) for n in range(3_000)]
+    theirs = [replace(each, stamp=each.stamp + clock) for each in theirs]
+    size = {"bursts of a second": 50}.get(order, 1)
+    taken: list[Block] = []
+    for first in range(0, 3_000, size):
+        pair = [ours[first : first + size], theirs[first : first + size]]
+        turned = order == "other first" or (order == "at random" and random.random() < 0.5)
+        for each in [one for part in (pair[::-1] if turned and first else pair) for one in part]:
+            if gate.judge(each) is not Verdict.REFUSED:
+                taken.append(each)
+    assert [each.sequence for each in taken] == [each.sequence for each in ours]
+    assert [each.stamp for each in taken] == [each.stamp for each in ours]
+    assert gate.faults[Fault.SECOND_SOURCE] > 2_500
+    assert gate.lost == 0
+
+
+def test_blocks_that_name_another_valve_are_never_used() -> None:
+    gate = BlockGate()
+    for number in range(200):
+        assert gate.judge(block(number, source="valve_1")) is not Verdict.REFUSED
+        assert gate.judge(block(number, source="valve_2")) is Verdict.REFUSED
+    for number in range(200, 400):
+        assert gate.judge(block(number, source="valve_2")) is Verdict.REFUSED
+    assert gate.faults == {Fault.FOREIGN: 400}
+    assert (gate.source, gate.other) == ("valve_1", "valve_2")
+    assert gate.judge(block(400, source="")) is not Verdict.REFUSED  # a driver that names nothing
 
 
 def test_end_of_a_block_is_where_the_next_is_due() -> None:
@@ -176,6 +252,7 @@ def test_a_refused_block_never_changes_what_the_gate_knows(stream: list[Block]) 
             assert before is not None
             assert each.sequence == before[2] + 1
             assert each.stamp > before[0]
+            assert each.source in ("", gate.source)
     assert gate.accepted + gate.refused == len(stream)
     assert sum(gate.faults.values()) >= gate.refused
 
@@ -202,3 +279,14 @@ def test_the_gate_tells_what_came_before_the_newest_block() -> None:
     assert gate.before is None
     gate.judge(block(1))
     assert gate.before == first
+
+
+def test_recent_counts_forget_after_a_minute_and_lifetime_counts_do_not() -> None:
+    gate = running()
+    gate.judge(after(1, stamp=0))
+    gate.judge(after(4))
+    assert (gate.recent.lost, gate.recent.refused) == (3, 1)
+    for number in range(5, 3_200):
+        gate.judge(after(number))
+    assert (gate.recent.lost, gate.recent.refused) == (0, 0)
+    assert (gate.lost, gate.refused) == (3, 1)
