@@ -93,8 +93,8 @@ class StateFile:
         if newer > FORMAT:
             self._target = _beside(self.path, f"format{FORMAT}")
             self.warnings.append(
-                f"{self.path}: a later version of the suite wrote it (format {newer}, this one writes {FORMAT}): "
-                f"it is left as it is, read as far as it is understood, and {self._target.name} kept beside it"
+                f"{self.path}: a later version of the suite wrote it (format {newer}, this one writes "
+                f"{FORMAT}): it is left and read as far as it is understood, {self._target.name} is kept"
             )
         for path in self._of_other_formats():
             found |= self._look(path)

@@ -107,7 +107,7 @@ class Sums:
         self.counts[name] = self.counts.get(name, 0.0) + amount
 
     def merge(self, other: Sums, most: int = MOST_HELD) -> int:
-        """Add what ``other`` gathered; of more than ``most`` spans the oldest minutes, then hours are dropped.
+        """Add what ``other`` gathered; of more than ``most`` spans the oldest minutes, then hours go.
 
         Returns:
             How many spans were dropped.
@@ -170,7 +170,7 @@ class TrendStore:
         (version,) = self._base.execute("PRAGMA user_version").fetchone()
         if version > VERSION:
             raise LaterVersionError(
-                f"{self.path}: a later version of the suite wrote it (format {version}, this one has {VERSION})"
+                f"{self.path}: a later version of the suite wrote it (format {version}, not {VERSION})"
             )
         if not read_only:
             self._base.execute("PRAGMA journal_mode=WAL")
@@ -226,7 +226,7 @@ class TrendStore:
 
     def units(self) -> dict[str, str]:
         """Return the unit of every parameter by its name; errors as of :meth:`spans`."""
-        return {name: unit for name, unit in self._ask(_UNITS, (str, str))}
+        return dict(self._ask(_UNITS, (str, str)))
 
     def counters(self) -> dict[str, float]:
         """Return the counters by name, in the units of :meth:`units`; errors as of :meth:`spans`."""
@@ -257,13 +257,13 @@ class TrendStore:
         self._base.close()
 
 
-def own_file(path: Path) -> Path:
+def own_file(path: Path, patience: float = PATIENCE) -> Path:
     """Return the file that this version keeps trends in.
 
     That is ``path``, or, where a later version wrote that one, ``NAME.format1.sqlite`` beside it.
     """
     try:
-        TrendStore(path, read_only=True).close()
+        TrendStore(path, read_only=True, patience=patience).close()
     except LaterVersionError:
         return path.with_name(f"{path.stem}.format{VERSION}{path.suffix}")
     except (InputError, OSError):

@@ -50,11 +50,6 @@ class TrendWriter:
         self._store: TrendStore | None = None
         self._worker = ThreadPoolExecutor(1, "trends")
         self._writing: Future[None] | None = None
-        try:
-            if self._allowed():
-                self._opened()
-        except OSError as error:
-            self._say(error)
 
     def update(self, block: Block) -> None:
         """Take an accepted block."""
@@ -101,7 +96,7 @@ class TrendWriter:
 
         """
         if self._store is None:
-            path = own_file(self._path)
+            path = own_file(self._path, self._patience)
             try:
                 self._store = TrendStore(path, patience=self._patience)
             except LaterVersionError as error:

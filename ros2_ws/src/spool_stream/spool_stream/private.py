@@ -1,4 +1,4 @@
-"""Permissions of files and folders: what is kept is the user's alone, and code is loaded from nobody else's."""
+"""Permissions: what is kept is the user's alone, and code is loaded from nobody else's folders."""
 
 from __future__ import annotations
 
