@@ -15,8 +15,49 @@ ROSDEP_NAMES = {
     "yaml": "yaml",
     "ruamel": "ruamel.yaml",
     "mcap": "mcap-ros2-support",
+    "zstandard": "mcap-ros2-support",  # a requirement of mcap
+    "lz4": "mcap-ros2-support",
     "ament_index_python": "ament_index_python",
 }
+# Third-party keys of rosdep's list (ros/rosdistro, rosdep/python.yaml) that the packages may use; whatever has
+# no key there is installed with pip, as spool_bringup/README.md says.
+ROSDEP_KEYS = {
+    "mcap-ros2-support",
+    "python3-hypothesis",
+    "python3-matplotlib",
+    "python3-numba",
+    "python3-numpy",
+    "python3-pydantic",
+    "python3-pytest",
+    "python3-rich",
+    "python3-rosbags-pip",
+    "python3-ruamel.yaml",
+    "python3-scipy",
+    "python3-typer",
+    "python3-yaml",
+}
+# Packages of a Jazzy installation that the packages may name.
+ROS_PACKAGES = {
+    "ament_cmake",
+    "ament_cmake_pytest",
+    "ament_index_python",
+    "builtin_interfaces",
+    "diagnostic_msgs",
+    "launch",
+    "launch_ros",
+    "lifecycle_msgs",
+    "rcl_interfaces",
+    "rclpy",
+    "ros2launch",
+    "rosgraph_msgs",
+    "rosidl_default_generators",
+    "rosidl_default_runtime",
+    "sensor_msgs",
+    "std_msgs",
+    "std_srvs",
+}
+# Without a key, and documented for pip: what converts records, and the peers of the benchmarks and tests.
+FROM_PIP = {"pyarrow", "padasip", "pysindy", "river", "ruptures"}
 RUNTIME = {"depend", "exec_depend", "build_depend", "build_export_depend"}
 TEST = {*RUNTIME, "test_depend"}
 
@@ -49,7 +90,7 @@ def undeclared(package: Path, files: list[Path], tags: set[str]) -> list[str]:
     return [
         f"{file.relative_to(SOURCE)} imports {name}, package.xml does not name it"
         for name, file in imported(files).items()
-        if name != package.name and name not in keys and ROSDEP_NAMES.get(name) not in keys
+        if name not in {package.name, *FROM_PIP} and name not in keys and ROSDEP_NAMES.get(name) not in keys
     ]
 
 
@@ -71,6 +112,18 @@ class TestPackage:
         keys = [(entry.tag, entry.text) for entry in root if entry.tag in TEST]
         assert len(keys) == len(set(keys))
 
+    def test_every_dependency_is_a_key_that_rosdep_can_resolve(self, package: Path):
+        """`rosdep install --from-paths ros2_ws/src --ignore-src` refuses all for one unknown key."""
+        own = {other.name for other in PACKAGES}
+        keys = {entry.text for entry in manifest(package) if entry.tag in TEST | {"buildtool_depend"}}
+        assert keys - own - ROSDEP_KEYS - ROS_PACKAGES == set()
+
+    def test_license_and_changelog_stand_in_the_package(self, package: Path):
+        """A package is released by itself."""
+        assert manifest(package).find("license").get("file") == "LICENSE"
+        assert (package / "LICENSE").read_bytes() == (SOURCE.parent.parent / "LICENSE").read_bytes()
+        assert f"Changelog for package {package.name}" in (package / "CHANGELOG.rst").read_text()
+
     def test_imports_are_declared(self, package: Path):
         files = [*(package / package.name).rglob("*.py"), *(package / "launch").glob("*.py")]
         assert undeclared(package, files, RUNTIME) == []
@@ -84,3 +137,20 @@ def test_dependencies_have_no_cycle():
     names = {package.name for package in PACKAGES}
     graph = {package.name: declared(package, TEST | {"buildtool_depend"}) & names for package in PACKAGES}
     assert set(TopologicalSorter(graph).static_order()) == names
+
+
+@pytest.mark.parametrize("package", [path for path in PACKAGES if (path / "setup.py").exists()], ids=str)
+def test_colcon_finds_the_tests(package: Path):
+    """`colcon test` runs pytest where setup.py names it among what tests need, else unittest, which finds none."""
+    text = (package / "setup.py").read_text()
+    calls = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call)]
+    (extras,) = [word.value for call in calls for word in call.keywords if word.arg == "extras_require"]
+    assert ast.literal_eval(extras) == {"test": ["pytest"]}
+
+
+def test_what_has_no_rosdep_key_is_documented():
+    readme = (SOURCE / "spool_bringup" / "README.md").read_text()
+    (line,) = [line for line in readme.splitlines() if "pip install" in line and "pyarrow" in line]
+    assert set(line.split()) >= {"pyarrow"}
+    for name in FROM_PIP:
+        assert name in readme

@@ -13,6 +13,7 @@ setup(
         (f"share/{PACKAGE}", ["package.xml"]),
     ],
     zip_safe=True,
+    extras_require={"test": ["pytest"]},
     maintainer="Spool suite maintainers",
     maintainer_email="maintainers@spool-suite.org",
     description="Recording to MCAP, reading, import and export of records, and the recorder node.",

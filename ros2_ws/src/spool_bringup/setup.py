@@ -15,6 +15,7 @@ setup(
         (f"share/{PACKAGE}/config", ["config/valve.yaml", "config/valves.yaml"]),
     ],
     zip_safe=True,
+    extras_require={"test": ["pytest"]},
     maintainer="Spool suite maintainers",
     maintainer_email="maintainers@spool-suite.org",
     description="How the suite is started.",

@@ -14,6 +14,7 @@ setup(
         (f"share/{PACKAGE}", ["package.xml"]),
     ],
     zip_safe=True,
+    extras_require={"test": ["pytest"]},
     maintainer="Spool suite maintainers",
     maintainer_email="maintainers@spool-suite.org",
     description="Resonance and friction drift of a spool valve.",

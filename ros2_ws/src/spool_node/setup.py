@@ -13,6 +13,7 @@ setup(
         (f"share/{PACKAGE}", ["package.xml"]),
     ],
     zip_safe=True,
+    extras_require={"test": ["pytest"]},
     maintainer="Spool suite maintainers",
     maintainer_email="maintainers@spool-suite.org",
     description="What every node of the suite shares.",

@@ -14,6 +14,7 @@ setup(
     ],
     package_data={PACKAGE: ["valves/*.yaml"]},
     zip_safe=True,
+    extras_require={"test": ["pytest"]},
     maintainer="Spool suite maintainers",
     maintainer_email="maintainers@spool-suite.org",
     description="Physics of a spool in a vibrating valve body.",
