@@ -5,7 +5,6 @@ Example: ros2 launch spool_bringup valve.launch.py valves_file:=/etc/spool/valve
 
 from pathlib import Path
 
-import yaml
 from ament_index_python.packages import get_package_share_directory
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
@@ -15,6 +14,12 @@ from launch_ros.actions import LifecycleNode
 from launch_ros.parameter_descriptions import ParameterValue
 
 SHARE = Path(get_package_share_directory("spool_bringup"))
+
+#: s between the end of a node and its next start: the middleware forgets the dead one meanwhile.
+RESPAWN_DELAY = 2.0
+#: New starts of a node over a launch's life: what ends every time must not load the machine for ever, and one
+#: crash a month is let pass for over a year.
+RESPAWN_MAX_RETRIES = 20
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -44,9 +49,17 @@ def generate_launch_description() -> LaunchDescription:
                 description="Record every topic of the valves to MCAP.",
             ),
             DeclareLaunchArgument(
+                "respawn",
+                default_value="true",
+                choices=["true", "false"],
+                description=f"Start a node that ended again after {RESPAWN_DELAY:g} s, "
+                f"{RESPAWN_MAX_RETRIES} times at most.",
+            ),
+            DeclareLaunchArgument(
                 "output",
                 default_value="",
-                description="Bag to be made; empty: recording_<time> in the working directory.",
+                description="Bag to be made; empty: as in params_file, else recording_<time> in the working "
+                "directory.",
             ),
             DeclareLaunchArgument(
                 "state_folder",
@@ -54,13 +67,17 @@ def generate_launch_description() -> LaunchDescription:
                 description="Where the monitors keep alarms, baselines and trends; empty: as in params_file.",
             ),
             DeclareLaunchArgument(
-                "use_sim_time", default_value="false", choices=["true", "false"], description="Follow /clock."
+                "use_sim_time",
+                default_value="",
+                choices=["", "true", "false"],
+                description="Follow /clock; empty: as in params_file, else false.",
             ),
             DeclareLaunchArgument(
                 "autostart",
-                default_value="true",
-                choices=["true", "false"],
-                description="Configure and activate the nodes at once, without a life cycle manager.",
+                default_value="",
+                choices=["", "true", "false"],
+                description="Configure and activate the nodes at once, without a life cycle manager; "
+                "empty: as in params_file, else true.",
             ),
             OpaqueFunction(function=_nodes),
         ]
@@ -69,13 +86,16 @@ def generate_launch_description() -> LaunchDescription:
 
 def _nodes(context) -> list:
     valves = _read(LaunchConfiguration("valves_file").perform(context))
-    common = {
-        name: ParameterValue(LaunchConfiguration(name), value_type=bool)
-        for name in ("use_sim_time", "autostart")
+    params_file = _existing("params_file", LaunchConfiguration("params_file").perform(context))
+    # What is passed here rules over params_file: only what was given is.
+    common = {**_given(context, "use_sim_time", bool), **_given(context, "autostart", bool)}
+    kept = _given(context, "state_folder", str)
+    respawn = LaunchConfiguration("respawn").perform(context) == "true"
+    again = {
+        "respawn": respawn,
+        "respawn_delay": RESPAWN_DELAY,
+        "respawn_max_retries": RESPAWN_MAX_RETRIES,
     }
-    params_file = LaunchConfiguration("params_file")
-    state_folder = LaunchConfiguration("state_folder").perform(context)
-    kept = {"state_folder": ParameterValue(state_folder, value_type=str)} if state_folder else {}
     nodes = []
     for valve in valves:
         own = {"valve_file": valve["valve_file"]} if "valve_file" in valve else {}
@@ -90,35 +110,50 @@ def _nodes(context) -> list:
                     executable=executable,
                     name=executable,
                     namespace=valve["namespace"],
-                    parameters=[params_file, common, extra],
+                    parameters=[params_file, {**common, **extra}],
                     condition=condition,
                     output="screen",
+                    **again,
                 )
             )
+    own = {"valves": [valve["namespace"] for valve in valves], **_given(context, "output", str)}
+    if respawn:  # a recorder that is started again finds the bag that the dead one left
+        own["number_output"] = True
     nodes.append(
         LifecycleNode(
             package="spool_bag",
             executable="recorder",
             name="recorder",
             namespace="",
-            parameters=[
-                params_file,
-                common,
-                {
-                    "valves": [valve["namespace"] for valve in valves],
-                    "output": ParameterValue(LaunchConfiguration("output"), value_type=str),
-                },
-            ],
+            parameters=[params_file, {**common, **own}],
             condition=IfCondition(LaunchConfiguration("record")),
             output="screen",
+            **again,
         )
     )
     return nodes
 
 
+def _given(context, name: str, kind: type) -> dict:
+    """Return the argument ``name`` as a parameter of type ``kind``, nothing where it was not given."""
+    if not LaunchConfiguration(name).perform(context):
+        return {}
+    return {name: ParameterValue(LaunchConfiguration(name), value_type=kind)}
+
+
+def _existing(argument: str, path: str) -> str:
+    """Return ``path``, which must be a file: nodes start on defaults where their parameter file is missing."""
+    if not Path(path).is_file():
+        raise ValueError(
+            f"{argument}: {path} is no file: name the YAML file, e.g. a copy of config/valve.yaml"
+        )
+    return path
+
+
 def _read(path: str) -> list:
     """Return the list of valves; what is wrong with it is said with the file and the entry."""
-    entries = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    _existing("valves_file", path)
+    entries = read_yaml(path, "valves")
     if not isinstance(entries, list) or not entries:
         raise ValueError(f"{path}: give a list of valves, each with a namespace")
     for number, entry in enumerate(entries, 1):
@@ -126,7 +161,7 @@ def _read(path: str) -> list:
             raise ValueError(f"{path}: entry {number} has no namespace")
         unknown = set(entry) - {"namespace", "valve_file"}
         if unknown:
-            raise ValueError(f"{path}: entry {number}: unknown key {sorted(unknown)[0]}")
+            raise ValueError(f"{path}: entry {number}: unknown key {min(map(str, unknown))}")
     names = [str(entry["namespace"]).strip("/") for entry in entries]
     if len(set(names)) < len(names):
         raise ValueError(f"{path}: a namespace stands twice, valves must not mix")

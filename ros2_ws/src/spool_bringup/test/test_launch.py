@@ -69,6 +69,9 @@ class LifecycleNode:
     parameters: list[Any]
     output: str = "log"
     condition: IfCondition | None = field(default=None)
+    respawn: bool = False
+    respawn_delay: float | None = None
+    respawn_max_retries: int = -1
 
 
 @pytest.fixture(name="description")
@@ -91,9 +94,13 @@ def _description(monkeypatch: pytest.MonkeyPatch) -> LaunchDescription:
     return made
 
 
-def nodes(description: LaunchDescription, valves_file: Path, state_folder: str = "") -> list[LifecycleNode]:
+def nodes(description: LaunchDescription, valves_file: Path, **given: str) -> list[LifecycleNode]:
+    """Return what is started with the arguments that are ``given``."""
     (function,) = (one.function for one in description.entities if isinstance(one, OpaqueFunction))
-    return function({"valves_file": str(valves_file), "state_folder": state_folder})
+    defaults = {
+        one.name: one.default_value for one in description.entities if isinstance(one, DeclareLaunchArgument)
+    }
+    return function({**defaults, "valves_file": str(valves_file), **given})
 
 
 def write(path: Path, valves: object) -> Path:
@@ -128,6 +135,7 @@ def test_every_argument_is_described_and_defaults_exist(description: LaunchDescr
         "params_file",
         "simulate",
         "record",
+        "respawn",
         "output",
         "state_folder",
         "use_sim_time",
@@ -136,10 +144,13 @@ def test_every_argument_is_described_and_defaults_exist(description: LaunchDescr
     assert all(argument.description.endswith(".") for argument in arguments.values())
     for name in ("valves_file", "params_file"):
         assert Path(arguments[name].default_value).is_file()
-    for name in ("simulate", "record", "use_sim_time", "autostart"):
+    for name in ("simulate", "record", "respawn"):
         assert arguments[name].choices == ["true", "false"]
+    for name in ("use_sim_time", "autostart"):
+        assert arguments[name].choices == ["", "true", "false"]
+        assert arguments[name].default_value == ""
     assert arguments["simulate"].default_value == "false"
-    assert arguments["autostart"].default_value == "true"
+    assert arguments["respawn"].default_value == "true"
 
 
 def test_two_valves_have_a_namespace_and_three_nodes_each_and_share_a_recorder(
@@ -161,10 +172,7 @@ def test_two_valves_have_a_namespace_and_three_nodes_each_and_share_a_recorder(
     ]
     conditions = [one.condition.predicate.name if one.condition else None for one in made]
     assert conditions == [None, None, "simulate", None, None, "simulate", "record"]
-    common = {name: ParameterValue(LaunchConfiguration(name), bool) for name in ("use_sim_time", "autostart")}
-    for one in made:
-        assert one.parameters[:2] == [LaunchConfiguration("params_file"), common]
-    assert [one.parameters[2] for one in made[:6]] == [
+    assert [one.parameters[1] for one in made[:6]] == [
         {"valve_file": "4weh10_stiff"},
         {},
         {"valve_file": "4weh10_stiff"},
@@ -172,16 +180,50 @@ def test_two_valves_have_a_namespace_and_three_nodes_each_and_share_a_recorder(
         {},
         {},
     ]
-    assert made[6].parameters[2] == {
-        "valves": ["left", "plant/right"],
-        "output": ParameterValue(LaunchConfiguration("output"), str),
-    }
+    assert made[6].parameters[1] == {"valves": ["left", "plant/right"], "number_output": True}
+
+
+def test_what_is_not_given_is_left_to_the_parameter_file(
+    description: LaunchDescription, tmp_path: Path
+) -> None:
+    """Parameters that a launch file passes rule over those of the file."""
+    params = write(tmp_path / "my.yaml", {"/**/recorder": {"ros__parameters": {"output": "mine"}}})
+    made = nodes(description, PACKAGE / "config" / "valves.yaml", params_file=str(params))
+    assert all(one.parameters[0] == str(params) for one in made)
+    passed = {name for one in made for name in one.parameters[1]}
+    assert passed == {"valve_file", "valves", "number_output"}
+    given = {"output": "bag", "autostart": "false", "use_sim_time": "true", "respawn": "false"}
+    made = nodes(description, PACKAGE / "config" / "valves.yaml", **given)
+    for one in made:
+        for name in ("autostart", "use_sim_time"):
+            assert one.parameters[1][name] == ParameterValue(LaunchConfiguration(name), bool)
+    assert made[-1].parameters[1]["output"] == ParameterValue(LaunchConfiguration("output"), str)
+
+
+def test_a_node_that_ended_is_started_again_but_not_for_ever(description: LaunchDescription) -> None:
+    file = PACKAGE / "config" / "valves.yaml"
+    for one in nodes(description, file):
+        assert one.respawn
+        assert one.respawn_delay == 2.0
+        assert 5 <= one.respawn_max_retries <= 100
+    made = nodes(description, file, respawn="false")
+    assert not any(one.respawn for one in made)
+    assert "number_output" not in made[-1].parameters[1]
+
+
+@pytest.mark.parametrize("argument", ["params_file", "valves_file"])
+def test_a_missing_file_is_refused(description: LaunchDescription, tmp_path: Path, argument: str) -> None:
+    """Nodes would start on their defaults."""
+    missing = {"params_file": str(PACKAGE / "config" / "valve.yaml"), argument: str(tmp_path / "nofile.yaml")}
+    with pytest.raises(ValueError, match=rf"^{argument}: .*nofile.yaml is no file"):
+        nodes(description, Path(missing.pop("valves_file", PACKAGE / "config" / "valves.yaml")), **missing)
 
 
 def test_the_monitors_keep_their_state_where_it_is_said(description: LaunchDescription) -> None:
-    made = nodes(description, PACKAGE / "config" / "valves.yaml", "/var/lib/spool")
-    folder = {"state_folder": ParameterValue("/var/lib/spool", str)}
-    assert [one.executable for one in made if folder in one.parameters] == ["monitor", "monitor"]
+    made = nodes(description, PACKAGE / "config" / "valves.yaml", state_folder="/var/lib/spool")
+    folder = ParameterValue(LaunchConfiguration("state_folder"), str)
+    told = [one.executable for one in made if one.parameters[1].get("state_folder") == folder]
+    assert told == ["monitor", "monitor"]
 
 
 def test_the_shipped_list_is_taken(description: LaunchDescription) -> None:
