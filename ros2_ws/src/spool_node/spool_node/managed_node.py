@@ -40,7 +40,9 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         super().__init__(name, namespace=namespace)
         self._while_active: list[Callable[[], object]] = []
         self._table = {parameter.name: parameter for parameter in (AUTOSTART, *self.PARAMETERS)}
+        self._configured = False
         declare(self, tuple(self._table.values()), self._parameter_overrides)
+        self._present: dict[str, Value] = {name: self.value(name) for name in self._table}
         self.add_on_set_parameters_callback(self._judge_change)
         self.add_post_set_parameters_callback(self._apply_change)
 
@@ -59,7 +61,10 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         """Let go of what configure made."""
 
     def refuse_change(self, _changes: dict[str, Value]) -> str | None:
-        """Return why these parameter changes can't be taken together, or ``None``; no side effects."""
+        """Return why these parameters can't be taken together, or ``None``; no side effects.
+
+        It is asked for every change, and for all values together when the node is configured.
+        """
         return None
 
     def apply_change(self, changes: dict[str, Value]) -> None:
@@ -115,8 +120,11 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
     # Transitions.
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Run :meth:`configure`."""
-        return self._transition("configure", self.configure, undo=self.cleanup) or super().on_configure(state)
+        """Run :meth:`configure` with values that fit each other."""
+        refused = self._transition("configure", self._check_together)
+        refused = refused or self._transition("configure", self.configure, undo=self.cleanup)
+        self._configured = refused is None
+        return refused or super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Activate the publishers, then run :meth:`activate`."""
@@ -134,6 +142,7 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Run :meth:`cleanup`."""
+        self._configured = False
         return self._transition("clean up", self.cleanup) or super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -149,6 +158,12 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         """Return to unconfigured, from where the node can be configured again."""
         self._go_quiet()
         return TransitionCallbackReturn.SUCCESS
+
+    def _check_together(self) -> None:
+        """Refuse values that contradict each other."""
+        refusal = self.refuse_change({name: self.value(name) for name in self._table})
+        if refusal is not None:
+            raise InputError(f"{self.get_fully_qualified_name()}: {refusal}")
 
     def _transition(
         self, name: str, hook: Callable[[], None], undo: Callable[[], None] | None = None
@@ -185,7 +200,15 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
     def _judge_change(self, parameters: list[RosParameter]) -> SetParametersResult:
         changes = {parameter.name: parameter.value for parameter in parameters}
         for name, value in changes.items():
-            refusal = self._table[name].refusal(value) if name in self._table else None
+            known = self._table.get(name)
+            if known is None:
+                continue
+            refusal = known.refusal(value)
+            changed = value != self._present[name]
+            if refusal is None and changed and known.read_only:
+                refusal = f"{name} is fixed at start: start the node with the new value"
+            if refusal is None and changed and known.structural and self._configured:
+                refusal = f"{name} changes only while the node is unconfigured: deactivate, clean up first"
             if refusal is not None:
                 return SetParametersResult(successful=False, reason=refusal)
         refusal = self.refuse_change(changes)
@@ -193,7 +216,14 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
 
     def _apply_change(self, parameters: list[RosParameter]) -> None:
         changes = {
-            parameter.name: parameter.value for parameter in parameters if parameter.name in self._table
+            parameter.name: parameter.value
+            for parameter in parameters
+            if parameter.name in self._table and parameter.value != self._present[parameter.name]
         }
-        if changes:
-            self.apply_change(changes)
+        if not changes:
+            return
+        said = ", ".join(f"{name} from {self._present[name]} to {value}" for name, value in changes.items())
+        self._present.update(changes)
+        self.apply_change(changes)
+        # Who asked is not told by ROS 2; the change itself travels on /parameter_events as well.
+        self.get_logger().info(f"parameters changed: {said}")

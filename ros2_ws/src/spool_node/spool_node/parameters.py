@@ -14,14 +14,21 @@ from spool_stream.errors import InputError
 Value = bool | int | float | str | list[str] | list[float]
 
 #: Declared by rclpy itself, so allowed in every parameter file.
-BUILT_IN = ("use_sim_time", "start_type_description_service", "qos_overrides")
+BUILT_IN = ("use_sim_time", "start_type_description_service")
+#: Would be accepted by rclpy and, for publishers and subscriptions that don't ask for them, ignored.
+QOS_OVERRIDES = "qos_overrides"
+
+#: Types in the words of ROS 2.
+_TYPES: Mapping[type, str] = {bool: "bool", int: "integer", float: "double", str: "string"}
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
     """One parameter: its name, default (which fixes the type), meaning, unit and range.
 
-    ``read_only`` parameters take effect when the node is started; the others may change while it runs.
+    ``read_only`` ones take effect at the process's start, ``structural`` ones when the node is configured: they
+    may change while it is unconfigured. All others may change at any time. Setting the present value again is
+    never refused, so that a whole parameter file can be loaded into a running node.
     """
 
     name: str
@@ -32,13 +39,25 @@ class Parameter:
     maximum: float | None = None
     choices: tuple[str, ...] = ()
     read_only: bool = False
+    structural: bool = False
+
+    @property
+    def type_name(self) -> str:
+        """The type in the words of ROS 2, e.g. ``double``, ``string_array``."""
+        if isinstance(self.default, list):
+            return f"{_TYPES[type(self.default[0])]}_array"
+        return _TYPES[type(self.default)]
 
     def descriptor(self) -> ParameterDescriptor:
         """Return what ``ros2 param describe`` shows."""
-        descriptor = ParameterDescriptor(name=self.name, read_only=self.read_only)
+        descriptor = ParameterDescriptor(name=self.name)
         descriptor.description = f"{self.description} [{self.unit}]" if self.unit else self.description
-        if self.choices:
-            descriptor.additional_constraints = "one of: " + ", ".join(self.choices)
+        constraints = ["one of: " + ", ".join(self.choices)] if self.choices else []
+        if self.read_only:
+            constraints.append("fixed at start")
+        if self.structural:
+            constraints.append("changes only while unconfigured")
+        descriptor.additional_constraints = "; ".join(constraints)
         low = self.minimum if self.minimum is not None else None
         high = self.maximum if self.maximum is not None else None
         if low is None and high is None:
@@ -76,6 +95,10 @@ def declare(node: Node, table: Sequence[Parameter], overrides: Mapping[str, Any]
     path = f"{node.get_fully_qualified_name()}: parameter "
     known = {parameter.name for parameter in table}
     for name in overrides:
+        if name.split(".")[0] == QOS_OVERRIDES:
+            raise InputError(
+                f"{path}{name}: qualities of service are fixed (spool_node/README.md), take {QOS_OVERRIDES} out"
+            )
         if name not in known and name.split(".")[0] not in BUILT_IN:
             raise InputError(f"{path}{name} is unknown; this node has: {', '.join(sorted(known))}")
     for parameter in table:
@@ -83,8 +106,7 @@ def declare(node: Node, table: Sequence[Parameter], overrides: Mapping[str, Any]
             node.declare_parameter(parameter.name, parameter.default, parameter.descriptor())
         except InvalidParameterTypeException as error:
             raise InputError(
-                f"{path}{parameter.name} must be of type {type(parameter.default).__name__}, "
-                f"e.g. {parameter.default!r}"
+                f"{path}{parameter.name} must be of type {parameter.type_name}, e.g. {parameter.default!r}"
             ) from error
         except InvalidParameterValueException as error:
             bounds = f"from {parameter.minimum} to {parameter.maximum} {parameter.unit}".strip()

@@ -19,6 +19,7 @@ class Probe(ManagedNode):
         Parameter("limit", 5.0, "Never below gain.", "N", 0.0, 10.0),
         Parameter("count", 3, "A whole number.", "", 1, 5),
         Parameter("mode", "slow", "A word.", choices=("slow", "fast")),
+        Parameter("size", 2, "A whole number that what is built depends on.", "", 1, 9, structural=True),
         Parameter("label", "probe", "Fixed at start.", read_only=True),
         Parameter("failing", "", "Hook that raises; with a ! an error of the user's input."),
     )

@@ -16,14 +16,18 @@ PROBE = Path(__file__).with_name("probe_node.py")
     ("given", "named"),
     [
         ("gian:=2.0", "parameter gian is unknown; this node has: autostart, count"),
-        ("gain:=high", "parameter gain must be of type float"),
-        ("gain:=3", "parameter gain must be of type float"),
-        ("count:=2.5", "parameter count must be of type int"),
+        ("gain:=high", "parameter gain must be of type double"),
+        ("gain:=3", "parameter gain must be of type double"),
+        ("count:=2.5", "parameter count must be of type integer"),
         ("gain:=11.0", "parameter gain = 11.0 is out of range (from 0.0 to 10.0 N)"),
         ("gain:=-0.1", "parameter gain = -0.1 is out of range (from 0.0 to 10.0 N)"),
         ("count:=6", "parameter count = 6 is out of range (from 1 to 5)"),
         ("mode:=quick", "parameter mode: 'quick' is not one of slow, fast"),
         ("autostart:=1", "parameter autostart must be of type bool"),
+        (
+            "qos_overrides./said.publisher.depth:=5",
+            "parameter qos_overrides./said.publisher.depth: qualities of service are fixed",
+        ),
     ],
 )
 def test_wrong_parameters_are_refused_at_start(given: str, named: str, environment: dict[str, str]) -> None:
@@ -58,8 +62,38 @@ def test_each_parameter_describes_itself(probe: Callable[..., Any], observer: An
     assert count.type == ParameterType.PARAMETER_INTEGER
     assert (count.integer_range[0].from_value, count.integer_range[0].to_value) == (1, 5)
     assert mode.additional_constraints == "one of: slow, fast"
-    assert label.read_only
-    assert not gain.read_only
+    assert label.additional_constraints == "fixed at start"
+    assert gain.additional_constraints == ""
+
+
+def test_values_that_contradict_each_other_are_refused_at_start(environment: dict[str, str]) -> None:
+    done = subprocess.run(
+        [sys.executable, str(PROBE), "--ros-args", "-p", "gain:=6.0"],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.splitlines()[-1].endswith("can't configure: /probe: gain: 6.0 is above limit (5.0)")
+
+
+def test_structural_parameters_change_only_while_unconfigured(
+    probe: Callable[..., Any], observer: Any
+) -> None:
+    probe(autostart="false")
+    assert observer.set(size=3) == (True, "")
+    assert observer.change("configure")
+    successful, reason = observer.set(size=4)
+    assert not successful
+    assert "size changes only while the node is unconfigured" in reason
+    # A whole parameter file can be loaded: what stays is no change.
+    assert observer.set(size=3, label="probe", gain=2.0) == (True, "")
+    assert observer.get("gain").double_value == 2.0
+    assert observer.change("cleanup")
+    assert observer.set(size=4) == (True, "")
 
 
 def test_changes_while_running_are_judged(probe: Callable[..., Any], observer: Any) -> None:
@@ -81,7 +115,8 @@ def test_changes_while_running_are_judged(probe: Callable[..., Any], observer: A
     assert observer.set(gain=6.0, limit=7.0) == (True, "")
     assert observer.get("gain").double_value == 6.0
     process.terminate()
-    stdout, _ = process.communicate(timeout=30)
+    stdout, log = process.communicate(timeout=30)
+    assert "parameters changed: gain from 1.0 to 6.0, limit from 5.0 to 7.0" in log
     assert [line for line in stdout.splitlines() if line.startswith("applied")] == [
         "applied ['gain', 'limit']"
     ]
