@@ -5,9 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import yaml
 from pydantic import BeforeValidator, Field, ValidationError
 from spool_stream.errors import InputError
+
+from .yaml_file import read_yaml
+
+#: Faults that one line of error names.
+MOST_FAULTS = 10
 
 
 def _refuse_boolean(value: object) -> object:
@@ -22,20 +26,6 @@ Positive = Annotated[Number, Field(gt=0.0)]
 NotNegative = Annotated[Number, Field(ge=0.0)]
 
 
-def _refuse_repeated_keys(node: yaml.Node | None) -> None:
-    """Raise InputError for a key that stands twice in one mapping; YAML readers keep the last silently."""
-    if isinstance(node, yaml.MappingNode):
-        seen: set[str] = set()
-        for key, value in node.value:
-            if key.value in seen:
-                raise InputError(f"key '{key.value}' stands twice (again in line {key.start_mark.line + 1})")
-            seen.add(str(key.value))
-            _refuse_repeated_keys(value)
-    elif isinstance(node, yaml.SequenceNode):
-        for entry in node.value:
-            _refuse_repeated_keys(entry)
-
-
 def read_mapping(path: str | Path, what: str) -> dict[str, Any]:
     """Return the mapping that the YAML file ``path`` holds.
 
@@ -44,25 +34,9 @@ def read_mapping(path: str | Path, what: str) -> dict[str, Any]:
         what: what the file describes, for the message ("valve", "excitation").
 
     Raises:
-        InputError: no such file, not YAML, or not a mapping with text keys.
+        InputError: as :func:`read_yaml`, or not a mapping with text keys.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "is not UTF-8 text"
-        raise InputError(
-            f"{path}: cannot read the {what} file: {reason}; give the path of a YAML file"
-        ) from None
-    try:
-        _refuse_repeated_keys(yaml.compose(text, Loader=yaml.SafeLoader))
-        content = yaml.safe_load(text)
-    except InputError as error:
-        raise InputError(f"{path}: {error}; keep one of them") from None
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        place = f" in line {mark.line + 1}" if mark is not None else ""
-        problem = getattr(error, "problem", None) or "syntax error"
-        raise InputError(f"{path}: not valid YAML{place}: {problem}; correct that line") from None
+    content = read_yaml(path, what)
     if not isinstance(content, dict) or not all(isinstance(key, str) for key in content):
         raise InputError(f"{path}: a {what} file is a list of 'key: value' lines, this one is not")
     return content
@@ -85,7 +59,14 @@ def one_line(error: ValidationError, where: str, known: tuple[str, ...] = ()) ->
         elif fault["type"] == "missing":
             faults.append(f"{path}: key is missing, add it")
         else:
-            given = "" if isinstance(fault["input"], dict) else f", got {fault['input']!r}"
+            given = "" if isinstance(fault["input"], dict) else f", got {_shortened(fault['input'])}"
             message = fault["msg"].removeprefix("Value error, ")
             faults.append(f"{path}: {message[0].lower()}{message[1:]}{given}")
+    if len(faults) > MOST_FAULTS:
+        faults = [*faults[:MOST_FAULTS], f"and {len(faults) - MOST_FAULTS} more"]
     return InputError(f"{where}: {'; '.join(faults)}".replace("\n", " "))
+
+
+def _shortened(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else text[:77] + "..."
