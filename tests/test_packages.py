@@ -19,8 +19,8 @@ ROSDEP_NAMES = {
     "lz4": "mcap-ros2-support",
     "ament_index_python": "ament_index_python",
 }
-# Third-party keys of rosdep's list (ros/rosdistro, rosdep/python.yaml) that the packages may use; whatever has
-# no key there is installed with pip, as spool_bringup/README.md says.
+# Third-party keys of rosdep's list (ros/rosdistro, rosdep/python.yaml) that the packages may use; what has no
+# key there is installed with pip, as spool_bringup/README.md says.
 ROSDEP_KEYS = {
     "mcap-ros2-support",
     "python3-hypothesis",
@@ -139,9 +139,11 @@ def test_dependencies_have_no_cycle():
     assert set(TopologicalSorter(graph).static_order()) == names
 
 
-@pytest.mark.parametrize("package", [path for path in PACKAGES if (path / "setup.py").exists()], ids=str)
+@pytest.mark.parametrize(
+    "package", [path for path in PACKAGES if (path / "setup.py").exists()], ids=lambda path: path.name
+)
 def test_colcon_finds_the_tests(package: Path):
-    """`colcon test` runs pytest where setup.py names it among what tests need, else unittest, which finds none."""
+    """`colcon test` runs pytest where setup.py names it for tests, else unittest, which finds none."""
     text = (package / "setup.py").read_text()
     calls = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call)]
     (extras,) = [word.value for call in calls for word in call.keywords if word.arg == "extras_require"]

@@ -12,6 +12,7 @@ from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import LifecycleNode
 from launch_ros.parameter_descriptions import ParameterValue
+from spool_sim.yaml_file import read_yaml
 
 SHARE = Path(get_package_share_directory("spool_bringup"))
 
@@ -142,7 +143,7 @@ def _given(context, name: str, kind: type) -> dict:
 
 
 def _existing(argument: str, path: str) -> str:
-    """Return ``path``, which must be a file: nodes start on defaults where their parameter file is missing."""
+    """Return ``path``, which must be a file: without their parameter file nodes start on defaults."""
     if not Path(path).is_file():
         raise ValueError(
             f"{argument}: {path} is no file: name the YAML file, e.g. a copy of config/valve.yaml"

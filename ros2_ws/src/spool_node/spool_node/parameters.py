@@ -26,8 +26,8 @@ _TYPES: Mapping[type, str] = {bool: "bool", int: "integer", float: "double", str
 class Parameter:
     """One parameter: its name, default (which fixes the type), meaning, unit and range.
 
-    ``read_only`` ones take effect at the process's start, ``structural`` ones when the node is configured: they
-    may change while it is unconfigured. All others may change at any time. Setting the present value again is
+    ``read_only`` ones take effect at the process's start, ``structural`` ones when the node is configured:
+    they may change while it is unconfigured. All others may change at any time. Setting the present value again is
     never refused, so that a whole parameter file can be loaded into a running node.
     """
 
@@ -96,9 +96,7 @@ def declare(node: Node, table: Sequence[Parameter], overrides: Mapping[str, Any]
     known = {parameter.name for parameter in table}
     for name in overrides:
         if name.split(".")[0] == QOS_OVERRIDES:
-            raise InputError(
-                f"{path}{name}: qualities of service are fixed (spool_node/README.md), take {QOS_OVERRIDES} out"
-            )
+            raise InputError(f"{path}{name}: qualities of service are fixed, take {QOS_OVERRIDES} out")
         if name not in known and name.split(".")[0] not in BUILT_IN:
             raise InputError(f"{path}{name} is unknown; this node has: {', '.join(sorted(known))}")
     for parameter in table:
