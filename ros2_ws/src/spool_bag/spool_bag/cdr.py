@@ -6,6 +6,7 @@ counted from the end of the four encapsulation bytes.
 
 from __future__ import annotations
 
+import functools
 import struct
 from dataclasses import dataclass
 
@@ -14,6 +15,8 @@ from spool_stream.block import Block, Samples
 
 LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 NANOSECONDS = 1_000_000_000
+#: B of a ``frame_id`` that are kept, as long as a file's name may be.
+LONGEST_NAME = 256
 
 
 class CdrError(ValueError):
@@ -88,6 +91,7 @@ def decode_block(data: bytes) -> Block:
     order = _order(data)
     try:
         seconds, nanoseconds, length = order.head.unpack_from(data, 4)
+        source = _text(data[16 : 15 + min(length, LONGEST_NAME)])
         at = ((12 + length + 7) & ~7) + 4
         sequence, period, count = order.counts.unpack_from(data, at)
         at += 20
@@ -99,7 +103,7 @@ def decode_block(data: bytes) -> Block:
         raise CdrError(f"not an AccelerationBlock: {error}") from error
     if order is _BIG:
         body, spool = body.astype(np.float32), spool.astype(np.float32)
-    return Block(seconds * NANOSECONDS + nanoseconds, sequence, period, body, spool)
+    return Block(seconds * NANOSECONDS + nanoseconds, sequence, period, body, spool, source)
 
 
 def encode_block(block: Block, frame_id: str) -> bytes:
@@ -136,6 +140,12 @@ def _encode_header(stamp: int, frame_id: str) -> bytes:
     name = frame_id.encode() + b"\x00"
     head = struct.pack("<iII", seconds, nanoseconds, len(name)) + name
     return LITTLE_ENDIAN + head + b"\x00" * (-len(head) % 8)
+
+
+@functools.lru_cache(maxsize=1024)
+def _text(name: bytes) -> str:
+    """Return a ``frame_id``; the same few come with every block."""
+    return name.decode("utf-8", "replace")
 
 
 def _little(samples: Samples) -> bytes:

@@ -71,7 +71,7 @@ def import_csv(
         raise InputError(f"{path}: stamps would be outside 1970 to 2038 (time_s from {first:g} to {last:g})")
     blocks = lost = temperatures = 0
     newest = -1
-    with BagWriter(out) as writer:
+    with BagWriter(out, staged=True) as writer:
         channel = writer.add_topic(f"/{valve}/acceleration", ACCELERATION_BLOCK)
         oil = record.columns.get(OIL_TEMPERATURE)
         thermal = writer.add_topic(f"/{valve}/oil_temperature", TEMPERATURE) if oil is not None else 0

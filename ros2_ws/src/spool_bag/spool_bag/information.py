@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from spool_stream.block import Block
 from spool_stream.block_gate import BlockGate, Verdict
+from spool_stream.printable import printable
 
-from .mcap_file import Damage
+from .cdr import OilTemperature
+from .mcap_walk import Damage
 from .reader import BagReader
+from .timeline import Timeline, step_text
+
+#: Steps of a valve's time that are listed one by one.
+MOST_STEPS = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,8 +35,9 @@ class ValveSummary:
     """The accelerations of one valve.
 
     ``sample_rate`` in Hz and ``first_stamp`` and ``end_stamp`` in ns are those of the usable blocks, ``None``
-    without any; ``lost_blocks`` come from jumps in ``sequence``; ``refused_blocks`` are malformed; ``faults``
-    counts each kind by its text.
+    without any; ``lost_blocks`` come from jumps in ``sequence``; ``refused_blocks`` are malformed,
+    ``undecodable_blocks`` no blocks at all; ``duration`` in s leaves out where the time stepped, and ``times``
+    counts the times of their own; ``faults`` counts each kind by its text.
     """
 
     name: str
@@ -39,6 +46,9 @@ class ValveSummary:
     sample_rate: float | None
     lost_blocks: int
     refused_blocks: int
+    undecodable_blocks: int
+    duration: float
+    times: int
     first_stamp: int | None
     end_stamp: int | None
     temperatures: int
@@ -47,7 +57,11 @@ class ValveSummary:
 
 @dataclass(frozen=True, slots=True)
 class BagInformation:
-    """A bag as a whole: ``size`` in bytes, ``duration`` in s by acquisition time, stamps in ns."""
+    """A bag as a whole: ``size`` in bytes, stamps in ns.
+
+    ``duration`` in s is by acquisition time, without the steps of a clock that was set; ``lost_messages`` were in
+    damaged places, and are ``lost_estimated`` where nothing but their size tells.
+    """
 
     path: Path
     size: int
@@ -57,6 +71,9 @@ class BagInformation:
     topics: tuple[TopicSummary, ...]
     valves: tuple[ValveSummary, ...]
     damages: tuple[Damage, ...]
+    lost_messages: int
+    lost_estimated: bool
+    undecodable: Mapping[str, int]
     warnings: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
@@ -78,9 +95,17 @@ class BagInformation:
             ],
             "valves": {valve.name: _valve_dict(valve) for valve in self.valves},
             "damages": [
-                {"offset_bytes": damage.offset, "size_bytes": damage.size, "reason": damage.reason}
+                {
+                    "offset_bytes": damage.offset,
+                    "size_bytes": damage.size,
+                    "reason": damage.reason,
+                    "lost_messages": damage.lost,
+                }
                 for damage in self.damages
             ],
+            "lost_messages": self.lost_messages,
+            "lost_messages_estimated": self.lost_estimated,
+            "undecodable_messages": dict(self.undecodable),
             "warnings": list(self.warnings),
         }
 
@@ -92,63 +117,147 @@ def describe(path: Path | str) -> BagInformation:
         InputError: there is no bag at ``path``.
     """
     reader = BagReader(path, skip_damage=True)
-    valves = tuple(_valve(reader, name) for name in reader.valves)
+    passes = {name: _Pass() for name in reader.valves}
+    for name, item in reader.streams():
+        passes[name].take(item)
+    valves = tuple(
+        one.summary(name, reader.undecodable.get(_topic(reader, name), 0)) for name, one in passes.items()
+    )
     first = min((valve.first_stamp for valve in valves if valve.first_stamp is not None), default=None)
-    end = max((valve.end_stamp for valve in valves if valve.end_stamp is not None), default=None)
-    if first is None or end is None:
-        for _, record in reader.records():
-            first = record.log_time if first is None else min(first, record.log_time)
-            end = record.log_time if end is None else max(end, record.log_time)
-    duration = (end - first) / 1e9 if first is not None and end is not None else None
+    duration = _duration([one.timeline for one in passes.values()])
+    if first is None:
+        first, duration = _logged(reader)
     topics = tuple(
         TopicSummary(name, topic.type, topic.messages, topic.messages / duration if duration else None)
         for name, topic in reader.topics.items()
     )
-    size = sum(file.path.stat().st_size for file in reader.files)
+    lost, estimated = reader.lost()
+    warnings = [*reader.warnings, *_shortfall(reader, sum(topic.messages for topic in topics), lost)]
+    warnings += [
+        step_text(name, step) for name, one in passes.items() for step in one.timeline.steps[:MOST_STEPS]
+    ]
+    warnings += [
+        f"{topic}: {count} messages are not what their type says and are left out"
+        for topic, count in reader.undecodable.items()
+    ]
     return BagInformation(
         Path(path),
-        size,
+        sum(file.path.stat().st_size for file in reader.files),
         reader.closed,
         duration,
         first,
         topics,
         valves,
         tuple(reader.damages),
-        tuple(reader.warnings),
+        lost,
+        estimated,
+        dict(reader.undecodable),
+        tuple(printable(warning) for warning in warnings),
     )
 
 
-def _valve(reader: BagReader, name: str) -> ValveSummary:
-    gate = BlockGate()
-    samples = temperatures = 0
-    first: int | None = None
-    end: int | None = None
+def summarise(name: str, items: Iterable[Block | OilTemperature]) -> ValveSummary:
+    """Return the summary of one valve's blocks and oil temperatures, in the order of acquisition."""
+    one = _Pass()
+    for item in items:
+        one.take(item)
+    return one.summary(name, 0)
+
+
+def _shortfall(reader: BagReader, found: int, lost: int) -> list[str]:
+    """Return what ``metadata.yaml`` counts beyond what is there and what damage explains."""
+    short = reader.told - found - lost
+    if short <= 0:
+        return []
+    return [f"{reader.path}: metadata.yaml counts {reader.told} messages: at least {short} more are missing"]
+
+
+def _duration(timelines: Sequence[Timeline]) -> float | None:
+    """Return the time (s) that the valves' spans cover together, none of it twice, but none longer than all."""
+    spans = sorted((span.first, span.end) for timeline in timelines for span in timeline.spans)
+    if not spans:
+        return None
+    covered, reached = 0, spans[0][0]
+    for first, end in spans:
+        covered += max(end - max(first, reached), 0)
+        reached = max(reached, end)
+    gaps = _common_gaps(timelines) if all(len(timeline.spans) == 1 for timeline in timelines) else 0
+    return max(covered + gaps, *(timeline.duration for timeline in timelines)) / 1e9
+
+
+def _common_gaps(timelines: Sequence[Timeline]) -> int:
+    """Return the ns in which no valve recorded, without any step: valves that were recorded one after another."""
+    spans = sorted((timeline.spans[0].first, timeline.spans[0].end) for timeline in timelines)
+    reached, gaps = spans[0][1], 0
+    for first, end in spans[1:]:
+        gaps += max(first - reached, 0)
+        reached = max(reached, end)
+    return gaps
+
+
+def _logged(reader: BagReader) -> tuple[int | None, float | None]:
+    """Return first stamp (ns) and duration (s) by the times of reception, where no valve has a block."""
+    first = last = None
+    for _, record in reader.records():
+        first = record.log_time if first is None else min(first, record.log_time)
+        last = record.log_time if last is None else max(last, record.log_time)
+    return first, None if first is None or last is None else (last - first) / 1e9
+
+
+def _topic(reader: BagReader, valve: str) -> str:
+    return next((name for name in reader.topics if name.strip("/") == f"{valve}/acceleration".strip("/")), "")
+
+
+@dataclass(slots=True)
+class _Pass:
+    """What one pass over a valve's blocks counts."""
+
+    gate: BlockGate = field(default_factory=BlockGate)
+    timeline: Timeline = field(default_factory=Timeline)
+    samples: int = 0
+    temperatures: int = 0
     rate: float | None = None
-    for item in reader.stream(name):
+
+    def take(self, item: Block | OilTemperature) -> None:
+        """Take a block or an oil temperature."""
         if not isinstance(item, Block):
-            temperatures += 1
-        elif gate.judge(item) is not Verdict.REFUSED:
-            samples += item.body.size
-            first = item.stamp if first is None else min(first, item.stamp)
-            end = item.end if end is None else max(end, item.end)
-            rate = 1.0 / item.sample_period
-    return ValveSummary(
-        name,
-        gate.accepted + gate.refused,
-        samples,
-        rate,
-        gate.lost,
-        gate.refused,
-        first,
-        end,
-        temperatures,
-        {fault.value: count for fault, count in gate.faults.items()},
-    )
+            self.temperatures += 1
+        elif self.gate.judge(item) is not Verdict.REFUSED:
+            self.samples += item.body.size
+            self.timeline.take(item)
+            self.rate = 1.0 / item.sample_period
+
+    def summary(self, name: str, undecodable: int) -> ValveSummary:
+        """Return what was counted."""
+        spans = self.timeline.spans
+        return ValveSummary(
+            name,
+            self.gate.accepted + self.gate.refused,
+            self.samples,
+            self.rate,
+            self.gate.lost,
+            self.gate.refused,
+            undecodable,
+            self.timeline.duration / 1e9,
+            len(spans),
+            min((span.first for span in spans), default=None),
+            max((span.end for span in spans), default=None),
+            self.temperatures,
+            {fault.value: count for fault, count in self.gate.faults.items()},
+        )
 
 
 def _valve_dict(valve: ValveSummary) -> dict[str, Any]:
     content = asdict(valve)
     del content["name"]
-    for name, unit in (("sample_rate", "Hz"), ("first_stamp", "ns"), ("end_stamp", "ns")):
+    for name, unit in (("sample_rate", "Hz"), ("duration", "s"), ("first_stamp", "ns"), ("end_stamp", "ns")):
         content[f"{name}_{unit}"] = content.pop(name)
     return content
+
+
+def summarise(name: str, items: Iterable[Block | OilTemperature]) -> ValveSummary:
+    """Return what ``items`` hold of the valve ``name``, whatever they were read from."""
+    one = _Pass()
+    for item in items:
+        one.take(item)
+    return one.summary(name, 0)

@@ -7,17 +7,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from rosbags.interfaces import Qos
 from rosbags.rosbag2.metadata import dump_qos_v9
 from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 from spool_stream.errors import InputError
+from spool_stream.printable import printable
+
+from .bounded_yaml import LARGEST, YamlError, load_bounded
 
 FILE_NAME = "metadata.yaml"
 ROOT = "rosbag2_bagfile_information"
 VERSION = 9
+#: Missing files that are named one by one.
+MOST_MISSING = 10
+#: What ``custom_data`` says of a recording under way, or of one that was never finished.
+UNFINISHED = {"recording": "not finished"}
 
 
 @dataclass(slots=True)
@@ -39,6 +45,7 @@ class BagMetadata:
     start: int
     duration: int
     topics: tuple[TopicCount, ...]
+    finished: bool = True
 
 
 def _yaml() -> YAML:
@@ -59,51 +66,57 @@ def qos_text(profiles: Sequence[Qos]) -> str:
     return _text(dump_qos_v9(list(profiles))).strip() if profiles else ""
 
 
+def metadata_text(bag: BagMetadata) -> str:
+    """Return what a bag's file tells of itself, as YAML: the content of ``metadata.yaml`` below its root."""
+    return _text(_content(bag))
+
+
 def write_metadata(folder: Path, bag: BagMetadata) -> None:
     """Write ``metadata.yaml`` so that at any moment either the old or the new one is whole."""
-    count = sum(topic.messages for topic in bag.topics)
-    content = {
-        ROOT: {
-            "version": VERSION,
-            "storage_identifier": "mcap",
-            "duration": {"nanoseconds": bag.duration},
-            "starting_time": {"nanoseconds_since_epoch": bag.start},
-            "message_count": count,
-            "topics_with_message_count": [
-                {
-                    "topic_metadata": {
-                        "name": topic.name,
-                        "type": topic.type,
-                        "serialization_format": "cdr",
-                        "offered_qos_profiles": dump_qos_v9(list(topic.qos)),
-                        "type_description_hash": topic.digest,
-                    },
-                    "message_count": topic.messages,
-                }
-                for topic in bag.topics
-            ],
-            "compression_format": "",
-            "compression_mode": "",
-            "relative_file_paths": [bag.file],
-            "files": [
-                {
-                    "path": bag.file,
-                    "starting_time": {"nanoseconds_since_epoch": bag.start},
-                    "duration": {"nanoseconds": bag.duration},
-                    "message_count": count,
-                }
-            ],
-            "custom_data": None,
-            "ros_distro": "jazzy",
-        }
-    }
     temporary = folder / (FILE_NAME + ".tmp")
     with temporary.open("w", encoding="utf-8") as stream:
-        stream.write(_text(content))
+        stream.write(_text({ROOT: _content(bag)}))
         stream.flush()
         os.fsync(stream.fileno())
     temporary.replace(folder / FILE_NAME)
     sync_folder(folder)
+
+
+def _content(bag: BagMetadata) -> dict[str, Any]:
+    count = sum(topic.messages for topic in bag.topics)
+    return {
+        "version": VERSION,
+        "storage_identifier": "mcap",
+        "duration": {"nanoseconds": bag.duration},
+        "starting_time": {"nanoseconds_since_epoch": bag.start},
+        "message_count": count,
+        "topics_with_message_count": [
+            {
+                "topic_metadata": {
+                    "name": topic.name,
+                    "type": topic.type,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": dump_qos_v9(list(topic.qos)),
+                    "type_description_hash": topic.digest,
+                },
+                "message_count": topic.messages,
+            }
+            for topic in bag.topics
+        ],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [bag.file],
+        "files": [
+            {
+                "path": bag.file,
+                "starting_time": {"nanoseconds_since_epoch": bag.start},
+                "duration": {"nanoseconds": bag.duration},
+                "message_count": count,
+            }
+        ],
+        "custom_data": None if bag.finished else dict(UNFINISHED),
+        "ros_distro": "jazzy",
+    }
 
 
 def sync_folder(folder: Path) -> None:
@@ -115,37 +128,59 @@ def sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
-def storage_files(folder: Path) -> tuple[list[Path], list[str]]:
-    """Return the MCAP files of the rosbag2 directory ``folder`` in order, and warnings.
+class Storage(NamedTuple):
+    """The files of a bag in order, the messages that its metadata counts, and what is wrong, one line each."""
+
+    files: list[Path]
+    messages: int
+    warnings: list[str]
+
+
+def storage_files(folder: Path) -> Storage:
+    """Return what makes up the rosbag2 directory ``folder``.
 
     Raises:
         InputError: no MCAP file, another storage, or compression around the file.
     """
     warnings: list[str] = []
+    storage, compression, names, messages = "mcap", "", list[str](), 0
     try:
-        content = _yaml().load((folder / FILE_NAME).read_text(encoding="utf-8"))
-        info: dict[str, Any] = content[ROOT]
-        storage, compression = info["storage_identifier"], info.get("compression_mode")
-        names = [str(name) for name in info["relative_file_paths"]]
+        storage, compression, names, messages = _told(folder / FILE_NAME)
     except FileNotFoundError:
         warnings.append(f"{folder}: {FILE_NAME} is missing")
-        storage, compression, names = "mcap", "", []
-    except (OSError, UnicodeDecodeError, YAMLError, KeyError, TypeError):
+    except YamlError as error:
+        warnings.append(f"{folder / FILE_NAME} cannot be read: {printable(error, 200)}")
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         warnings.append(f"{folder / FILE_NAME} cannot be read")
-        storage, compression, names = "mcap", "", []
     if storage != "mcap":
         raise InputError(
-            f"{folder}: storage {storage!r} cannot be read: convert it with `ros2 bag convert` to mcap"
+            f"{folder}: storage {printable(storage, 80)!r} cannot be read: "
+            "convert it with `ros2 bag convert` to mcap"
         )
     if compression:
         raise InputError(
-            f"{folder}: compression mode {compression!r} cannot be read: decompress the bag first"
+            f"{folder}: compression mode {printable(compression, 80)!r} cannot be read: decompress the bag first"
         )
     paths = [folder / name for name in names if (folder / name).is_file()]
     missing = [name for name in names if not (folder / name).is_file()]
-    warnings.extend(f"{folder}: {name} is missing" for name in missing)
+    warnings.extend(f"{folder}: {printable(name, 200)} is missing" for name in missing[:MOST_MISSING])
+    if len(missing) > MOST_MISSING:
+        warnings.append(f"{folder}: {len(missing) - MOST_MISSING} more files are missing")
     if not paths:
         paths = sorted(folder.glob("*.mcap"), key=lambda path: (len(path.name), path.name))
     if not paths:
         raise InputError(f"{folder}: no .mcap file in it: name a rosbag2 directory or an .mcap file")
-    return paths, warnings
+    return Storage(paths, messages, warnings)
+
+
+def _told(path: Path) -> tuple[str, str, list[str], int]:
+    """Return storage, compression, names of files and number of messages."""
+    with path.open(encoding="utf-8") as stream:
+        info: dict[str, Any] = load_bounded(stream.read(LARGEST + 1))[ROOT]
+    names = [str(name) for name in info["relative_file_paths"]]
+    unsound = [name for name in names if "\0" in name]
+    if unsound:
+        raise YamlError("a name of a file has a zero byte")
+    count = info.get("message_count", 0)
+    storage, compression = str(info["storage_identifier"]), str(info.get("compression_mode") or "")
+    return storage, compression, names, count if isinstance(count, int) else 0

@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Callable, Iterator
-from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.base import TypesysError
 from rosbags.typesys.store import Typestore
 from spool_stream.block import Block
 from spool_stream.errors import InputError
+from spool_stream.printable import printable
 
 from .cdr import CdrError, OilTemperature, decode_block, decode_temperature
 from .definitions import ACCELERATION_BLOCK, TEMPERATURE
-from .mcap_file import Damage, McapFile, Record, Topic
+from .mcap_definitions import Topic
+from .mcap_file import McapFile, Record
+from .mcap_walk import Damage
 from .metadata import storage_files
+from .ordering import LARGEST_QUEUE, LONGEST_QUEUE, WINDOW, Keyed, Windows
+from .staging import leftovers
 
-WINDOW = 5_000_000_000
-LONGEST_QUEUE = 20_000
+__all__ = ["LARGEST_QUEUE", "LONGEST_QUEUE", "WINDOW", "BagReader", "TopicInformation"]
+
+#: Names of topics that one line lists.
+MOST_LISTED = 12
 
 
 class TopicInformation(NamedTuple):
@@ -34,15 +37,17 @@ class TopicInformation(NamedTuple):
 class BagReader:
     """A rosbag2 directory or an ``.mcap`` file.
 
-    Everything is read in passes over the file; of the messages at most two
-    ``WINDOW`` (10 s of stamps, and never more than ``LONGEST_QUEUE`` messages) are held, so that messages up
-    to 5 s late are put in order of (header.stamp, sequence). A stamp that goes back further is a new start of
-    time and is passed on where it stands.
+    Everything is read in passes over the file; of the messages of a valve at most two ``WINDOW`` (10 s of stamps,
+    and never more than ``LONGEST_QUEUE`` messages or ``LARGEST_QUEUE`` B) are held, so that messages up to 5 s
+    late are put in order of (header.stamp, sequence). A stamp that goes back further is a new start of time and
+    is passed on where it stands. A message that is not what its type says is left out and counted.
 
     Attributes:
         warnings: what is missing or not as it should be, one line each.
         closed: the recording was finished properly.
+        told: messages that ``metadata.yaml`` counts, 0 without it; some seconds old while a recording is under way.
         damages: with ``skip_damage`` what was stepped over so far, else empty: damage is an error then.
+        undecodable: messages that are not what their type says, left out, by topic, as far as read.
 
     Raises:
         InputError: there is no bag at ``path``, or (from any method) it is damaged.
@@ -51,23 +56,30 @@ class BagReader:
     def __init__(self, path: Path | str, *, skip_damage: bool = False) -> None:
         self.path = Path(path)
         self.damages: list[Damage] = []
+        self._noted: dict[Path, list[Damage]] = {}
         self._skip = skip_damage
         self.warnings: list[str] = []
+        self.told = 0
         if self.path.is_dir():
-            paths, self.warnings = storage_files(self.path)
+            paths, self.told, self.warnings = storage_files(self.path)
         elif self.path.is_file():
             paths = [self.path]
         else:
-            raise InputError(f"{self.path}: no such bag: name a rosbag2 directory or an .mcap file")
+            left = "".join(
+                f"; {part} is what a killed process left of it" for part in leftovers(self.path)[:1]
+            )
+            raise InputError(f"{self.path}: no such bag: name a rosbag2 directory or an .mcap file{left}")
         self.files = [McapFile(path) for path in paths]
         self.closed = all(file.closed for file in self.files)
         self.warnings.extend(
-            f"{file.path}: the recording was not finished; up to one second at its end may be missing"
+            f"{file.path}: the recording was not finished: what was not yet on the disk is missing; "
+            "`./spool recover` makes a finished bag of it"
             for file in self.files
             if not file.closed
         )
         self._topics: dict[str, TopicInformation] | None = None
-        self._stores: dict[str, Typestore] = {}
+        self._stores: dict[str, Typestore | None] = {}
+        self.undecodable: dict[str, int] = {}
 
     @property
     def topics(self) -> dict[str, TopicInformation]:
@@ -83,29 +95,41 @@ class BagReader:
         return self._topics
 
     @property
+    def listed(self) -> str:
+        """The names of the topics for one line of text."""
+        names = [printable(name, 80) for name in self.topics]
+        more = [f"and {len(names) - MOST_LISTED} more"] if len(names) > MOST_LISTED else []
+        return ", ".join(names[:MOST_LISTED] + more) or "none"
+
+    @property
     def valves(self) -> list[str]:
-        """Namespaces, without the leading slash, that have an ``acceleration`` topic."""
+        """Namespaces, without the leading slash, that have an ``acceleration`` topic; the root's is empty."""
         return sorted(
-            name.rpartition("/")[0].lstrip("/")
+            _parts(name)[0]
             for name, topic in self.topics.items()
-            if topic.type == ACCELERATION_BLOCK and name.endswith("/acceleration")
+            if topic.type == ACCELERATION_BLOCK and _parts(name)[1] == "acceleration"
         )
 
     def blocks(self, valve: str) -> Iterator[Block]:
         """Yield the blocks of ``valve`` in order of (stamp, sequence), malformed ones included."""
-        for item in self._ordered([self._acceleration(valve)]):
+        for _, item in self._ordered({self._known(valve)}, (_ACCELERATION,)):
             assert isinstance(item, Block)
             yield item
 
     def temperatures(self, valve: str) -> Iterator[tuple[int, float]]:
         """Yield (stamp in ns, deg C) of the oil of ``valve`` by stamp; nothing where none is recorded."""
-        for item in self._ordered([_oil_temperature(valve)]):
+        for _, item in self._ordered({valve.strip("/")}, (_OIL,)):
             assert isinstance(item, OilTemperature)
             yield item.stamp, item.celsius
 
     def stream(self, valve: str) -> Iterator[Block | OilTemperature]:
         """Yield blocks and oil temperatures of ``valve`` by stamp, at equal stamps the temperature first."""
-        yield from self._ordered([self._acceleration(valve), _oil_temperature(valve)])
+        for _, item in self._ordered({self._known(valve)}, (_ACCELERATION, _OIL)):
+            yield item
+
+    def streams(self) -> Iterator[tuple[str, Block | OilTemperature]]:
+        """Yield what ``stream`` yields, of all valves in one pass, with the valve's name."""
+        yield from self._ordered(set(self.valves), (_ACCELERATION, _OIL))
 
     def records(self, topic: str | None = None) -> Iterator[tuple[Topic, Record]]:
         """Yield the messages of ``topic`` (all topics without it) as recorded, in the order of recording."""
@@ -114,75 +138,74 @@ class BagReader:
                 yield file.topics[record.channel], record
 
     def messages(self, topic: str) -> Iterator[Any]:
-        """Yield the messages of ``topic`` decoded by the definition that the bag carries.
+        """Yield the messages of ``topic`` decoded by the definition that the bag carries; others are counted.
 
         Raises:
-            InputError: the bag has no such topic, or its messages do not fit its definition.
+            InputError: the bag has no such topic.
         """
         if topic not in self.topics:
-            raise InputError(f"{self.path}: no topic {topic}: it has {', '.join(self.topics) or 'none'}")
+            raise InputError(f"{self.path}: no topic {printable(topic)}: it has {self.listed}")
+        bad = 0
         for described, record in self.records(topic):
-            try:
-                yield self._store(described).deserialize_cdr(record.data, described.type)
-            except (SerdeError, TypesysError) as error:
-                raise InputError(
-                    f"{self.path}: message of {topic} logged at {record.log_time} ns: {error}"
-                ) from error
+            message = self._decoded(described, record.data)
+            if message is None:
+                bad += 1
+                self._left_out(topic, bad)
+            else:
+                yield message
 
     def decodable(self, topic: Topic, data: bytes) -> bool:
         """Return whether ``data`` fits the definition that the bag carries for ``topic``."""
-        try:
-            self._store(topic).deserialize_cdr(data, topic.type)
-        except (SerdeError, TypesysError, InputError):
-            return False
-        return True
+        return self._decoded(topic, data) is not None
 
-    def _acceleration(self, valve: str) -> _Source:
+    def _decoded(self, topic: Topic, data: bytes) -> Any:
+        """Return the message in ``data``, ``None`` where that does not fit the bag's definition."""
+        try:
+            store = self._store(topic)
+            return None if store is None else store.deserialize_cdr(data, topic.type)
+        except Exception:  # rosbags, struct, NumPy, RecursionError: whatever a bad byte brings
+            return None
+
+    def _left_out(self, topic: str, count: int) -> None:
+        """Take note of what one pass left out; another pass leaves out the same again."""
+        self.undecodable[topic] = max(self.undecodable.get(topic, 0), count)
+
+    def _known(self, valve: str) -> str:
         name = valve.strip("/")
         if name not in self.valves:
-            known = ", ".join(self.valves) or "none"
-            raise InputError(f"{self.path}: no valve {valve!r}: the bag has {known}")
-        return _Source(f"/{name}/acceleration", ACCELERATION_BLOCK, _block)
+            known = ", ".join(printable(one, 80) for one in self.valves[:MOST_LISTED]) or "none"
+            raise InputError(f"{self.path}: no valve {printable(valve)!r}: the bag has {known}")
+        return name
 
-    def _ordered(self, sources: list[_Source]) -> Iterator[Block | OilTemperature]:
-        """Yield decoded messages in order of (stamp, sequence, arrival) within a window of stamps."""
-        decoders = {(source.topic, source.type): source.decode for source in sources}
-        queue: list[_Keyed] = []
-        lowest = highest = 0
+    def _ordered(
+        self, valves: set[str], sources: tuple[_Source, ...]
+    ) -> Iterator[tuple[str, Block | OilTemperature]]:
+        """Yield decoded messages by valve in order of (stamp, sequence, arrival) within a window of stamps."""
+        decoders = {(source.name, source.type): source.decode for source in sources}
+
+        def wanted(topic: Topic) -> bool:
+            valve, leaf = _parts(topic.name)
+            return valve in valves and (leaf, topic.type) in decoders
+
+        windows, bad = Windows(), dict[str, int]()
         for file in self.files:
-            channels: dict[int, Callable[[bytes], _Keyed]] = {}
-            for record in self._records(file, lambda topic: (topic.name, topic.type) in decoders):
-                decode = channels.get(record.channel)
-                if decode is None:
+            channels: dict[int, tuple[str, Callable[[bytes], Keyed]]] = {}
+            for record in self._records(file, wanted):
+                found = channels.get(record.channel)
+                if found is None:
                     topic = file.topics[record.channel]
-                    decode = channels[record.channel] = decoders[topic.name, topic.type]
+                    valve, leaf = _parts(topic.name)
+                    found = channels[record.channel] = valve, decoders[leaf, topic.type]
+                valve, decode = found
                 try:
                     keyed = decode(record.data)
-                except CdrError as error:
+                except CdrError:
                     name = file.topics[record.channel].name
-                    raise InputError(
-                        f"{file.path}: message of {name} logged at {record.log_time} ns: {error}"
-                    ) from error
-                stamp = keyed[0]
-                if not queue:
-                    lowest = highest = stamp
-                elif stamp > highest:
-                    highest = stamp
-                elif stamp < highest - WINDOW:
-                    yield from _sorted_items(queue)
-                    queue, lowest, highest = [], stamp, stamp
-                elif stamp < lowest:
-                    lowest = stamp
-                queue.append(keyed)
-                if highest - lowest > 2 * WINDOW or len(queue) > LONGEST_QUEUE:
-                    queue.sort(key=_KEY)
-                    split = bisect_left(queue, highest - WINDOW, key=_STAMP)
-                    split = max(split, len(queue) // 2) if len(queue) > LONGEST_QUEUE else split
-                    for held in queue[:split]:
-                        yield held[2]
-                    del queue[:split]
-                    lowest = queue[0][0]
-        yield from _sorted_items(queue)
+                    bad[name] = bad.get(name, 0) + 1
+                    self._left_out(name, bad[name])
+                    continue
+                yield from windows.take(valve, keyed)
+        yield from windows.rest()
 
     def _count(self, file: McapFile) -> dict[int, int]:
         counts: dict[int, int] = {}
@@ -191,53 +214,60 @@ class BagReader:
         return counts
 
     def _records(self, file: McapFile, wanted: Callable[[Topic], bool]) -> Iterator[Record]:
-        return file.records(wanted, self._note if self._skip else None)
+        return file.records(wanted, (lambda damage: self._note(file, damage)) if self._skip else None)
 
-    def _note(self, damage: Damage) -> None:
-        if damage not in self.damages:
+    def _note(self, file: McapFile, damage: Damage) -> None:
+        if damage not in self._noted.setdefault(file.path, []):
+            self._noted[file.path].append(damage)
             self.damages.append(damage)
 
-    def _store(self, topic: Topic) -> Typestore:
-        store = self._stores.get(topic.type)
-        if store is None:
+    def lost(self) -> tuple[int, bool]:
+        """Return the messages lost at the ``damages`` and whether that is estimated in part.
+
+        Where no index behind a damaged chunk tells, its size does, by what as large chunks of the file held.
+        """
+        counted, estimated = 0, 0.0
+        for file in self.files:
+            for damage in self._noted.get(file.path, []):
+                counted += damage.lost or 0
+                estimated += file.density * damage.size if damage.lost is None else 0.0
+        return counted + round(estimated), estimated > 0.0
+
+    def _store(self, topic: Topic) -> Typestore | None:
+        """Return the types that the definition of ``topic`` defines, ``None`` where it defines none."""
+        if topic.type not in self._stores:
             store = get_typestore(Stores.EMPTY)
             try:
                 store.register(get_types_from_msg(topic.schema, topic.type))
-            except TypesysError as error:
-                raise InputError(f"{self.path}: definition of {topic.type}: {error}") from error
+            except Exception:  # as above
+                store = None
             self._stores[topic.type] = store
-        return store
+        return self._stores[topic.type]
 
 
-_Keyed = tuple[int, int, "Block | OilTemperature"]
+def _parts(topic: str) -> tuple[str, str]:
+    """Return the namespace of a topic, without slashes around it, and its last name."""
+    namespace, _, leaf = topic.rpartition("/")
+    return namespace.strip("/"), leaf
 
 
 class _Source(NamedTuple):
     """A topic that is read by stamp, its type and how to decode it."""
 
-    topic: str
+    name: str
     type: str
-    decode: Callable[[bytes], _Keyed]
+    decode: Callable[[bytes], Keyed]
 
 
-def _oil_temperature(valve: str) -> _Source:
-    return _Source(f"/{valve.strip('/')}/oil_temperature", TEMPERATURE, _temperature)
-
-
-def _block(data: bytes) -> _Keyed:
+def _block(data: bytes) -> Keyed:
     block = decode_block(data)
-    return block.stamp, block.sequence, block
+    return Keyed(block.stamp, block.sequence, block, len(data))
 
 
-def _temperature(data: bytes) -> _Keyed:
+def _temperature(data: bytes) -> Keyed:
     item = decode_temperature(data)
-    return item.stamp, -1, item
+    return Keyed(item.stamp, -1, item, len(data))
 
 
-_STAMP, _KEY = itemgetter(0), itemgetter(0, 1)
-
-
-def _sorted_items(queue: list[_Keyed]) -> Iterator[Block | OilTemperature]:
-    queue.sort(key=_KEY)
-    for keyed in queue:
-        yield keyed[2]
+_ACCELERATION = _Source("acceleration", ACCELERATION_BLOCK, _block)
+_OIL = _Source("oil_temperature", TEMPERATURE, _temperature)

@@ -41,14 +41,14 @@ class RecorderNode(ManagedNode):
             "",
             "Bag to be made, a path; empty: recording_<UTC time> in the working directory. "
             "A second activation puts _1 behind it, and so on.",
-            read_only=True,
+            structural=True,
         ),
         Parameter(
             "valves",
             [""],
             "Namespaces to record, e.g. [valve_1, valve_2]; empty: every namespace that has an acceleration, "
             "estimate, health or events topic of spool_msgs.",
-            read_only=True,
+            structural=True,
         ),
         Parameter(
             "depth",
@@ -56,7 +56,7 @@ class RecorderNode(ManagedNode):
             "Messages per topic that may wait for the disk; 1000 are 20 s at 50 blocks/s.",
             minimum=10,
             maximum=100000,
-            read_only=True,
+            structural=True,
         ),
         Parameter(
             "minimum_free_space",
@@ -69,10 +69,10 @@ class RecorderNode(ManagedNode):
             "snapshot_folder",
             "",
             "Where an alarm's surroundings are kept as a bag of their own; empty: snapshots beside the bag.",
-            read_only=True,
+            structural=True,
         ),
-        Parameter("snapshot_before", 60.0, "Kept from before an alarm.", "s", 0.0, 600.0, read_only=True),
-        Parameter("snapshot_after", 60.0, "Kept from after it.", "s", 0.0, 600.0, read_only=True),
+        Parameter("snapshot_before", 60.0, "Kept from before an alarm.", "s", 0.0, 600.0, structural=True),
+        Parameter("snapshot_after", 60.0, "Kept from after it.", "s", 0.0, 600.0, structural=True),
         Parameter(
             "snapshot_limit",
             100,

@@ -6,23 +6,31 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.metadata import parse_qos
+from spool_stream.block import Block
+from spool_stream.block_gate import BlockGate
 from spool_stream.errors import InputError
+from spool_stream.printable import printable
 
+from .bounded_yaml import load_bounded
 from .definitions import Definition
-from .mcap_file import Damage, Topic
+from .mcap_definitions import Topic
+from .mcap_walk import Damage
 from .reader import BagReader
 from .writer import BagWriter
 
 
 @dataclass(frozen=True, slots=True)
 class RecoveryResult:
-    """What was saved.
+    """What was saved and what was not.
 
     ``messages`` counts by topic what the new bag holds, as read back from it. ``undecodable`` counts messages
     whose bytes do not fit their definition; they are left out. ``expected`` counts by topic what the old bag
-    says it held, ``None`` where it says nothing (a killed recording). ``damages`` are the old bag's.
+    says it held, ``None`` where it says nothing (a killed recording). ``lost`` are the messages that the old bag
+    held and the new one does not: by those counts, else by the index behind each damaged chunk, else, and then
+    ``estimated`` is true, by the damaged places' sizes. ``missing`` counts the blocks that jumps in
+    ``sequence`` show by valve, whether they were lost here or never arrived. ``damages`` are the old bag's,
+    ``closed`` says whether its recording was finished.
     """
 
     source: Path
@@ -30,15 +38,12 @@ class RecoveryResult:
     messages: Mapping[str, int]
     undecodable: Mapping[str, int]
     expected: Mapping[str, int] | None
+    lost: int
+    estimated: bool
+    missing: Mapping[str, int]
     damages: tuple[Damage, ...]
     warnings: tuple[str, ...]
-
-    @property
-    def lost(self) -> int | None:
-        """Messages that the old bag held and the new one does not; ``None``: not known."""
-        if self.expected is None:
-            return None
-        return sum(self.expected.values()) - sum(self.messages.values())
+    closed: bool
 
 
 def recover(source: Path | str, target: Path | str) -> RecoveryResult:
@@ -53,7 +58,7 @@ def recover(source: Path | str, target: Path | str) -> RecoveryResult:
     expected = {name: topic.messages for name, topic in reader.topics.items()} if counted else None
     undecodable: dict[str, int] = {}
     warnings = list(reader.warnings)
-    with BagWriter(target) as writer:
+    with BagWriter(target, staged=True) as writer:
         channels: dict[tuple[str, str], int | None] = {}
         for topic, record in reader.records():
             key = (topic.name, topic.type)
@@ -65,24 +70,62 @@ def recover(source: Path | str, target: Path | str) -> RecoveryResult:
                 continue
             writer.write(channel, record.log_time, record.data, record.publish_time, record.sequence)
         written = writer.counts
-    again = BagReader(target)
+        writer.finish()
+        read, missing = _read_back(writer.file, written)
+        if read != written:
+            raise OSError(f"{target}: what was written could not be read back: the disk may be failing")
+    lost, estimated = _lost(reader, read, undecodable, expected)
+    return RecoveryResult(
+        Path(source),
+        Path(target),
+        read,
+        undecodable,
+        expected,
+        lost,
+        estimated,
+        missing,
+        tuple(reader.damages),
+        tuple(warnings),
+        reader.closed,
+    )
+
+
+def _lost(
+    reader: BagReader,
+    saved: Mapping[str, int],
+    undecodable: Mapping[str, int],
+    expected: Mapping[str, int] | None,
+) -> tuple[int, bool]:
+    """Return the messages lost beside those not decodable, and whether that is estimated."""
+    found = sum(saved.values()) + sum(undecodable.values())
+    if expected is not None:
+        return max(sum(expected.values()) - found, 0), False
+    lost, estimated = reader.lost()
+    # metadata.yaml of a recording under way is some seconds old: it holds that many at least.
+    return max(lost, reader.told - found), estimated
+
+
+def _read_back(file: Path, written: Mapping[str, int]) -> tuple[dict[str, int], dict[str, int]]:
+    """Return the messages by topic in ``file``, and the blocks missing in between by valve."""
+    again = BagReader(file)
     read: dict[str, int] = dict.fromkeys(written, 0)
     for topic, _ in again.records():
         read[topic.name] += 1
-    if read != written:
-        raise OSError(f"{target}: what was written could not be read back: the disk may be failing")
-    return RecoveryResult(
-        Path(source), Path(target), read, undecodable, expected, tuple(reader.damages), tuple(warnings)
-    )
+    gates: dict[str, BlockGate] = {}
+    for valve, item in again.streams():
+        if isinstance(item, Block):
+            gates.setdefault(valve, BlockGate()).judge(item)
+    return read, {valve: gate.lost for valve, gate in gates.items() if gate.lost}
 
 
 def _channel(writer: BagWriter, topic: Topic, warnings: list[str]) -> int | None:
     if topic.encoding != "cdr" or not topic.schema:
-        warnings.append(f"{topic.name}: encoding {topic.encoding!r} without a ROS 2 definition is left out")
+        name, encoding = printable(topic.name, 80), printable(topic.encoding, 40)
+        warnings.append(f"{name}: encoding {encoding!r} without a ROS 2 definition is left out")
         return None
     try:
-        qos = parse_qos(topic.qos)
-    except (ReaderError, KeyError, TypeError):
+        qos = parse_qos(load_bounded(topic.qos) or [])
+    except Exception:  # rosbags and its YAML parser: whatever a foreign text brings
         qos = []
     described = Definition(topic.type, topic.schema, topic.digest, topic.schema_encoding)
     try:

@@ -76,7 +76,7 @@ class Snapshot:
         while path.exists():
             number += 1
             path = folder / f"{self.name}_{number}"
-        with BagWriter(path) as writer:
+        with BagWriter(path, staged=True) as writer:
             for received, message in self._ordered():
                 channel = writer.add_topic(message.topic, message.kind)
                 writer.write(channel, received, message.data, message.published)

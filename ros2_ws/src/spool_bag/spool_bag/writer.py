@@ -14,7 +14,9 @@ from rosbags.interfaces import Qos
 from spool_stream.errors import InputError
 
 from .definitions import Definition, definition
-from .metadata import BagMetadata, TopicCount, qos_text, sync_folder, write_metadata
+from .metadata import BagMetadata, TopicCount, metadata_text, qos_text, sync_folder, write_metadata
+from .repeating_chunks import repeat_definitions
+from .staging import leftovers, partial_name, remove
 
 CHUNK_SIZE = 1 << 20
 METADATA_INTERVAL = 5.0
@@ -70,6 +72,10 @@ class BagWriter:
     Chunks are closed and synced to the disk once ``flush_interval`` seconds of wall time have passed; call
     :meth:`flush_if_due` as well where messages may stay away. ``bytes`` counts message payload.
 
+    ``staged`` writes under another name in the same folder, which :meth:`close` changes to ``path`` once the bag
+    is whole; left by an exception (a ``with`` block, Ctrl-C), nothing stays. A recording is not staged: what it
+    has on the disk is to be found under its name whatever happens.
+
     Raises:
         InputError: ``path`` exists already or cannot be made.
         RecordingError: from any method, on the first failure to write (disk full); the file is then cut back
@@ -77,7 +83,12 @@ class BagWriter:
     """
 
     def __init__(
-        self, path: Path | str, *, flush_interval: float = 1.0, chunk_size: int = CHUNK_SIZE
+        self,
+        path: Path | str,
+        *,
+        flush_interval: float = 1.0,
+        chunk_size: int = CHUNK_SIZE,
+        staged: bool = False,
     ) -> None:
         self.path = Path(path)
         self.bytes = 0
@@ -88,20 +99,24 @@ class BagWriter:
         self._start: int | None = None
         self._end = 0
         self._described = 0.0
-        self._open = False
-        if self.path.exists():
+        self._open = self._settled = False
+        if self.path.exists() or self.path.is_symlink():
             raise InputError(f"{self.path} exists already: name a bag that does not, or remove it")
+        for left in leftovers(self.path):
+            remove(left)
+        self._folder = partial_name(self.path) if staged else self.path
         try:
-            self.path.mkdir(parents=True)
+            self._folder.mkdir(parents=True)
         except OSError as error:
             raise InputError(f"{self.path}: cannot be made: {error.strerror}") from error
-        self.file = self.path / f"{self.path.name}_0.mcap"
+        self.file = self._folder / f"{self.path.name}_0.mcap"
         try:
             self._output = _Output(self.file)
             self._writer = Writer(self._output, chunk_size, CompressionType.ZSTD)  # type: ignore[arg-type]
+            repeat_definitions(self._writer)
             self._writer.start(profile="ros2", library="spool_bag")
             self._write_metadata()
-            sync_folder(self.path.absolute().parent)
+            sync_folder(self._folder.absolute().parent)
         except OSError as error:
             raise RecordingError(f"{self.file}: {error.strerror}") from error
         self._open = True
@@ -162,12 +177,34 @@ class BagWriter:
         self._guard(self._flush)
 
     def close(self) -> None:
-        """Write index, footer and the final ``metadata.yaml``; closing again does nothing."""
+        """Write index, footer and the final ``metadata.yaml``; closing again does nothing.
+
+        Raises:
+            InputError: something took the place of a staged bag meanwhile.
+        """
+        self.finish()
+        if self._folder != self.path and not self._settled:
+            self._settle()
+            self._settled = True
+
+    def finish(self) -> None:
+        """Do what :meth:`close` does, but leave a staged bag under its other name, e.g. to be read once more."""
         if not self._open:
             return
         self._guard(self._finish)
         self._open = False
         self._output.close()
+
+    def discard(self) -> None:
+        """Leave nothing of a staged bag that is not closed; close any other."""
+        if self._folder == self.path:
+            self.close()
+            return
+        if self._open:
+            self._open = False
+            self._output.close()
+        self._settled = True
+        remove(self._folder)
 
     @property
     def messages(self) -> int:
@@ -188,7 +225,23 @@ class BagWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self.close()
+        if kind is None:
+            try:
+                self.close()
+            except BaseException:
+                self.discard()
+                raise
+        else:
+            self.discard()
+
+    def _settle(self) -> None:
+        """Give the staged bag its name."""
+        if self.path.exists() or self.path.is_symlink():
+            remove(self._folder)
+            raise InputError(f"{self.path} exists already: name a bag that does not, or remove it")
+        self._folder.replace(self.path)
+        sync_folder(self.path.absolute().parent)
+        self.file = self.path / self.file.name
 
     def _flush(self) -> None:
         self._writer.flush()
@@ -200,9 +253,12 @@ class BagWriter:
 
     def _finish(self) -> None:
         self._flush()
+        # As rosbag2's own plugin does, so that the file by itself tells its distribution and counts.
+        text = metadata_text(self._about(finished=True))
+        self._writer.add_metadata("rosbag2", {"serialized_metadata": text})
         self._writer.finish()
         self._output.sync()
-        self._write_metadata()
+        self._write_metadata(finished=True)
 
     def _guard(self, action: Callable[[], None]) -> None:
         if not self._open:
@@ -217,10 +273,11 @@ class BagWriter:
                 f"{self.file}: {error.strerror}; what was recorded before is kept ({self._good} bytes)"
             ) from error
 
-    def _write_metadata(self) -> None:
+    def _write_metadata(self, *, finished: bool = False) -> None:
         self._described = time.monotonic()
+        write_metadata(self._folder, self._about(finished=finished))
+
+    def _about(self, *, finished: bool) -> BagMetadata:
         start = self._start or 0
-        write_metadata(
-            self.path,
-            BagMetadata(self.file.name, start, max(self._end - start, 0), tuple(self._by_number.values())),
-        )
+        topics = tuple(self._by_number.values())
+        return BagMetadata(self.file.name, start, max(self._end - start, 0), topics, finished)

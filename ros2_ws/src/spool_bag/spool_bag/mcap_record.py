@@ -1,0 +1,139 @@
+"""Layout of the records of an MCAP file, and whether bytes can be one: what finding the way behind damage needs.
+
+Layout: the MCAP format specification, section "Records" (https://mcap.dev/spec): opcode, length as uint64, content.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from typing import NamedTuple
+
+from mcap.opcode import Opcode
+
+MAGIC = b"\x89MCAP0\r\n"
+FRAME = struct.Struct("<BQ")
+MESSAGE = struct.Struct("<HIQQ")
+FOOTER = struct.Struct("<BQQQI")
+CHUNK_HEAD = struct.Struct("<QQQII")
+MESSAGE_INDEX = struct.Struct("<HI")
+DATA_END_SIZE, FOOTER_SIZE = 4, 20
+#: B of content that tell every kind of record: a chunk's head with the longest name of a compression.
+HEAD_SIZE = 64
+COMPRESSIONS = (b"", b"lz4", b"zstd")
+
+_INDEX_ENTRY = 16
+_FIRST_PRIVATE = 0x80
+# Searched for by their rarest bytes; lengths below 2^40 B. A packed chunk is known by its compression's name.
+_PACKED = (b"\x04\0\0\0zstd", b"\x03\0\0\0lz4")
+_PLAIN_CHUNK = re.compile(rb"\x06(?=[\s\S]{5}\x00{3}[\s\S]{28}\x00{4})")
+_INDEX = re.compile(rb"\x07(?=[\s\S]{5}\x00{3}[\s\S]{5}\x00)")
+_LOOSE = re.compile(rb"[\x03-\x05](?=[\s\S]{5}\x00{3})")
+
+
+class Frame(NamedTuple):
+    """A record's kind, where it starts and the length of its content in bytes."""
+
+    opcode: int
+    offset: int
+    length: int
+
+    @property
+    def end(self) -> int:
+        """Where the next record starts."""
+        return self.offset + FRAME.size + self.length
+
+
+class ChunkHead(NamedTuple):
+    """A chunk without its data: times in ns, sizes in B, ``start`` of the data within the content."""
+
+    message_start_time: int
+    message_end_time: int
+    uncompressed_size: int
+    uncompressed_crc: int
+    compression: str
+    start: int
+
+
+def chunk_head(content: bytes, length: int) -> ChunkHead | None:
+    """Return the head of the chunk whose ``content`` of ``length`` B begins so, ``None`` where it is none.
+
+    The length of a chunk's data stands in it a second time, which hardly any other bytes fulfil.
+    """
+    if len(content) < CHUNK_HEAD.size:
+        return None
+    start_time, end_time, size, checksum, name_size = CHUNK_HEAD.unpack_from(content)
+    name = content[CHUNK_HEAD.size : CHUNK_HEAD.size + name_size] if name_size <= 4 else None
+    at = CHUNK_HEAD.size + name_size
+    if name not in COMPRESSIONS or len(content) < at + 8:
+        return None
+    (data,) = struct.unpack_from("<Q", content, at)
+    if at + 8 + data != length:
+        return None
+    return ChunkHead(start_time, end_time, size, checksum, name.decode(), at + 8)
+
+
+def index_entries(content: bytes, length: int) -> int | None:
+    """Return how many messages the index lists whose ``content`` of ``length`` B begins so."""
+    if len(content) < MESSAGE_INDEX.size:
+        return None
+    _, size = MESSAGE_INDEX.unpack_from(content)
+    if MESSAGE_INDEX.size + size != length or size % _INDEX_ENTRY:
+        return None
+    return int(size) // _INDEX_ENTRY
+
+
+def index_time(content: bytes) -> int | None:
+    """Return the log time (ns) of the first message of an index, ``None`` for an empty one."""
+    if len(content) < MESSAGE_INDEX.size + 8:
+        return None
+    return int(struct.unpack_from("<Q", content, MESSAGE_INDEX.size)[0])
+
+
+def kind_of(opcode: int, content: bytes, length: int) -> int | None:
+    """Return the kind of the record whose ``content`` of ``length`` B begins so, ``None``: it is damaged.
+
+    A chunk is known by its head even where ``opcode`` says something else.
+    """
+    if chunk_head(content, length) is not None:
+        return int(Opcode.CHUNK)
+    if opcode == Opcode.CHUNK or opcode == 0:
+        return None
+    if opcode == Opcode.MESSAGE_INDEX:
+        return opcode if index_entries(content, length) is not None else None
+    if opcode == Opcode.DATA_END:
+        return opcode if length == DATA_END_SIZE else None
+    if opcode == Opcode.FOOTER:
+        return opcode if length == FOOTER_SIZE else None
+    if opcode == Opcode.MESSAGE:
+        return opcode if length >= MESSAGE.size else None
+    if opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.HEADER, Opcode.METADATA):
+        return opcode if _strings_fit(opcode, content, length) else None
+    return opcode if opcode < Opcode.DATA_END or opcode >= _FIRST_PRIVATE else None
+
+
+def _strings_fit(opcode: int, content: bytes, length: int) -> bool:
+    """Return whether the strings at the beginning of the content end within it."""
+    at = {Opcode.SCHEMA: 2, Opcode.CHANNEL: 4}.get(Opcode(opcode), 0)
+    for _ in range(2):
+        if at + 4 > length:
+            return False
+        if at + 4 > len(content):
+            return True  # further on than what is looked at
+        (size,) = struct.unpack_from("<I", content, at)
+        at += 4 + size
+    return at <= length
+
+
+def candidates(piece: bytes, *, chunked: bool) -> list[int]:
+    """Return where in ``piece`` a record could begin: chunks and their indexes, or without chunks the others."""
+    if not chunked:
+        return [found.start() for found in _LOOSE.finditer(piece)]
+    places = [found.start() for pattern in (_PLAIN_CHUNK, _INDEX) for found in pattern.finditer(piece)]
+    for name in _PACKED:
+        before = FRAME.size + CHUNK_HEAD.size - 4
+        at = piece.find(name, before)
+        while at >= 0:
+            places.append(at - before)
+            at = piece.find(name, at + 1)
+    return sorted(places)
