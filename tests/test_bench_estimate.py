@@ -13,11 +13,16 @@ if TYPE_CHECKING:
     from .conftest import System
 
 
-def test_the_recursion_equals_padasip() -> None:
-    row = estimate.recursion()
-    assert row.ours_error is not None
-    assert row.ours_error < 1e-6
-    assert row.ratio > 1.0
+def test_every_recursion_finds_the_same_parameters() -> None:
+    rows = list(estimate.recursion())
+    assert [row.peer.split()[0] for row in rows] == ["compiled", "compiled", "padasip", "padasip"]
+    for row in rows:
+        assert row.ours_error is not None
+        assert row.ours_error < 1e-6
+        assert row.compiling is not None
+    for pair in (rows[:2], rows[2:]):
+        assert "blocks of 200" in pair[0].work
+        assert "one sample a call" in pair[1].work
 
 
 def test_replay_and_refits_are_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

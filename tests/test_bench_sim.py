@@ -1,17 +1,24 @@
+"""The peers of the simulation get the problem that ours solves, and ours is held against them."""
+
 from __future__ import annotations
 
 import numpy as np
-from spool_bringup.benchmarks import sim, sim_peer
-from spool_sim.composed_motion import ComposedMotion, MotionState
+import pytest
+from numpy.typing import NDArray
+from spool_bringup.benchmarks import sim, sim_compiled, sim_peer
+from spool_bringup.benchmarks.sim import PLANT, SWEEP, Ours, Run
+from spool_bringup.benchmarks.timing import Timing
+from spool_sim.composed_motion import ComposedMotion
 from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS
-from spool_sim.motion import half_step_times
+
+Array = NDArray[np.float64]
+SAMPLES, PERIOD = round(sim_peer.SECONDS * sim_peer.RATE), 1.0 / sim_peer.RATE
 
 
-def test_the_solvers_are_given_the_problem_that_ours_solves() -> None:
-    _, found = sim_peer.solve("RK45", "tanh(v/1e-4)", 1e-6, 120.0)
-    assert found is not None
-    motion = ComposedMotion(MODELS["coulomb"].terms)
+@pytest.fixture(scope="module")
+def motion() -> Array:
+    """Return our displacement with two steps a sample, m."""
     sweep = SweptSine(
         start_frequency=sim_peer.LOW,
         stop_frequency=sim_peer.HIGH,
@@ -19,18 +26,49 @@ def test_the_solvers_are_given_the_problem_that_ours_solves() -> None:
         amplitude=sim_peer.AMPLITUDE,
         soft_start=0.0,
     )
-    ours, _ = motion.advance(
-        MotionState(),
-        sweep.acceleration(half_step_times(0, found.size, sim_peer.RATE, 2)),
-        motion.table(sim.VALUES, 1),
-        sample_period=1.0 / sim_peer.RATE,
-        substeps=2,
+    return sim._ours(ComposedMotion(MODELS["coulomb"].terms), sweep, 2)
+
+
+def test_the_solvers_are_given_the_problem_that_ours_solves(motion: Array) -> None:
+    solved = sim_peer.solve("RK45", "tanh(v/1e-4)", 1e-6, 120.0)
+    assert solved.displacement is not None
+    assert solved.evaluations > SAMPLES
+    assert 1e-6 < sim._error(motion, solved.displacement) < 1e-3
+
+
+def test_two_other_event_locating_schemes_find_our_motion_to_a_ten_millionth(motion: Array) -> None:
+    solved = sim_peer.solve("DOP853", sim_peer.EVENTS, 1e-9, 120.0)
+    assert solved.displacement is not None
+    assert sim._error(motion, solved.displacement) < 1e-7
+    compiled, _ = sim_compiled.located(SAMPLES, PERIOD, 4, PLANT, SWEEP)
+    assert sim._error(motion, compiled) < 1e-7
+
+
+def test_compiled_schemes_without_events_come_nearer_with_smaller_steps(motion: Array) -> None:
+    errors = [
+        sim._error(sim_compiled.moreau(SAMPLES, PERIOD, n, PLANT, SWEEP)[0], motion) for n in (4, 16, 64)
+    ]
+    assert errors[0] > 2.0 * errors[1] > 4.0 * errors[2]
+    wide, narrow = (
+        sim._error(sim_compiled.smoothed(SAMPLES, PERIOD, n, PLANT, SWEEP, width)[0], motion)
+        for n, width in sim.SMOOTHED[:2]
     )
-    error = np.sqrt(np.mean((found - ours.displacement) ** 2) / np.mean(ours.displacement**2))
-    assert 1e-6 < error < 1e-3
+    assert narrow < 0.5 * wide < 1e-3
 
 
 def test_a_solver_that_needs_too_long_gives_up_and_says_so() -> None:
-    seconds, found = sim_peer.solve("RK45", "sgn", 1e-9, 0.2)
-    assert found is None
-    assert 0.2 <= seconds < 5.0
+    solved = sim_peer.solve("RK45", "sgn", 1e-9, 0.2)
+    assert solved.displacement is None
+    assert 0.2 <= solved.seconds < 5.0
+
+
+def test_ours_is_never_held_against_a_peer_that_is_more_exact() -> None:
+    ours = Ours([Run(1.0, 1e-3), Run(2.0, 1e-6), Run(4.0, 1e-9)], np.zeros(1))
+    assert ours.beside(1e-2).seconds == 1.0
+    assert ours.beside(1e-5).seconds == 2.0
+    assert ours.beside(None).seconds == ours.beside(1e-12).seconds == 4.0
+
+
+def test_a_ratio_is_the_product_of_compiling_and_scheme() -> None:
+    row = Timing("a", "b", 0.5, 6.0, compiling=4.0).to_dict()
+    assert row["ratio"] == row["ratio_of_compiling"] * row["ratio_of_scheme"] == 12.0  # type: ignore[operator]

@@ -37,12 +37,16 @@ def run_bench(what: str | None, json: Path | None) -> None:
 def table_of(rows: Sequence[Timing]) -> Table:
     """Return ``rows`` as a table, with the errors where any was measured."""
     columns = ["work", "beside", "ours", "theirs", "times as fast", "share"]
+    parts = any(row.compiling is not None for row in rows)
     errors = any(row.ours_error is not None or row.peer_error is not None for row in rows)
-    table = Table(*columns, *(["our error", "their error"] if errors else []), box=None, pad_edge=False)
+    columns += ["by compiling", "by scheme"] if parts else []
+    columns += ["our error", "their error"] if errors else []
+    table = Table(*columns, box=None, pad_edge=False)
     for row in rows:
         cells = [row.work, row.peer, f"{row.ours_s:.3g} s", f"{row.peer_s:.3g} s", f"{row.ratio:.3g}"]
         cells.append(f"{100.0 / row.ratio:.1f} %")
-        if errors:
-            cells += ["" if one is None else f"{one:.3g}" for one in (row.ours_error, row.peer_error)]
+        optional = [row.compiling, row.scheme] if parts else []
+        optional += [row.ours_error, row.peer_error] if errors else []
+        cells += ["" if one is None else f"{one:.3g}" for one in optional]
         table.add_row(*cells)
     return table

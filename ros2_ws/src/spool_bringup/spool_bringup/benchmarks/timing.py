@@ -9,7 +9,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """``work`` done by us in ``ours_s`` and by ``peer`` in ``peer_s``; errors where both are comparable."""
+    """``work`` done by us in ``ours_s`` and by ``peer`` in ``peer_s``; errors where both are comparable.
+
+    ``compiling`` is the factor of the ratio that is owed to the peer's being interpreted: 1 for a compiled
+    one, ``None`` where it was not measured.
+    """
 
     work: str
     peer: str
@@ -17,11 +21,17 @@ class Timing:
     peer_s: float
     ours_error: float | None = None
     peer_error: float | None = None
+    compiling: float | None = None
 
     @property
     def ratio(self) -> float:
         """How many times as fast as the peer."""
         return self.peer_s / self.ours_s
+
+    @property
+    def scheme(self) -> float | None:
+        """The factor of the ratio that is left for the scheme, ``None`` where ``compiling`` is."""
+        return None if self.compiling is None else self.ratio / self.compiling
 
     def to_dict(self) -> dict[str, object]:
         """Return what ``--json`` writes."""
@@ -33,6 +43,8 @@ class Timing:
             "ratio": self.ratio,
             "ours_error": self.ours_error,
             "peer_error": self.peer_error,
+            "ratio_of_compiling": self.compiling,
+            "ratio_of_scheme": self.scheme,
         }
 
 
