@@ -10,6 +10,7 @@ import spool_blind
 from spool_blind.case import DISTINCT, NONE, Trial, hidden_by, kind_of, make
 from spool_blind.effects import EFFECTS
 from spool_blind.hidden import Hidden
+from spool_blind.limit import CLOSE, limit_case
 from spool_blind.plain import over_plain_friction
 from spool_blind.strangers import STRANGERS
 from spool_blind.visibility import apart, look, threshold
@@ -120,3 +121,11 @@ def test_a_stop_beside_friction_differs_from_none_only_where_it_is_reached():
         both = Trial(quiet, [friction, stop])
         assert both.plant.longest_step < dry.plant.longest_step
         assert both.differs(dry) is reached
+
+
+@pytest.mark.parametrize("hidden", ["damping_drift", "quadratic_damping", "spring_preload"])
+def test_the_limit_is_where_the_evidence_meets_the_threshold_from_either_side(hidden):
+    """The search may end just below the threshold: that size is the limit, not the last one above it."""
+    for seed in (1000, 1001):
+        case = limit_case(seed, hidden, moderate=True)
+        assert abs(np.log(case.visibility.evidence / case.threshold)) < CLOSE

@@ -10,8 +10,8 @@ from spool_blind.case import make
 from spool_blind.limit import limit_case
 from spool_bringup.studies import gap_limit
 from spool_bringup.studies.gap import row_of, summary
-from spool_bringup.studies.gap_limit import Limit, run, smallest_named
-from spool_bringup.studies.gap_limit_page import limits_text
+from spool_bringup.studies.gap_limit import STEP, Limit, run, smallest_named
+from spool_bringup.studies.gap_limit_page import limits_text, within
 from spool_bringup.studies.gap_page import PICTURE, write_page
 from spool_bringup.studies.gap_summary import Row, Share, confusion, targets
 from spool_bringup.studies.workers import spread
@@ -96,6 +96,13 @@ def test_the_limit_counts_conditions_where_nothing_was_named():
     ]
     line = next(line for line in limits_text(limits, "x").splitlines() if "coulomb_friction" in line)
     assert "| 0.001 | 0.008 | 8 | 2/3 |" in line
+
+
+def test_a_ratio_of_two_steps_of_half_an_octave_is_two():
+    """Two, times a rounding of the root of 2, meets a target of 2; half an octave more does not."""
+    twice, more = STEP**2, STEP**3
+    assert within([Limit("coulomb_friction", 1, "coulomb_force", 0.001, 0.001 * twice, twice)])
+    assert not within([Limit("coulomb_friction", 1, "coulomb_force", 0.001, 0.001 * more, more)])
 
 
 def test_the_smallest_size_is_found_by_few_looks(monkeypatch):

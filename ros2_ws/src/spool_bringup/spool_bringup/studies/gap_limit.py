@@ -1,4 +1,4 @@
-"""How small an effect is still named, beside the smallest that any program could see."""
+"""How small an effect is still named, beside the limit of a likelihood-ratio test that knows the law."""
 
 from __future__ import annotations
 

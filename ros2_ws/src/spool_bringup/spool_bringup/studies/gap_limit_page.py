@@ -18,6 +18,8 @@ from matplotlib.figure import Figure
 PICTURE = "gap_limits.png"
 #: Of the size that is named in half of the cases over the one that could be seen.
 TARGET = 2.0
+#: Relative; the sizes are powers of the root of 2, whose even powers miss whole numbers in the last digits.
+ROUNDING = 1e-9
 #: Where what was not named at any size is drawn.
 BEYOND = 128.0
 
@@ -70,23 +72,37 @@ def half(limits: Sequence[Found]) -> float:
     return median(math.inf if limit.ratio is None else limit.ratio for limit in limits)
 
 
+def within(limits: Sequence[Found]) -> bool:
+    """Return whether half of ``limits`` are named at ``TARGET`` times the limit or less."""
+    return half(limits) <= TARGET * (1.0 + ROUNDING)
+
+
+def sentence(met: int, effects: int) -> str:
+    """Return how many effects reach the target, in words."""
+    return f"{met} of {effects} effects are named in half of the cases at {TARGET:g} times the limit or less."
+
+
 def limits_text(limits: Sequence[Found], command: str) -> str:
     """Return the page, Markdown."""
     groups = _by_effect(limits)
-    within = sum(half(these) <= TARGET for these in groups.values())
+    met = sum(within(these) for these in groups.values())
     lines = [
         "# How small an effect is still named",
         "",
         f"Made by `{command}`.",
         "",
-        "The limit of seeing is where a likelihood-ratio test that knows what is hidden finds it in half of",
-        "the records, at one false alarm in a hundred, with base, gain and delay refitted beside it: no",
-        "program can do better. Sizes are tried in steps of half an octave over it. Records of 15 to 20 s at",
+        "The limit of seeing is the size at which the likelihood-ratio test, the most powerful one for two",
+        "known alternatives (Neyman and Pearson 1933), finds what is hidden in half of the records, at one",
+        "false alarm in a hundred. That test knows the law and the level of the noise, which is white and",
+        "normal, and refits base, gain and delay beside it. It is a mean over the noise, so it bounds how",
+        "often a size is found, not which single record is: at the limit itself half of the records are, and",
+        "below it some. A ratio under 1 is such luck of a few records, or a program that in this case raises",
+        "more than one false alarm in a hundred; it is no better test. Sizes are tried in steps of half an",
+        "octave, so ratios are known to a factor of 1.4 at best. Records of 15 to 20 s at",
         "2 kHz with 1 % noise; drive, valve and oil are drawn as in the [blind study](gap_study.md).",
         "Medians over the cases.",
         "",
-        f"{within} of {len(groups)} effects are named in half of the cases at {TARGET:g} times the limit",
-        "or less.",
+        sentence(met, len(groups)),
         "",
         "No test against noise sees the error of the simulation itself, so an effect must explain 0.05 % of",
         "the spool's acceleration, see [how it decides](gap.md#how-it-decides): what is seen below that is",
