@@ -6,19 +6,22 @@ comes from an integrated velocity, which is wrong for a sample or two at each re
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from spool_stream.block import Block
-from spool_stream.block_gate import BlockGate, Verdict
+from spool_stream.block_gate import BlockGate, Fault, Verdict
 from spool_stream.quantity import Quantity, Validity
+from spool_stream.standing import StandingWatch
 
 from .conditioning import BODY, COLUMNS, DIRECTION, DISPLACEMENT, SPOOL, VELOCITY, Conditioning
 from .estimate import Estimate, State
 from .estimator import LEARNED, EstimatorSettings
 from .exponential import ExponentialForgetting
+from .last_good import LATE, LastGood
 from .oil import OilReference
 
 _NAMES = ("spring_stiffness", "viscous_coefficient", "coulomb_force")
@@ -54,6 +57,12 @@ class EquationEstimator:
     _excited: bool = field(default=False, init=False)
     _settling: bool = field(default=True, init=False)
     _powers: NDArray[np.float64] = field(init=False)
+    _good: LastGood[tuple[ExponentialForgetting, NDArray[np.float64]]] = field(
+        default_factory=LastGood, init=False
+    )
+    _standing: StandingWatch = field(default_factory=lambda: StandingWatch(1.0), init=False)
+    _stands: bool = field(default=False, init=False)
+    _gone_back: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
         self.oil = OilReference(self.settings.oil, self.settings.memory)
@@ -76,7 +85,10 @@ class EquationEstimator:
         """Take one block; return the estimates that fell due within it, the same however it is split."""
         verdict = self.gate.judge(block)
         if verdict is Verdict.REFUSED:
+            if self.gate.fault is Fault.RATE and not self._gone_back:
+                self._go_back(max(self.gate.rate.began, block.stamp - round(LATE * 1e9)))
             return []
+        self._gone_back = False
         if verdict is Verdict.RESTARTS or self._conditioning is None:
             self._restart(block.sample_period)
         estimates = []
@@ -91,12 +103,47 @@ class EquationEstimator:
             taken += count
             if self._filled == size:
                 self._filled = 0
+                stamp = block.stamp + round((taken - 1) * block.sample_period * 1e9)
+                self._watch(stamp, block.sample_period)
                 self._close_chunk()
                 if (self._chunks + self.settings.phase) % self._every == 0:
-                    stamp = block.stamp + round((taken - 1) * block.sample_period * 1e9)
-                    self.latest = self._estimate(stamp, block.sequence)
+                    self.latest = self._judged(stamp, block.sequence)
                     estimates.append(self.latest)
         return estimates
+
+    def _watch(self, stamp: int, period: float) -> None:
+        """Forget what was learned since a channel stands still, as the chunk that ends at ``stamp`` shows."""
+        self._standing.take(self._samples)
+        stands = self._standing.stands
+        if stands and not self._stands:
+            # The first of the equal samples is still a good one; stamps are rounded.
+            age = self._standing.age or self._samples.shape[1] * period
+            self._go_back(stamp - round((age - 0.5 * period) * 1e9))
+        self._stands = stands
+
+    def _go_back(self, stamp: int) -> None:
+        """Go back to the last estimate that was good at ``stamp`` (ns)."""
+        self._gone_back = True
+        known = self._good.back(stamp)
+        if known is None:
+            self.regression = self._new_regression()
+            self._powers, self._used = np.full(4, math.nan), 0
+        else:
+            self.regression, self._powers = copy.deepcopy(known[0]), known[1].copy()
+        if self.latest is not None:
+            self.latest = self._good.held(self.latest, State.SETTLING)
+
+    def _judged(self, stamp: int, sequence: int) -> Estimate:
+        """Return the estimate that is due: what the samples give, or the last good one."""
+        estimate = self._estimate(stamp, sequence)
+        if self._stands or self._standing.doubtful:
+            return self._good.held(estimate, State.NOT_EXCITED)
+        if not self.gate.confirmed and (self._good.any or estimate.parameters[0].known):
+            return self._good.held(estimate, State.SETTLING)
+        if estimate.state is State.TRACKING:
+            assert self.regression is not None
+            self._good.keep(estimate, (copy.deepcopy(self.regression), self._powers.copy()))
+        return estimate
 
     def update_temperature(self, stamp: int, celsius: float, deviation: float = math.nan) -> None:
         """Take the oil's temperature at ``stamp`` (ns), deg C, its standard deviation (NaN: unknown)."""
@@ -118,23 +165,31 @@ class EquationEstimator:
             self._samples = np.empty((2, chunk), np.float32)
             self._rows = np.empty((chunk, COLUMNS))
             former = self.regression
-            factor = math.exp(-period / settings.memory)
-            self.regression = ExponentialForgetting(
-                len(_NAMES), factor, (_START / _ERROR) ** 2, largest=3.0 * (_START / _ERROR) ** 2
-            )
+            self.regression = self._new_regression()
             if former is not None:
                 self.regression.parameters[:] = former.parameters
                 self.regression.covariance[:] = former.covariance
                 self.regression.errors[:] = former.errors
+        self._standing = StandingWatch(period)
         self._conditioning.reset()
         self._filled = self._since_restart = 0
+
+    def _new_regression(self) -> ExponentialForgetting:
+        assert self._conditioning is not None
+        factor = math.exp(-self._conditioning.sample_period / self.settings.memory)
+        certain = (_START / _ERROR) ** 2
+        return ExponentialForgetting(len(_NAMES), factor, certain, largest=3.0 * certain)
 
     def _close_chunk(self) -> None:
         conditioning, regression, rows = self._conditioning, self.regression, self._rows
         assert conditioning is not None
         assert regression is not None
-        conditioning.take(self._samples[0], self._samples[1], rows)
         self._chunks += 1
+        if self._stands:
+            conditioning.reset()
+            self._since_restart, self._settling, self._excited = 0, True, False
+            return
+        conditioning.take(self._samples[0], self._samples[1], rows)
         self._settling = self._since_restart < conditioning.settling
         self._since_restart += len(rows)
         if self._settling:

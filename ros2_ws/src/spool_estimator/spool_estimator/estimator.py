@@ -11,15 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_sim.valve import Valve
 from spool_stream.block import Block
-from spool_stream.block_gate import BlockGate, Verdict
+from spool_stream.block_gate import BlockGate, Fault, Verdict
 from spool_stream.quantity import Quantity, Validity
 
 from .estimate import Estimate, State
+from .last_good import LATE, LastGood
 from .oil import OilLaw, OilReference, oil_law
 from .prediction import DELAY
 from .recursive import RecursiveLeastSquares
 from .sliding import SlidingLeastSquares
-from .tracking import CHUNK, Tracker
+from .tracking import CHUNK, Knowledge, Tracker
 
 #: Relative standard deviation of the stiffness at which learning ends.
 LEARNED = 0.02
@@ -68,6 +69,9 @@ class Estimator:
 
     The model is m a = -c v - k z - F_c sgn(v) (paper eq. (29) with Coulomb friction), ``a`` the spool's
     acceleration, ``z`` and ``v`` its displacement and velocity in the body; it is run beside the machine.
+
+    Parameters are held as they were last while a channel stands still or the stamps do not confirm the sample
+    rate; what was learned from such samples is forgotten.
     """
 
     settings: EstimatorSettings
@@ -78,6 +82,9 @@ class Estimator:
     _samples: int = field(default=0, init=False)
     _referred_samples: int = field(default=0, init=False)
     _chunks: int = field(default=0, init=False)
+    _good: LastGood[Knowledge] = field(default_factory=LastGood, init=False)
+    _stands: bool = field(default=False, init=False)
+    _gone_back: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
         self.oil = OilReference(self.settings.oil, self.settings.memory)
@@ -103,11 +110,15 @@ class Estimator:
     def update(self, block: Block) -> list[Estimate]:
         """Take one block; return the estimates that fell due within it, none for most blocks.
 
-        How a stream is split into blocks changes nothing but ``last_sequence``.
+        How a stream is split into blocks changes nothing but ``last_sequence``, as long as they are shorter
+        than 0.5 s: the sample rate is confirmed by their stamps.
         """
         verdict = self.gate.judge(block)
         if verdict is Verdict.REFUSED:
+            if self.gate.fault is Fault.RATE and not self._gone_back:
+                self._go_back(max(self.gate.rate.began, block.stamp - round(LATE * 1e9)))
             return []
+        self._gone_back = False
         if verdict is Verdict.RESTARTS or self.tracker is None:
             self._restart(block.sample_period)
         tracker = self.tracker
@@ -124,13 +135,42 @@ class Estimator:
             if not tracker.take(block.body[start:taken], block.spool[start:taken]):
                 continue
             self._chunks += 1
+            stamp = block.stamp + round((taken - 1) * block.sample_period * 1e9)
+            self._watch(tracker, stamp)
             if tracker.excited:
                 self._samples += tracker.chunk
             if (self._chunks + self.settings.phase) % every == 0:
-                stamp = block.stamp + round((taken - 1) * block.sample_period * 1e9)
-                self.latest = self._estimate(tracker, stamp, block.sequence)
+                self.latest = self._judged(tracker, stamp, block.sequence)
                 estimates.append(self.latest)
         return estimates
+
+    def _watch(self, tracker: Tracker, stamp: int) -> None:
+        """Forget what was learned since a channel stands still, as the chunk that ends at ``stamp`` shows."""
+        stands = tracker.standing.stands
+        if stands and not self._stands:
+            # The first of the equal samples is still a good one; stamps are rounded.
+            age = tracker.standing.age or tracker.chunk * tracker.sample_period
+            self._go_back(stamp - round((age - 0.5 * tracker.sample_period) * 1e9))
+        self._stands = stands
+
+    def _go_back(self, stamp: int) -> None:
+        """Go back to the last estimate that was good at ``stamp`` (ns)."""
+        self._gone_back = True
+        if self.tracker is None or self.latest is None:
+            return
+        self.tracker.restore(self._good.back(stamp))
+        self.latest = self._good.held(self.latest, State.SETTLING)
+
+    def _judged(self, tracker: Tracker, stamp: int, sequence: int) -> Estimate:
+        """Return the estimate that is due: what the samples give, or the last good one."""
+        estimate = self._estimate(tracker, stamp, sequence)
+        if self._stands or tracker.standing.doubtful:
+            return self._good.held(estimate, State.NOT_EXCITED)
+        if not self.gate.confirmed and (self._good.any or estimate.parameters[0].known):
+            return self._good.held(estimate, State.SETTLING)
+        if estimate.state is State.TRACKING:
+            self._good.keep(estimate, tracker.knowledge())
+        return estimate
 
     def update_temperature(self, stamp: int, celsius: float, deviation: float = math.nan) -> None:
         """Take the oil's temperature at ``stamp`` (ns), deg C, its standard deviation (NaN: unknown)."""
@@ -159,7 +199,7 @@ class Estimator:
             )
         elif self.tracker.sample_period != period:
             self.tracker.set_period(period)
-        self.tracker.restart()
+        self.tracker.begin()
 
     def _estimate(self, tracker: Tracker, stamp: int, sequence: int) -> Estimate:
         values, covariance = tracker.regression.parameters, tracker.covariance
@@ -175,7 +215,7 @@ class Estimator:
         if learned:
             validity = Validity.VALID if tracker.excited else Validity.HELD
         parameters = tuple(
-            _judged(name, unit, value, deviation, validity)
+            _parameter(name, unit, value, deviation, validity)
             for name, unit, value, deviation in zip(
                 _NAMES, _UNITS, values.tolist(), deviations.tolist(), strict=True
             )
@@ -235,7 +275,7 @@ class Estimator:
         }
 
 
-def _judged(name: str, unit: str, value: float, deviation: float, validity: Validity) -> Quantity:
+def _parameter(name: str, unit: str, value: float, deviation: float, validity: Validity) -> Quantity:
     """Return the parameter, unknown while learning, implausible where clearly negative."""
     if validity is Validity.UNKNOWN:
         return Quantity(name, unit)

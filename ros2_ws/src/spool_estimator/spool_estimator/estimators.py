@@ -16,7 +16,7 @@ from .estimator import Estimator, EstimatorSettings
 
 
 class StreamEstimator(Protocol):
-    """Blocks in, estimates out, no clock; picklable, bounded, the same for any split of the stream."""
+    """Blocks in, estimates out, no clock; picklable, bounded, the same for any split into blocks to 0.5 s."""
 
     settings: EstimatorSettings
     gate: BlockGate

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_stream.standing import StandingWatch
 
 from .history import Descent, Fitter, History, told_apart
 from .prediction import (
@@ -73,6 +75,22 @@ RAN_AWAY = 1.0e6
 DOUBT = 0.5
 
 
+@dataclass(frozen=True, slots=True)
+class Knowledge:
+    """What a tracker has learned; the fields are those of the tracker, ``offset`` (m/s^2) is the body's."""
+
+    regression: RecursiveLeastSquares | SlidingLeastSquares
+    started: bool
+    pointwise: bool
+    offset: float
+    powers: Array
+    sizes: Array
+    usual: tuple[float, ...]
+    evidence: tuple[float, float]
+    told: bool
+    least: float
+
+
 @dataclass(slots=True)
 class Tracker:
     """Follow k (N/m), c (N s/m) and F_c (N) of one valve from its samples, chunk by chunk.
@@ -93,6 +111,7 @@ class Tracker:
         powers: mean squares over the last second or so: error, inertia force (N), body acceleration (m/s^2),
             displacement (m), velocity (m/s); NaN before the first.
         refits: how often the model was fitted anew to the last samples.
+        standing: whether the channels change; of a chunk in which they do not nothing is learned.
 
     """
 
@@ -114,6 +133,7 @@ class Tracker:
     powers: Array = field(init=False)
     refits: int = field(default=0, init=False)
     filled: int = field(default=0, init=False)
+    standing: StandingWatch = field(init=False)
     _waiting: NDArray[np.float32] = field(init=False)
     _history: History = field(init=False)
     _fitter: Fitter = field(init=False)
@@ -145,6 +165,7 @@ class Tracker:
         self.sample_period = sample_period
         self.chunk = max(8, round(CHUNK / sample_period))
         self._waiting = np.empty((2, self.chunk), np.float32)
+        self.standing = StandingWatch(sample_period)
         self.prediction = Prediction(sample_period, self.mass, self.scale, self.low_cut)
         self._history = History(round(KEPT / CHUNK) * self.chunk)
         self._fitter = Fitter(
@@ -157,8 +178,34 @@ class Tracker:
             self.chunk,
         )
 
+    def knowledge(self) -> Knowledge:
+        """Return what is known now, for ``restore``."""
+        return Knowledge(
+            copy.deepcopy(self.regression), self.started, self.prediction.pointwise, self.prediction.offset,
+            self.powers.copy(), self._sizes.copy(), tuple(self._usual), self._evidence, self._told,
+            self._least,
+        )  # fmt: skip
+
+    def restore(self, known: Knowledge | None) -> None:
+        """Go back to what was ``known``, or to nothing, and begin the motion anew."""
+        if known is None:
+            self._forget()
+            return
+        self.regression, self.started = copy.deepcopy(known.regression), known.started
+        self.powers, self._sizes = known.powers.copy(), known.sizes.copy()
+        self._usual, self._evidence = list(known.usual), known.evidence
+        self._told, self._least = known.told, known.least
+        self.prediction.reset(known.offset)
+        self.prediction.pointwise = known.pointwise
+        self.restart()
+
+    def begin(self) -> None:
+        """Begin anew after a gap: what was learned is kept, the newest samples are not."""
+        self.standing.reset()
+        self.restart()
+
     def restart(self) -> None:
-        """Begin the motion anew after a gap: what was learned is kept."""
+        """Begin the motion anew: what was learned is kept."""
         pointwise, offset = self.prediction.pointwise, self.prediction.offset
         self.prediction.reset(offset if self.started else math.nan)
         self.prediction.pointwise = pointwise
@@ -178,6 +225,11 @@ class Tracker:
             return False
         body, spool = self._waiting
         self.filled = 0
+        self.standing.take(self._waiting)
+        if self.standing.stands:
+            self.excited, self.settling = False, True
+            self.restart()
+            return True
         self._history.take(body, spool)
         self.prediction.take(body, spool, self.regression.parameters if self.started else self._nominal)
         try:

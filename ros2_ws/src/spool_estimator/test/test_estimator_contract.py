@@ -25,6 +25,8 @@ from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
 from spool_stream.block import Block
+from spool_stream.block_gate import STALE
+from spool_stream.quantity import Validity
 
 Make = Callable[[EstimatorSettings], StreamEstimator]
 
@@ -132,7 +134,7 @@ def test_time_that_goes_back_begins_anew_once_it_is_confirmed(make: Make) -> Non
     estimator = make(SETTINGS)
     estimates_of(estimator, blocks)
     again = estimates_of(estimator, blocks)
-    assert estimator.gate.refused == 1
+    assert estimator.gate.refused == round(STALE / 0.02)  # the first source keeps its place until it is stale
     assert again[-1].stamp <= blocks[-1].end
     assert again[-1].state is State.TRACKING
 
@@ -157,7 +159,7 @@ def test_the_same_data_give_the_same_bits_and_a_new_one_knows_nothing(make: Make
 
 @ALL
 @settings(max_examples=8, deadline=None)
-@given(sizes=st.lists(st.integers(1, 5000), min_size=1, max_size=20))
+@given(sizes=st.lists(st.integers(1, 1000), min_size=1, max_size=20))  # 0.5 s: stamps confirm the rate
 def test_how_the_stream_is_split_changes_no_bit(make: Make, sizes: list[int]) -> None:
     blocks = record(6.0)
     body = np.concatenate([block.body for block in blocks])
@@ -210,3 +212,100 @@ def test_a_phase_moves_when_estimates_come_and_nothing_else(make: Make) -> None:
     assert lacking in (0, 1400)
     for estimate in found[5:]:
         assert repr(estimate.parameters) == repr(every[estimate.stamp].parameters)
+
+
+#: What a frozen acquisition sends: the last sample again and again, or one constant on both channels.
+FROZEN = [None, 0.0, 1.0, 2.5, 9.81, 1e-40]
+
+
+def frozen_from(
+    first: int, value: float | None, channels: tuple[str, ...] = ("body", "spool")
+) -> list[Block]:
+    """Return the record with ``channels`` standing from sample ``first`` on."""
+    blocks = record(20.0)
+    rows = {}
+    for name in ("body", "spool"):
+        row = np.concatenate([getattr(block, name) for block in blocks])
+        if name in channels:
+            row[first:] = row[first - 1] if value is None else value
+        rows[name] = np.split(row, len(blocks))
+    return [
+        replace(block, body=body, spool=spool)
+        for block, body, spool in zip(blocks, rows["body"], rows["spool"], strict=True)
+    ]
+
+
+def knows(estimate: Estimate) -> bool:
+    return any(
+        one.known for one in (*estimate.parameters, estimate.natural_frequency, estimate.damping_ratio)
+    )
+
+
+def numbers(estimate: Estimate) -> list[tuple[float, float]]:
+    return [
+        (one.value, one.standard_deviation)
+        for one in (*estimate.parameters, estimate.natural_frequency, estimate.damping_ratio)
+    ]
+
+
+@ALL
+@pytest.mark.parametrize("channels", [("body", "spool"), ("body",), ("spool",)], ids="+".join)
+@pytest.mark.parametrize("value", FROZEN)
+def test_while_channels_stand_still_the_last_good_estimate_is_held(
+    make: Make, value: float | None, channels: tuple[str, ...]
+) -> None:
+    for first in (22_000, 23_333, 24_001, 25_990):
+        estimates = estimates_of(make(SETTINGS), frozen_from(first, value, channels))
+        instant = estimates[0].stamp - 999_500_000 + first * 500_000
+        good = [one for one in estimates if one.stamp < instant][-1]
+        assert good.state is State.TRACKING
+        held = [one for one in estimates if one.stamp > instant + 250_000_000]
+        assert len(held) >= 6
+        for one in held:
+            assert one.state is State.NOT_EXCITED
+            assert numbers(one) == numbers(good)
+            assert {each.validity for each in one.parameters} == {Validity.HELD}
+            assert not one.excitation.known
+
+
+@ALL
+@pytest.mark.parametrize("value", FROZEN)
+def test_channels_that_stand_still_from_the_start_teach_nothing(make: Make, value: float | None) -> None:
+    for first in (1, 1_800, 2_900):
+        after = estimates_of(make(SETTINGS), frozen_from(first, value))
+        assert not any(knows(one) for one in after)
+
+
+@ALL
+def test_after_a_standstill_of_the_acquisition_the_machine_is_followed_again(make: Make) -> None:
+    blocks = [*record(20.0)]
+    stood = frozen_from(24_000, None)
+    estimates = estimates_of(make(SETTINGS), [*stood[:800], *blocks[800:]])
+    assert estimates[-1].state is State.TRACKING
+    assert estimates[-1].parameter("spring_stiffness").value == pytest.approx(1632.0, rel=0.01)
+
+
+OFF = [-0.9, -0.3, -0.1, -0.05, -0.01, -0.005, 0.005, 0.01, 0.05, 0.1, 0.3, 0.9]
+
+
+@ALL
+@pytest.mark.parametrize("off", OFF)
+def test_nothing_is_estimated_at_a_sample_rate_that_the_stamps_contradict(make: Make, off: float) -> None:
+    period = record()[0].sample_period * (1.0 + off)
+    estimates = estimates_of(make(SETTINGS), [replace(one, sample_period=period) for one in record()])
+    assert not any(knows(one) for one in estimates)
+
+
+@ALL
+@pytest.mark.parametrize("off", OFF)
+def test_an_estimate_from_before_is_held_where_the_sample_rate_becomes_wrong(make: Make, off: float) -> None:
+    estimator = make(SETTINGS)
+    before = estimates_of(estimator, record()[:400])[-1]
+    assert before.state is State.TRACKING
+    period = record()[0].sample_period * (1.0 + off)
+    during = estimates_of(estimator, [replace(one, sample_period=period) for one in record()[400:]])
+    stale = estimator.stale()
+    assert stale is not None
+    for one in (*during, stale):
+        assert numbers(one) == numbers(before)
+        assert {each.validity for each in one.parameters} == {Validity.HELD}

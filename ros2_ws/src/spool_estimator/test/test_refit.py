@@ -70,7 +70,7 @@ def test_windows_end_at_multiples_of_the_period_once_they_are_full() -> None:
         np.testing.assert_array_equal(task.record.spool, samples[stop - 8000 : stop])
 
 
-@pytest.mark.parametrize("size", [7, 600])
+@pytest.mark.parametrize("size", [7, 20])
 def test_how_the_stream_is_split_changes_no_window(size: int) -> None:
     blocks = record()
     again = [replace(joined(blocks[n : n + size]), sequence=n // size) for n in range(0, len(blocks), size)]

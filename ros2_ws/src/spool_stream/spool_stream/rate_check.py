@@ -60,11 +60,13 @@ class RateCheck:
     Attributes:
         state: what is known now.
         departure: ``sample_period`` over the period that the stamps show, less 1; NaN where not measured.
+        began: stamp (ns) of the first block of this source and period.
 
     """
 
     state: RateState = RateState.UNKNOWN
     departure: float = math.nan
+    began: int = 0
     _previous: tuple[int, int, int, float] | None = None
     _stray: tuple[int, int, int, float] | None = None
     _stray_since: int = 0
@@ -85,7 +87,7 @@ class RateCheck:
 
     def begin(self, block: Block) -> None:
         """Begin anew with the first block of another source or of another period."""
-        self.state, self.departure = RateState.UNKNOWN, math.nan
+        self.state, self.departure, self.began = RateState.UNKNOWN, math.nan, block.stamp
         self._follow_from(block)
 
     def take(self, block: Block) -> bool:
