@@ -18,5 +18,5 @@ setup(
     maintainer_email="maintainers@spool-suite.org",
     description="Recording to MCAP, reading, import and export of records, and the recorder node.",
     license="Apache-2.0",
-    entry_points={"console_scripts": ["recorder = spool_bag.recorder_node:main"]},
+    entry_points={"console_scripts": ["recorder = spool_bag.program:main"]},
 )

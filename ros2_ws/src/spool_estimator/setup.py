@@ -18,5 +18,5 @@ setup(
     maintainer_email="maintainers@spool-suite.org",
     description="Online identification of a spool valve's stiffness.",
     license="Apache-2.0",
-    entry_points={"console_scripts": ["estimator = spool_estimator.estimator_node:main"]},
+    entry_points={"console_scripts": ["estimator = spool_estimator.program:main"]},
 )

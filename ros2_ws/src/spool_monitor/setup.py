@@ -19,5 +19,5 @@ setup(
     maintainer_email="maintainers@spool-suite.org",
     description="Resonance and friction drift of a spool valve.",
     license="Apache-2.0",
-    entry_points={"console_scripts": ["monitor = spool_monitor.monitor_node:main"]},
+    entry_points={"console_scripts": ["monitor = spool_monitor.program:main"]},
 )

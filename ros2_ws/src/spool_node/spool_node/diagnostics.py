@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import enum
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
+from spool_stream.block_gate import BlockGate, Fault
 
 from . import qos
 
@@ -23,12 +25,40 @@ class Level(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """One task's state: its level, one line for people, values by key (with the unit in the key)."""
+    """One task's state: its level, one line for people, values by key (see :func:`key`).
+
+    Keys never change while a node runs: plots and rules follow them. What is not known yet is NaN.
+    """
 
     task: str
     level: Level
     message: str
     values: Mapping[str, object] = field(default_factory=dict)
+
+
+def key(name: str, unit: str = "1") -> str:
+    """Return a value's key: ``name`` in snake_case and its unit, e.g. ``spring_stiffness_N_per_m``."""
+    if unit in ("", "1"):
+        return name
+    return f"{name}_{re.sub('[^A-Za-z0-9]+', '_', unit.replace('^', '').replace('/', '_per_'))}"
+
+
+def block_values(gate: BlockGate) -> dict[str, object]:
+    """Return what a consumer of blocks tells of them: since its start, and within the last minute of data."""
+    return {
+        "blocks_used": gate.accepted,
+        "blocks_lost": gate.lost,
+        "blocks_refused": gate.refused,
+        "blocks_lost_last_minute": gate.recent.lost,
+        "blocks_refused_last_minute": gate.recent.refused,
+        **{f"fault_{fault.name.lower()}": gate.faults.get(fault, 0) for fault in Fault},
+    }
+
+
+def block_faults(gate: BlockGate) -> str:
+    """Return what was lost and refused within the last minute of data, empty where nothing was."""
+    lost, refused = gate.recent.lost, gate.recent.refused
+    return f"{lost} blocks lost, {refused} refused in the last minute" if lost or refused else ""
 
 
 class DiagnosticPublisher:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import gc
+import threading
+import time
 import traceback
 from collections.abc import Callable
 from typing import Any, ClassVar, ParamSpec, TypeVar
@@ -13,9 +16,14 @@ from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import QoSProfile
+from spool_stream.compile_lock import alone
 from spool_stream.errors import InputError
 
 from .parameters import Parameter, Value, declare
+from .stopping import STOP, Phase
+
+#: s of compiling after which it is said: kernels that are cached are loaded in less.
+COMPILES = 3.0
 
 Message = TypeVar("Message")
 P = ParamSpec("P")
@@ -117,6 +125,34 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         self._while_active.append(lambda: self.destroy_service(service))
         return service
 
+    def abandon(self) -> None:
+        """Let go of what an interrupted transition made; what it had not made yet is no fault."""
+        self._go_quiet()
+        with contextlib.suppress(Exception):
+            self.cleanup()
+
+    def compile(self, kernels: Callable[[], None]) -> None:
+        """Run ``kernels``, which compiles, one process at a time; it is told, and a signal breaks it off."""
+        begin, told = time.monotonic(), threading.Event()
+
+        def tell() -> None:
+            told.set()
+            self.get_logger().info("compiling the numerical kernels: about a minute, once")
+
+        timer = threading.Timer(COMPILES, tell)
+        timer.daemon = True
+        timer.start()
+        phase = STOP.phase
+        STOP.phase = Phase.STARTING if phase is Phase.RUNNING else phase
+        try:
+            with alone():
+                kernels()
+        finally:
+            timer.cancel()
+            STOP.phase = phase if STOP.phase is Phase.STARTING else STOP.phase
+        if told.is_set():
+            self.get_logger().info(f"kernels compiled in {time.monotonic() - begin:.0f} s")
+
     # Transitions.
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -130,6 +166,8 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         """Activate the publishers, then run :meth:`activate`."""
         result = super().on_activate(state)
         result = self._transition("activate", self.activate, undo=self._go_quiet) or result
+        if result == TransitionCallbackReturn.SUCCESS:
+            self.get_logger().info("active")
         # Looking through all that the libraries hold stops a process for 0.1 s: what lives now stays.
         gc.collect()
         gc.freeze()
@@ -138,7 +176,10 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Drop subscriptions and timers, then run :meth:`deactivate`."""
         self._go_quiet()
-        return self._transition("deactivate", self.deactivate) or super().on_deactivate(state)
+        refused = self._transition("deactivate", self.deactivate)
+        if refused is None:
+            self.get_logger().info("inactive")
+        return refused or super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Run :meth:`cleanup`."""

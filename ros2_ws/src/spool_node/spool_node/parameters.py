@@ -27,8 +27,8 @@ class Parameter:
     """One parameter: its name, default (which fixes the type), meaning, unit and range.
 
     ``read_only`` ones take effect at the process's start, ``structural`` ones when the node is configured:
-    they may change while it is unconfigured. All others may change at any time. Setting the present value again is
-    never refused, so that a whole parameter file can be loaded into a running node.
+    they may change while it is unconfigured. All others may change at any time. Setting the present value
+    again is never refused, so that a whole parameter file can be loaded into a running node.
     """
 
     name: str

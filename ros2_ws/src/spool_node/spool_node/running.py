@@ -2,49 +2,88 @@
 
 from __future__ import annotations
 
-import signal
+import contextlib
+import multiprocessing
+import re
 import sys
-import threading
 from collections.abc import Sequence
 
 import rclpy
+from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import Executor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 from spool_stream.errors import InputError
+from spool_stream.standard_streams import keep_standard_streams
 
+from .exposure import network_warnings
+from .log_folder import ensure_log_folder
 from .managed_node import AUTOSTART, ManagedNode
+from .stopping import STOP, Phase, StopRequested
 
 #: s, how long a quiet node may take to notice SIGINT or SIGTERM.
 SIGNAL_LATENCY = 0.2
+
+#: What rclpy raises about arguments, parameter files, names and variables: for the user, in one line.
+_REFUSED = (
+    rclpy_implementation.RCLError,
+    rclpy_implementation.UnknownROSArgsError,
+    NameValidationException,
+    ParameterException,
+)
 
 
 def run(node_class: type[ManagedNode], arguments: Sequence[str] | None = None) -> int:
     """Start ``node_class``, spin until SIGINT or SIGTERM, leave it cleaned up; return the exit code.
 
-    With ``autostart`` a node that can't be configured ends with 2 and the reason as its last line.
+    With ``autostart`` a node that can't be configured ends with 2 and the reason as its last line. A signal
+    while the node starts breaks that off and ends it with 0; further ones do not break the end off.
     """
     if {"-h", "--help"} & set(sys.argv[1:] if arguments is None else arguments):
         print(describe(node_class))
         return 0
-    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    STOP.install()
+    keep_standard_streams()
+    node, executor, code = None, None, 0
     try:
+        STOP.phase = Phase.STARTING
+        _say(ensure_log_folder())
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         node = node_class()
-    except InputError as error:
-        print(error, file=sys.stderr)
-        rclpy.shutdown()
-        return 2
-    executor = _executor()
-    executor.add_node(node)
-    if node.value("autostart") and not _start(node):
-        return _end(node, executor, 2)
-    # The events executor spins in the main thread only; Python sees a signal between two turns.
-    while not stop.is_set():
-        executor.spin_once(timeout_sec=SIGNAL_LATENCY)
-    return _end(node, executor, 0)
+        for warning in network_warnings():
+            node.get_logger().warning(warning)
+        executor = _executor()
+        executor.add_node(node)
+        started = not node.value("autostart") or _start(node)
+        STOP.phase = Phase.RUNNING
+        # The events executor spins in the main thread only; Python sees a signal between two turns.
+        while started and not STOP.requested:
+            executor.spin_once(timeout_sec=SIGNAL_LATENCY)
+        code = 0 if started else 2
+    except StopRequested:
+        pass
+    except (InputError, *_REFUSED) as error:
+        _say(_one_line(error))
+        code = 2
+    STOP.phase = Phase.ENDING
+    _end(node, executor)
+    STOP.finish()
+    return code
+
+
+def _one_line(error: Exception) -> str:
+    """Return what is wrong with arguments or parameters, without the places in rcl's own sources."""
+    text = re.sub(r", at /\S+:\d+", "", " ".join(str(error).split()))
+    if isinstance(error, rclpy_implementation.UnknownROSArgsError):
+        return f"unknown ROS arguments: {text}; --help lists this node's parameters"
+    return text
+
+
+def _say(text: str | None) -> None:
+    if text:
+        with contextlib.suppress(OSError):  # nobody reads it
+            print(text, file=sys.stderr, flush=True)
 
 
 def describe(node_class: type[ManagedNode]) -> str:
@@ -81,9 +120,17 @@ def _start(node: ManagedNode) -> bool:
     return bool(node.trigger_configure() == done and node.trigger_activate() == done)
 
 
-def _end(node: ManagedNode, executor: Executor, code: int) -> int:
-    executor.shutdown()
-    node.trigger_shutdown()
-    node.destroy_node()
+def _end(node: ManagedNode | None, executor: Executor | None) -> None:
+    """End what was begun, in order; what was broken off while it began may be half made."""
+    if executor is not None:
+        executor.shutdown()
+    if node is not None:
+        try:
+            node.trigger_shutdown()
+        except _REFUSED:  # in the middle of a transition
+            node.abandon()
+        node.destroy_node()
+    # A process that analyses is not waited for: what it is at is lost.
+    for child in multiprocessing.active_children():
+        child.terminate()
     rclpy.try_shutdown()
-    return code

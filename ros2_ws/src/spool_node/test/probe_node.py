@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import atexit
+import os
+import signal
 import sys
+import time
 from typing import ClassVar
 
 from spool_node import qos
 from spool_node.managed_node import ManagedNode
 from spool_node.parameters import Parameter, Value
 from spool_node.running import run
+from spool_node.stopping import STOP
 from spool_stream.errors import InputError
 from std_msgs.msg import String
 
@@ -30,6 +35,12 @@ class Probe(ManagedNode):
     def _pass(self, hook: str) -> None:
         print(hook, flush=True)
         failing = self.value("failing")
+        while failing == f"{hook} until a signal":
+            time.sleep(0.01)
+        while failing == f"{hook} until two signals" and STOP.count < 2:
+            time.sleep(0.01)
+        if failing == "exit":  # a signal while the interpreter takes itself down
+            atexit.register(os.kill, os.getpid(), signal.SIGTERM)
         if failing == hook:
             raise RuntimeError(f"{hook} broke")
         if failing == f"{hook}!":

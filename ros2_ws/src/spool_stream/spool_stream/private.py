@@ -6,6 +6,7 @@ import grp
 import os
 import pwd
 import stat
+import tempfile
 from pathlib import Path
 
 FILE_MODE = 0o600
@@ -45,6 +46,25 @@ def restrict(path: Path, mode: int) -> None:
             path.chmod(mode)
     except OSError:
         return
+
+
+def private_temporary_folder(name: str) -> Path:
+    """Return a folder below the system's temporary one that only this user can reach; the same at each call.
+
+    Where another user took the place a new one is made.
+
+    Raises:
+        OSError: none can be made.
+    """
+    base = Path(tempfile.gettempdir()) / f"spool_{os.geteuid()}"
+    try:
+        private_folder(base / name)
+        restrict(base, FOLDER_MODE)
+        if others_may_write(base / name) is None and os.access(base / name, os.W_OK):
+            return base / name
+    except OSError:
+        pass
+    return Path(tempfile.mkdtemp(prefix=f"spool_{name}_"))
 
 
 def others_may_write(folder: Path) -> str | None:
