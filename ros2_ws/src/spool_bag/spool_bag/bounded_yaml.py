@@ -1,4 +1,4 @@
-"""Read YAML of any origin within bounds: a few bytes can stand for gigabytes (aliases) or end the stack (depth)."""
+"""Read YAML of any origin within bounds: a few bytes of it can stand for gigabytes or end the stack."""
 
 from __future__ import annotations
 

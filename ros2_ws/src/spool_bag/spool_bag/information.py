@@ -36,8 +36,8 @@ class ValveSummary:
 
     ``sample_rate`` in Hz and ``first_stamp`` and ``end_stamp`` in ns are those of the usable blocks, ``None``
     without any; ``lost_blocks`` come from jumps in ``sequence``; ``refused_blocks`` are malformed,
-    ``undecodable_blocks`` no blocks at all; ``duration`` in s leaves out where the time stepped, and ``times``
-    counts the times of their own; ``faults`` counts each kind by its text.
+    ``undecodable_blocks`` no blocks at all; ``duration`` in s leaves out where the time stepped, and
+    ``times`` counts the times of their own; ``faults`` counts each kind by its text.
     """
 
     name: str
@@ -59,8 +59,8 @@ class ValveSummary:
 class BagInformation:
     """A bag as a whole: ``size`` in bytes, stamps in ns.
 
-    ``duration`` in s is by acquisition time, without the steps of a clock that was set; ``lost_messages`` were in
-    damaged places, and are ``lost_estimated`` where nothing but their size tells.
+    ``duration`` in s is by acquisition time, without the steps of a clock that was set; ``lost_messages``
+    were in damaged places, and are ``lost_estimated`` where nothing but their size tells.
     """
 
     path: Path
@@ -156,14 +156,6 @@ def describe(path: Path | str) -> BagInformation:
     )
 
 
-def summarise(name: str, items: Iterable[Block | OilTemperature]) -> ValveSummary:
-    """Return the summary of one valve's blocks and oil temperatures, in the order of acquisition."""
-    one = _Pass()
-    for item in items:
-        one.take(item)
-    return one.summary(name, 0)
-
-
 def _shortfall(reader: BagReader, found: int, lost: int) -> list[str]:
     """Return what ``metadata.yaml`` counts beyond what is there and what damage explains."""
     short = reader.told - found - lost
@@ -173,7 +165,7 @@ def _shortfall(reader: BagReader, found: int, lost: int) -> list[str]:
 
 
 def _duration(timelines: Sequence[Timeline]) -> float | None:
-    """Return the time (s) that the valves' spans cover together, none of it twice, but none longer than all."""
+    """Return the time (s) that the valves' spans cover together, at least that of the longest valve."""
     spans = sorted((span.first, span.end) for timeline in timelines for span in timeline.spans)
     if not spans:
         return None
@@ -186,7 +178,7 @@ def _duration(timelines: Sequence[Timeline]) -> float | None:
 
 
 def _common_gaps(timelines: Sequence[Timeline]) -> int:
-    """Return the ns in which no valve recorded, without any step: valves that were recorded one after another."""
+    """Return the ns between the spans of valves that were recorded one after another."""
     spans = sorted((timeline.spans[0].first, timeline.spans[0].end) for timeline in timelines)
     reached, gaps = spans[0][1], 0
     for first, end in spans[1:]:

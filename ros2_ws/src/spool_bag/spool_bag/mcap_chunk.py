@@ -5,11 +5,12 @@ from __future__ import annotations
 import zlib
 
 import zstandard
-from lz4.frame import LZ4FrameDecompressor
+from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 
 from .mcap_record import ChunkHead
 
-#: B of one chunk, packed or not. Writers close theirs at 1 MB (rosbag2: 768 kB, Foxglove: 4 MB) or after one message.
+#: B of one chunk, packed or not. Writers close theirs at 1 MB (rosbag2: 768 kB, Foxglove: 4 MB) or after
+#: one message.
 LARGEST_CHUNK = 1 << 27
 #: Unpacked over packed bytes of a file as a whole, beyond ``FREE_EXPANSION``; blocks of zeros give 40.
 LARGEST_RATIO = 1000

@@ -1,6 +1,7 @@
-"""Layout of the records of an MCAP file, and whether bytes can be one: what finding the way behind damage needs.
+"""Layout of the records of an MCAP file, and whether bytes can be one: for finding the way behind damage.
 
-Layout: the MCAP format specification, section "Records" (https://mcap.dev/spec): opcode, length as uint64, content.
+Layout: the MCAP format specification, section "Records" (https://mcap.dev/spec): opcode, length as uint64,
+content.
 """
 
 from __future__ import annotations
@@ -97,7 +98,7 @@ def kind_of(opcode: int, content: bytes, length: int) -> int | None:
     """
     if chunk_head(content, length) is not None:
         return int(Opcode.CHUNK)
-    if opcode == Opcode.CHUNK or opcode == 0:
+    if opcode in (Opcode.CHUNK, 0):
         return None
     if opcode == Opcode.MESSAGE_INDEX:
         return opcode if index_entries(content, length) is not None else None
@@ -126,7 +127,7 @@ def _strings_fit(opcode: int, content: bytes, length: int) -> bool:
 
 
 def candidates(piece: bytes, *, chunked: bool) -> list[int]:
-    """Return where in ``piece`` a record could begin: chunks and their indexes, or without chunks the others."""
+    """Return where in ``piece`` a record could begin: chunks, their indexes, or in their absence others."""
     if not chunked:
         return [found.start() for found in _LOOSE.finditer(piece)]
     places = [found.start() for pattern in (_PLAIN_CHUNK, _INDEX) for found in pattern.finditer(piece)]

@@ -27,7 +27,7 @@ _HOLDS_DATA = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 
 
 class Damage(NamedTuple):
-    """Bytes of a file that cannot be used: where, how many, why, and the messages lost, ``None``: not known."""
+    """Bytes of a file that cannot be used: where, how many, why, and messages lost (``None``: unknown)."""
 
     offset: int
     size: int
@@ -65,6 +65,7 @@ class Walk:
         self._unpacked = 0
         self._chunked = False
         self._pending: Damage | None = None
+        self._joined = False
         self._last: Stretch | None = None
         self._listed: dict[int, tuple[int, range]] = {}
 
@@ -73,7 +74,7 @@ class Walk:
         while offset < self._end:
             frame, content = self._at(offset)
             if frame is None:
-                offset = self._step_over(offset, "the head of a record is damaged or the record cut off")
+                offset = self._step_over(offset, "a record is cut off or its head damaged")
                 continue
             if frame.opcode in (Opcode.DATA_END, Opcode.FOOTER):
                 if self._following(frame.end, chunked=True) is None:
@@ -95,7 +96,16 @@ class Walk:
         self._settle()
 
     def damaged(self, damage: Damage) -> None:
-        """Report ``damage`` once the records behind it have told how much was lost."""
+        """Report ``damage`` once the records behind it have told how much was lost.
+
+        What joins a damaged chunk whose index was not seen is one place with it: the next index may be of
+        either chunk, so that only the size tells.
+        """
+        last = self._pending
+        if last is not None and last.lost is None and last.offset + last.size == damage.offset:
+            self._pending = Damage(last.offset, last.size + damage.size, last.reason)
+            self._joined = True
+            return
         self._settle()
         self._pending = damage
 
@@ -142,7 +152,7 @@ class Walk:
     def _index(self, content: bytes, length: int) -> None:
         """Count what the index behind a damaged place lists; that of a chunk that was read loses nothing."""
         entries, time = index_entries(content, length), index_time(content)
-        if self._pending is None or not entries or time is None:
+        if self._pending is None or self._joined or not entries or time is None:
             return
         if self._last is not None:
             if not self._listed:
@@ -175,7 +185,7 @@ class Walk:
         return end <= self._last.frame.end + indexes
 
     def _following(self, start: int, *, chunked: bool) -> int | None:
-        """Return where the next record from ``start`` on begins that can be one; files have ``chunked`` ones."""
+        """Return where the next record from ``start`` on begins that can be one, of a ``chunked`` file."""
         offset = start
         while offset < self._end:
             self._stream.seek(offset)
@@ -209,7 +219,7 @@ class Walk:
 
     def _settle(self) -> None:
         if self._pending is not None:
-            damage, self._pending = self._pending, None
+            damage, self._pending, self._joined = self._pending, None, False
             self._tell(damage)
 
 

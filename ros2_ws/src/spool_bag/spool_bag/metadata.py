@@ -129,7 +129,7 @@ def sync_folder(folder: Path) -> None:
 
 
 class Storage(NamedTuple):
-    """The files of a bag in order, the messages that its metadata counts, and what is wrong, one line each."""
+    """The files of a bag in order, the messages that its metadata counts, and what is wrong, a line each."""
 
     files: list[Path]
     messages: int
@@ -159,7 +159,8 @@ def storage_files(folder: Path) -> Storage:
         )
     if compression:
         raise InputError(
-            f"{folder}: compression mode {printable(compression, 80)!r} cannot be read: decompress the bag first"
+            f"{folder}: compression mode {printable(compression, 80)!r} cannot be read: "
+            "decompress the bag first"
         )
     paths = [folder / name for name in names if (folder / name).is_file()]
     missing = [name for name in names if not (folder / name).is_file()]

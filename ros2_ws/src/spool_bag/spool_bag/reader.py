@@ -37,15 +37,15 @@ class TopicInformation(NamedTuple):
 class BagReader:
     """A rosbag2 directory or an ``.mcap`` file.
 
-    Everything is read in passes over the file; of the messages of a valve at most two ``WINDOW`` (10 s of stamps,
-    and never more than ``LONGEST_QUEUE`` messages or ``LARGEST_QUEUE`` B) are held, so that messages up to 5 s
-    late are put in order of (header.stamp, sequence). A stamp that goes back further is a new start of time and
-    is passed on where it stands. A message that is not what its type says is left out and counted.
+    Everything is read in passes over the file; of the messages of a valve at most two ``WINDOW`` (10 s of
+    stamps, and never more than ``LONGEST_QUEUE`` messages or ``LARGEST_QUEUE`` B) are held, so that messages
+    up to 5 s late are put in order of (header.stamp, sequence). A stamp that goes back further is a new start
+    of time and is passed on where it stands. A message that is not what its type says is left out and counted.
 
     Attributes:
         warnings: what is missing or not as it should be, one line each.
         closed: the recording was finished properly.
-        told: messages that ``metadata.yaml`` counts, 0 without it; some seconds old while a recording is under way.
+        told: messages that ``metadata.yaml`` counts, 0 without it; of a recording under way some seconds old.
         damages: with ``skip_damage`` what was stepped over so far, else empty: damage is an error then.
         undecodable: messages that are not what their type says, left out, by topic, as far as read.
 
@@ -180,7 +180,7 @@ class BagReader:
     def _ordered(
         self, valves: set[str], sources: tuple[_Source, ...]
     ) -> Iterator[tuple[str, Block | OilTemperature]]:
-        """Yield decoded messages by valve in order of (stamp, sequence, arrival) within a window of stamps."""
+        """Yield decoded messages by valve in order of (stamp, sequence, arrival) in a window."""
         decoders = {(source.name, source.type): source.decode for source in sources}
 
         def wanted(topic: Topic) -> bool:
@@ -239,9 +239,9 @@ class BagReader:
             store = get_typestore(Stores.EMPTY)
             try:
                 store.register(get_types_from_msg(topic.schema, topic.type))
+                self._stores[topic.type] = store
             except Exception:  # as above
-                store = None
-            self._stores[topic.type] = store
+                self._stores[topic.type] = None
         return self._stores[topic.type]
 
 

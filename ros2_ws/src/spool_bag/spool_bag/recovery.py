@@ -26,9 +26,9 @@ class RecoveryResult:
 
     ``messages`` counts by topic what the new bag holds, as read back from it. ``undecodable`` counts messages
     whose bytes do not fit their definition; they are left out. ``expected`` counts by topic what the old bag
-    says it held, ``None`` where it says nothing (a killed recording). ``lost`` are the messages that the old bag
-    held and the new one does not: by those counts, else by the index behind each damaged chunk, else, and then
-    ``estimated`` is true, by the damaged places' sizes. ``missing`` counts the blocks that jumps in
+    says it held, ``None`` where it says nothing (a killed recording). ``lost`` are the messages that the old
+    bag held and the new one does not: by those counts, else by the index behind each damaged chunk, else, and
+    then ``estimated`` is true, by the damaged places' sizes. ``missing`` counts the blocks that jumps in
     ``sequence`` show by valve, whether they were lost here or never arrived. ``damages`` are the old bag's,
     ``closed`` says whether its recording was finished.
     """

@@ -1,7 +1,7 @@
 """Chunks that explain themselves: each holds the definitions of the messages in it.
 
-A file then loses nothing but the chunk that is damaged, even if it is the first one. Definitions may be repeated
-(MCAP specification, "Channel": identical records with the same id); packed they cost a chunk about 1 kB each.
+A file then loses nothing but the chunk that is damaged, even if it is the first one. Definitions may be
+repeated (MCAP specification, "Channel": identical records with the same id).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class RepeatingChunks(ChunkBuilder):
 
     def reset(self) -> None:
         """Begin the next chunk."""
-        super().reset()
+        super().reset()  # type: ignore[no-untyped-call]
         self._here.clear()
 
     def _define(self, channel: Channel) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import NamedTuple
 
 from spool_stream.block import Block
@@ -12,7 +13,7 @@ AHEAD = 1_000_000_000
 
 
 class Span(NamedTuple):
-    """Stamps in ns of the first sample and behind the last one; ``before`` is what had passed until then, ns."""
+    """Stamps of the first sample and behind the last one, and what had passed ``before``; all in ns."""
 
     first: int
     end: int
@@ -59,7 +60,7 @@ class Timeline:
         spans = self.spans
         return [
             Step(later.before * 1e-9, (later.first - earlier.end) * 1e-9)
-            for earlier, later in zip(spans, spans[1:], strict=False)
+            for earlier, later in pairwise(spans)
         ]
 
     def since(self, stamp: int, earliest: int = 0) -> int:

@@ -72,9 +72,9 @@ class BagWriter:
     Chunks are closed and synced to the disk once ``flush_interval`` seconds of wall time have passed; call
     :meth:`flush_if_due` as well where messages may stay away. ``bytes`` counts message payload.
 
-    ``staged`` writes under another name in the same folder, which :meth:`close` changes to ``path`` once the bag
-    is whole; left by an exception (a ``with`` block, Ctrl-C), nothing stays. A recording is not staged: what it
-    has on the disk is to be found under its name whatever happens.
+    ``staged`` writes under another name in the same folder, which :meth:`close` changes to ``path`` once the
+    bag is whole; where an exception (Ctrl-C) leaves the ``with`` block, nothing stays. A recording is not
+    staged: what it has on the disk is to be found under its name whatever happens.
 
     Raises:
         InputError: ``path`` exists already or cannot be made.
@@ -188,7 +188,7 @@ class BagWriter:
             self._settled = True
 
     def finish(self) -> None:
-        """Do what :meth:`close` does, but leave a staged bag under its other name, e.g. to be read once more."""
+        """Do what :meth:`close` does, but leave a staged bag under its other name, to be read once more."""
         if not self._open:
             return
         self._guard(self._finish)

@@ -1,0 +1,263 @@
+"""Damage to unfinished bags: whatever it hits, every chunk beside it is saved and the loss is told.
+
+``SPOOL_DAMAGE_TRIALS=500 ./spool test ros2_ws/src/spool_bag/test/test_damage.py`` tries more places.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from rosbags.rosbag2 import Reader
+from ruamel.yaml import YAML
+from spool_bag.cdr import OilTemperature, encode_block, encode_temperature
+from spool_bag.definitions import ACCELERATION_BLOCK, TEMPERATURE
+from spool_bag.information import describe
+from spool_bag.mcap_record import FRAME, MAGIC
+from spool_bag.reader import BagReader
+from spool_bag.recovery import RecoveryResult, recover
+from spool_bag.writer import BagWriter
+from spool_stream.block import Block
+from spool_stream.errors import InputError
+
+TRIALS = int(os.environ.get("SPOOL_DAMAGE_TRIALS", "14"))
+START = 1_700_000_000_000_000_000
+VALVES = ("valve_1", "valve_2")
+
+
+class Outcome(NamedTuple):
+    """Chunks that the damage did not touch, how many of them were saved whole, and what was told and true."""
+
+    intact: int
+    saved: int
+    lost: int
+    result: RecoveryResult
+
+
+def unfinished_bag(folder: Path, seconds: int) -> Path:
+    """Return what a killed recorder leaves of ``seconds`` of two valves, 50 blocks/s in chunks of 0.7 s."""
+    with BagWriter(folder / "live", flush_interval=1e9) as writer:
+        channels = {name: writer.add_topic(f"/{name}/acceleration", ACCELERATION_BLOCK) for name in VALVES}
+        thermal = writer.add_topic("/valve_1/oil_temperature", TEMPERATURE)
+        for sequence in range(50 * seconds):
+            samples = np.random.default_rng(sequence).standard_normal((2, 40)).astype(np.float32)
+            block = Block(START + sequence * 20_000_000, sequence, 0.0005, *samples)
+            for name, channel in channels.items():
+                writer.write(channel, block.stamp, encode_block(block, name))
+            if sequence % 50 == 0:
+                item = OilTemperature(block.stamp, 40.0)
+                writer.write(thermal, block.stamp, encode_temperature(item, "valve_1"))
+            if sequence % 35 == 34:
+                writer.flush()
+        shutil.copytree(folder / "live", folder / "killed")
+    return folder / "killed"
+
+
+def flip_a_bit(content: bytearray, generator: random.Random) -> tuple[int, int]:
+    """Flip one bit anywhere; return where the damage begins and ends."""
+    at = generator.randrange(len(content))
+    content[at] ^= 1 << generator.randrange(8)
+    return at, at + 1
+
+
+def flip_a_bit_of_a_head(content: bytearray, generator: random.Random) -> tuple[int, int]:
+    """Flip one bit in the kind or length of a record."""
+    at = generator.choice(heads(bytes(content))) + generator.randrange(FRAME.size)
+    content[at] ^= 1 << generator.randrange(8)
+    return at, at + 1
+
+
+def zero_a_page(content: bytearray, generator: random.Random) -> tuple[int, int]:
+    """Zero a page of 4 kB, as a power loss leaves one; return where it begins and ends."""
+    begin = 4096 * generator.randrange(len(content) // 4096)
+    content[begin : begin + 4096] = bytes(4096)
+    return begin, begin + 4096
+
+
+def heads(content: bytes) -> list[int]:
+    """Return where the records of an undamaged file begin."""
+    at, found = len(MAGIC), []
+    while at + FRAME.size <= len(content):
+        found.append(at)
+        at += FRAME.size + FRAME.unpack_from(content, at)[1]
+    return found
+
+
+def trial(
+    bag: Path, folder: Path, damage: Callable[[bytearray, random.Random], tuple[int, int]], seed: int
+) -> Outcome:
+    """Damage a copy of ``bag`` and recover it."""
+    file = next(bag.glob("*.mcap"))
+    content = bytearray(file.read_bytes())
+    places = [at for at in heads(bytes(content)) if content[at] == Opcode.CHUNK]
+    chunks = {at: at + FRAME.size + FRAME.unpack_from(content, at)[1] for at in places}
+    held = _stamps(bag)
+    begin, end = damage(content, random.Random(seed))
+    untouched = [number for number, (at, after) in enumerate(chunks.items()) if after <= begin or end <= at]
+    copy = folder / f"damaged_{seed}"
+    shutil.copytree(bag, copy)
+    (copy / file.name).write_bytes(content)
+    result = recover(copy, folder / f"mended_{seed}")
+    kept = _kept(folder / f"mended_{seed}")
+    saved = sum(held[number] <= kept for number in untouched)
+    lost = len(set().union(*held)) - len(kept)
+    shutil.rmtree(copy)
+    shutil.rmtree(folder / f"mended_{seed}")
+    return Outcome(len(untouched), saved, lost, result)
+
+
+def _kept(bag: Path) -> set[tuple[str, int, bytes]]:
+    return {(topic.name, record.log_time, record.data) for topic, record in BagReader(bag).records()}
+
+
+def _stamps(bag: Path) -> list[set[tuple[str, int, bytes]]]:
+    """Return the messages of each chunk, which hold 35 blocks of each valve's."""
+    chunks: list[set[tuple[str, int, bytes]]] = [set()]
+    blocks = 0
+    for topic, record in BagReader(bag).records():
+        if topic.type == ACCELERATION_BLOCK and blocks == 35 * len(VALVES):
+            chunks.append(set())
+            blocks = 0
+        blocks += topic.type == ACCELERATION_BLOCK
+        chunks[-1].add((topic.name, record.log_time, record.data))
+    return chunks
+
+
+@pytest.fixture(name="killed", scope="module")
+def _killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return unfinished_bag(tmp_path_factory.mktemp("bags"), 8)
+
+
+def content_of(bag: Path) -> bytearray:
+    return bytearray(next(bag.glob("*.mcap")).read_bytes())
+
+
+def places(bag: Path, opcode: Opcode) -> list[int]:
+    content = content_of(bag)
+    return [at for at in heads(bytes(content)) if content[at] == opcode]
+
+
+def damaged(bag: Path, folder: Path, change: Callable[[bytearray], None]) -> Path:
+    copy = folder / "damaged"
+    shutil.copytree(bag, copy)
+    content = content_of(bag)
+    change(content)
+    next(copy.glob("*.mcap")).write_bytes(content)
+    return copy
+
+
+def judge(outcome: Outcome) -> None:
+    assert outcome.saved == outcome.intact
+    assert (outcome.lost == 0) == (outcome.result.lost == 0)
+    if outcome.lost:
+        assert outcome.result.damages
+        assert outcome.result.lost == outcome.lost or outcome.result.estimated
+
+
+@pytest.mark.parametrize("seed", range(TRIALS))
+@pytest.mark.parametrize("damage", [flip_a_bit, flip_a_bit_of_a_head, zero_a_page])
+def test_chunks_beside_the_damage_are_saved_and_the_loss_is_told(
+    killed: Path,
+    tmp_path: Path,
+    damage: Callable[[bytearray, random.Random], tuple[int, int]],
+    seed: int,
+) -> None:
+    judge(trial(killed, tmp_path, damage, seed))
+
+
+@pytest.mark.parametrize("other", [0x0F, 0x02, 0x05, 0x87])
+def test_an_index_that_is_called_something_else_costs_nothing(
+    killed: Path, tmp_path: Path, other: int
+) -> None:
+    at = places(killed, Opcode.MESSAGE_INDEX)[4]
+
+    def rename(content: bytearray, _: random.Random) -> tuple[int, int]:
+        content[at] = other
+        return at, at + 1
+
+    outcome = trial(killed, tmp_path, rename, 0)
+    assert (outcome.saved, outcome.lost) == (outcome.intact, 0)
+    judge(outcome)
+
+
+@pytest.mark.parametrize("size", [8, 4096])
+def test_a_lost_beginning_costs_its_chunk_only(killed: Path, tmp_path: Path, size: int) -> None:
+    def wipe(content: bytearray, _: random.Random) -> tuple[int, int]:
+        content[:size] = bytes(size)
+        return 0, size
+
+    judge(trial(killed, tmp_path, wipe, 0))
+    broken = damaged(killed, tmp_path, lambda content: wipe(content, random.Random()) and None)
+    with pytest.raises(InputError, match=r"damaged at byte 0 .*recover"):
+        list(BagReader(broken).blocks("valve_1"))
+
+
+def test_two_wiped_chunks_and_their_indexes_are_told_by_their_size(killed: Path, tmp_path: Path) -> None:
+    begin, end = places(killed, Opcode.CHUNK)[2], places(killed, Opcode.CHUNK)[4]
+
+    def wipe(content: bytearray, _: random.Random) -> tuple[int, int]:
+        content[begin:end] = bytes(end - begin)
+        return begin, end
+
+    outcome = trial(killed, tmp_path, wipe, 0)
+    assert outcome.saved == outcome.intact
+    assert outcome.result.estimated
+    assert outcome.result.lost == pytest.approx(outcome.lost, rel=0.2)
+    assert outcome.result.missing == dict.fromkeys(VALVES, 70)
+
+
+def test_a_file_cut_in_half_is_told_by_what_the_metadata_counts(killed: Path, tmp_path: Path) -> None:
+    cut = damaged(killed, tmp_path, lambda content: content.__delitem__(slice(len(content) // 2, None)))
+    text = (cut / "metadata.yaml").read_text()
+    (cut / "metadata.yaml").write_text(text.replace("message_count: 0\n", "message_count: 700\n"))
+    found = describe(cut)
+    kept = sum(topic.messages for topic in found.topics)
+    assert 200 < kept < 600
+    lost = found.lost_messages
+    assert any(f"at least {700 - kept - lost} more are missing" in warning for warning in found.warnings)
+    assert recover(cut, tmp_path / "mended").lost == 700 - kept
+
+
+def test_reading_an_unfinished_bag_names_the_way_out_and_promises_nothing(killed: Path) -> None:
+    (warning,) = BagReader(killed).warnings
+    assert "not finished" in warning
+    assert "spool recover" in warning
+    assert "second" not in warning
+
+
+def test_an_unfinished_bag_is_recognisable_and_a_finished_one_has_no_mark(killed: Path, bag: Path) -> None:
+    def custom(folder: Path) -> object:
+        return YAML(typ="safe").load(folder / "metadata.yaml")["rosbag2_bagfile_information"]["custom_data"]
+
+    assert custom(killed) == {"recording": "not finished"}
+    assert custom(bag) is None
+
+
+def test_every_chunk_explains_itself_and_others_read_it(killed: Path, tmp_path: Path) -> None:
+    first = places(killed, Opcode.CHUNK)[3]
+    header = places(killed, Opcode.HEADER)[0]
+    chunk = places(killed, Opcode.CHUNK)[0]
+
+    def keep_from_the_fourth(content: bytearray) -> None:
+        del content[chunk:first]
+        assert header < chunk
+
+    later = damaged(killed, tmp_path, keep_from_the_fourth)
+    assert BagReader(later).valves == list(VALVES)
+    result = recover(later, tmp_path / "mended")
+    assert result.damages == ()
+    with Reader(tmp_path / "mended") as reader:
+        assert reader.message_count == sum(result.messages.values())
+    with next((tmp_path / "mended").glob("*.mcap")).open("rb") as stream:
+        summary = make_reader(stream, validate_crcs=True).get_summary()
+    assert summary is not None
+    assert {channel.topic for channel in summary.channels.values()} == set(result.messages)
+    assert len(summary.schemas) == 2
