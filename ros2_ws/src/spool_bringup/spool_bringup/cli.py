@@ -252,6 +252,8 @@ app.add_typer(alarm_app, name="alarm")
 def bench(
     what: Annotated[str | None, typer.Argument(help="Which one; default: all there are.")] = None,
     json: JsonFile = None,
+    seed: Annotated[int | None, typer.Option(help="gap, monitor: of the first record that is drawn.")] = None,
+    cases: Annotated[int | None, typer.Option(help="gap: records; monitor: of every kind.")] = None,
     _force: Force = False,
 ) -> None:
     """Time the suite beside its peers, on the same work in one run.
@@ -260,7 +262,7 @@ def bench(
     """
     from .bench import run_bench  # noqa: PLC0415
 
-    run_bench(what, json)
+    run_bench(what, json, seed, cases)
 
 
 def main(arguments: list[str] | None = None) -> int:

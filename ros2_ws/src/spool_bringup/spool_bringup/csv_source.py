@@ -43,13 +43,20 @@ class CsvSource:
 
     def describe(self) -> BagInformation:
         """Return what is in the file, as of a bag; it has no topics."""
-        valve = summarise(self, self.valves[0])
-        duration = None
-        if valve.first_stamp is not None and valve.end_stamp is not None:
-            duration = (valve.end_stamp - valve.first_stamp) / 1e9
-        size = self.path.stat().st_size
+        valve = summarise(self.valves[0], self.stream(self.valves[0]))
         return BagInformation(
-            self.path, size, True, duration, valve.first_stamp, (), (valve,), (), tuple(self.warnings)
+            path=self.path,
+            size=self.path.stat().st_size,
+            closed=True,
+            duration=valve.duration,
+            first_stamp=valve.first_stamp,
+            topics=(),
+            valves=(valve,),
+            damages=(),
+            lost_messages=0,
+            lost_estimated=False,
+            undecodable={},
+            warnings=tuple(self.warnings),
         )
 
     def stream(self, valve: str) -> Iterator[Block | OilTemperature]:

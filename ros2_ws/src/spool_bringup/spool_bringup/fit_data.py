@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
-from spool_estimator.plausibility import check_records
+from spool_estimator.plausibility import check_rate, check_records
 from spool_estimator.record import Record
 from spool_sim.valve import Valve
 from spool_stream.errors import InputError
@@ -73,6 +73,8 @@ def load_data(
     recordings, described = load_recordings(paths, valve, selection)
     for recording in recordings:
         check(recording)
+        for stretch in recording.stretches:
+            check_rate(str(recording.path), stretch.sample_rate, described)
     records = stretches_of(recordings)
     name = ", ".join(path.name for path in paths)
     doubts = tuple(check_records(described, records))

@@ -23,6 +23,7 @@ from spool_stream.errors import InputError
 from spool_stream.quantity import Quantity
 
 from .commands import write_json
+from .fit_data import check
 from .fit_results import rounded
 from .outputs import write_file
 from .progress import progress
@@ -82,6 +83,8 @@ def run_gap(
             bounded = replace(selection, longest=LARGEST)
             recordings, described = load_recordings(records, valve, bounded)
             held = load_recordings(holdout, valve, bounded)[0] if holdout else []
+            for recording in held:
+                check(recording)
             result = analyse(
                 stretches_of(recordings), described, model, holdout=stretches_of(held), settings=settings,
                 progress=tell,

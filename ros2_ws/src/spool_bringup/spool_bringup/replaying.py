@@ -12,7 +12,7 @@ import numpy as np
 from spool_estimator.estimate import Estimate
 from spool_estimator.estimator import phase_of, settings_for
 from spool_estimator.estimators import make_estimator
-from spool_estimator.plausibility import ValveCheck
+from spool_estimator.plausibility import ValveCheck, check_rate
 from spool_estimator.refit import Refit, RefitSettings, WindowRefits
 from spool_monitor.detectors import JUDGEMENT_TEXTS
 from spool_monitor.event import Event
@@ -123,6 +123,8 @@ def replay_valve(
     with progress(f"replaying {name}", expected) as advance:
         for item in reader.stream(name):
             if isinstance(item, Block):
+                if one.samples == 0 and item.sample_period > 0.0:
+                    check_rate(f"{reader.path}: {name}", 1.0 / item.sample_period, valve)
                 one.update(item)
                 advance(1)
             else:

@@ -2,12 +2,14 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from spool_bag.reader import BagReader
 from spool_bag.writer import BagWriter
+from spool_bringup.cli import main
 from spool_bringup.commands import write_json
 from spool_bringup.replaying import replay_bag, replay_valve
 from spool_sim.valve import find_valve
@@ -34,7 +36,10 @@ def test_the_result_has_the_keys_that_scripts_rely_on(
     assert result["bag"] == str(bag)
     assert result["duration_s"] == pytest.approx(6.0)
     valve = result["valves"]["valve_1"]
-    assert set(valve) - {"health"} == {"blocks", "lost_blocks", "samples", "estimate", "events"}
+    assert set(valve) >= {"blocks", "lost_blocks", "samples", "estimate", "events"}
+    assert valve["valve"]["id"] == "4weh10_soft"
+    assert valve["valve"]["source"] == "recorded"
+    assert valve["warnings"] == []
     assert valve["health"]["baseline"] == "learning"
     assert valve["health"]["judgements"]["friction_drift"] == "learning"
     assert (valve["blocks"], valve["lost_blocks"], valve["samples"]) == (298, 2, 298 * 40)
@@ -104,10 +109,61 @@ def test_another_number_of_valves_is_refused_with_the_bags_valves(
     tmp_path: Path, make_bag: MakeBag, recorded: type[Recorded]
 ) -> None:
     bag = make_bag(tmp_path / "bag", {"a": recorded(seconds=0.1), "b": recorded(seconds=0.1)})
-    with pytest.raises(InputError, match=r"given 3 times, the bag holds a, b: give it once for all or once"):
+    with pytest.raises(InputError, match=r"given 3 times, the bag holds a, b: give it once for all, or NAME"):
         replay_bag(bag, ["4weh10_soft"] * 3)
     with pytest.raises(InputError, match="no_such_valve"):
         replay_bag(bag, ["no_such_valve"])
+
+
+def test_valves_are_given_by_their_namespaces(
+    tmp_path: Path, make_bag: MakeBag, recorded: type[Recorded]
+) -> None:
+    bag = make_bag(tmp_path / "bag", {"a": recorded(), "b": recorded()})
+    result = replay_bag(bag, [f"b={heavier(tmp_path, 'heavy', 2.0)}"])
+    assert stiffness(result, "a") == pytest.approx(SOFT.spring_stiffness, rel=0.02)
+    assert stiffness(result, "b") == pytest.approx(2.0 * SOFT.spring_stiffness, rel=0.02)
+    sources = {name: valve["valve"]["source"] for name, valve in result["valves"].items()}
+    assert sources == {"a": "recorded", "b": "given"}
+    for given, said in (
+        (["c=4weh10_soft"], "has no valve c: it has a, b"),
+        (["a=4weh10_soft", "a=4weh10_stiff"], "stands there twice"),
+        (["a=4weh10_soft", "4weh10_stiff"], "write NAME=4weh10_stiff"),
+        (["a=4weh10_sof"], "did you mean 4weh10_soft"),
+    ):
+        with pytest.raises(InputError, match=re.escape(said)):
+            replay_bag(bag, given)
+
+
+def test_a_valve_that_nobody_described_is_assumed_aloud(
+    tmp_path: Path, make_bag: MakeBag, recorded: type[Recorded], capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = make_bag(tmp_path / "bag", {"a": recorded(seconds=1.0, described=False)})
+    assert main(["replay", str(bag)]) == 0
+    shown = capsys.readouterr()
+    assert "warning: a: the record does not describe its valve" in shown.err
+    assert "ASSUMED to be 4weh10_soft" in shown.out
+
+
+def test_the_wrong_valve_file_is_told_by_replay(
+    tmp_path: Path, make_bag: MakeBag, recorded: type[Recorded], capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = make_bag(tmp_path / "bag", {"a": recorded(seconds=10.0)})
+    assert main(["replay", str(bag), "--valve", "4weh10_stiff"]) == 0
+    assert "says 28.7 Hz, the record shows 15.2 Hz" in capsys.readouterr().err
+    assert main(["replay", str(bag), "--valve", "4weh10_soft"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_a_csv_file_replays_as_the_bag_that_it_becomes(
+    tmp_path: Path, make_bag: MakeBag, recorded: type[Recorded]
+) -> None:
+    bag = make_bag(tmp_path / "bag", {"valve_1": recorded(seconds=6.0)})
+    table = tmp_path / "record.csv"
+    assert main(["export", str(bag), "--out", str(table)]) == 0
+    assert main(["import", str(table), "--out", str(tmp_path / "again")]) == 0
+    results = [replay_bag(path, ["4weh10_soft"])["valves"] for path in (table, tmp_path / "again")]
+    assert results[0] == results[1]
+    assert main(["info", str(table)]) == 0
 
 
 def test_without_any_description_the_default_valve_is_taken(
@@ -115,7 +171,8 @@ def test_without_any_description_the_default_valve_is_taken(
 ) -> None:
     described = make_bag(tmp_path / "one", {"a": recorded()})
     bare = make_bag(tmp_path / "two", {"a": recorded(described=False)})
-    assert replay_bag(bare, [])["valves"] == replay_bag(described, [])["valves"]
+    results = [replay_bag(bag, [])["valves"]["a"]["estimate"] for bag in (bare, described)]
+    assert results[0] == results[1]
 
 
 def test_times_of_all_valves_count_from_the_bags_first_stamp(

@@ -36,6 +36,11 @@ TOLERANCE = 0.10
 HOTTEST, WORN = 100.0, 3.0
 #: Law by which the viscosity falls where a file names none: the steeper of those that are shipped.
 USUAL_OIL = "HL68"
+#: Samples in a period of the natural frequency, at least: fewer than two show another frequency (sampling
+#: theorem), and the anti-aliasing filter of a data logger takes the octave above.
+LEAST_SAMPLES = 4.0
+#: Hz, faster than loggers of accelerometers are.
+FASTEST = 1e5
 #: Quantile of the normal distribution for an interval of 95 %.
 Z_95 = 1.96
 
@@ -105,7 +110,7 @@ class ValveCheck:
         return (
             f"the valve file of '{self.valve.id}' says {filed:.3g} Hz, the record shows "
             f"{shown.middle:.3g} Hz ({shown.low:.3g} to {shown.high:.3g} Hz): another valve's file, "
-            f"or spring_stiffness over moving_mass is wrong by a factor of {factor:.2g}; "
+            f"or spring_stiffness over moving_mass is really {factor:.2g} times the file's; "
             "forces scale with moving_mass, so check it"
         )
 
@@ -130,6 +135,24 @@ class ValveCheck:
         except InputError:  # the file's temperature is out of the law's range
             return 0.0
         return self.valve.damping_ratio * thinner / WORN
+
+
+def check_rate(name: str, sample_rate: float, valve: Valve) -> None:
+    """Refuse a record that is sampled too slowly to show the valve's natural frequency.
+
+    Raises:
+        InputError: it is; where times in milliseconds or microseconds explain that, they are named.
+    """
+    needed = LEAST_SAMPLES * valve.natural_frequency
+    if sample_rate >= needed:
+        return
+    units = (("milliseconds", 1e3), ("microseconds", 1e6))
+    guess = next((unit for unit, factor in units if sample_rate * factor <= FASTEST), "")
+    asked = f"; are its times {guess} instead of seconds?" if guess and sample_rate * 1e3 >= needed else ""
+    raise InputError(
+        f"{name}: {sample_rate:g} Hz is too slow for the natural frequency of '{valve.id}', "
+        f"{valve.natural_frequency:.3g} Hz: sample at {needed:.0f} Hz or more{asked}"
+    )
 
 
 def check_records(valve: Valve, records: Sequence[Record]) -> list[str]:

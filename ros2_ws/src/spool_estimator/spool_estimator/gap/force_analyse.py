@@ -65,6 +65,8 @@ def analyse_forces(
     tell("checking the records", 0.0)
     train, held = _split(records, holdout)
     warnings = conditions_of(train)
+    if holdout:
+        conditions_of(held)
     names = {entry.name for entry in base.terms}
     columns = ["damping"] if "viscous_friction" in names else []
     columns += ["stiffness"] if "spring" in names else []
