@@ -1,25 +1,69 @@
 """The peer of the gap workflow in the benchmarks gets a fair chance."""
 
+from __future__ import annotations
+
+import numpy as np
+import pytest
 from rich.console import Console
 from spool_blind.case import make
-from spool_bringup.bench import table_of
-from spool_bringup.benchmarks.gap import seeds
+from spool_bringup.bench import run_bench, table_of
+from spool_bringup.benchmarks import gap, gap_peer
+from spool_bringup.benchmarks.gap import FRESH, seeds
 from spool_bringup.benchmarks.gap_peer import library, named
 from spool_bringup.benchmarks.timing import Timing
 from spool_bringup.studies.gap import given
+from spool_estimator.gap.effect import Motion
+from spool_estimator.gap.registry import EFFECTS
+from spool_stream.errors import InputError
 
 
 def test_pysindy_finds_a_hardening_spring_from_the_library():
-    case = make(6, "cubic_stiffness")
-    found = library(*given(case))
-    assert set(found.owners) > {"base", "cubic_stiffness", "coulomb_friction"}
+    found = library(*given(make(6, "cubic_stiffness")))
     assert "cubic_stiffness" in named(found, ensemble=False)
 
 
-def test_the_records_hide_only_what_a_library_can_hold():
+def test_the_library_holds_every_shape_of_every_law_of_the_catalogue():
+    found = library(*given(make(6, "cubic_stiffness")))
+    n = 1000
+    wave = np.sin(np.linspace(0.0, 50.0, n))
+    motion = Motion(
+        wave, wave, wave, np.arange(n) * 1e-3, 1e-3, 0.0, 0.18, 1632.0, 4.0, (50.0,) * gap_peer.LINES
+    )
+    for effect in EFFECTS.values():
+        if "accelerations" in effect.kinds and effect.terms:
+            shapes = [trial.columns.shape[0] for trial in effect.trials(motion)]
+            assert found.owners.count(effect.id) == sum(shapes) > 0
+
+
+def test_a_sine_from_outside_is_offered_at_its_own_frequency():
+    case = make(6, "periodic_force")
+    record, valve = given(case)
+    conditioning = gap_peer.ZeroPhase(record.sample_period, gap_peer.LOW_CUT)
+    motion = gap_peer.relative_motion(record.body, record.spool, conditioning)
+    offered = gap_peer._lines(valve.moving_mass * motion.spool, motion, record.sample_period)
+    wanted = case.truth["periodic_force"]["force_frequency"]
+    assert min(abs(frequency - wanted) for frequency in offered) < 0.2
+
+
+def test_the_records_are_fresh_and_hide_only_what_a_library_can_hold():
     chosen = seeds(8)
     assert len(set(chosen)) == 8
-    assert min(chosen) >= 1000
+    assert min(chosen) >= FRESH
+    assert min(seeds(2, 50_000)) >= 50_000
+
+
+def test_the_benchmark_runs_on_any_seed(monkeypatch, tmp_path):
+    monkeypatch.setattr(gap, "PEERS", {"PySINDy STLSQ": False})
+    run_bench("gap", tmp_path / "bench.json", seed=40_000, cases=1)
+    assert "from seed 40000" in (tmp_path / "bench.json").read_text()
+
+
+@pytest.mark.parametrize(
+    ("what", "wrong"), [("sim", {"seed": 1}), ("gap", {"seed": -1}), ("gap", {"cases": 0})]
+)
+def test_a_seed_that_has_no_meaning_is_refused_by_name(what, wrong):
+    with pytest.raises(InputError, match=f"--{next(iter(wrong))}"):
+        run_bench(what, None, **wrong)
 
 
 def test_errors_are_shown_where_there_are_any():

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from spool_bringup.benchmarks.change_points import ChangePoints
 from spool_bringup.benchmarks.monitor import PEERS, Stream, _delays, _false, _first
 
 
@@ -29,3 +30,25 @@ def test_each_peer_finds_a_plain_step_in_some_setting_that_keeps_silent_on_noise
                 fitting.append(_delays([stream(2.0)], [when])[0])
     assert fitting
     assert 0.0 <= min(fitting) < 30.0
+
+
+def test_the_run_length_is_the_time_since_the_change_and_the_level_that_of_its_values() -> None:
+    generator = np.random.default_rng(3)
+    detector = ChangePoints(hazard=1e-3, scatter=0.1)
+    for value in generator.normal(0.0, 0.1, 60):
+        detector.update(value)
+    assert detector.changed < 0.2
+    for value in generator.normal(1.0, 0.1, 40):
+        detector.update(value)
+    assert detector.lengths[np.argmax(detector.weights)] == 40
+    assert detector.changed > 0.999
+    assert detector.level == pytest.approx(1.0, abs=0.05)
+
+
+def test_without_a_hazard_the_level_is_the_conjugate_mean_of_all_values() -> None:
+    """Bayes' rule for a normal level: the posterior's mean in closed form."""
+    values = [0.3, 0.5, 0.1, 0.4]
+    detector = ChangePoints(hazard=0.0, scatter=0.2, prior=0.5)
+    for value in values:
+        detector.update(value)
+    assert detector.level == pytest.approx(sum(values) / 0.2**2 / (0.5**-2 + len(values) / 0.2**2))

@@ -15,20 +15,35 @@ from .commands import write_json
 
 #: Each is a module of ``benchmarks`` with ``run() -> Iterator[Timing]``.
 BENCHMARKS = ("sim", "bag", "estimate", "gap", "monitor", "nodes")
+#: Those whose ``run`` takes ``seed`` and ``cases``: they judge records that are drawn.
+DRAWN = ("gap", "monitor")
 
 
-def run_bench(what: str | None, json: Path | None) -> None:
+def run_bench(what: str | None, json: Path | None, seed: int | None = None, cases: int | None = None) -> None:
     """Run the benchmark ``what``, or all; show the rows and write them as JSON.
 
+    Args:
+        what: one of ``BENCHMARKS``.
+        json: file to write.
+        seed: of the first record of ``DRAWN``; their own where left out.
+        cases: how many records of ``gap``, how often every kind of ``monitor``; their own where left out.
+
     Raises:
-        InputError: there is no benchmark of that name.
+        InputError: there is no benchmark of that name, or a number is out of range.
 
     """
     if what is not None and what not in BENCHMARKS:
         raise InputError(f"bench {what}: there is no such benchmark; there are {', '.join(BENCHMARKS)}")
+    if seed is not None and seed < 0:
+        raise InputError(f"--seed {seed}: use a whole number of at least 0")
+    if cases is not None and cases < 1:
+        raise InputError(f"--cases {cases}: use a whole number of at least 1")
+    given = {name: value for name, value in (("seed", seed), ("cases", cases)) if value is not None}
+    if given and what is not None and what not in DRAWN:
+        raise InputError(f"bench {what}: --{next(iter(given))} belongs to {' and '.join(DRAWN)}")
     rows: list[Timing] = []
     for name in (what,) if what else BENCHMARKS:
-        rows += import_module(f"{__package__}.benchmarks.{name}").run()
+        rows += import_module(f"{__package__}.benchmarks.{name}").run(**(given if name in DRAWN else {}))
     Console(width=140).print(table_of(rows))
     if json is not None:
         write_json(json, [row.to_dict() for row in rows])

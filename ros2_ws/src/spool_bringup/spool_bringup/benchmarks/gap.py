@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Iterator
 from functools import partial
 
-from spool_blind.case import PUBLISHED, hidden_by, kind_of, make
+from spool_blind.case import hidden_by, kind_of, make
 from spool_estimator.gap.registry import EFFECTS
 from spool_stream.errors import InputError
 
@@ -15,13 +15,15 @@ from ..studies.gap import given, judge
 from .timing import Timing
 
 CASES = 12
+#: Of the first record; no seed from here to 30999 was used for making the workflow or a published table.
+FRESH = 30_000
 PEERS = {"PySINDy STLSQ": False, "PySINDy ensemble": True}
 
 
-def run(cases: int = CASES) -> Iterator[Timing]:
+def run(seed: int = FRESH, cases: int = CASES) -> Iterator[Timing]:
     """Yield per peer one row for the share not named right and one for false terms a record.
 
-    The records are the first of the published study that hide nothing or what a library of terms can hold.
+    The records are the first from ``seed`` on that hide nothing or what a library of terms can hold.
 
     Raises:
         InputError: PySINDy is not installed.
@@ -33,8 +35,8 @@ def run(cases: int = CASES) -> Iterator[Timing]:
     ours_s, ours_wrong, ours_false = 0.0, 0, 0
     peer_s = dict.fromkeys(PEERS, 0.0)
     peer_wrong, peer_false = dict.fromkeys(PEERS, 0), dict.fromkeys(PEERS, 0)
-    for seed in seeds(cases):
-        case = make(seed)
+    for number in seeds(cases, seed):
+        case = make(number)
         hidden = frozenset(case.hidden.split("+")) - {"none"}
         row = judge(case)
         said = frozenset(row.verdict.split("+")) - {"none"}
@@ -53,21 +55,20 @@ def run(cases: int = CASES) -> Iterator[Timing]:
     for peer in PEERS:
         row_of = partial(Timing, peer=peer, ours_s=ours_s / cases, peer_s=peer_s[peer] / cases)
         yield row_of(
-            f"name what is hidden, {cases} records: not right",
+            f"name what is hidden, {cases} records from seed {seed}: not right",
             ours_error=ours_wrong / cases,
             peer_error=peer_wrong[peer] / cases,
         )
         yield row_of(
-            f"name what is hidden, {cases} records: false terms",
+            f"name what is hidden, {cases} records from seed {seed}: false terms",
             ours_error=ours_false / cases,
             peer_error=peer_false[peer] / cases,
         )
 
 
-def seeds(count: int) -> list[int]:
-    """Return the first ``count`` published seeds whose case hides nothing or forces of the catalogue."""
+def seeds(count: int, seed: int = FRESH) -> list[int]:
+    """Return the first ``count`` from ``seed`` on whose case hides nothing or forces of the catalogue."""
     found: list[int] = []
-    seed = PUBLISHED
     while len(found) < count:
         names = hidden_by(seed).split("+")
         forces = all(name in EFFECTS and EFFECTS[name].terms for name in names)
