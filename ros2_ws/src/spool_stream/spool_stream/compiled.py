@@ -17,6 +17,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import TypeVar, cast
 
+from .kernel_folder import kernel_folder
+from .private import private_folder
+
 Function = TypeVar("Function", bound=Callable[..., object])
 
 #: s after which compiled kernels of another version of a package are taken away.
@@ -41,12 +44,8 @@ COMPILED: bool = _NUMBA is not None
 
 
 def cache_folder() -> Path:
-    """Return where kernels are kept: ``NUMBA_CACHE_DIR``, else the user's cache folder."""
-    chosen = os.environ.get("NUMBA_CACHE_DIR")
-    if chosen:
-        return Path(chosen) / "spool_kernels"
-    home = os.environ.get("XDG_CACHE_HOME")
-    return (Path(home) if home else Path.home() / ".cache") / "spool_sim" / "kernels"
+    """Return where kernels are kept; see :func:`~spool_stream.kernel_folder.kernel_folder`."""
+    return kernel_folder()
 
 
 def compiled(function: Function) -> Function:
@@ -156,7 +155,7 @@ def _cached_in(folder: Path | None) -> Iterator[bool]:
         yield True
         return
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        private_folder(folder)
         writable = os.access(folder, os.W_OK)
     except OSError:
         writable = False

@@ -1,10 +1,12 @@
 from __future__ import annotations
 
 import os
+import stat
 import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 import spool_stream
 
 CODE = """
@@ -80,8 +82,17 @@ def test_a_change_in_a_function_that_a_kernel_calls_is_seen(tmp_path: Path) -> N
     assert found == [2.0, 3.0]
 
 
-def test_kernels_run_where_none_can_be_kept(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
+@pytest.mark.parametrize("trouble", ["no folder", "open to all", "open above it"])
+def test_kernels_are_kept_elsewhere_where_they_can_t_be_or_others_could_change_them(
+    tmp_path: Path, trouble: str
+) -> None:
+    wanted, temporary = tmp_path / "wanted", tmp_path / "temporary"
+    temporary.mkdir()
+    if trouble == "no folder":
+        wanted.touch()
+    else:
+        (wanted / "spool_kernels").mkdir(parents=True, mode=0o755)
+        (wanted if trouble == "open above it" else wanted / "spool_kernels").chmod(0o777)
     stream = str(Path(spool_stream.__file__).parents[1])
     package = tmp_path / "one_file"
     package.mkdir()
@@ -90,13 +101,22 @@ def test_kernels_run_where_none_can_be_kept(tmp_path: Path) -> None:
     )
     done = subprocess.run(
         [sys.executable, "-c", "from one_file import half; print(half(3.0))"],
-        env={**os.environ, "PYTHONPATH": f"{stream}:{tmp_path}", "NUMBA_CACHE_DIR": str(tmp_path / "file")},
+        env={
+            **os.environ,
+            "PYTHONPATH": f"{stream}:{tmp_path}",
+            "NUMBA_CACHE_DIR": str(wanted),
+            "TMPDIR": str(temporary),
+        },
         capture_output=True,
         text=True,
         check=True,
     )
     assert done.stdout.split() == ["1.5"]
-    assert done.stderr == ""
+    (line,) = done.stderr.splitlines()
+    assert f"compiled kernels are not kept in {wanted}" in line
+    assert ("can't be written" if trouble == "no folder" else "everybody may write in") in line
+    assert list(temporary.rglob("*.nbc"))
+    assert {stat.S_IMODE(path.stat().st_mode) for path in temporary.glob("spool_*")} == {0o700}
 
 
 def test_only_a_change_in_what_a_module_imports_makes_its_kernels_old(tmp_path: Path) -> None:
