@@ -14,6 +14,8 @@ from .cdr import CdrError, block_sequence
 from .definitions import ACCELERATION_BLOCK, TEMPERATURE
 
 DIAGNOSTICS = "/diagnostics"
+#: Changes of limits belong to what was judged by them.
+PARAMETER_EVENTS = "/parameter_events"
 TOPICS = {
     "acceleration": ACCELERATION_BLOCK,
     "estimate": "spool_msgs/msg/ModelEstimate",
@@ -47,8 +49,9 @@ def select_topics(graph: Mapping[str, Sequence[str]], valves: Sequence[str] = ()
     """Return the type by topic of everything to be recorded.
 
     That is every visible topic in the namespaces of the valves (``valves`` without leading slash, or those
-    found where it is empty) and ``/diagnostics``. The topics of named valves belong to it before anybody
-    publishes on them, so that not one block is missed. A topic with several types is left out.
+    found where it is empty), ``/diagnostics`` and ``/parameter_events``. The topics of named valves belong to
+    it before anybody publishes on them, so that not one block is missed. A topic with several types is left
+    out.
     """
     namespaces = [f"/{valve.strip('/')}" for valve in valves] or valve_namespaces(graph)
     chosen = {
@@ -63,7 +66,7 @@ def select_topics(graph: Mapping[str, Sequence[str]], valves: Sequence[str] = ()
             topic.startswith(f"{namespace}/") if namespace else topic.lstrip("/") in TOPICS
             for namespace in namespaces
         )
-        if topic == DIAGNOSTICS or inside:
+        if topic in (DIAGNOSTICS, PARAMETER_EVENTS) or inside:
             chosen[topic] = types[0]
     return dict(sorted(chosen.items()))
 
@@ -87,10 +90,11 @@ class LossCount:
         self._last[topic] = sequence
 
 
-def new_bag(output: str, now: datetime | None = None, activation: int = 0) -> Path:
+def new_bag(output: str, now: datetime | None = None, activation: int = 0, *, number: bool = False) -> Path:
     """Return where to record: ``output``, or ``recording_<UTC time>`` in the working directory.
 
-    From the second ``activation`` (1) on a number is put behind ``output``.
+    From the second ``activation`` (1) on a number is put behind ``output``; with ``number`` also where the
+    place is taken, the first one that is free.
 
     Raises:
         InputError: the place is taken.
@@ -98,6 +102,9 @@ def new_bag(output: str, now: datetime | None = None, activation: int = 0) -> Pa
     moment = now or datetime.now(timezone.utc)
     name = output or f"recording_{moment:%Y%m%dT%H%M%S}Z"
     path = Path(name if activation == 0 else f"{name.rstrip('/')}_{activation}").expanduser()
+    while number and path.exists():
+        activation += 1
+        path = Path(f"{name.rstrip('/')}_{activation}").expanduser()
     if path.exists():
         raise InputError(f"output: {path} exists already: name a bag that does not, or remove it")
     return path

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import math
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -19,6 +20,7 @@ from spool_stream.errors import InputError
 
 from .cdr import CdrError, header_stamp
 from .definitions import ACCELERATION_BLOCK, starts_with_header
+from .monitoring_watch import Monitored, MonitoringWatch
 from .names import check_valve
 from .recorder import LATCHED, TOPICS, LossCount, free_space, new_bag, select_topics
 from .snapshot import Message, SnapshotKeeper
@@ -29,6 +31,8 @@ DISCOVERY_PERIOD = 0.5
 FLUSH_PERIOD = 0.2
 FLUSH_INTERVAL = 0.7
 DIAGNOSTICS_PERIOD = 1.0
+#: s for which a lost block makes the recording's level a warning.
+RECENT = 60.0
 UNLIMITED = QosTime(9223372036, 854775807)
 
 
@@ -41,6 +45,13 @@ class RecorderNode(ManagedNode):
             "",
             "Bag to be made, a path; empty: recording_<UTC time> in the working directory. "
             "A second activation puts _1 behind it, and so on.",
+            structural=True,
+        ),
+        Parameter(
+            "number_output",
+            False,
+            "Put _1 behind output where it exists, and so on, instead of refusing it: for a recorder that is "
+            "started again by itself.",
             structural=True,
         ),
         Parameter(
@@ -90,6 +101,9 @@ class RecorderNode(ManagedNode):
         self._channels: dict[str, int] = {}
         self._left_out: set[str] = set()
         self._losses = LossCount()
+        self._last_loss = -math.inf
+        self._watch = MonitoringWatch()
+        self._missed: set[str] = set()
         self._activations = 0
         self._ended = ""
         self._snapshots: SnapshotDesk | None = None
@@ -98,15 +112,17 @@ class RecorderNode(ManagedNode):
         """Check the parameters before anything is made."""
         for valve in self._valves():
             check_valve(valve)
-        new_bag(self.value("output"), activation=self._activations)
+        self._new_bag()
         self._diagnostics = DiagnosticPublisher(self, "recorder")
 
     def activate(self) -> None:
         """Make the bag and start to listen."""
-        path = new_bag(self.value("output"), activation=self._activations)
+        path = self._new_bag()
         self._writer = BagWriter(path, flush_interval=FLUSH_INTERVAL)
         self._activations += 1
         self._losses, self._ended = LossCount(), ""
+        self._watch, self._last_loss = MonitoringWatch(), -math.inf
+        self._missed.clear()
         self._left_out.clear()
         self._channels.clear()
         self._snapshots = SnapshotDesk(
@@ -134,6 +150,10 @@ class RecorderNode(ManagedNode):
             self._diagnostics.destroy()
             self._diagnostics = None
 
+    def _new_bag(self) -> Path:
+        number = self.value("number_output")
+        return new_bag(self.value("output"), activation=self._activations, number=number)
+
     def _valves(self) -> list[str]:
         return [valve.strip("/") for valve in self.value("valves") if valve.strip("/")]
 
@@ -146,8 +166,9 @@ class RecorderNode(ManagedNode):
             if topic in self._left_out:
                 continue
             offered = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
-            if not offered and topic.rpartition("/")[2] not in TOPICS:
-                continue  # whether it is latched is its publisher's to say
+            # Blocks are lost where nobody listens; all else waits for its publisher, who says how it is sent.
+            if not offered and topic.rpartition("/")[2] != "acceleration":
+                continue
             known = self._subscriptions_by_topic.get(topic)
             if known is not None and _compatible(known[1], offered):
                 continue
@@ -184,7 +205,14 @@ class RecorderNode(ManagedNode):
                 published = received
         self._try(lambda writer: writer.write(self._channel(writer, topic, kind), received, data, published))
         if kind == ACCELERATION_BLOCK:
+            before = self._losses.lost.get(topic, 0)
             self._losses.see(topic, data)
+            now = time.monotonic()
+            self._watch.saw_data(topic.rpartition("/")[0], now)
+            if self._losses.lost.get(topic, 0) > before:
+                self._last_loss = now
+        elif kind == TOPICS["health"]:
+            self._watch.saw_health(topic.rpartition("/")[0], time.monotonic())
         if self._snapshots is not None and self.value("snapshot_limit") > 0:
             self._snapshots.keeper.take(Message(topic, kind, received, published, data))
 
@@ -226,31 +254,52 @@ class RecorderNode(ManagedNode):
 
     def _report(self) -> None:
         """Publish the state; end the recording while there is still room to end it well."""
-        values: dict[str, object] = {}
+        values: dict[str, object] = dict.fromkeys(("free_space_B", "messages", "recorded_B"), math.nan)
         level, text = Level.ERROR, self._ended or "not recording"
         if self._writer is not None:
             free = free_space(self._writer.path)
             least = self.value("minimum_free_space")
-            values["free space [MB]"] = free / 1e6
+            values["free_space_B"] = free
             level, text = Level.OK, f"recording to {self._writer.path}"
             if free < least:
                 level = Level.ERROR
                 text = f"recording ended: only {free / 1e6:.0f} MB are free (minimum_free_space)"
             elif free < 2 * least:
                 level, text = Level.WARNING, f"only {free / 1e6:.0f} MB are free"
-            elif any(self._losses.lost.values()):
-                level, text = Level.WARNING, "blocks were lost on the way"
-            values["messages [1]"] = self._writer.messages
-            values["recorded [B]"] = self._writer.bytes
+            elif time.monotonic() - self._last_loss < RECENT:
+                level, text = Level.WARNING, "blocks were lost on the way in the last minute"
+            values["messages"] = self._writer.messages
+            values["recorded_B"] = self._writer.bytes
             if free < least:
                 self._finish(text)
                 self.get_logger().error(text)
-        if self._snapshots is not None:
-            values["snapshots [1]"] = self._snapshots.written
-        for topic, lost in self._losses.lost.items():
-            values[f"lost blocks {topic.rpartition('/')[0]} [1]"] = lost
+        values["snapshots"] = 0 if self._snapshots is None else self._snapshots.written
+        lost = dict.fromkeys(self._valves(), 0)
+        lost |= {topic.rpartition("/")[0].strip("/"): count for topic, count in self._losses.lost.items()}
+        values |= {f"blocks_lost_{valve}": count for valve, count in lost.items()}
         if self._diagnostics is not None:
-            self._diagnostics.publish(Status("recording", level, text, values))
+            self._diagnostics.publish(Status("recording", level, text, values), self._supervision())
+
+    def _supervision(self) -> Status:
+        """Return which valves nobody monitors; a monitor can't tell of its own end."""
+        states = {valve.strip("/"): state for valve, state in self._watch.states(time.monotonic()).items()}
+        missed = {valve for valve, state in states.items() if state is Monitored.NO}
+        for valve in sorted(missed - self._missed):
+            self.get_logger().error(
+                f"{valve} is not monitored: its monitor tells of no health, start it again"
+            )
+        for valve in sorted(self._missed - missed):
+            self.get_logger().info(f"{valve} is monitored again")
+        self._missed = missed
+        waited = sorted(valve for valve, state in states.items() if state is Monitored.NOT_YET)
+        level, text = Level.OK, "every valve that sends is monitored"
+        if missed:
+            level, text = Level.ERROR, f"not monitored: {', '.join(sorted(missed))}"
+        elif waited:
+            level, text = Level.WARNING, f"not monitored yet: {', '.join(waited)}"
+        told = dict.fromkeys(self._valves(), Monitored.IDLE) | states
+        values = {f"state_{valve}": state.value for valve, state in told.items()}
+        return Status("monitoring", level, text, values)
 
 
 def _message_type(kind: str) -> Any:

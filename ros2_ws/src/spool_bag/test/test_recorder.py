@@ -33,6 +33,7 @@ def test_valves_are_found_by_our_types() -> None:
 def test_everything_of_the_valves_is_chosen_and_nothing_else() -> None:
     assert list(select_topics(GRAPH)) == [
         "/diagnostics",
+        "/parameter_events",
         "/press/left/events",
         "/valve_1/acceleration",
         "/valve_1/oil_temperature",
@@ -44,6 +45,7 @@ def test_named_valves_are_expected_before_they_speak() -> None:
     chosen = select_topics(GRAPH, ["valve_10"])
     assert chosen == {
         "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+        "/parameter_events": "rcl_interfaces/msg/ParameterEvent",
         **{f"/valve_10/{name}": kind for name, kind in TOPICS.items()},
     }
 
@@ -73,3 +75,17 @@ def test_every_activation_gets_a_bag_of_its_own(tmp_path: Path) -> None:
     (tmp_path / "bag").mkdir()
     with pytest.raises(InputError, match="bag exists already"):
         new_bag(given)
+
+
+def test_a_recorder_that_is_started_again_finds_a_free_name(tmp_path: Path) -> None:
+    """Its dead predecessor left a bag under the name that the launch file gives."""
+    given = str(tmp_path / "bag")
+    assert new_bag(given, number=True) == tmp_path / "bag"
+    for name in ("bag", "bag_1"):
+        (tmp_path / name).mkdir()
+    assert new_bag(given, number=True) == tmp_path / "bag_2"
+
+
+def test_changes_of_limits_are_recorded() -> None:
+    """Whoever reads a bag later has to know by which limits it was judged."""
+    assert select_topics(GRAPH)["/parameter_events"] == "rcl_interfaces/msg/ParameterEvent"
