@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import signal
+import time
 from typing import TYPE_CHECKING
 
 import pytest
@@ -59,12 +60,16 @@ def test_the_nodes_are_managed_from_outside(system: System, tmp_path: Path) -> N
     assert silent(system, *topics)
     for node in nodes.values():
         system.change(node, "activate")
-    count = len(estimates.heard)
-    system.until(lambda: len(estimates.heard) > count and health.heard, "the nodes work again")
-    after = estimates.heard[count].message
+    begin = time.monotonic()
+
+    def tracking(estimate: ModelEstimate) -> bool:
+        return bool(estimate.state == ModelEstimate.STATE_TRACKING)
+
+    system.until(lambda: estimates.first(tracking, after=begin) and health.heard, "the nodes work again")
+    after = estimates.first(tracking, after=begin)
     # The estimator kept what it had learned, over a source that began anew.
-    assert after.state == ModelEstimate.STATE_TRACKING
-    assert after.samples >= before.samples
+    assert after is not None
+    assert after.message.samples >= before.samples
 
     for node in nodes.values():
         system.change(node, "deactivate", "cleanup")

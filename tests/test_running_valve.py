@@ -76,9 +76,9 @@ def test_diagnostics_follow_the_rules(valve: Valve) -> None:
         assert array.header.stamp.sec > 0
     values = {value.key: value.value for status in statuses for value in status.values}
     assert all(isinstance(value, str) and value for value in values.values())
-    assert {"spring_stiffness (N/m)", "viscous_coefficient (N s/m)", "coulomb_force (N)"} <= set(values)
-    assert {"dominant_frequency (Hz)", "amplification (1)", "natural_frequency (Hz)"} <= set(values)
-    assert float(values["spring_stiffness (N/m)"]) == pytest.approx(1632.0, rel=0.05)
+    assert {"spring_stiffness_N_per_m", "viscous_coefficient_N_s_per_m", "coulomb_force_N"} <= set(values)
+    assert {"dominant_frequency_Hz", "amplification", "natural_frequency_Hz"} <= set(values)
+    assert float(values["spring_stiffness_N_per_m"]) == pytest.approx(1632.0, rel=0.05)
     assert all(status.message for status in statuses)
 
 
@@ -89,7 +89,7 @@ def test_diagnostics_follow_the_rules(valve: Valve) -> None:
         ("drift_target", -100.0, "drift_target"),
         ("drift_duration", 1e9, "drift_duration"),
         ("drift_quantity", 3, "expected 'Type.STRING'"),
-        ("sample_rate", 4000.0, "read-only"),
+        ("sample_rate", 4000.0, "sample_rate changes only while the node is unconfigured"),
     ],
 )
 def test_a_wrong_drift_is_refused_with_the_reason(

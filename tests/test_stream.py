@@ -101,11 +101,11 @@ def test_10_khz_arrive_without_loss(run_10_khz: Run) -> None:
     assert [block.sequence for block in blocks] == list(range(len(blocks)))
     assert {block.body.size for block in blocks} == {200}
     assert {block.sample_period for block in blocks} == {1e-4}
-    assert run_10_khz.recorder["lost blocks /valve_1 [1]"] == "0"
+    assert run_10_khz.recorder["blocks_lost_valve_1"] == "0"
     for told in (run_10_khz.estimator, run_10_khz.monitor):
-        assert told["blocks lost"] == "0"
-        assert told["blocks refused"] == "0"
-        assert told["blocks used"] == str(len(blocks))
+        assert told["blocks_lost"] == "0"
+        assert told["blocks_refused"] == "0"
+        assert told["blocks_used"] == str(len(blocks))
 
 
 def test_replay_is_the_run_bit_for_bit(run_10_khz: Run) -> None:
@@ -179,7 +179,7 @@ def bad_blocks(good: Block) -> list[tuple[Fault, AccelerationBlock]]:
 
 
 def refused_blocks(status: DiagnosticStatus) -> int:
-    return next(int(value.value) for value in status.values if value.key == "blocks refused")
+    return next(int(value.value) for value in status.values if value.key == "blocks_refused")
 
 
 def prime(
@@ -202,7 +202,7 @@ def prime(
         return all(refused(name) for name in offered)
 
     def refused(name: str) -> int:
-        return int(system.numbers(tasks[name]).get("blocks refused", "0"))
+        return int(system.numbers(tasks[name]).get("blocks_refused", "0"))
 
     system.until(heard, "both estimators hear their topic")
     return {name: refused(name) for name in offered}
@@ -253,15 +253,15 @@ def test_malformed_blocks_are_told_and_change_nothing(system: System) -> None:
     refused = sum(sent.values())
     used = str(len(blocks) - 3)
     system.until(
-        lambda: all(system.numbers(task).get("blocks used") == used for task in tasks.values()),
+        lambda: all(system.numbers(task).get("blocks_used") == used for task in tasks.values()),
         "both estimators have had every good block",
     )
     for name, faults in (("tidy", {}), ("dirty", sent)):
         numbers = system.numbers(tasks[name])
-        assert numbers["blocks lost"] == "3"
-        assert numbers["blocks refused"] == str(primed[name] + (refused if faults else 0))
+        assert numbers["blocks_lost"] == "3"
+        assert numbers["blocks_refused"] == str(primed[name] + (refused if faults else 0))
         counted = {**faults, Fault.LOST: 1, Fault.NO_TIME: faults.get(Fault.NO_TIME, 0) + primed[name]}
-        expected = {f"fault: {fault.value}": str(count) for fault, count in counted.items()}
+        expected = {f"fault_{fault.name.lower()}": str(counted.get(fault, 0)) for fault in Fault}
         assert {key: value for key, value in numbers.items() if key.startswith("fault")} == expected
     warned = next(
         arrival

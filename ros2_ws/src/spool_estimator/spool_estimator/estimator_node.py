@@ -10,11 +10,12 @@ from typing import ClassVar
 from sensor_msgs.msg import Temperature
 from spool_msgs.msg import AccelerationBlock, ModelEstimate, ValveDescription, WindowRefit
 from spool_node import qos
-from spool_node.diagnostics import DiagnosticPublisher, Level, Status
+from spool_node.diagnostics import DiagnosticPublisher, Level, Status, block_faults, block_values, key
 from spool_node.managed_node import ManagedNode
 from spool_node.messages import nanoseconds, to_block
 from spool_node.parameters import Parameter
 from spool_node.running import run
+from spool_node.throttle import Throttle
 from spool_sim.model import load_model
 from spool_sim.valve import Valve, find_valve
 from std_srvs.srv import Trigger
@@ -24,10 +25,19 @@ from .estimator import EXPONENTIAL, FORGETTING, phase_of, settings_for
 from .estimators import ESTIMATORS, StreamEstimator, make_estimator
 from .gap_service import GapService
 from .messages import to_message, to_refit_message
+from .plausibility import ValveCheck
 from .refit import RefitSettings, WindowRefits
 from .refit_worker import RefitWorker
 from .valve_messages import to_description
 from .warm_up import warm_up_estimator
+
+#: Names and units of what is told of an estimate, whether or not it is known yet.
+_TOLD = (
+    ("spring_stiffness", "N/m"),
+    ("viscous_coefficient", "N s/m"),
+    ("coulomb_force", "N"),
+    ("oil_temperature", "deg C"),
+)
 
 
 class EstimatorNode(ManagedNode):
@@ -35,41 +45,43 @@ class EstimatorNode(ManagedNode):
 
     PARAMETERS: ClassVar = (
         Parameter(
-            "valve_file", "4weh10_soft", "Path of a YAML file or name of a shipped valve.", read_only=True,
+            "valve_file", "4weh10_soft", "Path of a YAML file or name of a shipped valve.", structural=True,
         ),
         Parameter(
-            "method", "prediction", "The model run beside the machine, or equation error.", read_only=True,
+            "method", "prediction", "The model run beside the machine, or equation error.", structural=True,
             choices=tuple(ESTIMATORS),
         ),
         Parameter(
-            "forgetting", EXPONENTIAL, "How the past is forgotten.", choices=FORGETTING, read_only=True,
+            "forgetting", EXPONENTIAL, "How the past is forgotten.", choices=FORGETTING, structural=True,
         ),
         Parameter(
             "memory", 4.0, "Time constant of forgetting, or length of the window.",
-            "s", 0.2, 3600.0, read_only=True,
+            "s", 0.2, 3600.0, structural=True,
         ),
-        Parameter("low_cut", 4.0, "Lower edge of the band.", "Hz", 0.1, 100.0, read_only=True),
-        Parameter("high_cut", 300.0, "Upper edge of the band.", "Hz", 10.0, 1e4, read_only=True),
+        Parameter("low_cut", 4.0, "Lower edge of the band.", "Hz", 0.1, 100.0, structural=True),
+        Parameter("high_cut", 300.0, "Upper edge of the band.", "Hz", 10.0, 1e4, structural=True),
         Parameter(
             "minimum_excitation", 0.2, "Rms body acceleration below which parameters are held.",
-            "m/s^2", 0.0, 1e3, read_only=True,
+            "m/s^2", 0.0, 1e3, structural=True,
         ),
-        Parameter("period", 1.0, "Time between estimates, in data time.", "s", 0.1, 60.0, read_only=True),
+        Parameter("period", 1.0, "Time between estimates, in data time.", "s", 0.1, 60.0, structural=True),
         Parameter(
-            "stale_after", 1.5, "Silence after which the estimate is stale.", "s", 0.2, 60.0, read_only=True,
+            "stale_after", 1.5, "Silence after which the estimate is stale.", "s", 0.2, 60.0,
         ),
-        Parameter("refit_period", 0.0, "Data time between refits, 0: none.", "s", 0.0, 3.6e3, read_only=True),
-        Parameter("refit_window", 4.0, "Length of the refitted window.", "s", 2.0, 60.0, read_only=True),
-        Parameter("refit_model", "coulomb", "Name of a model or path of a YAML file.", read_only=True),
+        Parameter(
+            "refit_period", 0.0, "Data time between refits, 0: none.", "s", 0.0, 3.6e3, structural=True,
+        ),
+        Parameter("refit_window", 4.0, "Length of the refitted window.", "s", 2.0, 60.0, structural=True),
+        Parameter("refit_model", "coulomb", "Name of a model or path of a YAML file.", structural=True),
         Parameter(
             "gap_growth", 2.0, "Residual over what is usual from which model_gap is raised.",
-            "1", 1.1, 100.0, read_only=True,
+            "1", 1.1, 100.0, structural=True,
         ),
         Parameter(
-            "gap_window", 60.0, "How far ~/analyse_gap looks back.", "s", 6.0, 600.0, read_only=True,
+            "gap_window", 60.0, "How far ~/analyse_gap looks back.", "s", 6.0, 600.0, structural=True,
         ),
         Parameter(
-            "gap_base", "fluid", "Model that ~/analyse_gap adds to: name or YAML file.", read_only=True,
+            "gap_base", "fluid", "Model that ~/analyse_gap adds to: name or YAML file.", structural=True,
         ),
     )  # fmt: skip
 
@@ -78,13 +90,16 @@ class EstimatorNode(ManagedNode):
         self._core: StreamEstimator | None = None
         self._refits: WindowRefits | None = None
         self._worker: RefitWorker | None = None
+        self._check: ValveCheck | None = None
+        self._doubts: list[str] = []
         self._arrival = time.monotonic()
         self._reported = (Level.OK, 0)
+        self._throttle = Throttle()
 
     def configure(self) -> None:
         """Build the core and say which valve it is for."""
         # Compiling takes seconds where the cache is old or can't be written: blocks would be lost meanwhile.
-        warm_up_estimator()
+        self.compile(warm_up_estimator)
         valve = find_valve(self.value("valve_file"))
         names = ("forgetting", "memory", "low_cut", "high_cut", "minimum_excitation", "period")
         settings = settings_for(
@@ -95,12 +110,17 @@ class EstimatorNode(ManagedNode):
         self._publisher = self.create_lifecycle_publisher(ModelEstimate, "estimate", qos.state())
         self._description_publisher = self.create_lifecycle_publisher(ValveDescription, "valve", qos.state())
         self._description = to_description(valve)
+        self._check, self._doubts = ValveCheck(valve), []
         self._configure_refits(valve)
         base = load_model(self.value("gap_base"))
         base.values_for(valve)
         window, growth = self.value("gap_window"), self.value("gap_growth")
         self._gap = GapService(self, valve, base, window=window, growth=growth)
         self._diagnostics = DiagnosticPublisher(self, valve.id)
+        self.get_logger().info(
+            f"configured for valve {valve.id} ({self.value('valve_file')}): {1e3 * valve.moving_mass:g} g, "
+            f"{valve.natural_frequency:.1f} Hz, method {self.value('method')}"
+        )
 
     def _configure_refits(self, valve: Valve) -> None:
         model = load_model(self.value("refit_model"))
@@ -139,17 +159,36 @@ class EstimatorNode(ManagedNode):
 
     def _take(self, message: AccelerationBlock) -> None:
         assert self._core is not None
-        accepted = self._core.gate.accepted
+        gate = self._core.gate
+        accepted, refused = gate.accepted, gate.refused
         block = to_block(message)
         estimates = self._core.update(block)
-        if self._core.gate.accepted > accepted:
+        if gate.refused > refused and gate.fault is not None:
+            self._tell_refused(gate.fault.value, block.sequence)
+        if gate.accepted > accepted:
             self._arrival = time.monotonic()
             self._gap.take(block, estimates)
         for estimate in estimates:
             self._publisher.publish(to_message(estimate, self._valve_id))
+            self._doubt(estimate)
         if self._refits is not None and self._worker is not None:
             for task in self._refits.update(block, estimates):
                 self._worker.offer(task)
+
+    def _doubt(self, estimate: Estimate) -> None:
+        """Compare the valve file with what the record shows, and log once that they contradict."""
+        if self._check is None or self._check.complete:
+            return
+        self._check.update(estimate)
+        before, self._doubts = self._doubts, self._check.doubts()
+        if self._doubts and not before:
+            self.get_logger().warning("; ".join(self._doubts))
+
+    def _tell_refused(self, reason: str, sequence: int) -> None:
+        count = self._throttle.take(reason)
+        if count:
+            blocks = "block" if count == 1 else f"{count} blocks, the last one"
+            self.get_logger().warning(f"{blocks} {sequence} refused: {reason}")
 
     def _collect(self) -> None:
         """Publish the refit that was finished since, if any."""
@@ -185,7 +224,7 @@ class EstimatorNode(ManagedNode):
         if time.monotonic() - self._arrival > self.value("stale_after"):
             return Level.STALE
         gate = self._core.gate
-        return Level.WARNING if gate.refused or gate.lost else Level.OK
+        return Level.OK if gate.accepted and not block_faults(gate) and not self._doubts else Level.WARNING
 
     def _report(self) -> None:
         assert self._core is not None
@@ -196,20 +235,16 @@ class EstimatorNode(ManagedNode):
         if level is Level.STALE:
             message = "no usable blocks arrive"
         elif level is Level.WARNING:
-            message = f"{gate.lost} blocks lost, {gate.refused} refused"
+            message = block_faults(gate) or "; ".join(self._doubts) or "waiting for data"
         else:
-            message = latest.state.name.lower().replace("_", " ") if latest else "waiting for data"
-        values: dict[str, object] = {
-            "blocks used": gate.accepted,
-            "blocks lost": gate.lost,
-            "blocks refused": gate.refused,
-            **{f"fault: {fault.value}": count for fault, count in gate.faults.items()},
-        }
+            message = latest.state.name.lower().replace("_", " ") if latest else "no estimate yet"
+        values = block_values(gate)
         if self._worker is not None:
-            values["refits done"] = self._worker.done
-            values["refits skipped while busy"] = self._worker.skipped
-        for quantity in (*latest.parameters, latest.oil_temperature) if latest else ():
-            values[f"{quantity.name} ({quantity.unit})"] = quantity.value
+            values["refits_done"] = self._worker.done
+            values["refits_skipped"] = self._worker.skipped
+        told = {one.name: one.value for one in (*latest.parameters, latest.oil_temperature)} if latest else {}
+        for name, unit in _TOLD:
+            values[key(name, unit)] = told.get(name, math.nan)
         self._diagnostics.publish(Status("estimate", level, message, values))
 
 

@@ -20,7 +20,7 @@ def network_warnings(environment: Mapping[str, str] | None = None) -> list[str]:
     on = environment.get("ROS_SECURITY_ENABLE", "").lower() == "true"
     enforced = on and environment.get("ROS_SECURITY_STRATEGY", "") == "Enforce"
     built_in = not environment.get(WHEELS)
-    reach = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "") or "SUBNET"
+    reach = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "") or "SUBNET"  # the default of Jazzy
     if reach in ("SUBNET", "SYSTEM_DEFAULT") and not (enforced and built_in):
         said.append(
             f"discovery range {reach}: anyone on this network may read the samples, acknowledge and shelve "

@@ -9,11 +9,12 @@ from typing import Any, ClassVar
 from sensor_msgs.msg import Temperature
 from spool_msgs.msg import AccelerationBlock
 from spool_node import qos
-from spool_node.diagnostics import DiagnosticPublisher, Level, Status
+from spool_node.diagnostics import DiagnosticPublisher, Level, Status, key
 from spool_node.managed_node import ManagedNode
 from spool_node.messages import from_block, to_time
 from spool_node.parameters import Parameter, Value
 from spool_node.running import run
+from spool_node.throttle import Throttle
 from spool_stream.errors import InputError
 
 from .excitation import load_excitation
@@ -34,9 +35,9 @@ class SimulatorNode(ManagedNode):
 
     PARAMETERS: ClassVar = (
         Parameter(
-            "valve_file", "4weh10_soft", "Valve: path of a YAML file or a shipped one's name.", read_only=True
+            "valve_file", "4weh10_soft", "Valve: path of a YAML file, or a shipped name.", structural=True
         ),
-        Parameter("model", "coulomb", "Force terms: name of a model or path of a YAML file.", read_only=True),
+        Parameter("model", "coulomb", "Force terms: name of a model or a YAML file.", structural=True),
         Parameter(
             "coulomb_force",
             0.1,
@@ -44,17 +45,17 @@ class SimulatorNode(ManagedNode):
             "N",
             0.0,
             1e4,
-            read_only=True,
+            structural=True,
         ),
         Parameter(
-            "excitation", "orders", "Body acceleration: a preset's name or a YAML file.", read_only=True
+            "excitation", "orders", "Body acceleration: a preset's name or a YAML file.", structural=True
         ),
-        Parameter("sample_rate", 2000.0, "Samples a second.", "Hz", 10.0, 1e5, read_only=True),
-        Parameter("block_rate", 50.0, "Blocks a second.", "Hz", 0.1, 1000.0, read_only=True),
-        Parameter("noise", 0.05, "Noise of both accelerometers, rms.", "m/s^2", 0.0, 1e3, read_only=True),
-        Parameter("body_gain_error", 0.0, "Relative gain error, body.", "1", -0.5, 0.5, read_only=True),
-        Parameter("spool_gain_error", 0.0, "Relative gain error, spool.", "1", -0.5, 0.5, read_only=True),
-        Parameter("seed", 0, "Seed of the noise.", "", 0, 2**31 - 1, read_only=True),
+        Parameter("sample_rate", 2000.0, "Samples a second.", "Hz", 10.0, 1e5, structural=True),
+        Parameter("block_rate", 50.0, "Blocks a second.", "Hz", 0.1, 1000.0, structural=True),
+        Parameter("noise", 0.05, "Noise of both accelerometers, rms.", "m/s^2", 0.0, 1e3, structural=True),
+        Parameter("body_gain_error", 0.0, "Relative gain error, body.", "1", -0.5, 0.5, structural=True),
+        Parameter("spool_gain_error", 0.0, "Relative gain error, spool.", "1", -0.5, 0.5, structural=True),
+        Parameter("seed", 0, "Seed of the noise.", "", 0, 2**31 - 1, structural=True),
         Parameter(
             "wait_for_subscribers",
             0,
@@ -62,7 +63,7 @@ class SimulatorNode(ManagedNode):
             "",
             0,
             100,
-            read_only=True,
+            structural=True,
         ),
         Parameter(
             "drift_quantity", "none", "Parameter that drifts; setting it starts.", choices=("none", *DRIFTING)
@@ -86,6 +87,7 @@ class SimulatorNode(ManagedNode):
         self._complete: float | None = None
         self._sent = 0
         self._skipped = 0
+        self._throttle = Throttle()
 
     def configure(self) -> None:
         """Build the valve, the excitation and the sensors from the parameters."""
@@ -97,6 +99,10 @@ class SimulatorNode(ManagedNode):
             Temperature, "oil_temperature", qos.samples_offered(10.0)
         )
         self._diagnostics = DiagnosticPublisher(self, self._simulator.valve.id)
+        self.get_logger().info(
+            f"configured: valve {self._simulator.valve.id} ({self.value('valve_file')}), "
+            f"model {self.value('model')}, excitation {self.value('excitation')}"
+        )
 
     def activate(self) -> None:
         """Start at time zero of the excitation, stamped with the node's clock."""
@@ -191,6 +197,9 @@ class SimulatorNode(ManagedNode):
             due -= 1
             if due >= _CATCH_UP:
                 self._skipped += 1
+                count = self._throttle.take("dropped")
+                if count:
+                    self.get_logger().warning(f"{count} blocks dropped: the machine is too slow")
                 continue
             self._publisher.publish(from_block(block, self._simulator.valve.id))
 
@@ -214,11 +223,11 @@ class SimulatorNode(ManagedNode):
                 level,
                 message,
                 {
-                    "blocks sent": self._sent - self._skipped,
-                    "blocks dropped": self._skipped,
-                    "viscous coefficient (N s/m)": truth.viscous_coefficient,
-                    "Coulomb force (N)": truth.coulomb_force,
-                    "spring stiffness (N/m)": truth.spring_stiffness,
+                    "blocks_sent": self._sent - self._skipped,
+                    "blocks_dropped": self._skipped,
+                    key("viscous_coefficient", "N s/m"): truth.viscous_coefficient,
+                    key("coulomb_force", "N"): truth.coulomb_force,
+                    key("spring_stiffness", "N/m"): truth.spring_stiffness,
                 },
             )
         )
