@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
 from statistics import fmean, median
@@ -9,12 +10,16 @@ from statistics import fmean, median
 import numpy as np
 from spool_stream.block import Block
 from spool_stream.quantity import Quantity
+from spool_stream.sentence import Account, over, raised
+from spool_stream.uncertainty import number
 
 from .estimate import Estimate, State
 from .flat_top import flat_share
 
 #: Kind and code of the event.
 MODEL_GAP, MODEL_GAP_CODE = "model_gap", 500
+#: What to do about it.
+REMEDY = "record a minute of it, and let ./spool gap name what is missing"
 #: Kind of the events that explain whatever the model leaves over.
 SENSOR_FAULT = "sensor_fault"
 #: Estimates from which the floor is learned.
@@ -53,20 +58,23 @@ class GapChange:
         raised: it opened.
         residual: at that time, relative.
         floor: what is usual, relative.
+        lasted: how long it was open, s; NaN where it opens.
     """
 
     stamp: int
     raised: bool
     residual: Quantity
     floor: float
+    lasted: float = math.nan
 
     @property
     def sentence(self) -> str:
         """Return one line for people."""
-        now, usual = f"{100.0 * self.residual.value:.3g} %", f"{100.0 * self.floor:.3g} %"
-        if self.raised:
-            return f"the model leaves {now} of the force unexplained, usually {usual}: something is missing"
-        return f"the model explains the motion again: {now} is left, usually {usual}"
+        now, usual = (f"{number(100.0 * share, 2)} %" for share in (self.residual.value, self.floor))
+        account = Account(
+            f"the model leaves {now} of the force unexplained, usually {usual}", "something is missing"
+        )
+        return raised(account, REMEDY) if self.raised else over(MODEL_GAP, account, self.lasted)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +124,7 @@ class GapWatch:
     _last: deque[float] = field(default_factory=lambda: deque(maxlen=IN_A_ROW), init=False)
     _up: deque[Estimate] = field(default_factory=deque, init=False)
     _faults: set[str] = field(default_factory=set, init=False)
+    _opened: int = field(default=0, init=False)
     _recent: deque[Block] = field(default_factory=deque, init=False)
     _kept: float = field(default=0.0, init=False)
 
@@ -156,19 +165,21 @@ class GapWatch:
         closed = self._relative.usual + CLOSED * (self._relative.limit - self._relative.usual)
         if self.raised:
             closes = len(self._last) == IN_A_ROW and max(self._last) < closed
-            return self._change(estimate, raised=False) if closes else None
+            return self._change(estimate, opens=False) if closes else None
         up = value > self._relative.limit and force > self._force.limit
         if up and self._believes(estimate):
             self._up.append(estimate)
         else:
             self._up.clear()
-        return self._change(estimate, raised=True) if self._stays() else None
+        return self._change(estimate, opens=True) if self._stays() else None
 
-    def _change(self, estimate: Estimate, *, raised: bool) -> GapChange:
+    def _change(self, estimate: Estimate, *, opens: bool) -> GapChange:
         assert self._relative is not None
-        self.raised = raised
+        self.raised = opens
         self._up.clear()
-        return GapChange(estimate.stamp, raised, estimate.residual, self._relative.usual)
+        lasted = math.nan if opens else 1e-9 * (estimate.stamp - self._opened)
+        self._opened = estimate.stamp
+        return GapChange(estimate.stamp, opens, estimate.residual, self._relative.usual, lasted)
 
     def _learn(self, value: float, force: float, stiffness: float) -> None:
         self._first.append((value, force, stiffness))

@@ -68,7 +68,11 @@ def test_a_residual_that_stays_up_opens_the_gap_once_and_closes_it_once() -> Non
     changes += [machine.say(0.02) for _ in range(10)]
     found = [change for change in changes if change is not None]
     assert [change.raised for change in found] == [True, False]
-    assert "6 % of the force unexplained" in found[0].sentence
+    assert "6.0 % of the force unexplained" in found[0].sentence
+    assert "what to do: " in found[0].sentence
+    lasted = round((found[1].stamp - found[0].stamp) / SECOND)
+    assert found[1].sentence.startswith(f"model gap is over after {lasted}.0 s: the model leaves 2.0 % of")
+    assert "what to do" not in found[1].sentence
     assert found[0].residual.value == 0.06
     # Two and a half memories of 4 s after the first estimate that was up.
     assert found[0].stamp == (LEARNED + 11) * SECOND

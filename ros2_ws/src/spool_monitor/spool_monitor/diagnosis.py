@@ -1,33 +1,31 @@
-"""From what moved together to the cause: ranked, each with its evidence and its remedy."""
+"""From what moved together to the cause: ranked, each with its share and its evidence."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
-from importlib.resources import files
 
-import yaml
+from .drift import VISCOUS, ParameterDrift
 
-from .drift import ParameterDrift
+COULOMB = "coulomb_force"
 
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """One explanation: its ``share`` (0 to 1) among all, and what speaks for it."""
+    """One explanation of a change.
+
+    Attributes:
+        name: as in ``causes.yaml``.
+        share: among all explanations, 0 to 1.
+        parameter: whose change it explains.
+        condition: under what that changed, where it matters; empty otherwise.
+
+    """
 
     name: str
     share: float
-    evidence: str
-
-
-@dataclass(frozen=True, slots=True)
-class Remedy:
-    """What a cause means on the machine and what to do about it."""
-
-    meaning: str
-    remedy: str
+    parameter: str
+    condition: str = ""
 
 
 #: Relative change of a viscosity per K of an ISO VG oil, lowest and highest (ASTM D341 over 20 to 80 deg C).
@@ -50,29 +48,28 @@ def rank_friction(
     rubs = 0.9 * abs(dry) * coulomb.matters
     heavy = moved / (moved + rubs) if moved + rubs > 0.0 else 0.5
     drag_weight, dry_weight = (heavy, 1.0 - heavy) if math.isfinite(heavy) else (0.5, 0.5)
-    scores: dict[str, tuple[float, str]] = {}
+    scores: dict[str, tuple[float, str, str]] = {}
     if dry > 0.0:
-        scores["oil_contamination"] = (
-            dry * dry_weight,
-            f"dry friction rose by {dry * coulomb.matters:.2f} N",
-        )
+        scores["oil_contamination"] = (dry * dry_weight, COULOMB, "")
     if dry < 0.0:
-        scores["unknown"] = (-dry * dry_weight, f"dry friction fell by {-dry * coulomb.matters:.2f} N")
-    change = 100.0 * drag * viscous.matters
+        scores["unknown"] = (-dry * dry_weight, COULOMB, "")
     at = "at the same oil temperature" if viscous.referred else "at an oil temperature that is not known"
     if drag > 0.0:
-        scores["oil_viscosity"] = (drag * drag_weight, f"drag rose by {change:.0f} % {at}")
+        scores["oil_viscosity"] = (drag * drag_weight, VISCOUS, at)
     if drag < 0.0:
         explained = not viscous.referred and _explains(warmer, drag * viscous.matters)
         if not viscous.referred and not math.isnan(warmer):
-            at = f"while the oil became {warmer:.0f} K warmer"
-        text = f"drag fell by {-change:.0f} % {at}"
+            at = f"while the oil became {abs(warmer):.0f} K {'warmer' if warmer >= 0.0 else 'colder'}"
         shares = (0.3, 0.7) if explained else (0.75, 0.25)
-        scores["wear"] = (-shares[0] * drag * drag_weight, text)
-        scores["oil_viscosity"] = (-shares[1] * drag * drag_weight, text)
-    total = sum(score for score, _ in scores.values())
-    causes = [Cause(name, score / total, text) for name, (score, text) in scores.items() if total > 0.0]
-    return tuple(sorted(causes, key=lambda cause: -cause.share)) or (Cause("unknown", 1.0, "nothing moved"),)
+        scores["wear"] = (-shares[0] * drag * drag_weight, VISCOUS, at)
+        scores["oil_viscosity"] = (-shares[1] * drag * drag_weight, VISCOUS, at)
+    total = sum(score for score, _, _ in scores.values())
+    causes = [
+        Cause(name, score / total, parameter, condition)
+        for name, (score, parameter, condition) in scores.items()
+        if total > 0.0
+    ]
+    return tuple(sorted(causes, key=lambda cause: -cause.share)) or (Cause("unknown", 1.0, COULOMB),)
 
 
 def _explains(warmer: float, change: float) -> bool:
@@ -81,22 +78,3 @@ def _explains(warmer: float, change: float) -> bool:
         return False
     slope = -math.log1p(change) / warmer
     return VISCOSITY_SLOPE[0] <= slope <= VISCOSITY_SLOPE[1]
-
-
-@lru_cache(maxsize=1)
-def remedies() -> Mapping[str, Remedy]:
-    """Return the shipped table of causes (``causes.yaml``), by ``kind/cause`` or ``kind``."""
-    table = yaml.safe_load((files(__package__) / "causes.yaml").read_text(encoding="utf-8"))
-    return {name: Remedy(**entry) for name, entry in table.items()}
-
-
-def remedy(kind: str, cause: str = "") -> Remedy | None:
-    """Return what to do about ``cause`` of an event ``kind``, the kind's own where the cause has none."""
-    table = remedies()
-    return table.get(f"{kind}/{cause}") or table.get(kind)
-
-
-def advice(kind: str, cause: str = "") -> str:
-    """Return the remedy as the end of a message, empty where there is none."""
-    found = remedy(kind, cause)
-    return f"; {found.remedy}" if found else ""

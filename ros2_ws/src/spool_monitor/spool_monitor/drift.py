@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_estimator.estimate import Estimate, State
 from spool_stream.quantity import Quantity, Validity
+from spool_stream.sentence import change
 
 from .baseline_record import HealthyValue
 from .event import Severity
@@ -140,7 +141,8 @@ class ParameterDrift:
 
     def __post_init__(self) -> None:
         self.sum = CumulativeSum(ALLOWANCE, CAP)
-        self.change = Quantity(f"{self.parameter}_change", "1")
+        # Of what is judged in its own unit there is one, a force.
+        self.change = Quantity(f"{self.parameter}_change", "1" if self.relative else "N")
         self.quantity = Quantity(self.parameter, "")
 
     @property
@@ -235,6 +237,14 @@ class ParameterDrift:
         return self.sum.size >= threshold and abs(self._smoothed) > SIGNIFICANCE * deviation
 
     def text(self) -> str:
-        """Return what changed, for people."""
-        name, unit = self.quantity.name.replace("_", " "), self.quantity.unit
-        return f"{name} {self.quantity.value:.4g} {unit}, was {self.baseline.value:.4g}"
+        """Return how the parameter changed, for people: the smoothed change, so that all numbers agree."""
+        base = self.baseline.value
+        size = self.matters * (abs(base) if self.relative else 1.0)
+        now = base + self._smoothed * size
+        return change(
+            self.quantity.name,
+            self.quantity.unit,
+            (now, self.quantity.standard_deviation),
+            (base, self.baseline.spread),
+            relative=self.relative,
+        )

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from spool_estimator.gap_watch import MODEL_GAP, GapChange
 from spool_stream.quantity import Quantity
+from spool_stream.sentence import Account, over, raised
 
-#: What people read, or what writes it: most of what is judged is never told.
-Text = str | Callable[[], str]
+from .remedy import advice
+
+#: What there is to tell, or what makes it: most of what is judged is never told. A string is what is seen.
+Told = str | Account
+Text = Told | Callable[[], Told]
 
 
 class EventState(enum.IntEnum):
@@ -72,6 +77,8 @@ class Condition:
     active: Severity | None = field(default=None, init=False)
     cause: str = field(default="", init=False)
     _since: int | None = field(default=None, init=False)
+    _indicated: int | None = field(default=None, init=False)
+    _raised: int | None = field(default=None, init=False)
 
     def judge(
         self,
@@ -88,8 +95,7 @@ class Condition:
         if self.active is not None and indicated is not None:
             self._since = None
             if indicated > self.active:
-                self.active, self.cause = indicated, cause
-                return [self._event(stamp, EventState.RAISED, quantity, _written(message))]
+                return self._raise(stamp, indicated, cause, quantity, message)
             return []
         if not wanted:
             self._since = None
@@ -98,20 +104,34 @@ class Condition:
             self._since = stamp
         if stamp - self._since < round((self.on_delay if self.active is None else self.off_delay) * 1e9):
             return []
-        self._since = None
         if self.active is None:
             assert indicated is not None
-            self.active, self.cause = indicated, cause
-            return [self._event(stamp, EventState.RAISED, quantity, _written(message))]
-        return self.clear(stamp, quantity, f"{self.kind} is over: {_written(message)}")
+            self._indicated = self._since
+            self._since = None
+            return self._raise(stamp, indicated, cause, quantity, message)
+        return self.clear(stamp, quantity, message)
 
-    def clear(self, stamp: int, quantity: Quantity, message: str) -> list[Event]:
-        """End the condition at once where it is active."""
+    def clear(self, stamp: int, quantity: Quantity, message: Text) -> list[Event]:
+        """End the condition at once where it is active; ``message`` says what is seen now."""
         if self.active is None:
             return []
-        event = self._event(stamp, EventState.CLEARED, quantity, message)
-        self.active, self.cause, self._since = None, "", None
+        # A clock that was set back makes no time negative.
+        began = self._raised if self._raised is not None and self._raised <= stamp else None
+        lasted = math.nan if began is None else 1e-9 * (stamp - began)
+        event = self._event(stamp, EventState.CLEARED, quantity, over(self.kind, _account(message), lasted))
+        self.active, self.cause = None, ""
+        self._since = self._indicated = self._raised = None
         return [event]
+
+    def _raise(
+        self, stamp: int, severity: Severity, cause: str, quantity: Quantity, message: Text
+    ) -> list[Event]:
+        self.active, self.cause = severity, cause
+        self._raised = stamp if self._raised is None else self._raised
+        account = _account(message)
+        if math.isnan(account.began) and self._indicated is not None:
+            account = replace(account, began=1e-9 * (stamp - self._indicated))
+        return [self._event(stamp, EventState.RAISED, quantity, raised(account, advice(self.kind, cause)))]
 
     @property
     def name(self) -> str:
@@ -120,12 +140,14 @@ class Condition:
 
     def restore(self, severity: Severity, cause: str) -> None:
         """Go on as active, as it was before a restart; no event follows."""
-        self.active, self.cause, self._since = severity, cause, None
+        self.active, self.cause = severity, cause
+        self._since = self._indicated = self._raised = None
 
     def _event(self, stamp: int, state: EventState, quantity: Quantity, message: str) -> Event:
         assert self.active is not None
         return Event(stamp, self.kind, state, self.active, self.cause, quantity, message, self.source)
 
 
-def _written(text: Text) -> str:
-    return text if isinstance(text, str) else text()
+def _account(text: Text) -> Account:
+    told = text() if callable(text) else text
+    return Account(told) if isinstance(told, str) else told

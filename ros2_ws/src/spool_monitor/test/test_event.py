@@ -6,7 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from spool_monitor.event import Condition, Event, EventState, Severity
+from spool_monitor.remedy import advice, remedies
 from spool_stream.quantity import Quantity
+from spool_stream.sentence import Account
 
 SECOND = 1_000_000_000
 NOTHING = Quantity("amplification", "1")
@@ -110,7 +112,7 @@ def test_clear_ends_what_is_active_and_only_that() -> None:
     assert condition.clear(0, NOTHING, "over") == []
     judge(condition, 1.0, WARN, "estimate")
     (event,) = condition.clear(2 * SECOND, NOTHING, "over")
-    assert (event.state, event.severity, event.cause, event.message) == (CLEARED, WARNING, "estimate", "over")
+    assert (event.state, event.severity, event.cause) == (CLEARED, WARNING, "estimate")
     assert condition.active is None
     assert condition.cause == ""
     assert condition.clear(3 * SECOND, NOTHING, "over") == []
@@ -122,8 +124,54 @@ def test_the_event_carries_what_was_judged() -> None:
     (event,) = condition.judge(
         7, WARNING, released=False, cause="oil_contamination", quantity=quantity, message="text"
     )
-    assert event == Event(7, "friction_drift", RAISED, WARNING, "oil_contamination", quantity, "text")
+    said = f"text; what to do: {advice('friction_drift', 'oil_contamination')}"
+    assert event == Event(7, "friction_drift", RAISED, WARNING, "oil_contamination", quantity, said)
     assert math.isnan(event.quantity.standard_deviation)
+
+
+@given(
+    name=st.sampled_from(sorted(remedies())),
+    lasted=st.integers(1, 10 * 86400),
+    account=st.builds(Account, st.just("what is seen"), st.sampled_from(["", "it sticks"])),
+)
+def test_what_is_over_says_how_long_it_lasted_and_advises_nothing(
+    name: str, lasted: int, account: Account
+) -> None:
+    kind, _, cause = name.partition("/")
+    condition = Condition(kind, 0.0, 0.0)
+
+    def shown(seconds: int, indicated: Severity | None) -> str:
+        (event,) = condition.judge(
+            seconds * SECOND, indicated, released=indicated is None, cause=cause, quantity=NOTHING,
+            message=lambda: account,
+        )  # fmt: skip
+        return event.message
+
+    raised, cleared = shown(0, ALARM), shown(lasted, None)
+    remedy = advice(kind, cause)
+    assert raised.endswith(f"; what to do: {remedy}")
+    assert remedy not in cleared
+    assert "what to do" not in cleared
+    assert "it sticks" not in cleared
+    number, unit = cleared.removeprefix(f"{kind.replace('_', ' ')} is over after ").split(":")[0].split(" ")
+    step, seconds = {"s": (0.1, 1), "min": (1, 60), "h": (1, 3600), "days": (1, 86400)}[unit]
+    assert abs(float(number) * seconds - lasted) <= 0.5001 * step * seconds
+
+
+def test_what_was_raised_before_a_restart_is_over_after_a_time_that_nobody_knows() -> None:
+    condition = Condition("stale", 0.0, 0.0)
+    condition.restore(ALARM, "acceleration")
+    (event,) = condition.clear(2 * SECOND, NOTHING, "acceleration arrives again")
+    assert event.message == "stale is over: acceleration arrives again"
+
+
+@pytest.mark.parametrize("grows_after", [1, 30])
+def test_an_alarm_that_grew_tells_since_when_it_began(grows_after: int) -> None:
+    condition = Condition("resonance", on_delay=0.5, off_delay=1.0)
+    judge(condition, 0.0, WARN)
+    judge(condition, 0.5, WARN)
+    (event,) = judge(condition, grows_after, ALARMING)
+    assert f"began about {grows_after}.0 s ago" in event.message
 
 
 @given(

@@ -29,7 +29,7 @@ class Judgement(enum.IntEnum):
     JUDGED = 1
     LEARNING = 2  # what is healthy is not known yet
     NOT_EXCITED = 3  # the machine does not shake enough to tell
-    NOT_JUDGED = 4  # something else makes a judgement meaningless, e.g. a sensor's fault
+    NOT_JUDGED = 4  # something else makes a judgement meaningless, e.g. a sensor's fault or an unknown valve
 
 
 #: What people read.
@@ -88,12 +88,18 @@ class Moment:
     velocity: float = math.nan
     distrust: str = ""
 
+    @property
+    def described(self) -> bool:
+        """Whether the valve's natural frequency is known, from its description or an estimate."""
+        return self.usual.natural_frequency > 0.0
+
 
 class Detector(ABC):
     """Judge one kind of trouble of one valve from moment to moment; time comes from the stamps.
 
     ``name`` tells it from others of its ``kind``; ``looks_at`` says which moments it is shown. ``rank``
     orders the detectors of one moment: what is judged first is doubted by nothing that comes later.
+    ``needs_valve``: it is shown nothing until the valve's natural frequency is known.
     ``on_delay`` and ``off_delay`` are in s. ``suspicious`` says why detectors of a higher rank can't believe
     this moment, already before the event is raised; ``refuted`` that what it suspected was not so.
     """
@@ -102,6 +108,7 @@ class Detector(ABC):
     kind: ClassVar[str]
     looks_at: ClassVar[tuple[str, ...]]
     rank: ClassVar[int] = 9
+    needs_valve: ClassVar[bool] = False
     on_delay: ClassVar[float] = 0.0
     off_delay: ClassVar[float] = 3.0
 

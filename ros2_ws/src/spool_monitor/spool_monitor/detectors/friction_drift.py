@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar
 
-from ..diagnosis import advice, rank_friction
+from spool_stream.sentence import Account, ShareOfCause
+
+from ..diagnosis import Cause, rank_friction
+from ..drift import ParameterDrift
 from ..event import Severity
 from .base import ESTIMATE, Detector, Finding, Moment, judgement
 
@@ -28,17 +32,22 @@ class FrictionDrift(Detector):
         indicated: Severity | None = max(levels, default=None)
         celsius = moment.estimate.oil_temperature.value
         causes = rank_friction(viscous, coulomb, moment.velocity, celsius - viscous.temperature)
-        leading = coulomb if causes[0].name in ("oil_contamination", "unknown") else viscous
+        leading = moment.parameters[causes[0].parameter]
 
-        def text() -> str:
-            others = ", or ".join(
-                f"{cause.name.replace('_', ' ')} ({100.0 * cause.share:.0f} %): {cause.evidence}"
-                for cause in causes[1:]
-                if cause.share >= 0.1
+        def account() -> Account:
+            began = 1e-9 * (moment.stamp - leading.since) if leading.since else math.nan
+            told = tuple(
+                ShareOfCause(one.name, one.share, _evidence(one, leading, moment.parameters))
+                for one in causes
             )
-            since = f" for {1e-9 * (moment.stamp - leading.since):.0f} s" if leading.since else ""
-            first = f"{leading.text()}{since}: {causes[0].evidence} ({100.0 * causes[0].share:.0f} %)"
-            return first + (f", or {others}" if others else "") + advice(self.kind, causes[0].name)
+            return Account(leading.text(), began=began, causes=told)
 
         released = viscous.released and coulomb.released
-        return Finding(moment.stamp, indicated, released, causes[0].name, leading.change, text)
+        return Finding(moment.stamp, indicated, released, causes[0].name, leading.change, account)
+
+
+def _evidence(cause: Cause, leading: ParameterDrift, parameters: dict[str, ParameterDrift]) -> str:
+    """Return what speaks for ``cause`` beyond the change of ``leading``, which is said first."""
+    own = parameters[cause.parameter]
+    parts = ["" if own is leading else own.text(), cause.condition]
+    return " ".join(part for part in parts if part)

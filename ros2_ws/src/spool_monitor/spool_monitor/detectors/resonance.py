@@ -6,8 +6,8 @@ import math
 from typing import ClassVar
 
 from spool_stream.quantity import Quantity, Validity
+from spool_stream.sentence import Account
 
-from ..diagnosis import advice
 from ..drift import ALLOWANCE
 from ..event import Severity
 from ..settings import MonitorSettings
@@ -25,6 +25,7 @@ class Resonance(Detector):
 
     name = "resonance"
     kind = "resonance"
+    needs_valve = True
     looks_at = (LINE,)
     on_delay: ClassVar[float] = 0.5
     off_delay: ClassVar[float] = 1.0
@@ -42,7 +43,7 @@ class Resonance(Detector):
         if moment.silent:
             self.judgement = Judgement.NOT_EXCITED
             nothing = Quantity("amplification", "1")
-            return Finding(moment.stamp, None, True, "", nothing, f"the body is at rest{self._lasted()}")
+            return Finding(moment.stamp, None, True, "", nothing, "the body is at rest")
         if moment.line is None:
             return None
         return self._judge(moment, moment.line)
@@ -66,21 +67,21 @@ class Resonance(Detector):
             self._since = line.stamp
         if not released:
             self.dwell = (line.stamp - self._since) * 1e-9
-        lasted = self._lasted()
+        began = self.dwell
 
-        def text() -> str:
+        def account() -> Account:
             expected = abs(moment.usual.transfer(line.frequency))
-            return (
+            return Account(
                 f"body shakes at {line.frequency:.1f} Hz, natural frequency {natural:.1f} Hz: "
                 f"spool amplifies {line.amplification:.1f} times ({expected:.1f} expected) and moves "
-                f"{1e3 * line.relative_displacement:.2f} mm in the body{lasted}"
-                + (advice(self.kind) if indicated else "")
+                f"{1e3 * line.relative_displacement:.2f} mm in the body",
+                began=began,
             )
 
         if released:
             self._since, self.dwell = None, 0.0
         amplification = Quantity("amplification", "1", line.amplification, math.nan, Validity.VALID)
-        return Finding(line.stamp, indicated, released, "", amplification, text)
+        return Finding(line.stamp, indicated, released, "", amplification, account)
 
     def _softened(self, moment: Moment, line: Line) -> bool:
         """Whether the line is near only because the spring has changed: that is the event, and says so."""
@@ -89,6 +90,3 @@ class Resonance(Detector):
             return False
         healthy = moment.natural_frequency / math.sqrt(max(0.1, 1.0 + stiffness.share * stiffness.matters))
         return abs(line.frequency / healthy - 1.0) > self.settings.resonance_band
-
-    def _lasted(self) -> str:
-        return f", for {self.dwell:.1f} s" if self.dwell > 0.0 else ""

@@ -7,7 +7,6 @@ from typing import ClassVar
 
 from spool_stream.quantity import Quantity, Validity
 
-from ..diagnosis import advice
 from ..event import Severity
 from ..settings import MonitorSettings
 from .base import SIGNALS, Detector, Finding, Judgement, Moment
@@ -51,10 +50,7 @@ class SensorClipping(Detector):
             not flat,
             "clipping",
             Quantity("flat_share", "1", latest[1], validity=Validity.VALID),
-            lambda: (
-                f"{latest[0]} accelerometer: {100.0 * latest[1]:.0f} % of its samples lie on a flat top"
-                + advice(self.kind, "clipping")
-            ),
+            lambda: f"{latest[0]} accelerometer: {100.0 * latest[1]:.0f} % of its samples lie on a flat top",
         )
 
     def restart(self) -> None:

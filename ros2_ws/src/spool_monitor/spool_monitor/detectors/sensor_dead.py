@@ -1,4 +1,4 @@
-"""A dead channel: one accelerometer shows next to nothing though the other one does."""
+"""A dead channel: one accelerometer shows next to nothing though the other one does, or no sample changes."""
 
 from __future__ import annotations
 
@@ -7,10 +7,13 @@ from typing import ClassVar
 
 from spool_stream.compiled import compiled
 from spool_stream.quantity import Quantity, Validity
+from spool_stream.sentence import Account
+from spool_stream.uncertainty import number
 
-from ..diagnosis import advice
 from ..event import Severity
 from ..response import transfer
+from ..settings import MonitorSettings
+from ..signals import Channel, Signals
 from ..window import Array
 from .base import SIGNALS, Detector, Finding, Judgement, Moment
 
@@ -21,9 +24,22 @@ DEAD, ALIVE = 0.12, 0.25
 #: which both channels have something in common: then neither is dead.
 FOLLOWS, COMMON = 0.3, 0.4
 
+#: s without a change from which a channel stands still, and from which it is suspicious; with the delay of
+#: the condition and a look every half second the fault is raised 1.25 s to 1.75 s after the last change.
+STANDS, SUSPICIOUS = 0.25, 0.05
+
+#: m/s^2, step of a converter from which a machine at rest may show no noise at all: accelerometers for
+#: machines have 0.002 to 0.05 m/s^2 rms of it. Steps by which such a reading may swing before it stands: more
+#: is no vibration that dies away.
+COARSE, SWINGS = 0.005, 3.0
+
 
 class SensorDead(Detector):
-    """Compare each channel's level with what the usual response makes of the other one."""
+    """Look for samples that do not change, and compare each channel's level with what the other makes due.
+
+    A machine at rest behind a coarse converter shows no change either: there a channel must have stopped in
+    the midst of a motion.
+    """
 
     name = "sensor_dead"
     kind = "sensor_fault"
@@ -31,39 +47,103 @@ class SensorDead(Detector):
     rank = 0
     on_delay: ClassVar[float] = 1.0
 
+    def __init__(self, settings: MonitorSettings) -> None:
+        super().__init__(settings)
+        self._steps = {"body": math.nan, "spool": math.nan}
+        self._stopped = {"body": True, "spool": True}
+        self._stood = False
+
     def update(self, moment: Moment) -> Finding | None:
         """Judge the window of ``moment``, if there is a new one."""
         signals = moment.signals
         if signals is None:
             return None
+        standing = self._standing(signals)
+        if standing:
+            return self._stand(moment, signals, standing)
+        return self._compare(moment, signals)
+
+    def _standing(self, signals: Signals) -> tuple[str, ...]:
+        """Return the names of the channels that stand still and should not."""
+        found = []
+        for name, channel in _channels(signals).items():
+            self._steps[name] = _least(self._steps[name], channel.step)
+            coarse = self._steps[name] >= COARSE
+            if channel.standing == 0.0:
+                self._stopped[name] = True
+            elif not math.isnan(channel.before):
+                self._stopped[name] = channel.before > SWINGS * self._steps[name]
+            if channel.standing >= SUSPICIOUS and (self._stopped[name] or not coarse):
+                found.append(name)
+        return tuple(found)
+
+    def _stand(self, moment: Moment, signals: Signals, names: tuple[str, ...]) -> Finding:
+        channels = _channels(signals)
+        seconds = min(channels[name].standing for name in names)
+        self.judgement = Judgement.JUDGED
+        both = len(names) == 2
+        self.suspicious = f"the {' and the '.join(names)} accelerometer stand{'' if both else 's'} still"
+        self._stood = self._stood or seconds >= STANDS
+        level = Quantity("channel_level", "1", 0.0, validity=Validity.VALID)
+
+        def account() -> Account:
+            if both:
+                means = f"{signals.body.mean:.3g} and {signals.spool.mean:.3g} m/s^2"
+                return Account(
+                    f"neither accelerometer changes (means {means})", "the acquisition stands still"
+                )
+            one = names[0]
+            return Account(f"{one} accelerometer does not change (mean {channels[one].mean:.3g} m/s^2)")
+
+        dead = Severity.ALARM if seconds >= STANDS else None
+        return Finding(moment.stamp, dead, False, "dead", level, account)
+
+    def _compare(self, moment: Moment, signals: Signals) -> Finding | None:
+        """Compare each channel's level with what the usual response makes of the other one."""
         usual = moment.usual
-        due_spool, due_body, seen_body = due_powers(
-            signals.frequency, signals.body_power, signals.spool_power, usual.square, usual.damping
-        )
-        due = {"spool": math.sqrt(due_spool), "body": math.sqrt(due_body)}
-        seen = {
-            "spool": 0.0 if signals.spool.constant else math.sqrt(float(signals.spool_power.sum())),
-            "body": 0.0 if signals.body.constant else math.sqrt(seen_body),
-        }
-        shares = {name: seen[name] / due[name] for name in due if due[name] >= self.settings.minimum_body}
-        if abs(signals.dissipation) > COMMON * usual.damping:
-            shares = dict.fromkeys(shares, 1.0)
+        shares: dict[str, float] = {}
+        due = seen = dict.fromkeys(("spool", "body"), math.nan)
+        if moment.described and not moment.distrust:
+            due_spool, due_body, seen_body = due_powers(
+                signals.frequency, signals.body_power, signals.spool_power, usual.square, usual.damping
+            )
+            due = {"spool": math.sqrt(due_spool), "body": math.sqrt(due_body)}
+            seen = {
+                "spool": 0.0 if signals.spool.constant else math.sqrt(float(signals.spool_power.sum())),
+                "body": 0.0 if signals.body.constant else math.sqrt(seen_body),
+            }
+            shares = {name: seen[name] / due[name] for name in due if due[name] >= self.settings.minimum_body}
+            if abs(signals.dissipation) > COMMON * usual.damping:
+                shares = dict.fromkeys(shares, 1.0)
         self.judgement = Judgement.JUDGED if shares else Judgement.NOT_EXCITED
+        if moment.distrust or not moment.described:
+            self.judgement = Judgement.NOT_JUDGED
         name = min(shares, key=lambda one: shares[one], default="spool")
         share = shares.get(name, math.nan)
         dead = share < DEAD
+        self._stood = self._stood and not dead
         self.suspicious = f"the {name} accelerometer shows next to nothing" if share < ALIVE else ""
         return Finding(
             moment.stamp,
             Severity.ALARM if dead else None,
-            bool(shares) and min(shares.values()) > ALIVE,
+            min(shares.values()) > ALIVE if shares else self._stood,
             "dead",
             Quantity("channel_level", "1", share, validity=Validity.VALID if shares else Validity.UNKNOWN),
             lambda: (
-                f"{name} accelerometer shows {seen[name]:.2g} m/s^2 where {due[name]:.2g} m/s^2 are due"
-                + advice(self.kind, "dead")
+                f"{name} accelerometer shows {number(seen[name], 2)} m/s^2 rms where "
+                f"{number(due[name], 2)} m/s^2 are due"
+                if shares
+                else "both accelerometers change from sample to sample"
             ),
         )
+
+
+def _channels(signals: Signals) -> dict[str, Channel]:
+    return {"body": signals.body, "spool": signals.spool}
+
+
+def _least(old: float, new: float) -> float:
+    return new if math.isnan(old) else old if math.isnan(new) else min(old, new)
 
 
 @compiled

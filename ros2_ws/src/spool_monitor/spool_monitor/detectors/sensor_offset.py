@@ -7,7 +7,6 @@ from typing import ClassVar
 
 from spool_stream.quantity import Quantity, Validity
 
-from ..diagnosis import advice
 from ..event import Severity
 from ..settings import MonitorSettings
 from .base import SIGNALS, Detector, Finding, Judgement, Moment
@@ -61,7 +60,7 @@ class SensorOffset(Detector):
             Quantity("offset_change", "m/s^2", moved[name], spread, Validity.VALID),
             lambda: (
                 f"mean of the {name} accelerometer moved by {moved[name]:+.2f} m/s^2 "
-                f"to {self._means[name]:+.2f}" + advice(self.kind, "offset")
+                f"to {self._means[name]:+.2f} m/s^2"
             ),
         )
 

@@ -9,7 +9,6 @@ import numpy as np
 from spool_estimator.estimate import Estimate, State
 from spool_stream.quantity import Quantity, Validity
 
-from ..diagnosis import advice
 from ..event import Severity
 from ..response import MEMORY, Response
 from ..settings import MonitorSettings
@@ -51,6 +50,7 @@ class SensorScale(Detector):
 
     name = "sensor_scale"
     kind = "sensor_fault"
+    needs_valve = True
     looks_at = (SIGNALS, ESTIMATE)
     rank = 4
     on_delay: ClassVar[float] = 2.0
@@ -138,10 +138,7 @@ class SensorScale(Detector):
             not self._found,
             "scale",
             Quantity("gain_change", "1", change, response.gain_deviation, Validity.VALID),
-            lambda: (
-                f"the spool's accelerometer reads {100.0 * change:+.0f} % against the body's"
-                + advice(self.kind, "scale")
-            ),
+            lambda: f"the spool's accelerometer reads {100.0 * change:+.0f} % against the body's",
         )
 
     def _resonates(self, signals: Signals, usual: Response) -> bool:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import ClassVar
 
 from spool_stream.quantity import Quantity, Validity
+from spool_stream.sentence import Account
 
-from ..diagnosis import advice
 from ..event import Severity
 from .base import SIGNALS, Detector, Finding, Judgement, Moment
 
@@ -19,6 +19,7 @@ class SensorSwapped(Detector):
 
     name = "sensor_swapped"
     kind = "sensor_fault"
+    needs_valve = True
     looks_at = (SIGNALS,)
     rank = 3
     on_delay: ClassVar[float] = 1.5
@@ -44,8 +45,8 @@ class SensorSwapped(Detector):
             share > POSITIVE,
             "swapped",
             Quantity("dissipation", "1", share, validity=Validity.VALID),
-            lambda: (
-                f"the relative motion gives energy away ({share:.2f} of the usual damping): body and spool "
-                f"are exchanged, or one is turned round{advice(self.kind, 'swapped')}"
+            lambda: Account(
+                f"the relative motion shows {share:.2f} of the usual damping",
+                "body and spool are exchanged, or one is turned round",
             ),
         )

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from typing import ClassVar
 
-from ..diagnosis import advice
+from spool_stream.sentence import Account
+
 from .base import ESTIMATE, Detector, Finding, Moment, judgement
 
 
@@ -27,9 +28,9 @@ class SpringChange(Detector):
         cause = "softer" if stiffness.share < 0.0 else "stiffer"
         natural = moment.estimate.natural_frequency.value
 
-        def text() -> str:
-            since = f" for {1e-9 * (moment.stamp - stiffness.since):.0f} s" if stiffness.since else ""
+        def account() -> Account:
+            began = 1e-9 * (moment.stamp - stiffness.since) if stiffness.since else math.nan
             at = f", natural frequency now {natural:.1f} Hz" if math.isfinite(natural) else ""
-            return f"{stiffness.text()}{since}{at}{advice(self.kind, cause)}"
+            return Account(f"{stiffness.text()}{at}", began=began)
 
-        return Finding(moment.stamp, stiffness.level, stiffness.released, cause, stiffness.change, text)
+        return Finding(moment.stamp, stiffness.level, stiffness.released, cause, stiffness.change, account)

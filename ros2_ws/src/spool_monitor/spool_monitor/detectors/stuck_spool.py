@@ -8,7 +8,6 @@ from typing import ClassVar
 from spool_stream.compiled import compiled
 from spool_stream.quantity import Quantity, Validity
 
-from ..diagnosis import advice
 from ..event import Severity
 from ..response import transfer
 from ..settings import MonitorSettings
@@ -27,6 +26,7 @@ class StuckSpool(Detector):
 
     name = "stuck_spool"
     kind = "stuck_spool"
+    needs_valve = True
     looks_at = (SIGNALS, ESTIMATE)
     rank = 5
     on_delay: ClassVar[float] = 2.0
@@ -65,7 +65,7 @@ class StuckSpool(Detector):
             Quantity("relative_motion", "1", share, validity=Validity.VALID),
             lambda: (
                 f"body shakes with {body:.1f} m/s^2 rms and the spool moves "
-                f"{100.0 * share:.0f} % of what is due" + advice(self.kind)
+                f"{100.0 * share:.0f} % of what is due"
             ),
         )
 

@@ -1,0 +1,135 @@
+"""95 % intervals and numbers as people read them; every ``±`` of the suite is written here."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from decimal import ROUND_CEILING, ROUND_HALF_EVEN, Decimal
+
+#: Quantile of the standard normal distribution for a two-sided 95 % interval (NIST handbook 1.3.6.7.1).
+#: Not Student's t: what is shown comes from hundreds of samples and more, and t of 60 degrees of freedom
+#: is 2.00, which the two digits shown hardly tell from 1.96.
+Z_95 = 1.96
+
+#: Heading of a column of half widths, and what it means.
+PLUS_MINUS = "± 95 %"
+LEGEND = "± 95 %: half width of the 95 % interval, 1.96 standard deviations"
+
+#: What is shown of a number that is not known.
+UNKNOWN = "unknown"
+
+#: Decimal exponents of numbers that are written without a power of ten: 0.0001 to below 10 000 000.
+_PLAIN = range(-4, 7)
+
+#: Significant digits that a double holds for sure.
+_DOUBLE = 15
+
+#: Significant digits of a number without any interval.
+_DIGITS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """A number and the half width of its 95 % interval as they are shown, with the same last digit.
+
+    ``half_width`` is ``unknown`` where there is none; both are where the number itself is not known.
+    """
+
+    value: str
+    half_width: str
+
+    def __str__(self) -> str:
+        return self.value if self.value == UNKNOWN else f"{self.value} ± {self.half_width}"
+
+
+def interval(value: float, standard_deviation: float) -> Shown:
+    """Return the 95 % interval; the half width's two significant digits decide what is shown of both."""
+    return compared((value, standard_deviation))[0]
+
+
+def compared(*pairs: tuple[float, float]) -> tuple[Shown, ...]:
+    """Return several 95 % intervals, each of value and standard deviation, with one last digit for all.
+
+    That is the coarsest of them, so the differences of what is shown have no digit that means nothing.
+    """
+    known = [pair for pair in pairs if math.isfinite(pair[0])]
+    if not known:
+        return tuple(Shown(UNKNOWN, UNKNOWN) for _ in pairs)
+    last = max(_last_digit(*pair) for pair in known)
+    leading = max(
+        math.floor(math.log10(max(abs(value), _finite(Z_95 * deviation), 10.0**last)))
+        for value, deviation in known
+    )
+    power = 0 if leading in _PLAIN else leading
+    return tuple(_shown(value, deviation, last, power) for value, deviation in pairs)
+
+
+def with_interval(value: float, standard_deviation: float, unit: str = "1") -> str:
+    """Return e.g. ``0.498 ± 0.011 N``; the ``±`` is of 95 %, which a heading near it has to say."""
+    shown = interval(value, standard_deviation)
+    return UNKNOWN if shown.value == UNKNOWN else f"{shown}{unit_text(unit)}"
+
+
+def number(value: float, digits: int = _DIGITS) -> str:
+    """Return a number without interval: ``digits`` significant digits, the integer part whole."""
+    if not math.isfinite(value):
+        return UNKNOWN
+    if value == 0.0:
+        return "0"
+    leading = _leading(value, digits)
+    if leading not in _PLAIN:
+        return _written(_rounded(value, leading - digits + 1), leading, leading - digits + 1)
+    last = min(0, leading - digits + 1)
+    return _written(_rounded(value, last), 0, last)
+
+
+def unit_text(unit: str) -> str:
+    """Return ``unit`` as it follows a number: with a space, nothing for plain numbers (``1``)."""
+    return "" if unit in ("", "1") else f" {unit}"
+
+
+def _last_digit(value: float, deviation: float) -> int:
+    """Return the decimal exponent of the last digit shown."""
+    half = Z_95 * deviation
+    size = _leading(value, _DOUBLE) if value else -300
+    if math.isfinite(half) and half > 0.0:
+        return max(_leading(half, 2) - 1, size - _DOUBLE + 1)
+    return size - _DIGITS + 1 if value else 0
+
+
+def _leading(value: float, digits: int) -> int:
+    """Return the decimal exponent of the first of ``digits`` digits, after rounding to them."""
+    return int(f"{abs(value):.{digits - 1}e}".partition("e")[2])
+
+
+def _shown(value: float, deviation: float, last: int, power: int) -> Shown:
+    if not math.isfinite(value):
+        return Shown(UNKNOWN, UNKNOWN)
+    text = _written(_rounded(value, last), power, last)
+    half = Z_95 * deviation
+    if not (math.isfinite(half) and half >= 0.0):
+        return Shown(text, UNKNOWN)
+    if half == 0.0:
+        return Shown(text, "0")
+    width = _rounded(half, last)
+    if width == 0:
+        width = Decimal(half).quantize(Decimal((0, (1,), last)), ROUND_CEILING)
+    return Shown(text, _written(width, power, last))
+
+
+def _rounded(value: float, last: int) -> Decimal:
+    # From the shortest decimal that is the double: a half is rounded as it is read.
+    return Decimal(repr(float(value))).quantize(Decimal((0, (1,), last)), ROUND_HALF_EVEN)
+
+
+def _written(value: Decimal, power: int, last: int) -> str:
+    """Return ``value`` down to the digit ``last``, as a multiple of ``10**power``."""
+    decimals = max(0, power - last)
+    text = f"{value.scaleb(-power) + 0:.{decimals}f}"
+    if not text.strip("-0."):
+        text = text.lstrip("-")
+    return f"{text}e{power}" if power else text
+
+
+def _finite(value: float) -> float:
+    return value if math.isfinite(value) else 0.0
