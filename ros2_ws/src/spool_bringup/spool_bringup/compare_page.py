@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from spool_stream.uncertainty import LEGEND
+
 from . import fit_curves as curves
 from . import fit_pictures as pictures
 from . import page as html
 from .comparing import COLUMNS, parameter_lines, ranking_rows, series_rows
-from .fit_page import FRICTION, RATIO, SPECTRUM, WAVEFORM
+from .fit_page import FRICTION, RATIO, SPECTRUM, WAVEFORM, ratio_seen, seen
+from .provenance import sources
 from .ranking import WORTH, Ranking, Series
 
 
@@ -28,13 +31,17 @@ def compare_page(series: Sequence[Series], ranking: Ranking) -> str:
                 WORTH,
             ),
             "Models, best first: what each leaves over beyond the least, and its error on held-out data.",
+            f"From best to worst: {', '.join(entry.model.replace('_', ' ') for entry in shown)}.",
         ),
         html.table(list(rows[0]), rows),
         html.listing(COLUMNS),
     ]
     for one in series:
         sections += _series(one, ranking)
-    return html.page(f"Models of {', '.join(one.data.name for one in series)}", sections)
+    records = [path for one in series for path in (*one.data.paths, *one.data.held_paths)]
+    made_from = [*sources(records), *(row for one in series for row in sources((), one.data.valve))]
+    title = f"Models of {', '.join(one.data.name for one in series)}"
+    return html.page(title, sections, list(dict.fromkeys(made_from)))
 
 
 def _series(one: Series, ranking: Ranking) -> list[str]:
@@ -49,7 +56,7 @@ def _series(one: Series, ranking: Ranking) -> list[str]:
     sections = [
         html.heading(f"{one.data.name} ({one.data.valve.id})"),
         html.table(list(rows[0]), rows),
-        html.paragraph("Parameters with one standard deviation. 'Not told': only combinations of them act."),
+        html.paragraph(f"{LEGEND}. 'Not told': only combinations of them act."),
     ]
     if not judged:
         return sections
@@ -60,8 +67,12 @@ def _series(one: Series, ranking: Ranking) -> list[str]:
     friction = {entry.name: curves.friction(fitted, entry.fit, valve) for entry in judged}
     return [
         *sections,
-        html.drawing(pictures.waveform_figure(overlays, curves.stretches(run)), WAVEFORM),
-        html.drawing(pictures.ratio_figure(agreements, curves.highest_frequency(run)), RATIO),
-        html.drawing(pictures.friction_figure(friction), FRICTION),
-        html.drawing(pictures.spectrum_figure(agreements, curves.spectra(fitted)), SPECTRUM),
+        html.drawing(pictures.waveform_figure(overlays, curves.stretches(run)), WAVEFORM, seen(judged)),
+        html.drawing(
+            pictures.ratio_figure(agreements, curves.highest_frequency(run)), RATIO, ratio_seen(judged)
+        ),
+        html.drawing(
+            pictures.friction_figure(friction), FRICTION, f"Laws over velocity: {', '.join(friction)}."
+        ),
+        html.drawing(pictures.spectrum_figure(agreements, curves.spectra(fitted)), SPECTRUM, seen(judged)),
     ]

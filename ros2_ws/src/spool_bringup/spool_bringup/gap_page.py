@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
 from spool_estimator.gap.registry import EFFECTS
 from spool_estimator.gap.result import GapResult
 from spool_stream.quantity import Quantity
+from spool_stream.uncertainty import LEGEND, interval, with_interval
 
 from . import gap_pictures as pictures
 from . import page as html
-from .fit_results import rounded
 
 WHERE = (
     "Where the missing force sits, as shares of its energy before anything was added; after is drawn in the "
@@ -26,8 +27,8 @@ WAVEFORM = "The held-out stretch in which the base model was worst: measured, be
 SPECTRUM = "What is left over by frequency, before and after, beside the measured signal and the noise."
 
 
-def gap_page(result: GapResult) -> str:
-    """Return the page of ``result``."""
+def gap_page(result: GapResult, sources: Sequence[tuple[str, str]] = ()) -> str:
+    """Return the page of ``result``; ``sources`` are label and value of what it was made from."""
     said = result.verdict.replace("_", " ").replace("+", " and ")
     title = {
         "none": f"{result.record}: nothing is missing",
@@ -54,13 +55,18 @@ def gap_page(result: GapResult) -> str:
         sections.append(html.listing([_candidate(name) for name in result.candidates]))
     sections += [
         html.heading("Where the gap sits"),
-        html.drawing(pictures.where_figure(result.where, result.where_after, left), WHERE),
-        html.drawing(pictures.surface_figure(result.surface, result.surface_after), SURFACE),
+        html.drawing(
+            pictures.where_figure(result.where, result.where_after, left), WHERE,
+            f"Before: {result.where.sentence}. After: {result.where_after.sentence}.",
+        ),
+        html.drawing(
+            pictures.surface_figure(result.surface, result.surface_after), SURFACE, _surface_seen(result)
+        ),
     ]
     if result.ranking:
         sections += [
             html.heading("Hypotheses"),
-            html.drawing(pictures.ranking_figure(result), RANKING),
+            html.drawing(pictures.ranking_figure(result), RANKING, _ranking_seen(result)),
             html.table(["hypothesis", "beside", "error, %", "evidence", "verdict"], _ranking(result)),
             html.paragraph(
                 "Evidence: twice the logarithm of the likelihood ratio on held-out data, less the price of "
@@ -69,16 +75,39 @@ def gap_page(result: GapResult) -> str:
         ]
     sections += [
         html.heading("Before and after"),
-        html.drawing(pictures.waveform_figure(result.curves), WAVEFORM),
-        html.drawing(pictures.spectrum_figure(result.curves), SPECTRUM),
+        html.drawing(pictures.waveform_figure(result.curves), WAVEFORM, _error_seen(result)),
+        html.drawing(pictures.spectrum_figure(result.curves), SPECTRUM, _error_seen(result)),
         html.heading("Numbers"),
         html.table(["parameter", "base model", "with what was found", "unit"], _numbers(result)),
         html.paragraph(
-            f"± one standard deviation. Model: {', '.join(term.name for term in result.model.terms)}; "
+            f"{LEGEND}. Model: {', '.join(term.name for term in result.model.terms)}; "
             f"{result.seconds:.0f} s of data, {result.elapsed:.1f} s of computing."
         ),
     ]
-    return html.page(title, sections)
+    return html.page(title, sections, sources)
+
+
+def _surface_seen(result: GapResult) -> str:
+    """Return how large the force is that is missing, before and after."""
+    largest = [
+        float(np.nanmax(np.abs(surface.force))) if np.isfinite(surface.force).any() else math.nan
+        for surface in (result.surface, result.surface_after)
+    ]
+    return f"Largest mean force missing: {largest[0]:.2g} N before, {largest[1]:.2g} N after."
+
+
+def _ranking_seen(result: GapResult) -> str:
+    """Return the hypotheses that come first."""
+    first = [f"{row.id.replace('_', ' ')} {100.0 * row.nrmse_after:.2g} %" for row in result.ranking[:3]]
+    return f"Held-out error with the first ones: {', '.join(first)}."
+
+
+def _error_seen(result: GapResult) -> str:
+    """Return the held-out errors, in words."""
+    before, after, noise = (
+        f"{100.0 * error:.2g} %" for error in (result.before.nrmse, result.after.nrmse, result.noise_floor)
+    )
+    return f"Held-out error {before} before, {after} after, noise alone {noise}."
 
 
 def _gap_rows(result: GapResult) -> list[dict[str, object]]:
@@ -123,8 +152,8 @@ def _candidate(name: str) -> str:
 
 
 def _quantity(quantity: Quantity) -> str:
-    value = rounded(quantity.value, quantity.standard_deviation)
-    return f"{quantity.name.replace('_', ' ')} {value} ± {quantity.standard_deviation:.2g} {quantity.unit}"
+    value = with_interval(quantity.value, quantity.standard_deviation, quantity.unit)
+    return f"{quantity.name.replace('_', ' ')} {value}"
 
 
 def _ranking(result: GapResult) -> list[dict[str, object]]:
@@ -160,4 +189,4 @@ def _by_name(quantities: Sequence[Quantity]) -> dict[str, Quantity]:
 def _number(quantity: Quantity | None) -> str:
     if quantity is None:
         return ""
-    return f"{rounded(quantity.value, quantity.standard_deviation)} ± {quantity.standard_deviation:.2g}"
+    return str(interval(quantity.value, quantity.standard_deviation))

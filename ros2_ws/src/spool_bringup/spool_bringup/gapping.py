@@ -18,15 +18,16 @@ from spool_estimator.gap.result import GapResult, GapSettings
 from spool_estimator.long_record import LARGEST
 from spool_estimator.plausibility import check_records
 from spool_sim.model import Model, load_model
-from spool_sim.valve import find_valve
+from spool_sim.valve import Valve, find_valve
 from spool_stream.errors import InputError
 from spool_stream.quantity import Quantity
+from spool_stream.uncertainty import PLUS_MINUS, interval
 
 from .commands import write_json
 from .fit_data import check
-from .fit_results import rounded
 from .outputs import write_file
 from .progress import progress
+from .provenance import sources
 from .records import Selection, is_csv, load_recordings, stretches_of
 from .terminal import warn
 
@@ -72,6 +73,7 @@ def run_gap(
     settings = GapSettings(gain_tolerance=gain_tolerance, delay_tolerance=delay_tolerance)
     model = load_model(base)
     done = 0.0
+    described: Valve | None = None
     with progress("looking for the gap", 1.0) as advance:
 
         def tell(_what: str, share: float) -> None:
@@ -91,7 +93,8 @@ def run_gap(
             )  # fmt: skip
             result = doubted(result, check_records(described, stretches_of(recordings)))
         else:
-            known = find_valve(valve).moving_mass if valve is not None and kind == "driven" else None
+            described = find_valve(valve) if valve is not None and kind == "driven" else None
+            known = None if described is None else described.moving_mass
             forces, held_forces = (_force_records(paths, kind, selection) for paths in (records, holdout))
             result = analyse_forces(
                 forces, model, kind, holdout=held_forces, mass=known, settings=settings, progress=tell
@@ -104,7 +107,7 @@ def run_gap(
         from .fit_page import write_page  # noqa: PLC0415 - matplotlib is needed here only
         from .gap_page import gap_page  # noqa: PLC0415
 
-        write_page(outputs.report, gap_page(result))
+        write_page(outputs.report, gap_page(result, sources([*records, *holdout], described)))
         written.append(f"{outputs.report}: the report")
     if outputs.model is not None:
         found = f"{result.base_model} with what the gap analysis of {result.record} found: {result.verdict}"
@@ -159,12 +162,10 @@ def show(result: GapResult, console: Console) -> None:
         console.print(
             f"What would tell more: {result.advice}.", markup=False, highlight=False, soft_wrap=True
         )
-    numbers = Table("parameter", "value", "±", "unit", box=None, pad_edge=False)
+    numbers = Table("parameter", "value", PLUS_MINUS, "unit", box=None, pad_edge=False)
     for quantity in result.parameters:
-        numbers.add_row(
-            quantity.name, rounded(quantity.value, quantity.standard_deviation),
-            f"{quantity.standard_deviation:.2g}", quantity.unit,
-        )  # fmt: skip
+        shown = interval(quantity.value, quantity.standard_deviation)
+        numbers.add_row(quantity.name, shown.value, shown.half_width, quantity.unit)
     console.print(numbers)
     table = Table(box=None, pad_edge=False)
     for column in ("hypothesis", "beside", "error after", "evidence"):

@@ -160,13 +160,22 @@ def _steps(
 
 
 def _write(out: Path, result: dict[str, Any]) -> None:
-    image, content = picture(draw(result), f"history of {result['valve']}")
+    image, content = picture(draw(result), _seen(result))
     if out.suffix == ".png":
         write_file(out, content, "--out")
         return
     rows = _rows(result)
     sections = [image, table(list(rows[0]), rows)]
     write_file(out, page(f"History of {result['valve']}", sections), "--out")
+
+
+def _seen(result: dict[str, Any]) -> str:
+    """Return what the picture shows, in words."""
+    parts = [
+        f"{row['parameter']} from {row['minimum']:.4g} to {row['maximum']:.4g} {row['unit']}"
+        for row in _rows(result)
+    ]
+    return f"History of {result['valve']}: {'; '.join(parts)}."
 
 
 def _rows(result: dict[str, Any]) -> list[dict[str, object]]:
