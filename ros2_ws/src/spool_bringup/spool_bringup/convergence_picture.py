@@ -1,8 +1,8 @@
-"""Picture of how the error falls with the time step: python -m spool_bringup.convergence_picture docs/laws"""
+"""Picture of how the error of the simulated motion falls with the time step."""
 
 from __future__ import annotations
 
-import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import matplotlib
@@ -56,24 +56,17 @@ def errors(name: str, values: dict[str, float]) -> list[float]:
     ]
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Write ``convergence.png`` into the folder that is named and print order and errors."""
-    given = sys.argv[1:] if arguments is None else arguments
+def write_picture(found: Mapping[str, Sequence[float]], folder: Path) -> Path:
+    """Write ``convergence.png``, the errors of each model for each of ``STEPS``, into ``folder``."""
     step = 1e6 / SAMPLE_RATE / np.array(STEPS)
     figure, axis = plt.subplots(figsize=(6, 4), layout="constrained")
-    for name, (values, colour, marker) in SHOWN.items():
-        found = errors(name, values)
-        order = np.log2(found[0] / found[4]) / 4.0
-        axis.loglog(step, found, color=colour, marker=marker, ms=4, label=f"{name}: order {order:.1f}")
-        print(f"{name:28} order {order:.2f}  " + "  ".join(f"{error:.1e}" for error in found))
+    for name, these in found.items():
+        _, colour, marker = SHOWN[name]
+        axis.loglog(step, these, color=colour, marker=marker, ms=4, label=name)
     axis.set_xlabel("time step, µs")
     axis.set_ylabel("displacement error, relative rms")
     axis.grid(alpha=0.3)
     axis.legend(fontsize=8)
-    figure.savefig(Path(given[0] if given else "docs/laws") / "convergence.png", dpi=90)
+    figure.savefig(folder / "convergence.png", dpi=90)
     plt.close(figure)
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    return folder / "convergence.png"

@@ -12,6 +12,8 @@ STUDIES = {
     "gap": "gap",
     "gap-limit": "gap_limit",
     "estimation": "estimation",
+    "records": "records",
+    "steps": "steps",
     "monitor": "monitor",
     "monitor-hours": "monitor_hours",
 }

@@ -51,6 +51,12 @@ def page_text(rows: Sequence[Row], command: str) -> str:
         "converge; those are not in the table. "
         f"A fit took {median(row.seconds for row in rows):.1f} s (median).",
         "",
+        "Here truth and fit share one simulator, and the model fitted is the one that made the record: the "
+        "table shows whether noise is turned into standard deviations rightly, not what an error of the "
+        "simulation or a law that is missing does to the values. For that see the "
+        "[sample records](estimation.md#does-it-hold), made by another simulator, and the "
+        "[blind cases](gap_study.md).",
+        "",
         "| model | quantity | fits | covered | share (95 % interval) | mean error | scatter "
         "| median standard deviation |",
         "|---|---|---|---|---|---|---|---|",
