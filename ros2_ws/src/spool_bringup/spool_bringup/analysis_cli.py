@@ -203,6 +203,7 @@ def study(
         str,
         typer.Argument(
             help="gap: effects named right? gap-limit: how small? estimation: do intervals hold? "
+            "records: is the truth of bags/ found? steps: what does a time step cost? "
             "monitor: events found in time? monitor-hours: quiet over healthy hours?"
         ),
     ],

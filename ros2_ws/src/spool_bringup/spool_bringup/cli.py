@@ -25,6 +25,7 @@ from .cli_options import (
 )
 from .completion import model_names, valve_names
 from .outputs import one_command
+from .provenance import remember_command
 from .replaying import RefitRequest
 from .terminal import fail
 
@@ -135,7 +136,12 @@ def import_(
     out: Annotated[Path, typer.Option(help="Bag to be made.", metavar="BAG")],
     name: Annotated[str, typer.Option(help="Namespace of the valve in the bag.")] = "valve_1",
     columns: ColumnsOption = None,
-    start: Annotated[str, typer.Option(help="Time of time_s = 0, ISO 8601, UTC.")] = "2025-01-01T00:00:00",
+    start: Annotated[
+        str | None,
+        typer.Option(
+            help="Time of time_s = 0, ISO 8601, UTC; default: 2025-01-01, or none where time_s counts from 1970."
+        ),
+    ] = None,
     _force: Force = False,
 ) -> None:
     """Turn a data logger's CSV file into a bag.
@@ -254,6 +260,7 @@ def bench(
     json: JsonFile = None,
     seed: Annotated[int | None, typer.Option(help="gap, monitor: of the first record that is drawn.")] = None,
     cases: Annotated[int | None, typer.Option(help="gap: records; monitor: of every kind.")] = None,
+    markdown: Annotated[Path | None, typer.Option(help="Write the table as Markdown.", metavar="FILE")] = None,
     _force: Force = False,
 ) -> None:
     """Time the suite beside its peers, on the same work in one run.
@@ -262,13 +269,14 @@ def bench(
     """
     from .bench import run_bench  # noqa: PLC0415
 
-    run_bench(what, json, seed, cases)
+    run_bench(what, json, seed, cases, markdown)
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; return the exit code: 0 done, 1 found a problem, 2 bad input or usage."""
     arguments = sys.argv[1:] if arguments is None else arguments
     with one_command():
+        remember_command(arguments)
         return _run(arguments)
 
 
