@@ -152,7 +152,7 @@ def test_simulated_time_drives_the_simulator(system: System) -> None:
             {"memory": -1.0},
             "/valve_1/estimator: parameter memory = -1.0 is out of range (from 0.2 to 3600.0 s)",
         ),
-        ("estimator", {"memory": "long"}, "/valve_1/estimator: parameter memory must be of type float"),
+        ("estimator", {"memory": "long"}, "/valve_1/estimator: parameter memory must be of type double"),
         ("estimator", {"valve_file": "4weh11"}, "4weh11: no such valve"),
         ("simulator", {"excitation": "dance"}, "dance: no such excitation"),
         (

@@ -131,7 +131,7 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         with contextlib.suppress(Exception):
             self.cleanup()
 
-    def compile(self, kernels: Callable[[], None]) -> None:
+    def compile(self, kernels: Callable[[], object]) -> None:
         """Run ``kernels``, which compiles, one process at a time; it is told, and a signal breaks it off."""
         begin, told = time.monotonic(), threading.Event()
 

@@ -91,6 +91,7 @@ class SimulatorNode(ManagedNode):
 
     def configure(self) -> None:
         """Build the valve, the excitation and the sensors from the parameters."""
+        self.compile(lambda: self._build(start_stamp=1).next_block())
         self._simulator = self._build(start_stamp=1)
         self._publisher = self.create_lifecycle_publisher(
             AccelerationBlock, "acceleration", qos.samples_offered(self.value("block_rate"))
