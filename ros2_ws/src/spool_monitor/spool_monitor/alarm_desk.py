@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+import math
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from spool_estimator.estimate import Estimate
@@ -15,7 +16,7 @@ from spool_node.messages import to_quantity
 from spool_stream.errors import InputError
 from spool_stream.quantity import Quantity, Validity
 
-from .alarm import Action, AlarmRefusedError, AlarmState, Operator, Transition
+from .alarm import Action, Alarm, AlarmRefusedError, AlarmState, Operator, Transition
 from .alarm_code import Namur
 from .event import Event, Severity
 from .messages import to_alarm_list
@@ -65,16 +66,25 @@ class AlarmDesk:
         except InputError as error:
             self._node.get_logger().warning(f"{error}; learning")
 
-    def take(self, events: Iterable[Event]) -> None:
-        """Take the monitor's events."""
-        self._settle([self._state.alarms.update(event) for event in events])
+    def take(self, events: Sequence[Event]) -> None:
+        """Take the monitor's events; each is logged once."""
+        transitions = [self._state.alarms.update(event) for event in events]
+        self._settle(transitions)
+        for event, transition in zip(events, transitions, strict=True):
+            if not transition.changed or Action.ANNOUNCE not in transition.actions:
+                self._node.get_logger().info(
+                    f"{transition.after.name} {event.state.name.lower()}: {event.message}"
+                )
 
     def take_estimate(self, estimate: Estimate) -> None:
         """Take an estimate that the monitor has seen."""
-        if self._state.baseline.update(estimate):
-            self._state.keep_baseline()
-            current = self._state.baseline.current
-            assert current is not None
+        before = self._state.baseline.current
+        if not self._state.baseline.update(estimate):
+            return
+        self._state.keep_baseline()
+        current = self._state.baseline.current
+        assert current is not None
+        if before is None:  # what takes longer to learn joins the same version later
             self._node.get_logger().info(f"baseline version {current.version} of {current.valve_id} learned")
 
     @property
@@ -96,20 +106,21 @@ class AlarmDesk:
         text = f"waiting for an operator: {names}" if waiting else names or "none"
         current = self._state.baseline.current
         values: dict[str, object] = {
-            "NE 107": f"{namur.letter} {namur.name.lower().replace('_', ' ')}".strip(),
+            "ne_107": f"{namur.letter} {namur.name.lower().replace('_', ' ')}".strip(),
             "active": sum(alarm.active for alarm in shown),
-            "waiting for an operator": len(waiting),
+            "waiting": len(waiting),
             "latched": sum(alarm.latched for alarm in shown),
             "shelved": states.count(AlarmState.SHELVED),
             "suppressed": states.count(AlarmState.SUPPRESSED),
-            "out of service": states.count(AlarmState.OUT_OF_SERVICE),
+            "out_of_service": states.count(AlarmState.OUT_OF_SERVICE),
             "baseline": f"version {current.version} {current.stage.value}" if current else "learning",
-            "kept over a restart": "yes" if self._state.writable else "no",
+            "kept_over_a_restart": "yes" if self._state.writable else "no",
         }
-        if trends is not None:
-            values["trends"] = f"held in memory: {trends.trouble}" if trends.trouble else "kept"
-            values["travel since the start (m)"] = trends.travel.travel
-            values["reversals since the start"] = trends.travel.reversals
+        trouble = trends.trouble if trends is not None else ""
+        held = f"held in memory: {trouble}" if trouble else "kept"
+        values["trends"] = "none" if trends is None else held
+        values["travel_m"] = math.nan if trends is None else trends.travel.travel
+        values["reversals"] = math.nan if trends is None else trends.travel.reversals
         return Status("alarms", level, text, values)
 
     def watch(self) -> None:
@@ -124,8 +135,13 @@ class AlarmDesk:
         self._publish()
         for transition in transitions:
             if Action.ANNOUNCE in transition.actions:
-                alarm = transition.after
-                self._node.get_logger().warning(f"alarm {alarm.code} {alarm.name}: {alarm.message}")
+                self._announce(transition.after)
+
+    def _announce(self, alarm: Alarm) -> None:
+        """Log an alarm: as an error where the valve or its measurement has failed (NE 107: F)."""
+        logger = self._node.get_logger()
+        log = logger.error if alarm.namur is Namur.FAILURE else logger.warning
+        log(f"alarm {alarm.code} {alarm.name}: {alarm.message}")
 
     def _publish(self) -> None:
         alarms = self._state.alarms
@@ -189,7 +205,13 @@ class AlarmDesk:
             operator = self._operator(request)
             actions[request.action](operator)
             self._state.keep_baseline()
-            self._node.get_logger().info(f"baseline changed by {operator.who}: {request.comment}")
+            done = {
+                request.LEARN: "learning anew",
+                request.FREEZE: "frozen",
+                request.RESTORE: f"version {request.version} restored",
+            }[request.action]
+            comment = f" ({request.comment})" if request.comment else ""
+            self._node.get_logger().info(f"baseline changed by {operator.who}: {done}{comment}")
         elif request.action != request.SHOW:
             raise AlarmRefusedError(f"action: {request.action} is not one of 0 to {request.RESTORE}")
         response.success = True

@@ -1,0 +1,121 @@
+"""Supervision of real nodes: what never comes, what dies, what changes while it runs, what the logs say."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.parameter import Parameter
+from spool_bag.reader import BagReader
+from spool_bringup.processes import find_executable
+from spool_msgs.msg import HealthEvent, ModelEstimate, ValveHealth
+from spool_msgs.srv import ManageBaseline
+
+if TYPE_CHECKING:
+    from .conftest import System
+
+MONITOR = "/valve_1/monitor"
+
+
+def test_sensors_that_never_connect_look_wrong(system: System) -> None:
+    """A mistyped topic must not look like a healthy valve."""
+    events = system.listen(HealthEvent, "/valve_1/events", latched=True)
+    health = system.listen(ValveHealth, "/valve_1/health", latched=True)
+    _ = system.diagnostics
+    system.start("monitor")
+    system.until(lambda: events.first(lambda event: event.kind == "stale"), "the silence is told")
+    (event,) = events.messages
+    assert (event.cause, event.state) == ("never_seen", HealthEvent.STATE_RAISED)
+    system.until(lambda: health.last.level == ValveHealth.LEVEL_STALE, "the health is stale")
+    for task in ("data", "condition"):
+        system.until(
+            lambda task=task: (
+                system.statuses(f"valve_1/monitor: {task}")[-1][1].level == DiagnosticStatus.STALE
+            ),
+            f"{task} is stale",
+        )
+        levels = {status.level for _, status in system.statuses(f"valve_1/monitor: {task}")}
+        assert DiagnosticStatus.OK not in levels
+
+
+def test_limits_change_while_the_monitor_runs_and_every_line_is_logged_once(
+    system: System, tmp_path: Path
+) -> None:
+    events = system.listen(HealthEvent, "/valve_1/events", latched=True)
+    estimates = system.listen(ModelEstimate, "/valve_1/estimate", latched=True)
+    monitor = system.start("monitor", baseline_time=3.0)
+    estimator = system.start("estimator")
+    recorder = system.start("recorder", "", output=tmp_path / "bag", valves="[valve_1]")
+    simulator = system.start("simulator", excitation="multisine", wait_for_subscribers=3)
+    system.until(
+        lambda: estimates.heard and estimates.last.state == ModelEstimate.STATE_TRACKING, "the valve is known"
+    )
+
+    (refused,) = system.set_parameters(MONITOR, amplification_off=1.9)
+    assert not refused.successful
+    assert "amplification_off (1.9) must lie below amplification_on (1.8)" in refused.reason
+    (refused,) = system.set_parameters(MONITOR, baseline_time=20.0)
+    assert "baseline_time changes only while the node is unconfigured" in refused.reason
+    taken = system.set_parameters(MONITOR, amplification_on=2.5, amplification_off=1.9)
+    assert [one.successful for one in taken] == [True, True]
+
+    system.until(lambda: "baseline version 1 of 4weh10_soft learned" in monitor.said, "a baseline is learned")
+    request = ManageBaseline.Request(action=ManageBaseline.Request.FREEZE, who="Eva", comment="as delivered")
+    assert system.call(ManageBaseline, f"{MONITOR}/manage_baseline", request).success
+    simulator.end()
+    system.until(lambda: events.first(lambda event: event.kind == "stale"), "the silence is an alarm")
+    system.until(lambda: "no acceleration for" in monitor.said, "it is logged")
+    assert [recorder.end(), monitor.end(), estimator.end()] == [0, 0, 0]
+
+    assert "parameters changed: amplification_on from 1.8 to 2.5" in monitor.said
+    assert "baseline changed by Eva: frozen (as delivered)" in monitor.said
+    assert monitor.said.count("learned") == 1
+    (line,) = [line for line in monitor.said.splitlines() if "no acceleration for" in line]
+    assert line.startswith("[ERROR]")
+    assert re.search(r"configured for valve 4weh10_soft \(4weh10_soft\): 180 g, 15\.\d Hz", estimator.said)
+    for process in (monitor, estimator, simulator, recorder):
+        assert process.said.count(": active\n") == 1
+    changes = [
+        (changed.name, Parameter.from_parameter_msg(changed).value)
+        for message in BagReader(tmp_path / "bag").messages("/parameter_events")
+        if message.node == MONITOR
+        for changed in message.changed_parameters
+    ]
+    assert ("amplification_on", 2.5) in changes
+    assert ("amplification_off", 1.9) in changes
+
+
+def test_a_first_start_says_that_it_compiles_and_ends_when_asked(domain_id: int, tmp_path: Path) -> None:
+    """Kernels that nobody compiled ahead take a minute."""
+    environment = {
+        **os.environ,
+        "ROS_DOMAIN_ID": str(domain_id),
+        "NUMBA_CACHE_DIR": str(tmp_path / "cold"),
+        "XDG_STATE_HOME": str(tmp_path / "state"),
+    }
+    node = subprocess.Popen(
+        [str(find_executable("spool_monitor", "monitor"))],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    assert node.stdout is not None
+    try:
+        said = ""
+        while "compiling the numerical kernels" not in said:
+            line = node.stdout.readline()
+            assert line, f"it ended: {said}"
+            said += line
+        node.send_signal(signal.SIGINT)
+        rest, _ = node.communicate(timeout=20)
+    finally:
+        node.kill()
+    assert node.returncode == 0
+    assert "Traceback" not in said + rest
+    assert "alarm" not in said + rest
