@@ -66,7 +66,9 @@ def import_csv(
     record = read_csv(path, columns=columns)
     first, last = float(record.time[0]), float(record.time[-1])
     if start is None:
-        start = 0 if first > LONGEST_RECORD else DEFAULT_START
+        start = start_of(record)
+    elif first > LONGEST_RECORD:
+        raise InputError(f"{path}: time_s counts from 1970 itself ({first:.0f} s): leave --start out")
     if start + first * 1e9 <= 0 or start + last * 1e9 >= LATEST_STAMP:
         raise InputError(f"{path}: stamps would be outside 1970 to 2038 (time_s from {first:g} to {last:g})")
     blocks = lost = temperatures = 0
@@ -100,6 +102,11 @@ def import_csv(
         duration,
         record.warnings,
     )
+
+
+def start_of(record: CsvRecord) -> int:
+    """Return the time (ns since 1970) from which ``record`` counts: 1970 itself, or ``DEFAULT_START``."""
+    return 0 if float(record.time[0]) > LONGEST_RECORD else DEFAULT_START
 
 
 def blocks_of(record: CsvRecord, start: int, block_duration: float) -> Iterator[tuple[int, Block]]:

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import gzip
 import math
-import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, cast
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 from numpy.typing import NDArray
+from spool_stream.block_gate import SHORTEST_PERIOD
 from spool_stream.errors import InputError
+from spool_stream.printable import printable
+
+from .csv_text import LONGEST_LINE, Dialect, Piece, dialect, listed, pieces
 
 TIME = "time_s"
 BODY = "body_m_s2"
@@ -34,7 +35,14 @@ GAP = 1.5
 JITTER = 0.25
 GRAVITY = 9.80665
 LARGEST_USUAL_RMS = 2000.0
+#: s: at 20 Hz not even 10 Hz can be seen, below any spool valve's natural frequency.
 LONGEST_USUAL_PERIOD = 0.05
+#: s, of a force record, which may be as slow as its machine.
+LONGEST_PERIOD = 10.0
+#: Beyond any acceleration, force, displacement or time in ns since 1970.
+LARGEST_NUMBER = 1e19
+#: 100 min at 2 kHz: with what judging them needs 64 B a sample, 800 MB.
+MOST_SAMPLES = 12_000_000
 
 Array = NDArray[np.float64]
 
@@ -76,112 +84,148 @@ def read_csv(
         if name not in names:
             raise InputError(f"--columns: {name!r} is not one of {', '.join(names)}")
         names[name] = own
-    text = _text(path)
-    found = text.header
-    missing = [names[name] for name in REQUIRED[kind] if names[name] not in found]
-    if missing:
-        mapping = f"{REQUIRED[kind][1]}=NAME"
-        raise InputError(
-            f"{path}: no column {', '.join(missing)}; it has {', '.join(found)}: "
-            f"map names with --columns {mapping}"
-        )
-    absent = [own for name, own in names.items() if columns and name in columns and own not in found]
-    if absent:
-        raise InputError(f"{path}: no column {', '.join(absent)}; it has {', '.join(found)}")
-    present = {name: own for name, own in names.items() if own in found}
-    doubled = [own for own in present.values() if found.count(own) > 1]
-    if doubled:
-        raise InputError(f"{path}: column {doubled[0]} is there {found.count(doubled[0])} times")
-    table = _table(text, list(dict.fromkeys(present.values())))
+    header, read = _table(path, lambda found: _chosen(path, found, names, kind, columns))
+    present = {name: own for name, own in names.items() if own in header}
     arrays = {
-        name: _numbers(path, own, table.column(own), holes=name == OIL_TEMPERATURE)
+        name: _numbers(path, own, np.concatenate(read[own]), holes=name == OIL_TEMPERATURE)
         for name, own in present.items()
     }
+    read.clear()
     time = arrays.pop(TIME)
     period, gaps, warnings = _timing(path, time) if regular else _loose_timing(path, time)
+    _check_period(path, period, slowest=LONGEST_USUAL_PERIOD if kind == "accelerations" else LONGEST_PERIOD)
     if period > LONGEST_USUAL_PERIOD:
-        warnings.append(f"{TIME} steps by {period:g} s: are these milliseconds?")
+        warnings.append(f"{TIME} steps by {period:g} s: are these {_unit_of_time(period)}?")
     if kind == "accelerations":
         warnings += _units(arrays)
     return CsvRecord(time, arrays, period, gaps, tuple(warnings))
 
 
-@dataclass(frozen=True, slots=True)
-class _Text:
-    """A file as read: its bytes, the names in its header and how it separates."""
+def _chosen(
+    path: Path, found: list[str], names: Mapping[str, str], kind: str, columns: Mapping[str, str] | None
+) -> list[str]:
+    """Return the file's own names of the columns to read.
 
-    path: Path
-    content: bytes
-    header: list[str]
-    delimiter: str
-    decimal: str
-
-
-def _text(path: Path) -> _Text:
-    try:
-        with path.open("rb") as plain:
-            packed = plain.read(2) == b"\x1f\x8b"
-            plain.seek(0)
-            stream = cast(BinaryIO, gzip.GzipFile(fileobj=plain)) if packed else plain
-            content = stream.read()
-    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+    Raises:
+        InputError: one is missing or there several times.
+    """
+    missing = [names[name] for name in REQUIRED[kind] if names[name] not in found]
+    if missing:
         raise InputError(
-            f"{path}: the compressed file is cut off or damaged ({error}): copy it again"
-        ) from error
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
-    if not content.strip():
+            f"{path}: no column {listed(missing)}; it has {listed(found)}: "
+            f"map names with --columns {REQUIRED[kind][1]}=NAME"
+        )
+    absent = [own for name, own in names.items() if columns and name in columns and own not in found]
+    if absent:
+        raise InputError(f"{path}: no column {listed(absent)}; it has {listed(found)}")
+    present = [own for own in names.values() if own in found]
+    doubled = [own for own in present if found.count(own) > 1]
+    if doubled:
+        raise InputError(f"{path}: column {listed(doubled[:1])} is there {found.count(doubled[0])} times")
+    return list(dict.fromkeys(present))
+
+
+def _check_period(path: Path, period: float, *, slowest: float) -> None:
+    """Raise InputError where the time is hardly in s: an error by 1000 would go through every number."""
+    if not SHORTEST_PERIOD <= period <= slowest:
+        raise InputError(
+            f"{path}: {TIME} steps by {period:g} s: are these {_unit_of_time(period)}? give the time in s, "
+            f"and the samples of a valve at more than {1.0 / LONGEST_USUAL_PERIOD:g} Hz"
+        )
+
+
+def _unit_of_time(period: float) -> str:
+    """Return the unit in which ``period`` would be usual."""
+    units = {
+        "milliseconds": 1e-3,
+        "microseconds": 1e-6,
+        "nanoseconds": 1e-9,
+        "minutes": 60.0,
+        "hours": 3600.0,
+    }
+    usual = [unit for unit, size in units.items() if 1e-5 <= period * size <= LONGEST_USUAL_PERIOD]
+    return usual[0] if usual else "seconds"
+
+
+def _table(path: Path, wanted: Callable[[list[str]], list[str]]) -> tuple[list[str], dict[str, list[Array]]]:
+    """Return the names in the file's header and pieces of the ``wanted`` columns among them, as numbers."""
+    found: Dialect | None = None
+    columns: dict[str, list[Array]] = {}
+    rows = 0
+    for piece in pieces(path):
+        content, line = piece.content, piece.line
+        if found is None:
+            if not content.strip():
+                raise InputError(f"{path}: the file is empty")
+            first, _, content = content.partition(b"\n")
+            if not content.strip():
+                raise InputError(f"{path}: 0 samples are too few for a record")
+            found = dialect(path, first, content[: LONGEST_LINE + 1].partition(b"\n")[0])
+            line += 1
+            columns = {name: [] for name in wanted(found.header)}
+        if not content.strip():
+            continue
+        table = _parse(path, Piece(content, line), found, list(columns))
+        rows += table.num_rows
+        if rows > MOST_SAMPLES:
+            raise InputError(f"{path}: more than {MOST_SAMPLES} samples: split the file and import each part")
+        for name, parts in columns.items():
+            parts.append(np.asarray(table.column(name).to_numpy(), dtype=np.float64))
+    if found is None:
         raise InputError(f"{path}: the file is empty")
-    first, _, rest = content.partition(b"\n")
-    if not rest.strip():
-        raise InputError(f"{path}: 0 samples are too few for a record")
-    line = first.decode("utf-8-sig", "replace")
-    delimiter = max(",;\t", key=line.count)
-    decimal = "," if delimiter != "," and b"," in rest.partition(b"\n")[0] else "."
-    header = [cell.strip().strip('"').strip() for cell in line.split(delimiter)]
-    return _Text(path, content, header, delimiter, decimal)
+    return found.header, columns
 
 
-def _table(text: _Text, wanted: list[str]) -> pa.Table:
+def _parse(path: Path, piece: Piece, found: Dialect, wanted: list[str]) -> pa.Table:
     try:
         return pa_csv.read_csv(
-            pa.BufferReader(text.content),
-            read_options=pa_csv.ReadOptions(column_names=text.header, skip_rows=1, use_threads=False),
-            parse_options=pa_csv.ParseOptions(delimiter=text.delimiter),
+            pa.BufferReader(piece.content),
+            read_options=pa_csv.ReadOptions(
+                column_names=found.header, use_threads=False, block_size=len(piece.content) + 1
+            ),
+            parse_options=pa_csv.ParseOptions(delimiter=found.delimiter),
             convert_options=pa_csv.ConvertOptions(
                 column_types={name: pa.float64() for name in wanted},
                 include_columns=wanted,
-                decimal_point=text.decimal,
+                decimal_point=found.decimal,
             ),
         )
     except pa.ArrowInvalid as error:
-        raise InputError(f"{text.path}: {_first_bad_line(text, wanted) or error}") from error
+        where = _first_bad_line(piece, found, wanted) or printable(error, 200)
+        raise InputError(f"{path}: {where}") from error
 
 
-def _first_bad_line(text: _Text, wanted: list[str]) -> str | None:
+def _first_bad_line(piece: Piece, found: Dialect, wanted: list[str]) -> str | None:
     """Return where the first row stands that is no row of numbers; only called once parsing failed."""
-    for number, line in enumerate(text.content.decode("utf-8", "replace").splitlines()[1:], start=2):
+    lines = piece.content.decode("utf-8", "replace").split("\n")
+    for number, line in enumerate(lines, start=piece.line):
         if not line.strip():
             continue
-        cells = line.split(text.delimiter)
-        if len(cells) != len(text.header):
-            return f"line {number} has {len(cells)} cells, the header has {len(text.header)}"
-        for name, cell in zip(text.header, cells, strict=True):
+        cells = line.split(found.delimiter)
+        if len(cells) != len(found.header):
+            return f"line {number} has {len(cells)} cells, the header has {len(found.header)}"
+        for name, cell in zip(found.header, cells, strict=True):
             try:
-                float(cell.strip('" ').replace(text.decimal, ".") or "nan")
+                float(cell.strip('" \r').replace(found.decimal, ".") or "nan")
             except ValueError:
                 if name in wanted:
-                    return f"line {number}: {name} is {cell!r}, not a number"
+                    return f"line {number}: {printable(name, 40)} is {printable(cell, 40)!r}, not a number"
     return None
 
 
-def _numbers(path: Path, name: str, column: pa.ChunkedArray, *, holes: bool) -> Array:
-    """Return the column as numbers; with ``holes`` empty cells are NaN, else they are an error."""
-    values = np.asarray(column.to_numpy(), dtype=np.float64)
+def _numbers(path: Path, name: str, values: Array, *, holes: bool) -> Array:
+    """Return ``values``; with ``holes`` empty cells are NaN, else they are an error."""
+    name = printable(name, 40)
     bad = np.flatnonzero(np.isinf(values) if holes else ~np.isfinite(values))
     if bad.size:
         raise InputError(
             f"{path}: line {bad[0] + 2}: {name} is empty, NaN or infinite ({bad.size} such cells)"
+        )
+    huge = np.flatnonzero(np.abs(values) > LARGEST_NUMBER)
+    if huge.size:
+        raise InputError(
+            f"{path}: line {huge[0] + 2}: {name} is {values[huge[0]]:g}, which nothing measures "
+            f"({huge.size} such cells)"
         )
     return values
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from spool_stream.printable import printable
 from .cdr import OilTemperature
 from .mcap_walk import Damage
 from .reader import BagReader
-from .timeline import Timeline, step_text
+from .timeline import Timeline, duration_of, step_text
 
 #: Steps of a valve's time that are listed one by one.
 MOST_STEPS = 10
@@ -124,7 +124,7 @@ def describe(path: Path | str) -> BagInformation:
         one.summary(name, reader.undecodable.get(_topic(reader, name), 0)) for name, one in passes.items()
     )
     first = min((valve.first_stamp for valve in valves if valve.first_stamp is not None), default=None)
-    duration = _duration([one.timeline for one in passes.values()])
+    duration = duration_of([one.timeline for one in passes.values()])
     if first is None:
         first, duration = _logged(reader)
     topics = tuple(
@@ -164,29 +164,6 @@ def _shortfall(reader: BagReader, found: int, lost: int) -> list[str]:
     return [f"{reader.path}: metadata.yaml counts {reader.told} messages: at least {short} more are missing"]
 
 
-def _duration(timelines: Sequence[Timeline]) -> float | None:
-    """Return the time (s) that the valves' spans cover together, at least that of the longest valve."""
-    spans = sorted((span.first, span.end) for timeline in timelines for span in timeline.spans)
-    if not spans:
-        return None
-    covered, reached = 0, spans[0][0]
-    for first, end in spans:
-        covered += max(end - max(first, reached), 0)
-        reached = max(reached, end)
-    gaps = _common_gaps(timelines) if all(len(timeline.spans) == 1 for timeline in timelines) else 0
-    return max(covered + gaps, *(timeline.duration for timeline in timelines)) / 1e9
-
-
-def _common_gaps(timelines: Sequence[Timeline]) -> int:
-    """Return the ns between the spans of valves that were recorded one after another."""
-    spans = sorted((timeline.spans[0].first, timeline.spans[0].end) for timeline in timelines)
-    reached, gaps = spans[0][1], 0
-    for first, end in spans[1:]:
-        gaps += max(first - reached, 0)
-        reached = max(reached, end)
-    return gaps
-
-
 def _logged(reader: BagReader) -> tuple[int | None, float | None]:
     """Return first stamp (ns) and duration (s) by the times of reception, where no valve has a block."""
     first = last = None
@@ -214,9 +191,10 @@ class _Pass:
         """Take a block or an oil temperature."""
         if not isinstance(item, Block):
             self.temperatures += 1
-        elif self.gate.judge(item) is not Verdict.REFUSED:
+            return
+        self.timeline.take(item)
+        if self.gate.judge(item) is not Verdict.REFUSED:
             self.samples += item.body.size
-            self.timeline.take(item)
             self.rate = 1.0 / item.sample_period
 
     def summary(self, name: str, undecodable: int) -> ValveSummary:

@@ -24,6 +24,8 @@ HEAD_SIZE = 64
 COMPRESSIONS = (b"", b"lz4", b"zstd")
 
 _INDEX_ENTRY = 16
+# Where the fields begin that stand behind their length, and how many there are.
+_FIELDS = {Opcode.HEADER: (0, 2), Opcode.SCHEMA: (2, 3), Opcode.CHANNEL: (4, 3), Opcode.METADATA: (0, 2)}
 _FIRST_PRIVATE = 0x80
 # Searched for by their rarest bytes; lengths below 2^40 B. A packed chunk is known by its compression's name.
 _PACKED = (b"\x04\0\0\0zstd", b"\x03\0\0\0lz4")
@@ -108,22 +110,24 @@ def kind_of(opcode: int, content: bytes, length: int) -> int | None:
         return opcode if length == FOOTER_SIZE else None
     if opcode == Opcode.MESSAGE:
         return opcode if length >= MESSAGE.size else None
-    if opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.HEADER, Opcode.METADATA):
-        return opcode if _strings_fit(opcode, content, length) else None
+    if opcode in _FIELDS:
+        return opcode if _fields_fit(*_FIELDS[Opcode(opcode)], content, length) else None
     return opcode if opcode < Opcode.DATA_END or opcode >= _FIRST_PRIVATE else None
 
 
-def _strings_fit(opcode: int, content: bytes, length: int) -> bool:
-    """Return whether the strings at the beginning of the content end within it."""
-    at = {Opcode.SCHEMA: 2, Opcode.CHANNEL: 4}.get(Opcode(opcode), 0)
-    for _ in range(2):
+def _fields_fit(at: int, fields: int, content: bytes, length: int) -> bool:
+    """Return whether the fields from ``at`` on, each behind its length, end where the content ends.
+
+    Those that lie further on than what is looked at are believed.
+    """
+    for _ in range(fields):
         if at + 4 > length:
             return False
         if at + 4 > len(content):
-            return True  # further on than what is looked at
+            return True
         (size,) = struct.unpack_from("<I", content, at)
         at += 4 + size
-    return at <= length
+    return at == length
 
 
 def candidates(piece: bytes, *, chunked: bool) -> list[int]:

@@ -40,7 +40,7 @@ class BagReader:
     Everything is read in passes over the file; of the messages of a valve at most two ``WINDOW`` (10 s of
     stamps, and never more than ``LONGEST_QUEUE`` messages or ``LARGEST_QUEUE`` B) are held, so that messages
     up to 5 s late are put in order of (header.stamp, sequence). A stamp that goes back further is a new start
-    of time and is passed on where it stands. A message that is not what its type says is left out and counted.
+    of time and is passed on where it stands. A message that is not what its type says is left out, counted.
 
     Attributes:
         warnings: what is missing or not as it should be, one line each.
@@ -108,6 +108,15 @@ class BagReader:
             _parts(name)[0]
             for name, topic in self.topics.items()
             if topic.type == ACCELERATION_BLOCK and _parts(name)[1] == "acceleration"
+        )
+
+    def blocks_of(self, valve: str) -> int:
+        """Return the number of messages on the acceleration topic of ``valve``."""
+        name = self._known(valve)
+        return sum(
+            topic.messages
+            for path, topic in self.topics.items()
+            if _parts(path) == (name, "acceleration") and topic.type == ACCELERATION_BLOCK
         )
 
     def blocks(self, valve: str) -> Iterator[Block]:

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import NamedTuple
 
 from spool_stream.block import Block
+from spool_stream.block_gate import SHORTEST_PERIOD
 
 #: ns, beyond what lost blocks explain, by which a stamp may be ahead: as the judgement of blocks has it.
 AHEAD = 1_000_000_000
+#: ns of blocks lost in one piece that a jump in sequence explains: a day.
+LONGEST_LOSS = 86_400_000_000_000
+#: s between samples that a block can have.
+LONGEST = 10.0
 
 
 class Span(NamedTuple):
@@ -27,27 +33,41 @@ class Step(NamedTuple):
     by: float
 
 
+class _Place(NamedTuple):
+    first: int
+    end: int
+    sequence: int
+
+
 @dataclass(slots=True)
 class Timeline:
-    """The spans of time that the blocks of one valve cover, in their order."""
+    """The spans of time that the blocks of one valve cover, in their order.
+
+    A block that does not follow begins a new span only if the next one follows it: a wrong stamp is none.
+    """
 
     spans: list[Span] = field(default_factory=list)
-    _sequence: int = 0
+    _last: _Place | None = None
+    _unconfirmed: _Place | None = None
 
     def take(self, block: Block) -> None:
-        """Take a block that can be used."""
-        first, end = block.stamp, block.end
-        if not self.spans:
-            self.spans.append(Span(first, end, 0))
+        """Take a block; malformed ones are left out."""
+        if not (SHORTEST_PERIOD <= block.sample_period <= LONGEST and block.body.size and block.stamp > 0):
+            return
+        place = _Place(block.stamp, block.end, block.sequence)
+        if self._last is None:
+            self.spans.append(Span(place.first, place.end, 0))
+        elif _follows(self._last, place):
+            span = self.spans[-1]
+            if place.end > span.end:
+                self.spans[-1] = span._replace(end=place.end)
+        elif self._unconfirmed is not None and _follows(self._unconfirmed, place):
+            before = self.spans[-1].before + self.spans[-1].end - self.spans[-1].first
+            self.spans.append(Span(self._unconfirmed.first, place.end, before))
         else:
-            last = self.spans[-1]
-            missing = max(block.sequence - self._sequence - 1, 0)
-            ahead = 2 * missing * (end - first) + AHEAD
-            if last.end - AHEAD <= first <= last.end + ahead:
-                self.spans[-1] = last._replace(end=max(last.end, end))
-            else:
-                self.spans.append(Span(first, end, last.before + last.end - last.first))
-        self._sequence = block.sequence
+            self._unconfirmed = place
+            return
+        self._last, self._unconfirmed = place, None
 
     @property
     def duration(self) -> int:
@@ -75,6 +95,28 @@ class Timeline:
             inside = [min(self.spans, key=lambda span: max(span.first - stamp, stamp - span.end))]
         passed = [span.before + stamp - span.first for span in inside]
         return next((one for one in passed if one >= earliest), passed[-1])
+
+
+def duration_of(timelines: Sequence[Timeline]) -> float | None:
+    """Return the time (s) that the valves' spans cover together, at least that of the longest valve."""
+    spans = sorted((span.first, span.end) for timeline in timelines for span in timeline.spans)
+    if not spans:
+        return None
+    covered, gaps, reached = 0, 0, spans[0][0]
+    for first, end in spans:
+        gaps += max(first - reached, 0)
+        covered += max(end - max(first, reached), 0)
+        reached = max(reached, end)
+    # Without a step, what lies between valves that were recorded one after another is time as well.
+    whole = all(len(timeline.spans) < 2 for timeline in timelines)
+    return max(covered + whole * gaps, *(timeline.duration for timeline in timelines)) / 1e9
+
+
+def _follows(last: _Place, place: _Place) -> bool:
+    """Return whether ``place`` lies on the same clock as ``last``, blocks lost in between or not."""
+    missing = max(place.sequence - last.sequence - 1, 0)
+    ahead = min(2 * missing * (place.end - place.first), LONGEST_LOSS) + AHEAD
+    return last.end - AHEAD <= place.first <= last.end + ahead
 
 
 def step_text(valve: str, step: Step) -> str:

@@ -1,7 +1,10 @@
 from __future__ import annotations
 
 import gzip
+import subprocess
+import sys
 import time
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -212,7 +215,104 @@ def test_suspicious_units_are_told(tmp_path: Path) -> None:
     assert "body_m_s2 has an rms" in warnings(5000.0, 5.0)
     assert "is body_m_s2 in g instead of m/s^2?" in warnings(1.0, 9.80665)
     assert "is spool_m_s2 in g instead of m/s^2?" in warnings(9.80665, 1.0)
-    assert "milliseconds" in read_csv(save(tmp_path, record(100, 2.0))).warnings[0]
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e3, "milliseconds"), (1e6, "microseconds"), (1e9, "nanosec")])
+@pytest.mark.parametrize("offset", [0.0, 1_700_000_000.0])
+def test_another_unit_of_time_is_refused_by_name(
+    tmp_path: Path, factor: float, unit: str, offset: float
+) -> None:
+    rows = [f"{(offset + at / 1000) * factor:.3f},{at % 7}.5,{at % 5}.5" for at in range(200)]
+    with pytest.raises(InputError, match=f"time_s steps by .* are these {unit}"):
+        import_csv(save(tmp_path, "\n".join([HEADER, *rows])), tmp_path / "bag")
+    text = "\n".join(["time_s,displacement_m,force_N", *rows])
+    if factor == 1e3:
+        assert unit in read_csv(save(tmp_path, text), "driven").warnings[0]
+    else:
+        with pytest.raises(InputError, match=f"are these {unit}"):
+            read_csv(save(tmp_path, text), "driven")
+
+
+def test_times_of_a_calendar_take_no_start(tmp_path: Path) -> None:
+    rows = [f"{1_700_000_000 + at / 1000:.3f},{at % 7}.5,{at % 5}.5" for at in range(200)]
+    path = save(tmp_path, "\n".join([HEADER, *rows]))
+    with pytest.raises(InputError, match="counts from 1970 itself"):
+        import_csv(path, tmp_path / "bag", start=DEFAULT_START)
+    assert not (tmp_path / "bag").exists()
+
+
+@pytest.mark.parametrize("cell", ["1e308", "-1e300"])
+def test_a_number_that_nothing_measures_is_refused(tmp_path: Path, cell: str) -> None:
+    for column in range(3):
+        rows = record(200).splitlines()
+        cells = rows[9].split(",")
+        cells[column] = cell
+        rows[9] = ",".join(cells)
+        with pytest.raises(InputError, match=r"line 1[01]: .*(nothing measures|does not increase)|line 10"):
+            import_csv(save(tmp_path, "\n".join(rows)), tmp_path / "bag")
+
+
+def test_a_binary_file_is_refused_and_not_shown(tmp_path: Path) -> None:
+    path = tmp_path / "record.csv"
+    path.write_bytes(bytes(range(256)) * 40)
+    with pytest.raises(InputError, match="binary file, not a CSV text"):
+        import_csv(path, tmp_path / "bag")
+    path.write_bytes(bytes(range(1, 256)) * 40 + b"\n1,2,3\n")
+    with pytest.raises(InputError) as caught:
+        import_csv(path, tmp_path / "bag")
+    assert str(caught.value).isprintable()
+    assert len(str(caught.value)) < 1500
+    path.write_bytes(record().encode("utf-16"))
+    with pytest.raises(InputError, match="UTF-16"):
+        import_csv(path, tmp_path / "bag")
+
+
+def test_a_header_of_many_columns_is_not_shown_whole(tmp_path: Path) -> None:
+    for count in (3000, 200_000):
+        names = ",".join(f"channel_{at}" for at in range(count))
+        with pytest.raises(InputError) as caught:
+            read_csv(save(tmp_path, f"{names}\n{names}\n{names}\n"))
+        assert len(str(caught.value)) < 1000
+
+
+def test_columns_with_escapes_do_not_reach_the_terminal(tmp_path: Path) -> None:
+    text = record(100).replace("spool_m_s2", "spool\x1b[31m", 1)
+    with pytest.raises(InputError, match="no column spool_m_s2") as caught:
+        read_csv(save(tmp_path, text))
+    assert str(caught.value).isprintable()
+
+
+EXPAND = """
+import resource, sys
+from spool_bag import csv_record
+from spool_bag.csv_record import read_csv
+csv_record.MOST_SAMPLES //= 4
+from spool_stream.errors import InputError
+try:
+    read_csv(sys.argv[1])
+except InputError as error:
+    print(error)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+
+
+@pytest.mark.parametrize("unit", [b"0,0,0\n", b"0", b"\n"])
+def test_a_packed_file_that_expands_without_bound_is_refused_in_bounded_memory(
+    tmp_path: Path, unit: bytes
+) -> None:
+    piece = zlib.compressobj(9, zlib.DEFLATED, 31)
+    block = unit * (16_000_000 // len(unit))
+    parts = [piece.compress(b"time_s,body_m_s2,spool_m_s2\n")]
+    parts += [piece.compress(block) for _ in range(8)]
+    path = tmp_path / "bomb.csv.gz"
+    path.write_bytes(b"".join([*parts, piece.flush()]))
+    done = subprocess.run(
+        [sys.executable, "-c", EXPAND, str(path)], capture_output=True, text=True, check=True
+    )
+    told, memory = done.stdout.splitlines()
+    assert str(path) in told
+    assert len(told) < 1000
+    assert int(memory) < 1_000_000  # kB
 
 
 @pytest.mark.parametrize("valve", ["", "2nd", "a b", "/valve_1", "a//b", "a__b", "../x"])
