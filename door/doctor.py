@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import shutil
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 
 from door import mend, packages, workspace
 from door.dds import left_behind, network_problem
@@ -68,6 +70,7 @@ def _examine(layout: Layout, done: State, environment: Mapping[str, str]) -> Ite
     """All findings, machine first."""
     yield from _machine(layout, done, environment)
     yield from _ros_variables(environment)
+    yield from _exposure(layout, environment)
     yield from _dds(environment)
     yield from _installation(layout, done, environment)
 
@@ -126,15 +129,50 @@ def _ros_variables(environment: Mapping[str, str]) -> Iterator[Finding]:
         yield Finding(
             "problem", "ROS_AUTOMATIC_DISCOVERY_RANGE=OFF: nodes will not find each other; set LOCALHOST"
         )
-    else:
-        yield Finding(
-            "ok", f"discovery range {reach or 'SUBNET (the default; ./spool itself uses LOCALHOST)'}"
-        )
+    elif reach == "LOCALHOST":
+        yield Finding("ok", "discovery range LOCALHOST: nodes find each other on this machine only")
     middleware = environment.get("RMW_IMPLEMENTATION", "")
     if middleware not in ("", "rmw_fastrtps_cpp"):
         yield Finding(
             "warning", f"RMW_IMPLEMENTATION={middleware}: the suite is tested with rmw_fastrtps_cpp"
         )
+
+
+def _exposure(layout: Layout, environment: Mapping[str, str]) -> Iterator[Finding]:
+    """Who else can reach the nodes, and change the code that they load."""
+    exposure = _module(layout, "spool_node", "exposure")
+    kernels = _module(layout, "spool_stream", "kernel_folder")
+    seen = {**environment, **({exposure.WHEELS: "1"} if layout.underlay.is_wheels else {})}
+    said = exposure.network_warnings(seen)
+    yield from (Finding("warning", text) for text in said)
+    if not any(name.startswith("ROS_SECURITY_") for name in environment):
+        yield Finding(
+            "ok", "no ROS_SECURITY_ variable is set: messages are sent and recorded in clear, as is usual"
+        )
+    elif not any("ROS_SECURITY_" in text for text in said):
+        yield Finding("ok", "DDS security is enforced")
+    try:
+        folder = kernels.wanted_kernel_folder(environment)
+    except RuntimeError:
+        yield Finding("warning", "there is no home folder: set NUMBA_CACHE_DIR for compiled kernels")
+        return
+    reason = kernels.refusal(folder)
+    if reason is None:
+        yield Finding("ok", f"compiled kernels are kept in {folder}, which nobody else can write")
+    else:
+        yield Finding(
+            "warning",
+            f"compiled kernels are not kept in {folder}: {reason}; they go to a temporary folder and are "
+            "compiled anew after each boot: set NUMBA_CACHE_DIR to a folder of your own",
+        )
+
+
+def _module(layout: Layout, package: str, name: str) -> ModuleType:
+    """Load a module of the workspace that needs nothing but Python's own library."""
+    folder = str(layout.workspace / "src" / package)
+    if folder not in sys.path:
+        sys.path.append(folder)
+    return importlib.import_module(f"{package}.{name}")
 
 
 def _dds(environment: Mapping[str, str]) -> Iterator[Finding]:

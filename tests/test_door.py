@@ -173,6 +173,40 @@ class TestBeforeSetUp:
         assert result.returncode == 1
         assert "ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST" in result.stdout
 
+    @pytest.mark.parametrize(
+        ("variables", "said"),
+        [
+            ({}, "discovery range SUBNET: anyone on this network may"),
+            ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}, "acknowledge and shelve alarms; set"),
+            (
+                {"ROS_SECURITY_ENABLE": "true"},
+                "messages are sent and recorded in clear",
+            ),
+            ({"NUMBA_CACHE_DIR": "shared"}, "compiled kernels are not kept in {folder}/shared/spool_kernels"),
+            ({"XDG_CACHE_HOME": "shared"}, "everybody may write in {folder}/shared"),
+        ],
+    )
+    def test_doctor_warns_of_what_lets_others_in(
+        self, fresh: Path, tmp_path: Path, variables: dict[str, str], said: str
+    ):
+        (tmp_path / "shared").mkdir()
+        (tmp_path / "shared").chmod(0o777)
+        here = {
+            name: str(tmp_path / value) if value == "shared" else value for name, value in variables.items()
+        }
+        result = spool(fresh, "doctor", **here)
+        assert any(
+            said.format(folder=tmp_path) in line and line.startswith("warning ")
+            for line in result.stdout.splitlines()
+        ), result.stdout
+
+    def test_doctor_is_content_with_what_only_this_machine_can_reach(self, fresh: Path, tmp_path: Path):
+        result = spool(
+            fresh, "doctor", ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST", NUMBA_CACHE_DIR=str(tmp_path / "own")
+        )
+        assert "ok       discovery range LOCALHOST" in result.stdout
+        assert f"ok       compiled kernels are kept in {tmp_path}/own" in result.stdout
+
     def test_doctor_names_a_missing_compiler(self, fresh: Path, tmp_path: Path):
         result = spool(fresh, "doctor", PATH=folder_of_tools(tmp_path / "bin", *TOOLS, "make"), CC="", CXX="")
         assert result.returncode == 1
