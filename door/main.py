@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import os
 import re
 import signal
@@ -39,8 +40,13 @@ HELP = """Usage: ./spool COMMAND [arguments]       ./spool COMMAND --help says m
 
 The first call sets the project up (one to three minutes): it needs Linux x86-64, Python 3.10 to 3.13 with
 venv, a C++ compiler and make. Where a ROS 2 is sourced, it builds on that one.
+./spool --version says which version this is; after ./spool --install-completion Tab completes in new shells.
 Example: ./spool demo --seconds 60 --out demo_output
 """
+#: What is asked for without a command, once the project is set up.
+OPTIONS = ("--version", "--install-completion", "--show-completion")
+#: Set by a shell that completes a command line.
+COMPLETION = "_SPOOL_COMPLETE"
 COMMANDS = re.findall(r"^  (\w+)  ", HELP, re.MULTILINE)
 
 
@@ -73,6 +79,8 @@ def _run(arguments: list[str]) -> int:
     layout = Layout(ROOT, find_underlay(ROOT, environment))
     done = state.load(layout)
     command = arguments[0] if arguments else "--help"
+    if COMPLETION in environment and not done.environment:
+        return 0  # Tab must not set anything up
     if command == "doctor":
         from door.doctor import doctor  # noqa: PLC0415  (a later call has to start at once)
 
@@ -82,8 +90,10 @@ def _run(arguments: list[str]) -> int:
         if command in ("--help", "-h", "help"):
             print(HELP, end="")
             return 0
-        if command not in COMMANDS:
-            raise DoorError(f"no command {command}: ./spool --help lists them")
+        if command not in (*COMMANDS, *OPTIONS):
+            near = difflib.get_close_matches(command, COMMANDS, n=1)
+            meant = f", did you mean {near[0]}?" if near else ""
+            raise DoorError(f"no command {command}{meant} ./spool --help lists them")
     _warn_localhost_only(environment)
     series = f"{sys.version_info[0]}.{sys.version_info[1]}"
 
@@ -107,7 +117,7 @@ def _hand_over(layout: Layout, done: state.State, environment: dict[str, str], a
     else:
         # From 3.11 on Python can be told not to import from the user's folder.
         safe = ["-P"] if sys.version_info >= (3, 11) else []
-        command = [python, *safe, "-m", "spool_bringup.cli", *arguments]
+        command = [python, *safe, "-m", "spool_bringup.program", *arguments]
     sys.stdout.flush()
     os.execve(python, command, run)
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import signal
 import time
 from functools import partial
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import rclpy
@@ -13,6 +15,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
+from rclpy.signals import SignalHandlerOptions
 from spool_bag.information import BagInformation, describe
 from spool_bag.reader import BagReader
 from spool_msgs.msg import HealthEvent, ModelEstimate, ValveHealth
@@ -44,7 +47,7 @@ START_UP = 30.0
 def run_demo(seconds: float, out: Path) -> int:
     """Run the demonstration for ``seconds`` s into the folder ``out``; return the exit code.
 
-    0: every event of the scenario was raised and no block was lost; 1: not so.
+    0: every event of the scenario was raised and no block was lost; 1: not so; 130: it was interrupted.
 
     Raises:
         InputError: ``seconds`` is too short or ``out`` can't be used.
@@ -56,7 +59,9 @@ def run_demo(seconds: float, out: Path) -> int:
     domain = _isolate()
     display = Display(seconds, tuple(valve.name for valve in VALVES))
     display.say(f"starting 7 nodes (ROS_DOMAIN_ID={domain}, this host only), recording to {folder / 'bag'}")
-    events = _live(seconds, folder, display)
+    events, whole = _live(seconds, folder, display)
+    if not whole:
+        return _say_interrupted(display, folder)
     information = describe(folder / "bag")
     display.say("analysing the bag ...")
     analysis = replay_bag(folder / "bag", [], baseline_time=_baseline(seconds))
@@ -93,9 +98,12 @@ def _baseline(seconds: float) -> float:
     return min(15.0, 0.25 * seconds)
 
 
-def _live(seconds: float, folder: Path, display: Display) -> list[tuple[str, HealthEvent]]:
-    """Run the nodes for ``seconds`` s; return the events as they came."""
-    rclpy.init()
+def _live(seconds: float, folder: Path, display: Display) -> tuple[list[tuple[str, HealthEvent]], bool]:
+    """Run the nodes for ``seconds`` s; return the events as they came, and whether it ran to its end."""
+    # Without handlers of rclpy a signal ends the wait for messages as it does any other Python.
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    before = signal.signal(signal.SIGTERM, _as_interrupt)
+    whole = False
     node = Node("demonstration")
     events: list[tuple[str, HealthEvent]] = []
     started: list[float] = []
@@ -118,27 +126,57 @@ def _live(seconds: float, folder: Path, display: Display) -> list[tuple[str, Hea
         node.create_subscription(HealthEvent, f"/{name}/events", partial(on_event, name), qos.state(100))
     try:
         with Nodes(folder / "nodes.log") as nodes, display:
-            _start(nodes, folder, seconds)
-            _wait_for_data(node, nodes, display)
-            started.append(time.monotonic())
-            drifting = False
-            while elapsed() < seconds:
-                rclpy.spin_once(node, timeout_sec=0.1)
-                display.refresh(elapsed())
-                _check(nodes)
-                if not drifting and elapsed() >= DRIFT[0] * seconds:
-                    drifting = True
-                    for valve in VALVES:
-                        display.say(f"{elapsed():5.1f} s  · {valve.name}  {valve.story}")
-                        _let_drift(node, valve, DRIFT[1] * seconds)
-            # Sources first, the recorder last: it keeps what the others say to the end.
-            nodes.stop(*(f"simulator {valve.name}" for valve in VALVES))
-            nodes.stop(*(f"{kind} {valve.name}" for valve in VALVES for kind in ("monitor", "estimator")))
-            nodes.stop("recorder", patience=20.0)
+            try:
+                _start(nodes, folder, seconds)
+                _wait_for_data(node, nodes, display)
+                started.append(time.monotonic())
+                drifting = False
+                while elapsed() < seconds:
+                    rclpy.spin_once(node, timeout_sec=0.1)
+                    display.refresh(elapsed())
+                    _check(nodes)
+                    if not drifting and elapsed() >= DRIFT[0] * seconds:
+                        drifting = True
+                        for valve in VALVES:
+                            display.say(f"{elapsed():5.1f} s  · {valve.name}  {valve.story}")
+                            _let_drift(node, valve, DRIFT[1] * seconds)
+                whole = True
+            except KeyboardInterrupt:
+                display.say("interrupted: the nodes are ended in order ...")
+            _stop(nodes)
     finally:
+        signal.signal(signal.SIGTERM, before)
         node.destroy_node()
-        rclpy.shutdown()
-    return events
+        rclpy.try_shutdown()
+    return events, whole
+
+
+def _stop(nodes: Nodes) -> None:
+    """End the nodes: sources first, the recorder last, so that it keeps what the others say to the end."""
+    nodes.stop(*(f"simulator {valve.name}" for valve in VALVES))
+    nodes.stop(*(f"{kind} {valve.name}" for valve in VALVES for kind in ("monitor", "estimator")))
+    nodes.stop("recorder", patience=20.0)
+
+
+def _as_interrupt(_number: int, _frame: FrameType | None) -> None:
+    """Let a request to end take the way of Ctrl-C."""
+    raise KeyboardInterrupt
+
+
+def _say_interrupted(display: Display, folder: Path) -> int:
+    """Say what was recorded before Ctrl-C; return the exit code."""
+    try:
+        information = describe(folder / "bag")
+    except InputError:
+        display.say("interrupted before anything was recorded")
+        return 130
+    blocks = sum(valve.blocks for valve in information.valves)
+    lost = sum(valve.lost_blocks for valve in information.valves)
+    display.say(
+        f"interrupted: {blocks} blocks recorded, {lost} lost, in {folder / 'bag'}; "
+        f"see ./spool replay {folder / 'bag'}"
+    )
+    return 130
 
 
 def _start(nodes: Nodes, folder: Path, seconds: float) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_bag.csv_import import DEFAULT_START
+from spool_bag.csv_import import start_of
 from spool_bag.csv_record import BODY, OIL_TEMPERATURE, SPOOL, CsvRecord, read_csv
 from spool_bag.reader import BagReader
 from spool_estimator.long_record import PartKeeper
@@ -57,6 +57,7 @@ class Selection:
         columns: a CSV file's names by contract name, ``None`` where they are the contract's.
         start, stop: s since the record's first sample; all of it by default.
         longest: samples of a bag that are held at most, parts of a longer one; ``None``: all.
+        described: look for the valve's description in a bag.
     """
 
     name: str | None = None
@@ -64,6 +65,7 @@ class Selection:
     start: float = 0.0
     stop: float = math.inf
     longest: int | None = None
+    described: bool = True
 
     def __post_init__(self) -> None:
         """Raises InputError where no time is left between ``start`` and ``stop``."""
@@ -107,6 +109,14 @@ def open_source(path: Path, columns: str | None = None) -> Source:
     return BagReader(path)
 
 
+def split_name(text: str) -> tuple[str, str]:
+    """Return namespace and file of ``NAME=FILE``; the name is empty where there is only a file."""
+    name, mark, file = text.partition("=")
+    if not mark or Path(text).exists():
+        return "", text
+    return name.strip().strip("/"), file.strip()
+
+
 def is_csv(path: Path) -> bool:
     """Return whether ``path`` is named like a CSV record."""
     return path.name.endswith((".csv", ".csv.gz"))
@@ -132,7 +142,7 @@ def load_recording(path: Path, selection: Selection | None = None) -> Recording:
             for block in _blocks_between(reader.blocks(name), chosen.start, chosen.stop):
                 keeper.take(block)
             stretches = keeper.records(str(path), reader.temperatures(name))
-        described = recorded_valve(reader, name)
+        described = recorded_valve(reader, name) if chosen.described else None
     if not stretches:
         raise InputError(f"{path}: no sample in it that can be used")
     kept = _between(stretches, chosen.start, chosen.stop)
@@ -161,7 +171,7 @@ def load_recordings(
     given = None
     if valve is not None:
         given, name = _valve_or_name(valve, paths, chosen.name)
-        chosen = replace(chosen, name=name)
+        chosen = replace(chosen, name=name, described=given is None)
     recordings = [load_recording(path, chosen) for path in paths]
     if given is not None:
         return recordings, given
@@ -195,7 +205,15 @@ def _blocks_between(blocks: Iterable[Block], start: float, stop: float) -> Itera
 
 
 def _valve_or_name(valve: str, paths: Sequence[Path], name: str | None) -> tuple[Valve | None, str | None]:
-    """Return the valve that ``valve`` describes, or the namespace that it is in a bag."""
+    """Return the valve that ``valve`` describes, or the namespace that it is in a bag.
+
+    ``NAME=FILE`` gives both.
+    """
+    own, file = split_name(valve)
+    if own:
+        if name is not None and name.strip("/") != own:
+            raise InputError(f"--valve {valve}: --name says {name}: leave one of them out")
+        return find_valve(file), own
     if valve not in shipped_valves() and not Path(valve).exists() and name is None:
         held = {entry for path in paths if not is_csv(path) for entry in BagReader(path).valves}
         if valve.strip("/") in held:
@@ -219,11 +237,12 @@ def _valve_in(reader: BagReader, name: str | None) -> str:
 def _from_csv(path: Path, columns: Mapping[str, str] | None) -> list[Record]:
     record = read_csv(path, columns=columns)
     oil = _without_holes(record)
-    origin = DEFAULT_START + round(float(record.time[0]) * 1e9)
+    start = start_of(record)
+    origin = start + round(float(record.time[0]) * 1e9)
     return [
         Record(
             str(path),
-            DEFAULT_START + round(float(record.time[begin]) * 1e9),
+            start + round(float(record.time[begin]) * 1e9),
             record.period,
             record.columns[BODY][begin:end],
             record.columns[SPOOL][begin:end],

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from spool_sim.valve import Valve, find_valve
 from spool_stream.errors import InputError
 from spool_stream.suggestion import did_you_mean
 
 from .csv_source import CsvSource
-from .records import Source
+from .records import Source, split_name
 from .valve_record import recorded_valve
 
 DEFAULT_VALVE = "4weh10_soft"
@@ -89,14 +88,6 @@ def choose_valves(source: Source, names: Sequence[str], given: Sequence[str]) ->
         else _without_file(source, name)
         for name in names
     }
-
-
-def split_name(text: str) -> tuple[str, str]:
-    """Return namespace and file of ``NAME=FILE``; the name is empty where there is only a file."""
-    name, mark, file = text.partition("=")
-    if not mark or Path(text).exists():
-        return "", text
-    return name.strip().strip("/"), file.strip()
 
 
 def _without_file(source: Source, name: str) -> ChosenValve:
