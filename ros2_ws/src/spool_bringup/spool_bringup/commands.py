@@ -16,6 +16,7 @@ from spool_bag.csv_import import import_csv
 from spool_bag.definitions import ACCELERATION_BLOCK, TEMPERATURE
 from spool_bag.export import export_bag
 from spool_bag.information import BagInformation, describe
+from spool_bag.mcap_walk import Damage
 from spool_bag.names import check_valve
 from spool_bag.recovery import recover
 from spool_bag.writer import BagWriter
@@ -25,6 +26,7 @@ from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
 from spool_stream.errors import InputError
 from spool_stream.printable import printable
+from spool_stream.uncertainty import LEGEND, with_interval
 
 from .csv_source import CsvSource
 from .outputs import STANDARD_OUTPUT, making_room, write_file, write_standard_output
@@ -38,6 +40,8 @@ from .valve_record import VALVE_DESCRIPTION, encode_valve
 #: 2025-01-01 UTC: a simulated record has no time of its own.
 SIMULATION_START = 1_735_689_600_000_000_000
 SIMULATION_SECONDS = 40.0
+#: Damaged places of a bag that are listed one by one.
+MOST_PLACES = 20
 
 
 def simulate(
@@ -126,18 +130,11 @@ def _temperatures(text: str | None) -> tuple[float, ...]:
     return values
 
 
-def import_record(file: Path, out: Path, name: str, columns: str | None, start: str) -> None:
+def import_record(file: Path, out: Path, name: str, columns: str | None, start: str | None) -> None:
     """Turn a CSV record into a bag and say what went into it."""
-    try:
-        time = datetime.fromisoformat(start.replace("Z", "+00:00"))
-    except ValueError as error:
-        raise InputError(f"--start {start!r}: write it like 2025-01-31T12:00:00") from error
-    zoned = time if time.tzinfo else time.replace(tzinfo=timezone.utc)
+    moment = None if start is None else _moment(start)
     with making_room(out):
-        result = import_csv(
-            file, out, valve=name, columns=parse_columns(columns),
-            start=round(zoned.timestamp()) * 1_000_000_000,
-        )  # fmt: skip
+        result = import_csv(file, out, valve=name, columns=parse_columns(columns), start=moment)
     for warning in result.warnings:
         warn(warning)
     lost = f", {result.lost_blocks} blocks lost in gaps" if result.lost_blocks else ""
@@ -145,6 +142,16 @@ def import_record(file: Path, out: Path, name: str, columns: str | None, start: 
         f"{out}: {result.samples} samples in {result.blocks} blocks of /{name}, "
         f"{result.duration:.1f} s at {1.0 / result.period:g} Hz{lost}"
     )
+
+
+def _moment(start: str) -> int:
+    """Return the time ``start`` (ISO 8601, UTC where it names no zone) in ns since 1970."""
+    try:
+        time = datetime.fromisoformat(start.replace("Z", "+00:00"))
+        zoned = time if time.tzinfo else time.replace(tzinfo=timezone.utc)
+        return round(zoned.timestamp()) * 1_000_000_000
+    except (ValueError, OverflowError) as error:
+        raise InputError(f"--start {start!r}: write it like 2025-01-31T12:00:00") from error
 
 
 def export(bag: Path, out: Path, valves: Sequence[str] | None) -> None:
@@ -170,8 +177,8 @@ def info(record: Path, json: Path | None, columns: str | None = None) -> int:
             f"{record}: no valve in it: it holds {held}; what is looked for is a topic NAME/acceleration of "
             f"{ACCELERATION_BLOCK}"
         )
-    broken = not found.closed or found.damages or any(v.lost_blocks or v.refused_blocks for v in found.valves)
-    return 1 if broken else 0
+    broken = not found.closed or found.damages or found.undecodable
+    return 1 if broken or any(valve.lost_blocks or valve.refused_blocks for valve in found.valves) else 0
 
 
 def _show(found: BagInformation) -> None:
@@ -193,21 +200,37 @@ def _show(found: BagInformation) -> None:
         valves.add_row(cell(valve.name), *map(str, cells))
     if found.valves:
         console.print(valves)
+    if found.damages:
+        lost = f"{'about ' if found.lost_estimated else ''}{found.lost_messages} messages lost"
+        console.print(cell(f"{_damaged(found.damages)}, {lost}: see ./spool recover"), soft_wrap=True)
     for warning in found.warnings:
         warn(warning)
+
+
+def _damaged(damages: Sequence[Damage]) -> str:
+    """Return how many places of a bag are damaged, and how much of it."""
+    places = "1 damaged place" if len(damages) == 1 else f"{len(damages)} damaged places"
+    return f"{places} ({sum(damage.size for damage in damages)} bytes)"
 
 
 def recover_bag(bag: Path, out: Path) -> int:
     """Copy what is readable into a new bag; return 1 where something was lost."""
     with making_room(out), progress("recovering"):
         result = recover(bag, out)
-    kept = sum(result.messages.values())
-    lost = "an unknown number" if result.lost is None else str(result.lost)
-    bad = sum(result.undecodable.values())
-    places = len(result.damages)
-    print(f"{out}: {kept} messages saved, {lost} lost, {bad} not decodable, {places} damaged places")
-    for damage in result.damages:
-        print(f"  at byte {damage.offset}: {printable(damage.reason)}")
+    kept, bad = sum(result.messages.values()), sum(result.undecodable.values())
+    lost = f"{'about ' if result.estimated else ''}{result.lost}"
+    print(f"{out}: {kept} messages saved, {lost} lost, {bad} not decodable, {_damaged(result.damages)}")
+    for damage in result.damages[:MOST_PLACES]:
+        gone = "an unknown number of" if damage.lost is None else str(damage.lost)
+        print(f"  at byte {damage.offset}, {damage.size} bytes: {printable(damage.reason)}; {gone} messages lost")
+    if len(result.damages) > MOST_PLACES:
+        print(f"  and {len(result.damages) - MOST_PLACES} more")
+    for valve, missing in result.missing.items():
+        print(f"  /{printable(valve)}: {missing} blocks are missing in between by their sequence numbers")
+    if not result.closed:
+        print("  the recording was not finished: what was not yet on the disk at its end is not counted")
+    for warning in result.warnings:
+        warn(warning)
     return 1 if result.lost or bad or result.damages else 0
 
 
@@ -224,12 +247,15 @@ def replay(
     if json is not None:
         write_json(json, result)
     console = Console()
+    for warning in result["warnings"]:
+        warn(warning)
     for name, valve in result["valves"].items():
         losses = f"{valve['lost_blocks']} lost" if valve["lost_blocks"] else "none lost"
         for warning in valve["warnings"]:
             warn(warning)
         text = f": {valve['blocks']} blocks, {losses}; {valve['valve']['sentence']}"
         console.print(cell(name, "bold") + cell(text), soft_wrap=True)
+        console.print(f"  at the end ({LEGEND}):", highlight=False)
         for parameter, quantity in valve["estimate"]["parameters"].items():
             console.print(f"  {parameter.replace('_', ' '):22} {_number(quantity)}", highlight=False)
         for found in valve.get("refits", ()):
@@ -240,14 +266,13 @@ def replay(
             console.print(cell(f"  {found['t_s']:8.1f} s  {text}"), soft_wrap=True)
         for event in valve["events"]:
             cause = f" ({event['cause'].replace('_', ' ')})" if event["cause"] else ""
-            text = f"{event['kind'].replace('_', ' ')}{cause} {event['state']}: {event['message']}"
+            what = f"{event['severity']} {event['state']}: {event['kind'].replace('_', ' ')}{cause}"
+            text = f"{what}: {event['message']}"
             console.print(cell(f"  {event['t_s']:8.1f} s  {text}"), soft_wrap=True)
 
 
 def _number(quantity: Mapping[str, Any]) -> str:
-    if not math.isfinite(quantity["value"]):
-        return "not known"
-    return f"{quantity['value']:.5g} ± {quantity['std']:.2g} {quantity['unit']}"
+    return with_interval(quantity["value"], quantity["std"], quantity["unit"])
 
 
 def write_json(path: Path, value: object) -> None:

@@ -12,10 +12,11 @@ from rich.table import Table
 from spool_estimator.fit_result import FitSettings
 from spool_sim.model import Model, load_model
 from spool_stream.errors import InputError
+from spool_stream.uncertainty import LEGEND, with_interval
 
 from .commands import write_json
 from .fit_data import Data, load_data
-from .fit_results import Judged, fit_and_judge, rounded, to_dictionary
+from .fit_results import Judged, fit_and_judge, to_dictionary
 from .fitting import Outputs
 from .progress import progress
 from .ranking import WORTH, Ranking, Series, rank
@@ -169,11 +170,10 @@ def parameter_lines(judged: Judged) -> list[str]:
     lines = []
     for quantity in (*found.parameters, *found.combinations):
         if math.isfinite(quantity.value):
-            value = rounded(quantity.value, quantity.standard_deviation)
-            unit = "" if quantity.unit == "1" else f" {quantity.unit}"
+            value = with_interval(quantity.value, quantity.standard_deviation, quantity.unit)
             bound = ", at its bound" if quantity.name in found.at_bound else ""
             name = quantity.name.replace("_", " ")
-            lines.append(f"{name} {value} ± {quantity.standard_deviation:.2g}{unit}{bound}")
+            lines.append(f"{name} {value}{bound}")
     untold = [name.replace("_", " ") for name in found.not_observable]
     if untold:
         lines.append(f"not told: {', '.join(untold)}")
@@ -210,6 +210,7 @@ def print_comparison(series: Sequence[Series], ranking: Ranking, console: Consol
             text = f"  {judged.name.replace('_', ' ')}: {', '.join(parameter_lines(judged))}"
             console.print(text, markup=False, highlight=False, soft_wrap=True)
         _print(series_rows(one), console)
+    console.print(LEGEND, markup=False, highlight=False)
     console.print("[bold]Ranking[/bold]", highlight=False)
     _print(ranking_rows(ranking), console)
     for sentence in ranking.sentences:

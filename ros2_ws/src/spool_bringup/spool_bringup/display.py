@@ -10,6 +10,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 from spool_msgs.msg import HealthEvent, ModelEstimate, Quantity, ValveHealth
+from spool_stream.uncertainty import LEGEND, with_interval
 
 _LEVELS = {
     ValveHealth.LEVEL_OK: ("OK", "bold green"),
@@ -17,6 +18,8 @@ _LEVELS = {
     ValveHealth.LEVEL_ALARM: ("ALARM", "bold red"),
     ValveHealth.LEVEL_STALE: ("STALE", "bold magenta"),
 }
+
+_SEVERITIES = {HealthEvent.SEVERITY_WARNING: "warning", HealthEvent.SEVERITY_ALARM: "ALARM"}
 
 #: s between the plain status lines off a terminal.
 _PLAIN_INTERVAL = 5.0
@@ -35,6 +38,7 @@ class Display:
     _last: float = 0.0
 
     def __enter__(self) -> Display:
+        self.say(f"estimates: {LEGEND}")
         if self.console.is_terminal:
             self._live = Live(self._table(0.0), console=self.console, refresh_per_second=4)
             self._live.start()
@@ -59,7 +63,9 @@ class Display:
         mark = "▲" if raised else "▼"
         style = "yellow" if raised and event.severity == HealthEvent.SEVERITY_WARNING else "red"
         kind = event.kind.replace("_", " ") + (f" ({event.cause.replace('_', ' ')})" if event.cause else "")
-        line = Text(f"{elapsed:5.1f} s  {mark} {name}  {kind} ", style=style if raised else "green")
+        severity = _SEVERITIES.get(event.severity, "event") if raised else "over"
+        style = style if raised else "green"
+        line = Text(f"{elapsed:5.1f} s  {mark} {name}  {severity}: {kind}: ", style=style)
         line.append(event.message, style="default")
         self.console.print(line, soft_wrap=True)
 
@@ -85,10 +91,10 @@ class Display:
         level, style = _LEVELS.get(health.level, ("?", "dim"))
         return [
             Text(_frequency(health.dominant_frequency)),
-            Text(_with_uncertainty(estimate.natural_frequency, ".2f")),
-            Text(_with_uncertainty(values.get("spring_stiffness"), ".0f")),
-            Text(_with_uncertainty(values.get("viscous_coefficient"), ".2f")),
-            Text(_with_uncertainty(values.get("coulomb_force"), ".3f")),
+            Text(_with_uncertainty(estimate.natural_frequency)),
+            Text(_with_uncertainty(values.get("spring_stiffness"))),
+            Text(_with_uncertainty(values.get("viscous_coefficient"))),
+            Text(_with_uncertainty(values.get("coulomb_force"))),
             Text(level, style=style).append(f" {health.summary}", style="default"),
         ]
 
@@ -101,9 +107,9 @@ def _frequency(quantity: Quantity) -> str:
     return f"{quantity.value:5.1f} Hz" if known else "no line "
 
 
-def _with_uncertainty(quantity: Quantity | None, digits: str) -> str:
+def _with_uncertainty(quantity: Quantity | None) -> str:
     if quantity is None or quantity.validity == Quantity.VALIDITY_UNKNOWN:
         return "learning"
     held = " held" if quantity.validity == Quantity.VALIDITY_HELD else ""
     unit = quantity.unit.replace(" s", "·s")
-    return f"{quantity.value:{digits}} ±{2.0 * quantity.standard_deviation:{digits}} {unit}{held}"
+    return f"{with_interval(quantity.value, quantity.standard_deviation, unit)}{held}"

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from spool_stream.uncertainty import LEGEND
 
 from . import fit_curves as curves
 from . import fit_pictures as pictures
 from . import page as html
 from .fit_results import Judged, correlated, parameter_rows, quality_rows
 from .outputs import write_file
+from .provenance import sources
 
 WAVEFORM = (
     "Spool acceleration, measured and simulated from the measured body acceleration alone; below, what is "
@@ -42,8 +45,7 @@ def fit_page(judged: Judged) -> str:
         html.heading("Parameters"),
         html.table(list(rows[0]), rows),
         html.paragraph(
-            "std is one standard deviation; the true value lies within two of them in 95 of 100 such "
-            "records, if the model is right."
+            f"{LEGEND}; the true value lies within it in 95 of 100 such records, if the model is right."
         ),
         *([html.listing(correlations(judged))] if correlated(found) else []),
         *([html.listing(found.warnings)] if found.warnings else []),
@@ -55,14 +57,34 @@ def fit_page(judged: Judged) -> str:
     name = found.model.name
     friction = curves.friction(judged.data.fitted, found, judged.data.valve)
     sections += [
-        html.drawing(pictures.waveform_figure({name: shown}, curves.stretches(shown.run)), WAVEFORM),
-        html.drawing(pictures.ratio_figure({name: agreement}, curves.highest_frequency(shown.run)), RATIO),
-        html.drawing(pictures.friction_figure({name: friction}), FRICTION),
         html.drawing(
-            pictures.spectrum_figure({name: agreement}, curves.spectra(judged.data.fitted)), SPECTRUM
+            pictures.waveform_figure({name: shown}, curves.stretches(shown.run)), WAVEFORM, seen([judged])
+        ),
+        html.drawing(
+            pictures.ratio_figure({name: agreement}, curves.highest_frequency(shown.run)), RATIO,
+            ratio_seen([judged]),
+        ),
+        html.drawing(pictures.friction_figure({name: friction}), FRICTION, f"Law of {name} over velocity."),
+        html.drawing(
+            pictures.spectrum_figure({name: agreement}, curves.spectra(judged.data.fitted)), SPECTRUM,
+            seen([judged]),
         ),
     ]
-    return html.page(title, sections)
+    records = (*judged.data.paths, *judged.data.held_paths)
+    return html.page(title, sections, sources(records, judged.data.valve))
+
+
+def seen(judged: Sequence[Judged]) -> str:
+    """Return what a picture of waveforms or of what is left over shows, in numbers."""
+    parts = [f"{one.name.replace('_', ' ')} leaves {100.0 * one.training_error:.2g} %" for one in judged]
+    return f"Of the measured rms {', '.join(parts)}." if parts else ""
+
+
+def ratio_seen(judged: Sequence[Judged]) -> str:
+    """Return what a picture of amplitude ratios shows, in numbers."""
+    ratios = [(one.name.replace("_", " "), one.fit.agreement) for one in judged]
+    parts = [f"{name} {found.amplitude_ratio:.3f}" for name, found in ratios if found is not None]
+    return f"Mean amplitude ratio: {', '.join(parts)}." if parts else ""
 
 
 def _doubts(judged: Judged) -> list[str]:

@@ -16,6 +16,7 @@ from spool_estimator.fit_result import Agreement, Fit, FitSettings
 from spool_sim.model import Model
 from spool_stream.errors import InputError
 from spool_stream.quantity import Quantity
+from spool_stream.uncertainty import PLUS_MINUS, UNKNOWN, exact, interval, number, unit_text
 
 from .fit_data import Data
 from .outputs import write_file
@@ -150,13 +151,12 @@ def parameter_rows(found: Fit) -> list[dict[str, str]]:
         note = "at its bound" if quantity.name in found.at_bound else ""
         if not math.isfinite(quantity.value):
             note = "the record does not tell it"
+        shown = interval(quantity.value, quantity.standard_deviation)
         rows.append(
             {
                 "parameter": quantity.name.replace("_", " "),
-                "value": rounded(quantity.value, quantity.standard_deviation),
-                "std": ""
-                if math.isnan(quantity.standard_deviation)
-                else f"{quantity.standard_deviation:.2g}",
+                "value": shown.value,
+                PLUS_MINUS: shown.half_width,
                 "unit": quantity.unit,
                 "": note,
             }
@@ -166,8 +166,8 @@ def parameter_rows(found: Fit) -> list[dict[str, str]]:
         rows.append(
             {
                 "parameter": name.replace("_", " "),
-                "value": f"{value:.6g}",
-                "std": "",
+                "value": exact(value),
+                PLUS_MINUS: "",
                 "unit": unit,
                 "": "held",
             }
@@ -183,9 +183,9 @@ def quality_rows(judged: Judged) -> list[dict[str, str]]:
         return []
     rows = {
         "objective (33)": f"{fitted.objective:.5g}",
-        "a_est/a_pom, mean of 10 to 100 Hz": rounded(fitted.amplitude_ratio, 1e-3),
-        "error on the fitted data, nrmse": rounded(judged.training_error, 1e-4),
-        "error on held-out data, nrmse": rounded(judged.held_out_error, 1e-4),
+        "a_est/a_pom, mean of 10 to 100 Hz": number(fitted.amplitude_ratio),
+        "error on the fitted data, nrmse": number(judged.training_error),
+        "error on held-out data, nrmse": number(judged.held_out_error),
         "undamped natural frequency": _with_unit(natural_frequency(found), "Hz"),
         "damping ratio": _with_unit(damping_ratio(found), ""),
         "data": f"{fitted.seconds:.1f} s fitted, "
@@ -211,7 +211,7 @@ def print_fit(judged: Judged, console: Console) -> None:
     found = judged.fit
     console.print(f"{found.model.name} fitted to {judged.data.name} ({found.valve})", highlight=False)
     table = Table("parameter", box=None, pad_edge=False)
-    for column, justify in (("value", "right"), ("std", "right"), ("unit", "left"), ("", "left")):
+    for column, justify in (("value", "right"), (PLUS_MINUS, "right"), ("unit", "left"), ("", "left")):
         table.add_column(column, justify="right" if justify == "right" else "left")
     for row in parameter_rows(found):
         table.add_row(*row.values())
@@ -227,20 +227,8 @@ def print_fit(judged: Judged, console: Console) -> None:
         console.print(f"warning: {warning}", style="yellow", markup=False, highlight=False, soft_wrap=True)
 
 
-def rounded(value: float, deviation: float) -> str:
-    """Return ``value`` with as many digits as its standard deviation leaves two of."""
-    if not math.isfinite(value):
-        return "not known"
-    if not (math.isfinite(deviation) and deviation > 0.0):
-        return f"{value:.5g}"
-    if deviation >= abs(value):
-        return f"{value:.2g}"
-    digits = max(0, 1 - math.floor(math.log10(deviation)))
-    return f"{value:.{digits}f}" if digits <= 12 else f"{value:.6g}"
-
-
 def _with_unit(value: float, unit: str) -> str:
-    return f"{value:.4g} {unit}".rstrip() if math.isfinite(value) else "not known"
+    return f"{number(value)}{unit_text(unit)}" if math.isfinite(value) else UNKNOWN
 
 
 def model_text(found: Fit, source: str) -> str:

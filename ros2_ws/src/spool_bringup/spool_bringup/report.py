@@ -18,8 +18,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from spool_bag.reader import BagReader
 from spool_stream.block_gate import malformed
+from spool_stream.uncertainty import LEGEND, PLUS_MINUS, Z_95, Shown, interval
 
 from .page import page, paragraph
+from .provenance import sources
 
 Array = NDArray[np.float64]
 
@@ -45,12 +47,24 @@ def write_report(folder: Path, reader: BagReader, analysis: dict[str, Any]) -> P
     lost = sum(valve["lost_blocks"] for valve in analysis["valves"].values())
     summary = (
         f"{len(analysis['valves'])} valves, {analysis['duration_s'] or 0.0:.0f} s, {lost} blocks lost. "
-        "Estimates are given with two standard deviations; shaded stretches are events."
+        f"{LEGEND}; bands around curves are the same intervals. Shaded stretches are events."
     )
-    text = page("Spool valves: what the recording shows", [paragraph(summary), *sections])
+    text = page(
+        "Spool valves: what the recording shows", [paragraph(summary), *sections],
+        [*sources([reader.path]), *_valves(analysis)],
+    )  # fmt: skip
     path = folder / "report.html"
     path.write_text(text, encoding="utf-8")
     return path
+
+
+def _valves(analysis: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return label and value of each valve's description, for the foot of the page."""
+    return [
+        ("valve", f"{name}: {valve['valve']['sentence']}")
+        for name, valve in analysis["valves"].items()
+        if "valve" in valve
+    ]
 
 
 def draw_valve(
@@ -118,7 +132,7 @@ def _band(axis: Axes, at: Array, estimates: list[Any], name: str, label: str) ->
         rows.append((found[0].value, found[0].standard_deviation) if known else (np.nan, np.nan))
     table = np.array(rows).reshape(-1, 2)
     axis.plot(at, table[:, 0], color=ESTIMATE, marker=".", ms=4)
-    low, high = table[:, 0] - 2.0 * table[:, 1], table[:, 0] + 2.0 * table[:, 1]
+    low, high = table[:, 0] - Z_95 * table[:, 1], table[:, 0] + Z_95 * table[:, 1]
     axis.fill_between(at, low, high, color=ESTIMATE, alpha=0.25, lw=0)
     axis.set_ylabel(label)
 
@@ -157,27 +171,43 @@ def _name_events(axis: Axes, events: list[dict[str, Any]]) -> None:
 def _section(name: str, valve: dict[str, Any], picture: bytes) -> str:
     encoded = base64.b64encode(picture).decode()
     parameters = "".join(
-        f"<tr><td>{html.escape(key.replace('_', ' '))}</td><td class=n>{_number(value['value'])}</td>"
-        f"<td class=n>± {_number(_doubled(value['std']))}</td><td>{html.escape(value['unit'])}</td></tr>"
+        f"<tr><td>{html.escape(key.replace('_', ' '))}</td><td class=n>{shown.value}</td>"
+        f"<td class=n>{shown.half_width}</td><td>{html.escape(value['unit'])}</td></tr>"
         for key, value in valve["estimate"]["parameters"].items()
+        for shown in (_interval(value),)
     )
     events = "".join(
         f"<tr><td class=n>{event['t_s']:.1f} s</td><td>{html.escape(event['kind'].replace('_', ' '))}</td>"
-        f"<td>{html.escape((event['cause'] or '').replace('_', ' '))}</td><td>{event['state']}</td>"
+        f"<td>{html.escape((event['cause'] or '').replace('_', ' '))}</td>"
+        f"<td>{html.escape(event['severity'])}</td><td>{html.escape(event['state'])}</td>"
         f"<td>{html.escape(event['message'])}</td></tr>"
         for event in valve["events"]
     )
+    seen = html.escape(_seen(name, valve), quote=True)
     return (
-        f"<h2>{html.escape(name)}</h2><img alt='{html.escape(name)} over time' "
-        f"src='data:image/png;base64,{encoded}'>"
-        f"<table><tr><th>parameter</th><th>at the end</th><th></th><th></th></tr>{parameters}</table>"
-        f"<table><tr><th>time</th><th>event</th><th>cause</th><th></th><th></th></tr>{events}</table>"
+        f"<h2>{html.escape(name)}</h2>"
+        f"<div class=wide><img alt='{seen}' src='data:image/png;base64,{encoded}'></div>"
+        "<div class=wide><table><tr><th>parameter</th><th>at the end</th>"
+        f"<th>{PLUS_MINUS}</th><th>unit</th></tr>"
+        f"{parameters}</table></div>"
+        "<div class=wide><table><tr><th>time</th><th>event</th><th>most likely cause</th><th>severity</th>"
+        "<th>state</th><th>what was seen</th></tr>"
+        f"{events}</table></div>"
     )
 
 
-def _doubled(value: float | None) -> float | None:
-    return None if value is None else 2.0 * value
+def _seen(name: str, valve: dict[str, Any]) -> str:
+    """Return what the picture of a valve shows, in words."""
+    raised = [event for event in valve["events"] if event["state"] == "raised"]
+    events = ", ".join(f"{_label(one['kind'], one['cause'])} at {one['t_s']:.0f} s" for one in raised)
+    return (
+        f"{name} over time: peak acceleration of body and spool, the frequency that the body shakes at "
+        "beside the natural frequency, viscous coefficient, Coulomb force. "
+        f"Events: {events or 'none'}."
+    )
 
 
-def _number(value: float | None) -> str:
-    return "not known" if value is None or not np.isfinite(value) else f"{value:.4g}"
+def _interval(value: dict[str, Any]) -> Shown:
+    """Return what is shown of an entry of ``replay --json``, in which null is what is not known."""
+    number, deviation = (float("nan") if value[key] is None else value[key] for key in ("value", "std"))
+    return interval(number, deviation)

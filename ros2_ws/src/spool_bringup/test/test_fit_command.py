@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from pydantic import BaseModel, ConfigDict
 from spool_bringup.cli import main
-from spool_bringup.fit_results import rounded
 from spool_bringup.fitting import fit_settings
 from spool_sim.model import load_model
 from spool_sim.valve import find_valve
@@ -241,17 +240,6 @@ def test_what_to_hold_and_to_free_is_checked() -> None:
     ):
         with pytest.raises(InputError, match=re.escape(said)):
             fit_settings(model, valve, free, fixed)
-
-
-@pytest.mark.parametrize(
-    ("value", "deviation", "text"),
-    [
-        (1632.0687, 0.4879, "1632.07"), (0.50051, 0.0013, "0.5005"), (15868.2, 120.0, "15868"),
-        (0.0064, 37.0, "0.0064"), (math.nan, 1.0, "not known"), (1.25, math.nan, "1.25"),
-    ],
-)  # fmt: skip
-def test_a_value_has_the_digits_that_its_deviation_leaves(value: float, deviation: float, text: str) -> None:
-    assert rounded(value, deviation) == text
 
 
 # Wrong input: one line, exit code 2.

@@ -17,6 +17,7 @@ from spool_sim.valve import Valve
 from spool_sim.viscosity import OILS
 from spool_stream.block import Block
 from spool_stream.errors import InputError
+from spool_stream.uncertainty import Z_95
 
 from .estimate import Estimate, State
 from .estimator import settings_for
@@ -41,8 +42,6 @@ USUAL_OIL = "HL68"
 LEAST_SAMPLES = 4.0
 #: Hz, faster than loggers of accelerometers are.
 FASTEST = 1e5
-#: Quantile of the normal distribution for an interval of 95 %.
-Z_95 = 1.96
 
 
 @dataclass(frozen=True, slots=True)

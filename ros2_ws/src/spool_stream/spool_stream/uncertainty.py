@@ -83,6 +83,12 @@ def number(value: float, digits: int = _DIGITS) -> str:
     return _written(_rounded(value, last), 0, last)
 
 
+def exact(value: float) -> str:
+    """Return a number that is given, not estimated: six significant digits, without noughts at the end."""
+    text, mark, power = number(value, 6).partition("e")
+    return (text.rstrip("0").rstrip(".") if "." in text else text) + mark + power
+
+
 def unit_text(unit: str) -> str:
     """Return ``unit`` as it follows a number: with a space, nothing for plain numbers (``1``)."""
     return "" if unit in ("", "1") else f" {unit}"

@@ -6,7 +6,7 @@ from decimal import Decimal
 import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
-from spool_stream.uncertainty import UNKNOWN, Z_95, Shown, compared, interval, number, with_interval
+from spool_stream.uncertainty import UNKNOWN, Z_95, Shown, compared, exact, interval, number, with_interval
 
 SIZES = st.floats(-1e12, 1e12).filter(lambda one: one == 0.0 or abs(one) > 1e-15)
 DEVIATIONS = st.floats(1e-15, 1e12)
@@ -50,10 +50,11 @@ def test_the_interval_shown_covers_the_one_meant_to_its_last_digit(value: float,
     # Of 1200 the hundreds are the last digit that means something.
     digit = max(last_digit(shown.half_width), Decimal(1).scaleb(Decimal(shown.half_width).adjusted() - 1))
     centre, half = Decimal(shown.value), Decimal(shown.half_width)
+    exact = Decimal(repr(value))  # as it is read: the shortest decimal that is this double
     assert half > 0
-    assert centre - half - digit <= Decimal(value) - Decimal(Z_95 * deviation)
-    assert centre + half + digit >= Decimal(value) + Decimal(Z_95 * deviation)
-    assert abs(centre - Decimal(value)) <= digit * Decimal("0.5000001")
+    assert centre - half - digit <= exact - Decimal(Z_95 * deviation)
+    assert centre + half + digit >= exact + Decimal(Z_95 * deviation)
+    assert abs(centre - exact) <= digit / 2
     assert not (centre == 0 and shown.value.startswith("-"))
 
 
@@ -99,3 +100,11 @@ def test_a_number_without_interval_keeps_four_digits(value: float) -> None:
 )
 def test_a_number_is_written_without_needless_powers_of_ten(value: float, text: str) -> None:
     assert number(value) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.18, "0.18"), (1632.0, "1632"), (15.0e-6, "1.5e-5"), (0.0, "0"), (1e5, "100000"), (math.nan, UNKNOWN)],
+)
+def test_a_number_that_is_given_has_no_noughts_at_its_end(value: float, text: str) -> None:
+    assert exact(value) == text
