@@ -54,6 +54,9 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         self.add_on_set_parameters_callback(self._judge_change)
         self.add_post_set_parameters_callback(self._apply_change)
 
+    #: Whether a thread compiles, which can't be stopped: the process has to end without waiting for it.
+    compiling = False
+
     # What a subclass overrides.
 
     def configure(self) -> None:
@@ -132,26 +135,35 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
             self.cleanup()
 
     def compile(self, kernels: Callable[[], object]) -> None:
-        """Run ``kernels``, which compiles, one process at a time; it is told, and a signal breaks it off."""
-        begin, told = time.monotonic(), threading.Event()
+        """Run ``kernels``, which compiles, one process at a time; it is told, and a signal breaks it off.
 
-        def tell() -> None:
-            told.set()
-            self.get_logger().info("compiling the numerical kernels: about a minute, once")
+        It runs on a thread: an exception out of a signal's handler would be lost in the compiler's callbacks.
+        """
+        failure: list[Exception] = []
 
-        timer = threading.Timer(COMPILES, tell)
-        timer.daemon = True
-        timer.start()
-        phase = STOP.phase
+        def work() -> None:
+            try:
+                with alone():
+                    kernels()
+            except Exception as error:
+                failure.append(error)
+
+        thread = threading.Thread(target=work, daemon=True)
+        phase, self.compiling = STOP.phase, True
         STOP.phase = Phase.STARTING if phase is Phase.RUNNING else phase
-        try:
-            with alone():
-                kernels()
-        finally:
-            timer.cancel()
-            STOP.phase = phase if STOP.phase is Phase.STARTING else STOP.phase
-        if told.is_set():
+        begin, told = time.monotonic(), False
+        thread.start()
+        while thread.is_alive():
+            thread.join(0.1)
+            if not told and time.monotonic() - begin > COMPILES:
+                self.get_logger().info("compiling the numerical kernels: about a minute, once")
+                told = True
+        STOP.phase = phase if STOP.phase is Phase.STARTING else STOP.phase
+        self.compiling = False
+        if told:
             self.get_logger().info(f"kernels compiled in {time.monotonic() - begin:.0f} s")
+        if failure:
+            raise failure[0]
 
     # Transitions.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import multiprocessing
+import os
 import re
 import sys
 from collections.abc import Sequence
@@ -69,6 +70,11 @@ def run(node_class: type[ManagedNode], arguments: Sequence[str] | None = None) -
     STOP.phase = Phase.ENDING
     _end(node, executor)
     STOP.finish()
+    if node is not None and node.compiling:
+        # The interpreter would take itself down beneath the compiler.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
     return code
 
 
