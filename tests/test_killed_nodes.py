@@ -135,14 +135,27 @@ def test_estimator_killed(chain: Chain) -> None:
 
 
 def test_monitor_killed(chain: Chain) -> None:
-    chain.monitor.kill()
+    killed = chain.monitor.kill()
     chain.goes_on(chain.acceleration, chain.estimate)
     chain.others_live(chain.monitor)
+    # A dead monitor can't tell of its own end: the recorder does.
+    task = "recorder: monitoring"
+    chain.system.until(
+        lambda: any(
+            status.level == DiagnosticStatus.ERROR and status.message == "not monitored: valve_1"
+            for _, status in chain.system.statuses(task, after=killed)
+        ),
+        "somebody misses the monitor",
+    )
+    assert chain.recorder.said.count("valve_1 is not monitored") == 1
     before = len(chain.health.heard)
     chain.monitor = chain.system.start("monitor")
     chain.system.until(
         lambda: len(chain.health.heard) > before and chain.health.last.level == ValveHealth.LEVEL_OK,
         "health after a restart",
+    )
+    chain.system.until(
+        lambda: chain.system.statuses(task)[-1][1].level == DiagnosticStatus.OK, "the monitor is there again"
     )
 
 

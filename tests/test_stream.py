@@ -263,6 +263,8 @@ def test_malformed_blocks_are_told_and_change_nothing(system: System) -> None:
         counted = {**faults, Fault.LOST: 1, Fault.NO_TIME: faults.get(Fault.NO_TIME, 0) + primed[name]}
         expected = {f"fault_{fault.name.lower()}": str(counted.get(fault, 0)) for fault in Fault}
         assert {key: value for key, value in numbers.items() if key.startswith("fault")} == expected
+    (estimator,) = [one for one in system.processes if one.name == "/dirty/estimator"]
+    assert "refused: stamp is 0" in estimator.said
     warned = next(
         arrival
         for arrival, status in system.statuses(tasks["dirty"], after=told[0])

@@ -9,6 +9,8 @@ import subprocess
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import yaml
+from ament_index_python.packages import get_package_share_directory
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.parameter import Parameter
 from spool_bag.reader import BagReader
@@ -48,6 +50,7 @@ def test_limits_change_while_the_monitor_runs_and_every_line_is_logged_once(
 ) -> None:
     events = system.listen(HealthEvent, "/valve_1/events", latched=True)
     estimates = system.listen(ModelEstimate, "/valve_1/estimate", latched=True)
+    _ = system.diagnostics
     monitor = system.start("monitor", baseline_time=3.0)
     estimator = system.start("estimator")
     recorder = system.start("recorder", "", output=tmp_path / "bag", valves="[valve_1]")
@@ -72,6 +75,9 @@ def test_limits_change_while_the_monitor_runs_and_every_line_is_logged_once(
     system.until(lambda: "no acceleration for" in monitor.said, "it is logged")
     assert [recorder.end(), monitor.end(), estimator.end()] == [0, 0, 0]
 
+    published = {status.name for one in system.diagnostics.messages for status in one.status}
+    assert published - {"valve_1/simulator: simulation"} == expected_by_the_aggregator("valve_1", "recorder")
+
     assert "parameters changed: amplification_on from 1.8 to 2.5" in monitor.said
     assert "baseline changed by Eva: frozen (as delivered)" in monitor.said
     assert monitor.said.count("learned") == 1
@@ -88,6 +94,14 @@ def test_limits_change_while_the_monitor_runs_and_every_line_is_logged_once(
     ]
     assert ("amplification_on", 2.5) in changes
     assert ("amplification_off", 1.9) in changes
+
+
+def expected_by_the_aggregator(*groups: str) -> set[str]:
+    """Return the tasks whose silence the shipped configuration of the aggregator would show."""
+    folder = Path(get_package_share_directory("spool_bringup"))
+    content = yaml.safe_load((folder / "config" / "diagnostic_aggregator.yaml").read_text(encoding="utf-8"))
+    analyzers = content["analyzers"]["ros__parameters"]
+    return {task for group in groups for task in analyzers[group]["expected"]}
 
 
 def test_a_first_start_says_that_it_compiles_and_ends_when_asked(domain_id: int, tmp_path: Path) -> None:

@@ -12,7 +12,10 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
         (f"share/{PACKAGE}/launch", ["launch/valve.launch.py"]),
-        (f"share/{PACKAGE}/config", ["config/valve.yaml", "config/valves.yaml"]),
+        (
+            f"share/{PACKAGE}/config",
+            ["config/valve.yaml", "config/valves.yaml", "config/diagnostic_aggregator.yaml"],
+        ),
     ],
     zip_safe=True,
     extras_require={"test": ["pytest"]},

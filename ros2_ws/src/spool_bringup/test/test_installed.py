@@ -35,7 +35,14 @@ def test_executables_are_where_ros2_run_looks(package: str, executable: str) -> 
 
 
 @pytest.mark.parametrize(
-    "file", ["launch/valve.launch.py", "config/valve.yaml", "config/valves.yaml", "package.xml"]
+    "file",
+    [
+        "launch/valve.launch.py",
+        "config/valve.yaml",
+        "config/valves.yaml",
+        "config/diagnostic_aggregator.yaml",
+        "package.xml",
+    ],
 )
 def test_what_ros2_launch_needs_is_shared(file: str) -> None:
     source = Path(__file__).resolve().parent.parent / file
