@@ -49,8 +49,19 @@ ALARMS: MappingProxyType[str, dict[str, tuple[int, Namur]]] = MappingProxyType(
             "swapped": (604, _F),
             "scale": (605, _F),
         },
-        "data_fault": {"": (700, _S)},
-        "stale": {"": (800, _F), "acceleration": (801, _F), "estimate": (802, _F)},
+        "data_fault": {
+            "": (700, _S),
+            "rate": (701, _F),
+            "source": (702, _S),
+            "lost": (703, _S),
+            "malformed": (704, _S),
+        },
+        "stale": {
+            "": (800, _F),
+            "acceleration": (801, _F),
+            "estimate": (802, _F),
+            "never_seen": (803, _F),
+        },
     }
 )
 

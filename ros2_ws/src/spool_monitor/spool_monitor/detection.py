@@ -47,6 +47,7 @@ class Detection:
         parameters: tests of the estimated parameters, by name.
         learned: start values of what the channels show, by name.
         conditions: delays and state of each detector's event, by the detector's name.
+        doubt: why nothing that depends on time or frequency can be judged now, empty where it can.
 
     """
 
@@ -58,6 +59,7 @@ class Detection:
     parameters: dict[str, ParameterDrift] = field(init=False)
     learned: dict[str, Baseline] = field(init=False)
     conditions: dict[str, Condition] = field(init=False)
+    doubt: str = ""
     line: Line | None = field(default=None, init=False)
     _suspicions: dict[str, tuple[int, int, str]] = field(default_factory=dict, init=False)
     _memory: float = field(default=4.0, init=False)
@@ -101,6 +103,22 @@ class Detection:
         if math.isnan(self.usual.misfit):
             self.usual = configured(settings.natural_frequency)
 
+    def set_limits(self, settings: MonitorSettings) -> None:
+        """Judge by other thresholds from now on; sums of changes whose size is another one start anew."""
+        self.settings = settings
+        for one in self.detectors:
+            one.settings = settings
+        for name, matters in (
+            ("viscous_coefficient", settings.viscous_change),
+            ("coulomb_force", settings.coulomb_change),
+            ("spring_stiffness", settings.stiffness_change),
+        ):
+            parameter = self.parameters[name]
+            parameter.run_length = settings.false_alarm_hours * 3600.0
+            if parameter.matters != matters:
+                parameter.matters = matters
+                parameter.reset()
+
     def restart(self, period: float) -> None:
         """Take note that samples are missing, or of the first ones, ``period`` s apart."""
         self.windows.restart(period)
@@ -127,6 +145,8 @@ class Detection:
     def update_estimate(self, estimate: Estimate, natural_frequency: float) -> list[Event]:
         """Take an estimate; return what began or ended with it."""
         self._memory = estimate.memory
+        if self.usual.natural_frequency == 0.0 and estimate.natural_frequency.known:
+            self.usual = configured(estimate.natural_frequency.value)
         self._stamp = max(self._stamp, estimate.stamp)
         distrust = bool(self.distrust)
         # A spool that sticks more of the time also looks as if it had another spring.
@@ -143,7 +163,8 @@ class Detection:
         shaken = signals.body.rms >= self.settings.minimum_body
         if shaken:
             self._velocity = signals.relative_velocity
-        response = self.response.update(signals, self.usual) if shaken else None
+        known = shaken and self.usual.natural_frequency > 0.0
+        response = self.response.update(signals, self.usual) if known else None
         if not shaken:
             self.response.restart()
         moment = self._moment(signals.stamp, natural_frequency, signals=signals, response=response)
@@ -185,7 +206,9 @@ class Detection:
         """Show a moment with something new of ``what`` to those who look at that."""
         events: list[Event] = []
         for one in self.detectors:
-            if what in one.looks_at:
+            if one.needs_valve and not moment.described:
+                one.judgement, one.suspicious = Judgement.NOT_JUDGED, ""
+            elif what in one.looks_at:
                 distrust = self._distrust(moment.stamp, one.rank)
                 finding = one.update(replace(moment, distrust=distrust) if distrust else moment)
                 if finding is not None:
@@ -200,6 +223,8 @@ class Detection:
 
     def _distrust(self, now: int, rank: int) -> str:
         """Return why a detector of ``rank`` can't believe what it sees at ``now`` (ns), empty if it can."""
+        if self.doubt:
+            return self.doubt
         for stamp, doubting, reason in self._suspicions.values():
             if doubting < rank and 0 <= now - stamp <= WARY * self._memory * 1e9:
                 return reason

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import dataclass, field, replace
 
 from spool_estimator.estimate import Estimate, State
 from spool_stream.block import Block
-from spool_stream.block_gate import BlockGate, Verdict
+from spool_stream.block_gate import BlockGate, Fault, Verdict
 from spool_stream.quantity import Quantity, Validity
 
 from .alarm_code import Namur, namur
@@ -19,6 +20,18 @@ from .spectrum import Line
 
 #: s, an estimator that starts with the data needs this long for its first estimate.
 FIRST_ESTIMATE = 2.0
+
+#: s beyond ``stale_after`` that a source may take to start: four nodes of a valve start within half of it.
+FIRST_BLOCK = 10.0
+
+#: Cause of ``stale`` where no block has ever come.
+NEVER_SEEN = "never_seen"
+
+#: Causes of ``data_fault`` that stand for themselves, and those that make what is seen worthless.
+SEPARATE, WORTHLESS = ("rate", "source"), ("rate",)
+
+#: What the detectors are told where the stamps do not confirm the sample rate.
+UNCONFIRMED = "the stamps do not confirm the sample rate"
 
 
 class Level(enum.IntEnum):
@@ -66,25 +79,27 @@ class Monitor:
     detection: Detection = field(init=False)
     estimate: Estimate | None = field(default=None, init=False)
     _stale: dict[str, Condition] = field(init=False)
-    _data_fault: Condition = field(init=False)
+    _data_faults: dict[str, Condition] = field(init=False)
     _stamp: int = field(default=0, init=False)
-    _last_fault: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
         self.detection = Detection(self.settings)
         self._stale = {
             source: Condition("stale", 0.0, 0.0, source) for source in ("acceleration", "estimate")
         }
-        self._data_fault = Condition("data_fault", 0.0, 5.0)
+        self._data_faults = {source: Condition("data_fault", 0.0, 5.0, source) for source in ("", *SEPARATE)}
 
     def update(self, block: Block) -> list[Event]:
         """Take one block; return what began or ended with it."""
         verdict = self.gate.judge(block)
         before = self.gate.before
-        events = self._judge_data(block.stamp)
+        events = self._judge_data(
+            block.stamp if verdict is not Verdict.REFUSED or before is None else self._stamp
+        )
         if verdict is Verdict.REFUSED:
             return events
-        if before is not None and verdict is Verdict.RESTARTS:
+        # Only a loss says how long nothing came: a clock that was set, or a source that began anew, does not.
+        if before is not None and self.gate.fault is Fault.LOST:
             silent = (block.stamp - before[1]) * 1e-9
             if silent > self.settings.stale_after:
                 due = before[1] + round(self.settings.stale_after * 1e9)
@@ -96,6 +111,7 @@ class Monitor:
             )
         if verdict is Verdict.RESTARTS:
             self.detection.restart(block.sample_period)
+        self.detection.doubt = "" if self.gate.confirmed else UNCONFIRMED
         return events + self.detection.update(block, self._natural_frequency.value)
 
     def update_estimate(self, estimate: Estimate) -> list[Event]:
@@ -105,10 +121,15 @@ class Monitor:
         self._stamp = max(self._stamp, estimate.stamp)
         return events + self.detection.update_estimate(estimate, self._natural_frequency.value)
 
-    def idle(self, without_blocks: float, without_estimates: float) -> list[Event]:
-        """Say how long (s, on a steady clock) nothing has arrived; return what follows from it."""
+    def idle(self, without_blocks: float, without_estimates: float, now: int = 0) -> list[Event]:
+        """Say how long (s, on a steady clock) nothing has arrived; return what follows from it.
+
+        Before the first block it is the time since the monitor listens, and ``now`` (ns) that of the event.
+        """
         events: list[Event] = []
         if self.gate.accepted == 0:
+            if without_blocks > self.settings.stale_after + FIRST_BLOCK:
+                events += self._never_seen(self._stamp or now, without_blocks)
             return events
         patience = self.settings.stale_after + (FIRST_ESTIMATE if self.estimate is None else 0.0)
         if without_blocks > self.settings.stale_after:
@@ -121,14 +142,18 @@ class Monitor:
     @property
     def calm(self) -> bool:
         """Whether nothing is wrong with the data, so that a block is judged by its samples alone."""
-        return self._data_fault.active is None and not any(
-            condition.active is not None for condition in self._stale.values()
-        )
+        conditions = (*self._data_faults.values(), *self._stale.values())
+        return all(condition.active is None for condition in conditions)
 
     def set_natural_frequency(self, frequency: float) -> None:
         """Take the start value (Hz) from a valve's data; estimates replace it."""
         self.settings = replace(self.settings, natural_frequency=frequency)
         self.detection.configure(self.settings)
+
+    def set_limits(self, settings: MonitorSettings) -> None:
+        """Judge by other thresholds from now on; start values and what is active stay."""
+        self.settings = replace(settings, natural_frequency=self.settings.natural_frequency)
+        self.detection.set_limits(self.settings)
 
     @property
     def line(self) -> Line | None:
@@ -142,7 +167,7 @@ class Monitor:
 
     @property
     def _judged(self) -> list[Condition]:
-        return [*self.detection.conditions.values(), self._data_fault]
+        return [*self.detection.conditions.values(), *self._data_faults.values()]
 
     @property
     def health(self) -> Health:
@@ -184,9 +209,14 @@ class Monitor:
     def _natural_frequency(self) -> Quantity:
         if self.estimate is not None and self.estimate.natural_frequency.known:
             return self.estimate.natural_frequency
-        return Quantity("natural_frequency", "Hz", self.settings.natural_frequency, validity=Validity.HELD)
+        configured = self.settings.natural_frequency
+        if configured <= 0.0:
+            return Quantity("natural_frequency", "Hz")
+        return Quantity("natural_frequency", "Hz", configured, validity=Validity.HELD)
 
     def _summary(self, active: list[Condition], stale: list[str], baseline: BaselineState) -> str:
+        if stale and self._stale["acceleration"].cause == NEVER_SEEN:
+            return "acceleration never seen: check the topic name"
         if stale:
             return "no " + " and no ".join(stale)
         if active:
@@ -207,21 +237,57 @@ class Monitor:
             stamp, Severity.ALARM, released=False, cause=source, quantity=_seconds(seconds), message=message
         )
 
-    def _judge_data(self, stamp: int) -> list[Event]:
-        faults = self.gate.lost + self.gate.refused
-        new = faults > self._last_fault
-        self._last_fault = faults
-        if not new and self._data_fault.active is None:
-            return []
-        worst = max(self.gate.faults.items(), key=lambda item: item[1])[0].value if self.gate.faults else ""
-        return self._data_fault.judge(
-            max(stamp, self._stamp),
-            Severity.WARNING if new else None,
-            released=not new,
-            cause=worst if new else "",
-            quantity=Quantity("faulty_blocks", "1", float(faults), validity=Validity.VALID),
-            message=f"{self.gate.lost} blocks lost, {self.gate.refused} refused since the start",
+    def _never_seen(self, stamp: int, seconds: float) -> list[Event]:
+        message = f"acceleration never seen in {seconds:.0f} s: check the topic name"
+        cause = NEVER_SEEN
+        if self.gate.refused:
+            message, cause = f"no usable acceleration in {seconds:.0f} s", "acceleration"
+        return self._stale["acceleration"].judge(
+            stamp, Severity.ALARM, released=False, cause=cause, quantity=_seconds(seconds), message=message
         )
+
+    def _judge_data(self, stamp: int) -> list[Event]:
+        """Judge what the gate found wrong with the newest block."""
+        fault = self.gate.fault
+        cause = "" if fault is None else fault.cause
+        events: list[Event] = []
+        for source, condition in self._data_faults.items():
+            new = cause != "" and source == (cause if cause in SEPARATE else "")
+            if new or condition.active is not None:
+                severity = Severity.ALARM if cause in WORTHLESS else Severity.WARNING
+                events += condition.judge(
+                    stamp,
+                    severity if new else None,
+                    released=not new,
+                    cause=cause if new else "",
+                    quantity=Quantity(
+                        "faulty_blocks",
+                        "1",
+                        float(self._faulty(cause or condition.cause)),
+                        validity=Validity.VALID,
+                    ),
+                    message=self._data(fault if new else None),
+                )
+        return events
+
+    def _faulty(self, cause: str) -> int:
+        """Return how many blocks were faulty for ``cause``; of those that were lost, how many."""
+        if cause == "lost":
+            return self.gate.lost
+        return sum(count for fault, count in self.gate.faults.items() if fault.cause == cause)
+
+    def _data(self, fault: Fault | None) -> str:
+        """Return what is wrong with the data in words."""
+        gate = self.gate
+        counts = f"{gate.lost} blocks lost, {gate.refused} refused since the start"
+        if fault is None:
+            return counts
+        said = fault.value
+        if fault is Fault.RATE and math.isfinite(gate.rate.departure):
+            said = f"sample_period is {100.0 * gate.rate.departure:+.2g} % off what the stamps show"
+        if fault is Fault.FOREIGN:
+            said = f"frame_id says {gate.other!r} on the topic of {gate.source!r}"
+        return f"{said}; {counts}"
 
 
 def _namur(level: Level, baseline: BaselineState, active: list[Condition]) -> Namur:

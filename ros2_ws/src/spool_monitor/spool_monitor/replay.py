@@ -121,7 +121,8 @@ class Replay:
         """
         self._lacking = self.estimator.lacking
         last = self.estimator.gate.last
-        if last is None or self._lacking <= 0 or not self.monitor.calm:
+        assert self._gate is not None
+        if last is None or self._lacking <= 0 or not self.monitor.calm or not self._gate.steady:
             return False
         _, self._stamp, before, self._period = last
         self._sequence = before + 1
@@ -142,8 +143,9 @@ class Replay:
         if gate.accepted != before and gate.last is not None:
             self.gap.take(block)
             self.samples += block.body.size
-            self.first_stamp = block.stamp if self.first_stamp is None else self.first_stamp
-            self.last_stamp = gate.last[1]
+            # A clock that was set back makes no duration negative.
+            self.first_stamp = min(block.stamp, self.first_stamp or block.stamp)
+            self.last_stamp = max(gate.last[1], self.last_stamp or gate.last[1])
         if self.refits is not None:
             self.refitted += [refit(task) for task in self.refits.update(block, estimates)]
         events = self.monitor.update(block)

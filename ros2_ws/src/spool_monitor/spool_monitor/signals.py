@@ -12,6 +12,9 @@ from spool_stream.compiled import compiled
 
 from .window import Array, Complex, Window
 
+#: s before a standstill in which a channel's span is looked at.
+BEFORE = 0.1
+
 #: Hz, the band of the spectra; the upper end is 0.4 of the sample rate where that is less.
 BAND = (3.0, 200.0)
 
@@ -21,13 +24,19 @@ class Channel:
     """One channel in a window: ``mean`` and ``rms`` (about the mean) in m/s^2.
 
     ``flat_top`` is the share of samples that lie on a flat top at the upper or lower extreme, 0 where the
-    extremes are those of a wave; ``constant`` whether no sample differs from another.
+    extremes are those of a wave. ``standing`` (s) is how long the newest sample has not changed, at most the
+    window's length, which ``constant`` says; ``step`` (m/s^2) is the smallest change between two samples, NaN
+    where none changes, and ``before`` (m/s^2) the span of the last samples before ``standing``, NaN where
+    they are not in the window.
     """
 
     mean: float
     rms: float
     flat_top: float
     constant: bool
+    standing: float = 0.0
+    step: float = math.nan
+    before: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,8 +77,8 @@ def look(window: Window) -> Signals:
     relative, squared, work = sums
     return Signals(
         stamp=window.stamp,
-        body=_channel(window.samples[0], window.means[0]),
-        spool=_channel(window.samples[1], window.means[1]),
+        body=_channel(window.samples[0], window.means[0], 1.0 / (window.step * size)),
+        spool=_channel(window.samples[1], window.means[1], 1.0 / (window.step * size)),
         frequency=frequency,
         body_power=body,
         spool_power=spool,
@@ -80,9 +89,15 @@ def look(window: Window) -> Signals:
     )
 
 
-def _channel(samples: Samples, mean: float) -> Channel:
-    square, flat, constant = levels(samples, mean)
-    return Channel(mean, math.sqrt(square), flat, constant)
+def _channel(samples: Samples, mean: float, period: float) -> Channel:
+    square, flat, standing, step = levels(samples, mean)
+    changing = samples.size - 1 - standing
+    count = round(BEFORE / period)
+    before = float(np.ptp(samples[changing - count : changing])) if changing >= count else math.nan
+    constant = standing == samples.size - 1
+    return Channel(
+        mean, math.sqrt(square), flat, constant, standing * period, step, before if standing else math.nan
+    )
 
 
 @compiled
@@ -113,16 +128,28 @@ def spectra(
 
 
 @compiled
-def levels(samples: Samples, mean: float) -> tuple[float, float, bool]:
-    """Return mean square about ``mean``, share of samples on flat tops, and whether all are equal."""
+def levels(samples: Samples, mean: float) -> tuple[float, float, int, float]:
+    """Return mean square about ``mean``, share of samples on flat tops, and how samples change.
+
+    That is how many of the newest ones equal the one before them, and the smallest change, NaN for none.
+    """
     low = high = np.float64(samples[0])
     square = 0.0
+    standing = -1
+    step = math.inf
+    previous = low
     for sample in samples:
         value = np.float64(sample)
+        if value == previous:
+            standing += 1
+        else:
+            standing = 0
+            step = min(step, abs(value - previous))
+        previous = value
         low, high = min(low, value), max(high, value)
         square += (value - mean) ** 2
     flat = 0.0
     if high > low:
         half = 0.5 * (high - low)
         flat = flat_top(samples, high, half) + flat_top(samples, low, -half)
-    return square / samples.size, flat, high == low
+    return square / samples.size, flat, standing, step if high > low else math.nan

@@ -9,7 +9,7 @@ import numpy as np
 from spool_estimator.warm_up import warm_up
 from spool_stream.block import Block
 
-from .monitor import Monitor
+from .monitor import Monitor, MonitorSettings
 from .travel import TravelCounter
 
 #: s of data after which every kernel has run.
@@ -19,7 +19,7 @@ SECONDS = 3
 def warm_up_monitor() -> None:
     """Run every kernel of the monitor once, over a body that shakes and a spool that follows."""
     shaking = np.random.default_rng(0).normal(0.0, 5.0, (2, 500)).astype(np.float32)
-    monitor = Monitor()
+    monitor = Monitor(MonitorSettings(natural_frequency=15.0))
     for second in range(SECONDS):
         monitor.update(Block((1 + second) * 10**9, second, 2e-3, shaking[0], 0.5 * shaking[1]))
     # Blocks of messages are read-only views of their bytes: numba compiles those apart.

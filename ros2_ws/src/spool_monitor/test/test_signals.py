@@ -188,14 +188,16 @@ def test_levels_are_what_numpy_makes_of_the_samples(seed: int, level: float, off
     wide = samples.astype(np.float64)
     low, high = float(wide.min()), float(wide.max())
     half = 0.5 * (high - low)
-    square, flat, constant = levels(samples, 0.1)
+    square, flat, standing, step = levels(samples, 0.1)
     assert square == pytest.approx(np.mean((wide - 0.1) ** 2), rel=1e-12)
     assert flat == slow_flat_top(wide, high, half) + slow_flat_top(-wide, -low, half)
-    assert not constant
+    changes = np.abs(np.diff(wide))
+    assert step == changes[changes > 0.0].min()
+    assert standing == (np.nonzero(changes[::-1])[0][0])
 
 
 def test_a_channel_that_does_not_move_is_constant_and_has_no_flat_top() -> None:
-    assert levels(np.full(100, 9.81, np.float32), float(np.float32(9.81))) == (0.0, 0.0, True)
+    assert levels(np.full(100, 9.81, np.float32), float(np.float32(9.81)))[:3] == (0.0, 0.0, 99)
 
 
 @given(natural=st.floats(5.0, 60.0), damping=st.floats(5.0, 300.0), seed=st.integers(0, 999))
