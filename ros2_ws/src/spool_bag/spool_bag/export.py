@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +15,12 @@ import pyarrow.parquet as pa_parquet
 from spool_stream.block import Block
 from spool_stream.block_gate import BlockGate, Verdict
 from spool_stream.errors import InputError
+from spool_stream.printable import printable
 
 from .csv_record import BODY, OIL_TEMPERATURE, SPOOL, TIME
 from .reader import BagReader
+from .staging import staged
+from .timeline import Timeline, step_text
 
 VALVE = "valve"
 BATCH_ROWS = 1 << 16
@@ -25,12 +28,13 @@ BATCH_ROWS = 1 << 16
 
 @dataclass(frozen=True, slots=True)
 class ExportResult:
-    """What went into ``file``; ``refused_blocks`` are malformed and left out."""
+    """What went into ``file``; ``refused_blocks`` are malformed and left out, ``warnings`` a line each."""
 
     file: Path
     valves: tuple[str, ...]
     rows: int
     refused_blocks: int
+    warnings: tuple[str, ...] = ()
 
 
 def export_bag(
@@ -44,7 +48,8 @@ def export_bag(
 
     Columns are the contract's: ``time_s`` from the bag's first stamp, float32 accelerations, the oil
     temperature where it is recorded (the last one known, empty before the first), and ``valve`` where there
-    are several; their rows follow one another. ``progress`` is told the number of rows of each batch.
+    are several; their rows follow one another. Where a clock was set, time is counted on. ``progress`` is
+    told the number of rows of each batch.
 
     Raises:
         InputError: the bag, a valve or the target's name cannot be used.
@@ -53,31 +58,66 @@ def export_bag(
     reader = BagReader(bag)
     chosen = tuple(valves or reader.valves)
     if not chosen:
-        raise InputError(f"{bag}: no acceleration topic in it, so there is nothing to export")
-    if out.exists():
+        raise InputError(
+            f"{bag}: no acceleration topic in it, so there is nothing to export; it has {reader.listed}"
+        )
+    if out.exists() or out.is_symlink():
         raise InputError(f"{out} exists already: name a file that does not, or remove it")
     starts = [start for start in (_first_stamp(reader, valve) for valve in chosen) if start is not None]
     if not starts:
         raise InputError(f"{bag}: no usable block in it, so there is nothing to export")
     thermal = any(f"/{valve}/oil_temperature" in reader.topics for valve in chosen)
     schema = _schema(several=len(chosen) > 1, thermal=thermal)
-    part = out.with_name(out.name + ".part")
     rows = 0
-    gates = {valve: BlockGate() for valve in chosen}
+    sources = {valve: _Source(min(starts), _cell(out, valve)) for valve in chosen}
     try:
-        with _writer(out, part, schema) as writer:
-            for valve in chosen:
-                for batch in _batches(reader, valve, min(starts), schema, gates[valve]):
+        kind = _kind(out)
+        with staged(out) as part, _writer(kind, part, schema) as writer:
+            for valve, source in sources.items():
+                for batch in _batches(reader, valve, source, schema):
                     writer.write_batch(batch)
                     rows += batch.num_rows
                     if progress is not None:
                         progress(batch.num_rows)
-        part.replace(out)
     except OSError as error:
         raise InputError(f"{out}: cannot be written: {error.strerror or error}") from error
-    finally:
-        part.unlink(missing_ok=True)
-    return ExportResult(out, chosen, rows, sum(gate.refused for gate in gates.values()))
+    warnings = [*reader.warnings]
+    for valve, source in sources.items():
+        warnings += [step_text(valve, step) for step in source.timeline.steps]
+    warnings += [
+        f"{topic}: {count} messages are not what their type says"
+        for topic, count in reader.undecodable.items()
+    ]
+    refused = sum(source.gate.refused for source in sources.values())
+    return ExportResult(out, chosen, rows, refused, tuple(warnings))
+
+
+@dataclass(slots=True)
+class _Source:
+    """What a valve's rows are made with: the bag's first stamp (ns), the name as a cell, judgements."""
+
+    start: int
+    cell: str
+    gate: BlockGate = field(default_factory=BlockGate)
+    timeline: Timeline = field(default_factory=Timeline)
+
+    def usable(self, block: Block) -> bool:
+        """Take a block; return whether its samples are to be written."""
+        self.timeline.take(block)
+        return self.gate.judge(block) is not Verdict.REFUSED
+
+    def since(self, block: Block) -> int:
+        """Return the time (ns) of the last block taken, across the steps of a clock that was set."""
+        spans = self.timeline.spans
+        return spans[-1].before + block.stamp - spans[-1].first + spans[0].first - self.start
+
+
+def _cell(out: Path, valve: str) -> str:
+    """Return a valve's name as a cell: in a CSV file nothing that a spreadsheet takes for a formula."""
+    if _kind(out) == ".parquet":
+        return valve
+    plain = printable(valve).translate(str.maketrans(dict.fromkeys(',;"', "_")))
+    return "'" + plain if plain[:1] in tuple("=+-@") else plain
 
 
 def _schema(*, several: bool, thermal: bool) -> pa.Schema:
@@ -87,11 +127,15 @@ def _schema(*, several: bool, thermal: bool) -> pa.Schema:
     return pa.schema([(VALVE, pa.string()), *fields] if several else fields)
 
 
-def _writer(out: Path, part: Path, schema: pa.Schema) -> AbstractContextManager[Any]:
+def _kind(out: Path) -> str:
     kind = "".join(out.suffixes[-2:]) if out.suffix == ".gz" else out.suffix
     if kind not in (".parquet", ".csv", ".csv.gz"):
         raise InputError(f"{out}: ends in {out.suffix or 'nothing'}: give a .parquet, .csv or .csv.gz file")
-    out.parent.mkdir(parents=True, exist_ok=True)
+    return kind
+
+
+def _writer(kind: str, part: Path, schema: pa.Schema) -> AbstractContextManager[Any]:
+    part.parent.mkdir(parents=True, exist_ok=True)
     if kind == ".parquet":
         writer: AbstractContextManager[Any] = pa_parquet.ParquetWriter(part, schema, compression="zstd")
         return writer
@@ -123,33 +167,31 @@ def _first_stamp(reader: BagReader, valve: str) -> int | None:
     )
 
 
-def _batches(
-    reader: BagReader, valve: str, start: int, schema: pa.Schema, gate: BlockGate
-) -> Iterator[pa.RecordBatch]:
-    blocks: list[Block] = []
+def _batches(reader: BagReader, valve: str, source: _Source, schema: pa.Schema) -> Iterator[pa.RecordBatch]:
+    blocks: list[tuple[int, Block]] = []
     temperatures: list[float] = []
     celsius, rows = float("nan"), 0
     for item in reader.stream(valve):
         if not isinstance(item, Block):
             celsius = item.celsius
-        elif gate.judge(item) is not Verdict.REFUSED:
-            blocks.append(item)
+        elif source.usable(item):
+            blocks.append((source.since(item), item))
             temperatures.append(celsius)
             rows += item.body.size
             if rows >= BATCH_ROWS:
-                yield _batch(valve, start, schema, blocks, temperatures)
+                yield _batch(source.cell, schema, blocks, temperatures)
                 blocks, temperatures, rows = [], [], 0
     if blocks:
-        yield _batch(valve, start, schema, blocks, temperatures)
+        yield _batch(source.cell, schema, blocks, temperatures)
 
 
 def _batch(
-    valve: str, start: int, schema: pa.Schema, blocks: list[Block], temperatures: list[float]
+    valve: str, schema: pa.Schema, timed: list[tuple[int, Block]], temperatures: list[float]
 ) -> pa.RecordBatch:
     # Whole nanoseconds divided once: the printed time is the shortest that names the stamp.
+    blocks = [block for _, block in timed]
     stamps = [
-        block.stamp - start + np.rint(np.arange(block.body.size) * (block.sample_period * 1e9))
-        for block in blocks
+        first + np.rint(np.arange(block.body.size) * (block.sample_period * 1e9)) for first, block in timed
     ]
     columns = {
         TIME: pa.array(np.concatenate(stamps) / 1e9),

@@ -55,9 +55,11 @@ class Definitions:
         key = (opcode, content[:2])
         if self._known.get(key) == content:
             return
+        if len(content) > LARGEST_DEFINITION or self._size + len(content) > MOST_DEFINITIONS:
+            raise ValueError(
+                f"a definition of more than {LARGEST_DEFINITION} bytes, or {MOST_DEFINITIONS} bytes of them"
+            )
         self._size += len(content)
-        if len(content) > LARGEST_DEFINITION or self._size > MOST_DEFINITIONS:
-            raise ValueError(f"definitions of {max(len(content), self._size)} bytes are more than are read")
         stream = ReadDataStream(BytesIO(content))
         if opcode == Opcode.SCHEMA:
             schema = Schema.read(stream)
