@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import html
 import io
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from string import Template
 
@@ -14,6 +13,7 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
+from spool_stream.uncertainty import number
 
 from .provenance import provenance
 
@@ -123,7 +123,7 @@ def _data(kind: str, content: bytes) -> str:
 
 def _cell(value: object) -> str:
     if isinstance(value, float):
-        return f"<td class=n>{value:.4g}</td>" if math.isfinite(value) else "<td class=n>not known</td>"
+        return f"<td class=n>{number(value)}</td>"
     if value is None:
         return "<td></td>"
     return f"<td>{html.escape(str(value))}</td>"

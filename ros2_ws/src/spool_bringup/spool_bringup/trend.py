@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from spool_monitor.state_file import default_folder, valve_folder
 from spool_monitor.trend import KEPT, Span, TrendStore, finest, own_file
 from spool_monitor.valve_state import TRENDS
 from spool_stream.errors import InputError
+from spool_stream.uncertainty import exact, number, unit_text
 
 from .commands import write_json
 from .outputs import check_output, write_file
@@ -60,9 +62,10 @@ def show_trend(
         store.close()
     if json is not None:
         write_json(json, _as_json(result))
+    shown = for_people(result)
     if out is not None:
-        _write(out, result)
-    _print(result, out)
+        _write(out, shown)
+    _print(shown, out)
 
 
 def _read(store: TrendStore, valve: str, wanted: Sequence[str], since: int) -> dict[str, Any]:
@@ -126,6 +129,21 @@ def _as_json(result: dict[str, Any]) -> dict[str, Any]:
     }
 
 
+def for_people(result: dict[str, Any]) -> dict[str, Any]:
+    """Return a history in units that are read easily: lengths below 1 m in mm; JSON keeps SI units."""
+    parameters = {name: _in_mm(unit, spans) for name, (unit, spans) in result["parameters"].items()}
+    return {**result, "parameters": parameters}
+
+
+def _in_mm(unit: str, spans: Sequence[Span]) -> tuple[str, Sequence[Span]]:
+    if unit != "m" or any(max(abs(span.minimum), abs(span.maximum)) >= 1.0 for span in spans):
+        return unit, spans
+    return "mm", [
+        replace(span, minimum=1e3 * span.minimum, mean=1e3 * span.mean, maximum=1e3 * span.maximum)
+        for span in spans
+    ]
+
+
 def draw(result: dict[str, Any]) -> Figure:
     """Return the history as one axis per parameter: mean as a line, from minimum to maximum as a band."""
     shown = {name: entry for name, entry in result["parameters"].items() if entry[1]}
@@ -172,8 +190,10 @@ def _write(out: Path, result: dict[str, Any]) -> None:
 def _seen(result: dict[str, Any]) -> str:
     """Return what the picture shows, in words."""
     parts = [
-        f"{row['parameter']} from {row['minimum']:.4g} to {row['maximum']:.4g} {row['unit']}"
-        for row in _rows(result)
+        f"{name.replace('_', ' ')} from {number(min(span.minimum for span in spans))} to "
+        f"{number(max(span.maximum for span in spans))} {unit}"
+        for name, (unit, spans) in result["parameters"].items()
+        if spans
     ]
     return f"History of {result['valve']}: {'; '.join(parts)}."
 
@@ -206,7 +226,9 @@ def _print(result: dict[str, Any], out: Path | None) -> None:
     rows = _rows(result)
     shown = Table(*rows[0], box=None, pad_edge=False)
     for row in rows:
-        shown.add_row(*(f"{value:.5g}" if isinstance(value, float) else str(value) for value in row.values()))
+        shown.add_row(
+            *(number(value, 5) if isinstance(value, float) else str(value) for value in row.values())
+        )
     console.print(shown)
     for name, (value, unit) in result["counters"].items():
-        console.print(f"{name} in all: {value:.5g} {unit if unit != '1' else ''}".rstrip(), highlight=False)
+        console.print(f"{name} in all: {exact(value)}{unit_text(unit)}", highlight=False)

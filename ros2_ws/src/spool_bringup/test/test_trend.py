@@ -30,6 +30,7 @@ def kept(tmp_path: Path) -> Path:
         at = (NOW - 3 * 3600 + second) * 1_000_000_000
         sums.add(at, "coulomb_force", "N", 0.1 + 1e-5 * second)
         sums.add(at, "spring_stiffness", "N/m", 1632.0)
+        sums.add(at, "relative_displacement", "m", 0.00125)
     sums.count("travel", "m", 250.0)
     store.write(sums, NOW * 1_000_000_000)
     store.close()
@@ -60,6 +61,18 @@ def test_the_numbers_are_those_that_were_kept(
         force["minimum"], force["mean"], force["maximum"], strict=True
     ))  # fmt: skip
     assert max(b - a for a, b in itertools.pairwise(force["start_s"])) == 1860
+
+
+def test_people_read_the_displacement_in_mm_and_programs_in_m(
+    kept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, drawn = tmp_path / "trend.json", tmp_path / "trend.html"
+    _, out, _ = run(capsys, "press/left", "--state-folder", kept, "--json", file, "--out", drawn)
+    assert re.search(r"relative displacement +mm +1\.2500 +1\.2500 +1\.2500", out)
+    assert "relative displacement from 1.250 to 1.250 mm" in drawn.read_text(encoding="utf-8")
+    displacement = json.loads(file.read_text())["parameters"]["relative_displacement"]
+    assert displacement["unit"] == "m"
+    assert displacement["maximum"][0] == 0.00125
 
 
 def test_one_parameter_since_a_time(kept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

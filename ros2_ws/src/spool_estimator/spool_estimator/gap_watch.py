@@ -11,7 +11,7 @@ import numpy as np
 from spool_stream.block import Block
 from spool_stream.quantity import Quantity
 from spool_stream.sentence import Account, over, raised
-from spool_stream.uncertainty import number
+from spool_stream.uncertainty import percent
 
 from .estimate import Estimate, State
 from .flat_top import flat_share
@@ -70,7 +70,7 @@ class GapChange:
     @property
     def sentence(self) -> str:
         """Return one line for people."""
-        now, usual = (f"{number(100.0 * share, 2)} %" for share in (self.residual.value, self.floor))
+        now, usual = (percent(share) for share in (self.residual.value, self.floor))
         account = Account(
             f"the model leaves {now} of the force unexplained, usually {usual}", "something is missing"
         )

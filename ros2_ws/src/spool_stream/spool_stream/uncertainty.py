@@ -83,6 +83,11 @@ def number(value: float, digits: int = _DIGITS) -> str:
     return _written(_rounded(value, last), 0, last)
 
 
+def percent(share: float, digits: int = 2) -> str:
+    """Return a share (1: all) in per cent with its sign, e.g. ``4.0 %``."""
+    return f"{number(100.0 * share, digits)} %"
+
+
 def exact(value: float) -> str:
     """Return a number that is given, not estimated: six significant digits, without noughts at the end."""
     text, mark, power = number(value, 6).partition("e")

@@ -13,6 +13,7 @@ from scipy.special import expit
 from spool_sim.model import Model
 from spool_sim.terms import term
 from spool_stream.quantity import Quantity, Validity
+from spool_stream.uncertainty import PLUS_MINUS, percent, with_interval
 
 from .effect import Effect
 from .force_balance import ForceBalance, ForceFit
@@ -223,20 +224,21 @@ def _sentence(
     floor: float,
     alike: tuple[str, ...],
 ) -> str:
-    numbers = (
-        f"{100.0 * before:.3g} % to {100.0 * after:.3g} % of the force (noise alone: {100.0 * floor:.2g} %)"
-    )
+    numbers = f"{percent(before, 3)} to {percent(after, 3)} of the force (noise alone: {percent(floor)})"
     if alike:
         return (
             "Viscous and Coulomb friction cannot be told apart in this record: the speed hardly varies. "
             f"With all of the catalogue the error goes from {numbers}."
         )
     if verdict == "none":
-        return f"Nothing of the catalogue is missing; the error is {100.0 * after:.3g} % of the force."
+        return f"Nothing of the catalogue is missing; the error is {percent(after, 3)} of the force."
     if verdict == "unexplained":
-        return f"Something is missing that has no name here; the error is {100.0 * after:.3g} % of the force."
+        return f"Something is missing that has no name here; the error is {percent(after, 3)} of the force."
     parts = []
     for effect in effects:
-        values = ", ".join(f"{q.name} {q.value:.3g} {q.unit}" for q in effect.parameters)
-        parts.append(f"{effect.id.replace('_', ' ')} ({values}): {effect.meaning}; check {effect.check}")
+        values = ", ".join(
+            f"{q.name} {with_interval(q.value, q.standard_deviation, q.unit)}" for q in effect.parameters
+        )
+        told = f"{values}; {PLUS_MINUS}"
+        parts.append(f"{effect.id.replace('_', ' ')} ({told}): {effect.meaning}; check {effect.check}")
     return f"The model lacks {'; and '.join(parts)}. With it the error falls from {numbers}."

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 from spool_stream.quantity import Quantity, Validity
+from spool_stream.uncertainty import PLUS_MINUS, percent, with_interval
 
 from .fitting import Step
 from .floor import Floor, excess, noise_floor
@@ -246,12 +247,12 @@ def sentence(
     base = search.base.name
     if verdict == "none":
         return (
-            f"Nothing is missing: '{base}' leaves {100.0 * after:.2g} % of the spool's acceleration, "
-            f"noise alone {100.0 * floor:.2g} %."
+            f"Nothing is missing: '{base}' leaves {percent(after)} of the spool's acceleration, "
+            f"noise alone {percent(floor)}."
         )
     if verdict == "unexplained" and scatter is not None and not candidates:
         return (
-            f"No force is missing, but {scatter.sentence}. '{base}' leaves {100.0 * after:.2g} % of the "
+            f"No force is missing, but {scatter.sentence}. '{base}' leaves {percent(after)} of the "
             "spool's acceleration."
         )
     if verdict == "unexplained":
@@ -259,9 +260,9 @@ def sentence(
         if rest.share > FORETOLD:
             near += f". What is left follows {rest.follows}: {100.0 * rest.share:.0f} % of it can be foretold"
         return (
-            f"Something is missing that has no name here: '{base}' leaves {100.0 * before:.2g} % of "
-            f"the spool's acceleration, the best of the catalogue {100.0 * after:.2g} %, "
-            f"noise would leave {100.0 * floor:.2g} %{near}."
+            f"Something is missing that has no name here: '{base}' leaves {percent(before)} of "
+            f"the spool's acceleration, the best of the catalogue {percent(after)}, "
+            f"noise would leave {percent(floor)}{near}."
         )
     parts = []
     for name in effects:
@@ -271,11 +272,11 @@ def sentence(
             known = extra.get(parameter)
             value = known.value if known else final.fitted.point.get(parameter)
             unit = known.unit if known else final.fitted.point.unit(parameter)
-            numbers.append(f"{parameter} {value:.3g}{'' if unit == '1' else f' {unit}'}")
-        parts.append(
-            f"{name.replace('_', ' ')} ({', '.join(numbers)}): {entry.on_the_machine}; check {entry.to_check}"
-        )
+            spread = known.standard_deviation if known else final.fitted.deviations.get(parameter, math.nan)
+            numbers.append(f"{parameter} {with_interval(value, spread, unit)}")
+        told = f"{', '.join(numbers)}; {PLUS_MINUS}"
+        parts.append(f"{name.replace('_', ' ')} ({told}): {entry.on_the_machine}; check {entry.to_check}")
     return (
-        f"The model lacks {'; and '.join(parts)}. With it the error falls from {100.0 * before:.2g} % to "
-        f"{100.0 * after:.2g} % of the spool's acceleration (noise alone: {100.0 * floor:.2g} %)."
+        f"The model lacks {'; and '.join(parts)}. With it the error falls from {percent(before)} to "
+        f"{percent(after)} of the spool's acceleration (noise alone: {percent(floor)})."
     )

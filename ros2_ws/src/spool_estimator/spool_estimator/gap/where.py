@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_stream.uncertainty import number
 
 from .result import Share, Surface, Where
 
@@ -95,8 +96,9 @@ def _sentence(rows: dict[str, tuple[Share, ...]]) -> str:
         for share in shares:
             part = (share.high - share.low) / width
             if share.share > 0.45 and share.share > 2.5 * part:
-                text = f"{100.0 * share.share:.0f} % of it at a {name} of {share.low:.3g} to {share.high:.3g}"
-                text += f" {share.unit}"
+                size, unit = (1e3, "mm") if share.unit == "m" else (1.0, share.unit)
+                low, high = number(size * share.low, 3), number(size * share.high, 3)
+                text = f"{100.0 * share.share:.0f} % of it at a {name} of {low} to {high} {unit}"
                 if best is None or share.share / part > best[0]:
                     best = (share.share / part, text)
     return best[1] if best else "it is spread over frequency, displacement, velocity and time"
