@@ -60,14 +60,30 @@ def main(arguments: list[str]) -> int:
         Exit code.
     """
     signal.signal(signal.SIGTERM, _as_interrupt)
+    _keep_standard_streams()
     try:
         return _run(arguments)
+    except BrokenPipeError:  # whoever reads the output has ended
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        return 141
     except DoorError as error:
         say(str(error))
         return error.exit_code
     except KeyboardInterrupt:
         say("interrupted: call again to go on")
         return 130
+
+
+def _keep_standard_streams() -> None:
+    """Open /dev/null in place of standard streams that the caller closed: files would get their numbers."""
+    for descriptor in (0, 1, 2):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+            os.set_inheritable(descriptor, True)
+    sys.stdout = sys.stdout or open(1, "w", closefd=False)  # noqa: SIM115 - as long as the process
+    sys.stderr = sys.stderr or open(2, "w", closefd=False)  # noqa: SIM115
 
 
 def _run(arguments: list[str]) -> int:

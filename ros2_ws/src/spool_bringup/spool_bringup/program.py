@@ -1,19 +1,43 @@
-"""Start of the command line: Ctrl-C ends it in one line while its libraries are still being loaded, too."""
+"""Program ``spool``: Ctrl-C is looked after before the libraries are loaded, which takes a second or two."""
 
 from __future__ import annotations
 
+import importlib
+import os
+import signal
 import sys
+from types import FrameType
+
+from spool_stream.standard_streams import drop_output, keep_standard_streams
+
+INTERRUPTED, NOBODY_READS = 130, 141  # what a shell says of SIGINT and SIGPIPE
 
 
 def main() -> int:
     """Run the command line; return the exit code."""
+    keep_standard_streams()
+    signal.signal(signal.SIGINT, _leave)
+    run = importlib.import_module("spool_bringup.cli").main
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        from .cli import main as run  # noqa: PLC0415 - loading takes up to a second
+        code = int(run())
+        sys.stdout.flush()
+    except BrokenPipeError:
+        code = NOBODY_READS
+    except SystemExit as end:  # rich ends so where nobody reads
+        if not isinstance(end.__context__, BrokenPipeError):
+            raise
+        code = NOBODY_READS
+    except KeyboardInterrupt:  # while what a command began is taken down
+        code = INTERRUPTED
+    drop_output()
+    return code
 
-        return run()
-    except KeyboardInterrupt:
-        print("spool: interrupted", file=sys.stderr)
-        return 130
+
+def _leave(_number: int, _frame: FrameType | None) -> None:
+    """End at once: nothing is open yet."""
+    os.write(2, b"spool: interrupted\n")
+    os._exit(INTERRUPTED)
 
 
 if __name__ == "__main__":
