@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,7 +11,7 @@ from pathlib import Path
 
 from spool_stream.errors import InputError
 
-from .cdr import CdrError, block_sequence
+from .cdr import CdrError, block_sequence, header_stamp
 from .definitions import ACCELERATION_BLOCK, TEMPERATURE
 
 DIAGNOSTICS = "/diagnostics"
@@ -71,23 +72,58 @@ def select_topics(graph: Mapping[str, Sequence[str]], valves: Sequence[str] = ()
     return dict(sorted(chosen.items()))
 
 
+#: Times the blocks that fit into the time that the stamps say went by, and blocks on top, that can be lost:
+#: clocks and block lengths vary, but not by more.
+LIKELY, SLACK = 3.0, 100.0
+
+
+@dataclass(slots=True)
+class _Place:
+    sequence: int
+    stamp: int
+    step: float = math.nan
+
+
 @dataclass(slots=True)
 class LossCount:
-    """Count the blocks that never arrived, by topic, from jumps in ``sequence``."""
+    """Count the blocks that never arrived, by topic, from jumps in ``sequence``.
+
+    A jump that is far beyond what the stamps say went by is a wrong number, not a loss. Where the next block
+    goes on from there it is another source, of which nothing is lost.
+    """
 
     lost: dict[str, int] = field(default_factory=dict)
-    _last: dict[str, int] = field(default_factory=dict)
+    _last: dict[str, _Place] = field(default_factory=dict)
+    _doubted: dict[str, int] = field(default_factory=dict)
 
     def see(self, topic: str, data: bytes) -> None:
         """Take note of the CDR of a block; bytes that are none are left to the reader to judge."""
         try:
-            sequence = block_sequence(data)
+            sequence, stamp = block_sequence(data), header_stamp(data)
         except CdrError:
             return
+        self.lost.setdefault(topic, 0)
         last = self._last.get(topic)
-        jump = sequence - last - 1 if last is not None else 0
-        self.lost[topic] = self.lost.get(topic, 0) + max(jump, 0)
-        self._last[topic] = sequence
+        if last is None:
+            self._last[topic] = _Place(sequence, stamp)
+            return
+        jump = sequence - last.sequence - 1
+        if jump > self._likely(last, stamp):
+            if self._doubted.get(topic) != sequence - 1:
+                self._doubted[topic] = sequence
+                return
+            jump = 0
+        self._doubted.pop(topic, None)
+        self.lost[topic] += max(jump, 0)
+        step = float(stamp - last.stamp) if jump == 0 and stamp > last.stamp else last.step
+        self._last[topic] = _Place(sequence, stamp, step)
+
+    @staticmethod
+    def _likely(last: _Place, stamp: int) -> float:
+        """Return how many blocks can have been lost since ``last``."""
+        if math.isnan(last.step):
+            return SLACK
+        return SLACK + LIKELY * max(stamp - last.stamp, 0) / last.step
 
 
 def new_bag(output: str, now: datetime | None = None, activation: int = 0, *, number: bool = False) -> Path:

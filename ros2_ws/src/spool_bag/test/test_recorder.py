@@ -66,6 +66,15 @@ def test_losses_are_counted_by_topic() -> None:
     assert count.lost == {"/a": 2, "/b": 0}
 
 
+def test_one_false_number_is_no_loss() -> None:
+    """A wrong word in one block would otherwise count 10^18 lost blocks."""
+    count = LossCount()
+    one = np.zeros(20, np.float32)
+    for number, sequence in enumerate((*range(50), 2**60, *range(51, 60), *range(62, 70))):
+        count.see("/a", encode_block(Block(10**9 + 20_000_000 * number, sequence, 1e-3, one, one), "v"))
+    assert count.lost == {"/a": 3}  # the block with the false number, and two that are missing
+
+
 def test_every_activation_gets_a_bag_of_its_own(tmp_path: Path) -> None:
     given = str(tmp_path / "bag")
     assert new_bag(given) == tmp_path / "bag"
