@@ -12,11 +12,11 @@ class MonitorSettings:
     """Thresholds of one valve's monitor.
 
     ``natural_frequency`` (Hz) holds until the estimator knows better; 0: unknown, what needs it waits. The
-    changes are those that must be found: relative for the viscous coefficient and the stiffness, in N for the Coulomb force; each alarm
-    level is twice the warning. ``baseline_time`` (s) of valid estimates makes the start values.
-    ``false_alarm_hours`` (h) is the mean time between false alarms of one parameter that noise alone may
-    cause. ``gain_change`` (relative) and ``offset_change`` (m/s^2) are those of a channel that is at fault.
-    ``stale_after`` (s) without data or estimates is reported.
+    changes are those that must be found: relative for the viscous coefficient and the stiffness, in N for
+    the Coulomb force; each alarm level is twice the warning. ``baseline_time`` (s) of valid estimates makes
+    the start values. ``false_alarm_hours`` (h) is the mean time between false alarms of one parameter that
+    noise alone may cause. ``gain_change`` (relative) and ``offset_change`` (m/s^2) are those of a channel
+    that is at fault. ``stale_after`` (s) without data or estimates is reported.
     """
 
     natural_frequency: float = 0.0
