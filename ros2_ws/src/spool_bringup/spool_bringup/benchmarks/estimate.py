@@ -10,6 +10,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from time import process_time
 from typing import Protocol
 
 import numpy as np
@@ -91,7 +92,7 @@ def recursion() -> Iterator[Timing]:
     def taken(make: Callable[[], Recursion], part: slice, block: int) -> float:
         """Return s per sample."""
         samples = target[part].size
-        return best_of(5, lambda: _take(make(), rows[part], target[part], block)) / samples
+        return best_of(5, lambda: _take(make(), rows[part], target[part], block), process_time) / samples
 
     found = _take(ours(), rows, target, BLOCK)  # compiles
     other = _take(compiled(), rows, target, BLOCK)
@@ -100,7 +101,7 @@ def recursion() -> Iterator[Timing]:
     blocks, ones = f"{work}, ours in blocks of {BLOCK}", f"{work}, one sample a call"
     by_blocks, by_ones = taken(ours, slice(None), BLOCK), taken(ours, few, 1)
     loop, loop_ones = taken(compiled, slice(None), BLOCK), taken(compiled, few, 1)
-    theirs = best_of(2, padasip_run) / SAMPLES
+    theirs = best_of(2, padasip_run, process_time) / SAMPLES
     differences = [float(np.abs(found - peer).max()) for peer in (other, against)]
     yield Timing(
         blocks, f"compiled loop, blocks of {BLOCK}", by_blocks, loop, differences[0], 0.0, compiling=1.0

@@ -108,17 +108,29 @@ def _lines(target: Array, motion: RelativeMotion, period: float) -> tuple[float,
 
 
 def named(given: Library, *, ensemble: bool) -> frozenset[str]:
-    """Return the effects whose columns PySINDy keeps, at the setting with the least held-out error."""
+    """Return the effects whose columns PySINDy keeps, at the setting with the least held-out error.
+
+    An ensemble takes the ridge that does best without one, and looks for a threshold of its own.
+    """
+    coefficients, ridge = _best(given, RIDGES, ensemble=False)
+    if ensemble:
+        coefficients, _ = _best(given, (ridge,), ensemble=True)
+    return _owners(given.owners, coefficients)
+
+
+def _best(given: Library, ridges: Sequence[float], *, ensemble: bool) -> tuple[Array, float]:
+    """Return coefficients and ridge with the least error on the held-out stretches."""
     turn = np.arange(given.target.size) * STRETCHES // given.target.size % 2
     fitted, held_out = turn == 0, turn == 1
-    best, kept = float("inf"), frozenset[str]()
-    for threshold, ridge in product(THRESHOLDS, RIDGES):
-        coefficients = _fit(given.columns[fitted], given.target[fitted], threshold, ridge, ensemble=ensemble)
-        left = given.target[held_out] - given.columns[held_out] @ coefficients
-        error = float(np.mean(left**2))
-        if error < best:
-            best, kept = error, _owners(given.owners, coefficients)
-    return kept
+
+    def error(found: tuple[Array, float]) -> float:
+        return float(np.mean((given.target[held_out] - given.columns[held_out] @ found[0]) ** 2))
+
+    trials = (
+        (_fit(given.columns[fitted], given.target[fitted], threshold, ridge, ensemble=ensemble), ridge)
+        for threshold, ridge in product(THRESHOLDS, ridges)
+    )
+    return min(trials, key=error)
 
 
 def _owners(owners: Sequence[str], coefficients: Array) -> frozenset[str]:

@@ -1,10 +1,10 @@
 """Simulating dry friction: ours beside SciPy's solvers and compiled schemes, and many valves at once.
 
-Our time holds the computing of the excitation, as the peers' does. A ratio is the product of two factors:
-how much longer the peer took than it would need were it compiled (its evaluations of the equation of
-motion, each at the time that one takes in a compiled scheme of :mod:`.sim_compiled`), and what is left
-for the scheme. Work of the solver beside the evaluations counts as interpreted: of implicit ones the
-first factor is too large.
+Times are processor time; ours holds the computing of the excitation, as the peers' does. A ratio is the
+product of two factors: how much longer the peer took than it would need were it compiled (its evaluations of
+the equation of motion, each at the time that one takes in a compiled scheme of :mod:`.sim_compiled`), and
+what is left for the scheme. Work of the solver beside the evaluations counts as interpreted: of implicit ones
+the first factor is too large.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,7 +115,7 @@ def measured(motion: ComposedMotion, sweep: SweptSine) -> Ours:
     reference = _ours(motion, sweep, 128)
     runs = [
         Run(
-            best_of(7, partial(_ours, motion, sweep, steps)),
+            best_of(7, partial(_ours, motion, sweep, steps), process_time),
             _error(_ours(motion, sweep, steps), reference),
         )
         for steps in (1, 2, 4, 8)
@@ -139,7 +140,9 @@ def compiled_rows(ours: Ours) -> Iterator[Timing]:
         found, _ = solve()  # compiles
         error = _error(found, ours.reference)
         own = ours.beside(error)
-        yield Timing(WORK, peer, own.seconds, best_of(3, solve), own.error, error, compiling=1.0)
+        yield Timing(
+            WORK, peer, own.seconds, best_of(3, solve, process_time), own.error, error, compiling=1.0
+        )
 
 
 def evaluation_time() -> float:
@@ -147,7 +150,7 @@ def evaluation_time() -> float:
     steps, width = SMOOTHED[1]
     run = partial(sim_compiled.smoothed, round(SECONDS * RATE), 1.0 / RATE, steps, PLANT, SWEEP, width)
     _, evaluations = run()
-    return best_of(3, run) / evaluations
+    return best_of(3, run, process_time) / evaluations
 
 
 def scipy_row(ours: Ours, method: str, friction: str, tolerance: float, evaluation: float) -> Timing:
@@ -215,6 +218,6 @@ def _batches(motion: ComposedMotion, sweep: SweptSine) -> Iterator[Timing]:
         def advance(states: list[MotionState] = states, tables: Array = tables) -> object:
             return motion.advance_batch(states, forcing, tables, sample_period=1.0 / RATE, substeps=2)
 
-        taken = best_of(20 if count == 1 else 3, advance)
+        taken = best_of(20 if count == 1 else 3, advance, process_time)
         one = one or taken
         yield Timing(f"1 s of {count} valves together", f"{count} times one valve", taken, count * one)

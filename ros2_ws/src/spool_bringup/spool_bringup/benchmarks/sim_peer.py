@@ -39,7 +39,7 @@ class Solved:
     """What a solver needed and found.
 
     Attributes:
-        seconds: s.
+        seconds: s of computing.
         evaluations: of the equation of motion.
         displacement: at the samples, m, shape (n,); ``None`` without a result.
     """
@@ -57,13 +57,13 @@ class _Balance:
     """The balance of forces, with a count of its evaluations and an end of the time allowed."""
 
     def __init__(self, cap: float) -> None:
-        self.begin, self.cap, self.evaluations = time.perf_counter(), cap, 0
+        self.begin, self.cap, self.evaluations = time.process_time(), cap, 0
         self.rate = (HIGH - LOW) / SECONDS
 
     @property
     def seconds(self) -> float:
-        """s since it was made."""
-        return time.perf_counter() - self.begin
+        """s of computing since it was made."""
+        return time.process_time() - self.begin
 
     def body(self, t: float) -> float:
         """Return the body's acceleration, m/s^2."""
@@ -91,7 +91,7 @@ def solve(method: str, friction: str, tolerance: float, cap: float) -> Solved:
         method: of ``solve_ivp``.
         friction: one of ``SIGNS``, or ``EVENTS``.
         tolerance: relative; the absolute one is a millionth of it, in m and m/s.
-        cap: s.
+        cap: s of computing.
     """
     balance = _Balance(cap)
     try:
