@@ -158,6 +158,8 @@ def export(bag: Path, out: Path, valves: Sequence[str] | None) -> None:
     """Write a bag's samples as a table and say how many."""
     with making_room(out), progress("exporting") as advance:
         result = export_bag(bag, out, valves=valves, progress=advance)
+    for warning in result.warnings:
+        warn(warning)
     print(f"{out}: {result.rows} rows of {printable(', '.join(result.valves))}")
 
 
@@ -187,7 +189,10 @@ def _show(found: BagInformation) -> None:
     state = "closed properly" if found.closed else "not closed properly: see ./spool recover"
     text = f"{found.path}: {duration}, {found.size / 1e6:.1f} MB, {state}"
     console.print(cell(text), soft_wrap=True)
-    topics = Table("topic", "type", "messages", "per second", box=None, pad_edge=False)
+    topics = Table(box=None, pad_edge=False)
+    for column in ("topic", "type", "messages", "per second"):
+        # A name is never cut: where the terminal is too narrow it goes on in the next line.
+        topics.add_column(column, overflow="fold")
     for topic in found.topics:
         rate = "" if topic.rate is None else f"{topic.rate:.1f}"
         topics.add_row(cell(topic.name), cell(topic.type), str(topic.messages), rate)
@@ -222,11 +227,12 @@ def recover_bag(bag: Path, out: Path) -> int:
     print(f"{out}: {kept} messages saved, {lost} lost, {bad} not decodable, {_damaged(result.damages)}")
     for damage in result.damages[:MOST_PLACES]:
         gone = "an unknown number of" if damage.lost is None else str(damage.lost)
-        print(f"  at byte {damage.offset}, {damage.size} bytes: {printable(damage.reason)}; {gone} messages lost")
+        place = f"at byte {damage.offset}, {damage.size} bytes: {printable(damage.reason)}"
+        print(f"  {place}; {gone} messages lost")
     if len(result.damages) > MOST_PLACES:
         print(f"  and {len(result.damages) - MOST_PLACES} more")
     for valve, missing in result.missing.items():
-        print(f"  /{printable(valve)}: {missing} blocks are missing in between by their sequence numbers")
+        print(f"  /{printable(valve)}: {missing} blocks are missing by their sequence numbers")
     if not result.closed:
         print("  the recording was not finished: what was not yet on the disk at its end is not counted")
     for warning in result.warnings:
@@ -266,8 +272,8 @@ def replay(
             console.print(cell(f"  {found['t_s']:8.1f} s  {text}"), soft_wrap=True)
         for event in valve["events"]:
             cause = f" ({event['cause'].replace('_', ' ')})" if event["cause"] else ""
-            what = f"{event['severity']} {event['state']}: {event['kind'].replace('_', ' ')}{cause}"
-            text = f"{what}: {event['message']}"
+            what = f"{event['kind'].replace('_', ' ')}{cause}: " if event["state"] == "raised" else ""
+            text = f"{event['severity']} {event['state']}: {what}{event['message']}"
             console.print(cell(f"  {event['t_s']:8.1f} s  {text}"), soft_wrap=True)
 
 

@@ -38,7 +38,7 @@ class Display:
     _last: float = 0.0
 
     def __enter__(self) -> Display:
-        self.say(f"estimates: {LEGEND}")
+        self.say(f"estimates {LEGEND}")
         if self.console.is_terminal:
             self._live = Live(self._table(0.0), console=self.console, refresh_per_second=4)
             self._live.start()
@@ -63,9 +63,8 @@ class Display:
         mark = "▲" if raised else "▼"
         style = "yellow" if raised and event.severity == HealthEvent.SEVERITY_WARNING else "red"
         kind = event.kind.replace("_", " ") + (f" ({event.cause.replace('_', ' ')})" if event.cause else "")
-        severity = _SEVERITIES.get(event.severity, "event") if raised else "over"
-        style = style if raised else "green"
-        line = Text(f"{elapsed:5.1f} s  {mark} {name}  {severity}: {kind}: ", style=style)
+        what = f"{_SEVERITIES.get(event.severity, 'event')}: {kind}: " if raised else ""
+        line = Text(f"{elapsed:5.1f} s  {mark} {name}  {what}", style=style if raised else "green")
         line.append(event.message, style="default")
         self.console.print(line, soft_wrap=True)
 

@@ -236,15 +236,26 @@ class ParameterDrift:
         threshold = threshold_for(self.run_length, self.sum.allowance, 2.0 * memory * deviation**2)
         return self.sum.size >= threshold and abs(self._smoothed) > SIGNIFICANCE * deviation
 
-    def text(self) -> str:
-        """Return how the parameter changed, for people: the smoothed change, so that all numbers agree."""
+    @property
+    def latest_change(self) -> Quantity:
+        """The change that the last estimate shows, unsmoothed, with its standard deviation."""
         base = self.baseline.value
-        size = self.matters * (abs(base) if self.relative else 1.0)
-        now = base + self._smoothed * size
+        deviation = math.hypot(self.quantity.standard_deviation, self.baseline.spread)
+        size, unit = (abs(base), "1") if self.relative else (1.0, self.quantity.unit)
+        if not self.quantity.known or not size > 0.0:
+            return self.change
+        value = (self.quantity.value - base) / size
+        return Quantity(self.change.name, unit, value, deviation / size, Validity.VALID)
+
+    def text(self) -> str:
+        """Return how the parameter changed, for people: the last estimate against the baseline.
+
+        Not the smoothed change, which lags behind a drift by more than the estimate's interval is wide.
+        """
         return change(
             self.quantity.name,
             self.quantity.unit,
-            (now, self.quantity.standard_deviation),
-            (base, self.baseline.spread),
+            (self.quantity.value, self.quantity.standard_deviation),
+            (self.baseline.value, self.baseline.spread),
             relative=self.relative,
         )

@@ -114,8 +114,9 @@ def _causes(causes: tuple[ShareOfCause, ...]) -> list[str]:
     if not said:
         return []
     first, *others = [
-        f"{_words(cause.name)}, share {cause.share:.2f}" + (f" ({cause.evidence})" if cause.evidence else "")
-        for cause in said
+        f"{_words(cause.name)}, share {cause.share:.2f}" + (f" ({cause.evidence})" if new else "")
+        for place, cause in enumerate(said)
+        for new in (cause.evidence and cause.evidence not in {one.evidence for one in said[:place]},)
     ]
     return ["; or ".join([f"most likely cause: {first}", *others])]
 

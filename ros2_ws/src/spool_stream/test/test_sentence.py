@@ -106,6 +106,9 @@ def test_a_sentence_keeps_its_order_and_says_nothing_twice(
     assert shares == sorted(shares, reverse=True)
     assert sum(shares) <= Decimal("1.02")
     assert "%" not in raised(account)
+    evident = tuple(ShareOfCause(cause.name, cause.share, "as the oil warmed") for cause in causes)
+    told = raised(Account("force rose", causes=evident))
+    assert told.count("as the oil warmed") == min(1, len([one for one in causes if one.share >= 0.1]))
     ended = over("friction_drift", account, 12.34)
     assert ended == "friction drift is over after 12.3 s: force rose"
 

@@ -43,7 +43,7 @@ class FrictionDrift(Detector):
             return Account(leading.text(), began=began, causes=told)
 
         released = viscous.released and coulomb.released
-        return Finding(moment.stamp, indicated, released, causes[0].name, leading.change, account)
+        return Finding(moment.stamp, indicated, released, causes[0].name, leading.latest_change, account)
 
 
 def _evidence(cause: Cause, leading: ParameterDrift, parameters: dict[str, ParameterDrift]) -> str:

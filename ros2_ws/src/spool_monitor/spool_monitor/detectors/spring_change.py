@@ -33,4 +33,6 @@ class SpringChange(Detector):
             at = f", natural frequency now {natural:.1f} Hz" if math.isfinite(natural) else ""
             return Account(f"{stiffness.text()}{at}", began=began)
 
-        return Finding(moment.stamp, stiffness.level, stiffness.released, cause, stiffness.change, account)
+        return Finding(
+            moment.stamp, stiffness.level, stiffness.released, cause, stiffness.latest_change, account
+        )
