@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 from pathlib import Path
@@ -11,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import pyarrow.parquet
 import pytest
+from spool_bag.information import describe
+from spool_bag.writer import BagWriter
 from spool_bringup.cli import app
 from spool_msgs.msg import AccelerationBlock
 from typer.main import get_command
@@ -53,7 +56,8 @@ def _bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
         *("--seconds", SECONDS, "--out", bag),
     )
     assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
+    # Only progress, where it took long.
+    assert all(line.startswith("simulating: ") for line in done.stderr.splitlines())
     return bag
 
 
@@ -89,7 +93,7 @@ def test_what_is_not_known_is_null(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     done = spool("replay", bag, "--json", tmp_path / "replay.json")
     assert done.returncode == 0, done.stderr
-    assert "not known" in done.stdout
+    assert "unknown" in done.stdout
     estimate = read_json(tmp_path / "replay.json")["valves"]["valve_1"]["estimate"]
     assert estimate["natural_frequency_Hz"] is None
     assert estimate["parameters"]["spring_stiffness"] == {"value": None, "std": None, "unit": "N/m"}
@@ -153,6 +157,88 @@ def test_help_comes_through_the_door(command: str) -> None:
     done = spool(command, "--help")
     assert done.returncode == 0, done.stderr
     assert f"./spool {command}" in done.stdout
+
+
+def test_version_names_package_and_commit() -> None:
+    done = spool("--version")
+    assert done.returncode == 0, done.stderr
+    assert re.fullmatch(r"spool \d+\.\d+\.\d+( \(commit [0-9a-f]{12}\+?\))?\n", done.stdout)
+
+
+@pytest.mark.parametrize(
+    ("typed", "expected"),
+    [
+        ("./spool repl", {"replay"}),
+        ("./spool fit bag --valve 4weh10_s", {"4weh10_soft", "4weh10_stiff"}),
+        ("./spool fit bag --model coulomb", {"coulomb", "coulomb_hydrodynamic"}),
+        ("./spool simulate --excitation mult", {"multisine"}),
+        ("./spool gap bag --base stri", {"stribeck"}),
+    ],
+)
+def test_tab_completes_commands_and_names(typed: str, expected: set[str]) -> None:
+    """As bash asks for it with what `--show-completion` prints."""
+    *_, begun = typed.split()
+    asked = {
+        "_SPOOL_COMPLETE": "complete_bash",
+        "COMP_WORDS": typed,
+        "COMP_CWORD": str(len(typed.split()) - 1),
+    }
+    done = subprocess.run(
+        [ROOT / "spool"], env={**os.environ, **asked}, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert expected <= set(done.stdout.split()), done.stderr
+    assert all(word.startswith(begun) for word in done.stdout.split())
+
+
+def test_shown_completion_is_for_the_launcher() -> None:
+    done = subprocess.run(
+        [ROOT / "spool", "--show-completion", "bash"], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert "_SPOOL_COMPLETE" in done.stdout + done.stderr
+
+
+def test_json_on_standard_output_is_all_there_is(bag: Path) -> None:
+    done = spool("replay", bag, "--json", "-")
+    assert done.returncode == 0, done.stderr
+    assert set(json.loads(done.stdout)["valves"]) == {"valve_1"}
+
+
+def test_names_in_a_bag_do_not_steer_the_terminal(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/\x1b[2J\x07[red]/oil", "sensor_msgs/msg/Temperature")
+    done = spool("info", tmp_path / "bag")
+    assert done.returncode == 2
+    assert "no valve in it" in done.stderr
+    assert "spool_msgs/msg/AccelerationBlock" in done.stderr
+    assert not {"\x1b", "\x07"} & set(done.stdout + done.stderr)
+    assert "[red]" in done.stdout
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_demonstration_says_what_was_recorded(
+    system: System, tmp_path: Path, number: int
+) -> None:
+    blocks = system.listen(AccelerationBlock, "/valve_1/acceleration")
+    process = subprocess.Popen(
+        [ROOT / "spool", "demo", "--out", tmp_path / "demo"],
+        env={**os.environ, "ROS_DOMAIN_ID": str(system.domain_id)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        system.until(lambda: len(blocks.heard) > 50, "the valves are simulated")
+        process.send_signal(number)
+        said, _ = process.communicate(timeout=60)
+    finally:
+        process.kill()
+        process.wait()
+    assert process.returncode == 130
+    assert "Traceback" not in said
+    assert "Error" not in said
+    information = describe(tmp_path / "demo" / "bag")
+    assert information.closed
+    assert f"{sum(valve.blocks for valve in information.valves)} blocks recorded" in " ".join(said.split())
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

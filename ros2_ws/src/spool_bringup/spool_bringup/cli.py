@@ -139,7 +139,8 @@ def import_(
     start: Annotated[
         str | None,
         typer.Option(
-            help="Time of time_s = 0, ISO 8601, UTC; default: 2025-01-01, or none where time_s counts from 1970."
+            help="Time of time_s = 0, ISO 8601, UTC; default: 2025-01-01, "
+            "or none where time_s counts from 1970."
         ),
     ] = None,
     _force: Force = False,
@@ -260,7 +261,9 @@ def bench(
     json: JsonFile = None,
     seed: Annotated[int | None, typer.Option(help="gap, monitor: of the first record that is drawn.")] = None,
     cases: Annotated[int | None, typer.Option(help="gap: records; monitor: of every kind.")] = None,
-    markdown: Annotated[Path | None, typer.Option(help="Write the table as Markdown.", metavar="FILE")] = None,
+    markdown: Annotated[
+        Path | None, typer.Option(help="Write the table as Markdown.", metavar="FILE")
+    ] = None,
     _force: Force = False,
 ) -> None:
     """Time the suite beside its peers, on the same work in one run.
