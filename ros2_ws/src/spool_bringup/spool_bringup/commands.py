@@ -261,7 +261,7 @@ def replay(
             warn(warning)
         text = f": {valve['blocks']} blocks, {losses}; {valve['valve']['sentence']}"
         console.print(cell(name, "bold") + cell(text), soft_wrap=True)
-        console.print(f"  at the end ({LEGEND}):", highlight=False)
+        console.print(f"  at the end, {LEGEND}:", highlight=False, soft_wrap=True)
         for parameter, quantity in valve["estimate"]["parameters"].items():
             console.print(f"  {parameter.replace('_', ' '):22} {_number(quantity)}", highlight=False)
         for found in valve.get("refits", ()):

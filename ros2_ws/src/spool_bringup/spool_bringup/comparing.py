@@ -210,7 +210,7 @@ def print_comparison(series: Sequence[Series], ranking: Ranking, console: Consol
             text = f"  {judged.name.replace('_', ' ')}: {', '.join(parameter_lines(judged))}"
             console.print(text, markup=False, highlight=False, soft_wrap=True)
         _print(series_rows(one), console)
-    console.print(LEGEND, markup=False, highlight=False)
+    console.print(LEGEND, markup=False, highlight=False, soft_wrap=True)
     console.print("[bold]Ranking[/bold]", highlight=False)
     _print(ranking_rows(ranking), console)
     for sentence in ranking.sentences:

@@ -16,7 +16,7 @@ from spool_estimator.fit_result import Agreement, Fit, FitSettings
 from spool_sim.model import Model
 from spool_stream.errors import InputError
 from spool_stream.quantity import Quantity
-from spool_stream.uncertainty import PLUS_MINUS, UNKNOWN, exact, interval, number, unit_text
+from spool_stream.uncertainty import PLUS_MINUS, UNKNOWN, exact, interval, number, unit_text, width
 
 from .fit_data import Data
 from .outputs import write_file
@@ -248,7 +248,7 @@ def model_text(found: Fit, source: str) -> str:
     ]
     for parameter in found.model.parameters:
         quantity = said.get(parameter.name)
-        note = "held" if quantity is None else f"std {quantity.standard_deviation:.2g}"
+        note = "held" if quantity is None else width(quantity.value, quantity.standard_deviation)
         if quantity is not None and not math.isfinite(quantity.value):
             note = "one choice of several that act alike"
         lines.append(f"  {parameter.name}: {found.values[parameter.name]!r}  # {parameter.unit}, {note}")

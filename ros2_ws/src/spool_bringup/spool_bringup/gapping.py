@@ -21,7 +21,7 @@ from spool_sim.model import Model, load_model
 from spool_sim.valve import Valve, find_valve
 from spool_stream.errors import InputError
 from spool_stream.quantity import Quantity
-from spool_stream.uncertainty import PLUS_MINUS, interval
+from spool_stream.uncertainty import PLUS_MINUS, interval, width
 
 from .commands import write_json
 from .fit_data import check
@@ -202,7 +202,7 @@ def save_model(path: Path, model: Model, fitted: Sequence[Quantity], comment: st
         if parameter.name not in model.values:
             continue
         quantity = known.get(parameter.name)
-        note = "held" if quantity is None else f"std {quantity.standard_deviation:.2g}"
+        note = "held" if quantity is None else width(quantity.value, quantity.standard_deviation)
         lines.append(
             f"  {parameter.name}: {float(model.values[parameter.name])!r}  # {parameter.unit}, {note}"
         )

@@ -70,6 +70,11 @@ def with_interval(value: float, standard_deviation: float, unit: str = "1") -> s
     return UNKNOWN if shown.value == UNKNOWN else f"{shown}{unit_text(unit)}"
 
 
+def width(value: float, standard_deviation: float) -> str:
+    """Return the half width of the 95 % interval as it stands behind a value: ``± 0.011 (95 %)``."""
+    return f"± {interval(value, standard_deviation).half_width} (95 %)"
+
+
 def number(value: float, digits: int = _DIGITS) -> str:
     """Return a number without interval: ``digits`` significant digits, the integer part whole."""
     if not math.isfinite(value):
