@@ -116,7 +116,7 @@ def _cell(out: Path, valve: str) -> str:
     """Return a valve's name as a cell: in a CSV file nothing that a spreadsheet takes for a formula."""
     if _kind(out) == ".parquet":
         return valve
-    plain = printable(valve).translate(str.maketrans(dict.fromkeys(',;"', "_")))
+    plain = printable(valve).translate(str.maketrans(',;"', "___"))
     return "'" + plain if plain[:1] in tuple("=+-@") else plain
 
 

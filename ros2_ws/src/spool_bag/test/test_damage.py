@@ -241,7 +241,7 @@ def test_an_unfinished_bag_is_recognisable_and_a_finished_one_has_no_mark(killed
     assert custom(bag) is None
 
 
-def test_every_chunk_explains_itself_and_others_read_it(killed: Path, tmp_path: Path) -> None:
+def test_definitions_are_repeated_and_others_read_them(killed: Path, tmp_path: Path) -> None:
     first = places(killed, Opcode.CHUNK)[3]
     header = places(killed, Opcode.HEADER)[0]
     chunk = places(killed, Opcode.CHUNK)[0]
@@ -261,3 +261,25 @@ def test_every_chunk_explains_itself_and_others_read_it(killed: Path, tmp_path: 
     assert summary is not None
     assert {channel.topic for channel in summary.channels.values()} == set(result.messages)
     assert len(summary.schemas) == 2
+
+
+def test_a_rare_topic_does_not_lose_its_definition_with_its_first_chunk(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "live", flush_interval=1e9) as writer:
+        often = writer.add_topic("/valve_1/acceleration", ACCELERATION_BLOCK)
+        rare = writer.add_topic("/valve_1/oil_temperature", TEMPERATURE)
+        samples = np.zeros(40, np.float32)
+        for chunk in range(40):
+            block = Block(START + chunk * 20_000_000, chunk, 0.0005, samples, samples)
+            writer.write(often, block.stamp, encode_block(block, "valve_1"))
+            if chunk in (0, 29):
+                item = OilTemperature(block.stamp, 40.0)
+                writer.write(rare, block.stamp, encode_temperature(item, "valve_1"))
+            writer.flush()
+        shutil.copytree(tmp_path / "live", tmp_path / "killed")
+    first, second = places(tmp_path / "killed", Opcode.CHUNK)[:2]
+
+    def wipe(content: bytearray) -> None:
+        content[first:second] = bytes(second - first)
+
+    result = recover(damaged(tmp_path / "killed", tmp_path, wipe), tmp_path / "mended")
+    assert result.messages == {"/valve_1/acceleration": 39, "/valve_1/oil_temperature": 1}
