@@ -101,7 +101,7 @@ def simulate(
     blocks = simulator.records(seconds)
     valve_id = simulator.valve.id
     count = 0
-    with making_room(out), BagWriter(out) as writer, progress("simulating", seconds) as advance:
+    with making_room(out), BagWriter(out, staged=True) as writer, progress("simulating", seconds) as advance:
         description = writer.add_topic(f"/{name}/valve", VALVE_DESCRIPTION)
         channel = writer.add_topic(f"/{name}/acceleration", ACCELERATION_BLOCK)
         writer.write(description, SIMULATION_START, encode_valve(simulator.valve, SIMULATION_START))
@@ -261,7 +261,8 @@ def replay(
             warn(warning)
         text = f": {valve['blocks']} blocks, {losses}; {valve['valve']['sentence']}"
         console.print(cell(name, "bold") + cell(text), soft_wrap=True)
-        console.print(f"  at the end, {LEGEND}:", highlight=False, soft_wrap=True)
+        state = str(valve["estimate"]["state"] or "no estimate").replace("_", " ")
+        console.print(f"  at the end ({state}), {LEGEND}:", highlight=False, soft_wrap=True)
         for parameter, quantity in valve["estimate"]["parameters"].items():
             console.print(f"  {parameter.replace('_', ' '):22} {_number(quantity)}", highlight=False)
         for found in valve.get("refits", ()):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from spool_bag.cdr import OilTemperature
-from spool_bag.csv_import import DEFAULT_START, LONGEST_RECORD, TEMPERATURE_INTERVAL, blocks_of
+from spool_bag.csv_import import TEMPERATURE_INTERVAL, blocks_of, start_of
 from spool_bag.csv_record import OIL_TEMPERATURE, read_csv
 from spool_bag.information import BagInformation, summarise
 from spool_stream.block import Block
@@ -34,7 +34,7 @@ class CsvSource:
         self.valves = ["valve_1"]
         self.record = read_csv(path, columns=columns)
         self.warnings = list(self.record.warnings)
-        self._start = 0 if float(self.record.time[0]) > LONGEST_RECORD else DEFAULT_START
+        self._start = start_of(self.record)
 
     @property
     def count(self) -> int:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from spool_bag.information import MOST_STEPS
+from spool_bag.timeline import Timeline, duration_of, step_text
 from spool_estimator.estimate import Estimate
 from spool_estimator.estimator import phase_of, settings_for
 from spool_estimator.estimators import make_estimator
@@ -28,6 +30,9 @@ from .csv_source import CsvSource
 from .progress import progress
 from .records import Source, open_source
 from .valve_choice import ChosenValve, choose_valves
+
+#: ns by which an event's stamp may lie before that of the one told before it.
+ORDER = 10_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,24 +84,58 @@ def replay_bag(
         raise InputError(f"{path}: no acceleration topic in it, so there is nothing to replay")
     valves = choose_valves(reader, names, valve_files)
     result: dict[str, Any] = {"bag": str(path), "duration_s": None, "valves": {}}
-    first = last = None
+    times = {name: Timeline() for name in names}
     for name in names:
-        one = replay_valve(
-            reader, name, valves[name].valve, baseline_time=baseline_time, refits=refits, method=method
-        )
-        if one.first_stamp is not None and one.last_stamp is not None:
-            first = one.first_stamp if first is None else min(first, one.first_stamp)
-            last = one.last_stamp if last is None else max(last, one.last_stamp)
-        result["valves"][name] = one
+        result["valves"][name] = replay_valve(
+            reader, name, valves[name].valve,
+            baseline_time=baseline_time, refits=refits, method=method, timeline=times[name],
+        )  # fmt: skip
+    first = min((timeline.spans[0].first for timeline in times.values() if timeline.spans), default=0)
     for name, one in result["valves"].items():
         result["valves"][name] = {
-            **_valve_result(one, first or 0),
+            **_valve_result(one, times[name], first),
             "valve": _chosen(valves[name]),
             "warnings": [text for text in (valves[name].warning(name), *_doubts(one)) if text],
         }
-    if first is not None and last is not None:
-        result["duration_s"] = (last - first) * 1e-9
+    result["duration_s"] = duration_of(list(times.values()))
+    result["warnings"] = _warnings(reader, times)
     return result
+
+
+def _warnings(reader: Source, times: Mapping[str, Timeline]) -> list[str]:
+    """Return what is not as it should be in the record itself, one line each."""
+    told = list(reader.warnings)
+    for name, timeline in times.items():
+        told += [step_text(name, step) for step in timeline.steps[:MOST_STEPS]]
+    left_out = {} if isinstance(reader, CsvSource) else reader.undecodable
+    told += [
+        f"{topic}: {count} messages are not what their type says and are left out: "
+        "`./spool recover` makes a bag without them"
+        for topic, count in left_out.items()
+    ]
+    return told
+
+
+@dataclass(slots=True)
+class Clock:
+    """Time since the record's first stamp, across the steps of a clock that was set.
+
+    Attributes:
+        timeline: of the valve.
+        first: the record's first stamp, ns.
+    """
+
+    timeline: Timeline
+    first: int
+    _told: int = 0
+
+    def since(self, stamp: int) -> float:
+        """Return the time (s) of ``stamp`` (ns); stamps come in the order in which they were told."""
+        if not self.timeline.spans:
+            return (stamp - self.first) * 1e-9
+        passed = self.timeline.since(stamp, self._told)
+        self._told = max(self._told, passed - ORDER)
+        return (passed + self.timeline.spans[0].first - self.first) * 1e-9
 
 
 def replay_valve(
@@ -108,23 +147,26 @@ def replay_valve(
     keep: bool = False,
     refits: RefitRequest | None = None,
     method: str = "prediction",
+    timeline: Timeline | None = None,
 ) -> Replay:
-    """Replay one valve of a bag through fresh cores with the live nodes' default settings."""
+    """Replay one valve of a bag through fresh cores with the live nodes' default settings.
+
+    ``timeline`` is told the blocks.
+    """
     settings = MonitorSettings(natural_frequency=valve.natural_frequency)
     if baseline_time is not None:
         settings = MonitorSettings(natural_frequency=valve.natural_frequency, baseline_time=baseline_time)
     windows = refits.for_valve(valve) if refits is not None else None
     estimator = make_estimator(method, settings_for(valve, phase=phase_of(name)))
     one = Replay(estimator, Monitor(settings), keep=keep, refits=windows, check=ValveCheck(valve))
-    if isinstance(reader, CsvSource):
-        expected = reader.count
-    else:
-        expected = reader.topics[f"/{name}/acceleration"].messages
+    expected = reader.count if isinstance(reader, CsvSource) else reader.blocks_of(name)
     with progress(f"replaying {name}", expected) as advance:
         for item in reader.stream(name):
             if isinstance(item, Block):
                 if one.samples == 0 and item.sample_period > 0.0:
                     check_rate(f"{reader.path}: {name}", 1.0 / item.sample_period, valve)
+                if timeline is not None:
+                    timeline.take(item)
                 one.update(item)
                 advance(1)
             else:
@@ -151,22 +193,23 @@ def _doubts(one: Replay) -> list[str]:
     return [] if one.check is None else one.check.doubts()
 
 
-def _valve_result(one: Replay, start: int) -> dict[str, Any]:
+def _valve_result(one: Replay, timeline: Timeline, first: int) -> dict[str, Any]:
     gate = one.estimator.gate
+    events, refits = Clock(timeline, first), Clock(timeline, first)
     return {
         "blocks": gate.accepted,
         "lost_blocks": gate.lost,
         "samples": one.samples,
         "estimate": _estimate(one.estimator.latest),
         "health": _health(one.monitor.health),
-        "events": [_event(event, start) for event in one.events],
-        **({} if one.refits is None else {"refits": [_refit(found, start) for found in one.refitted]}),
+        "events": [_event(event, events) for event in one.events],
+        **({} if one.refits is None else {"refits": [_refit(found, refits) for found in one.refitted]}),
     }
 
 
-def _refit(found: Refit, start: int) -> dict[str, Any]:
+def _refit(found: Refit, clock: Clock) -> dict[str, Any]:
     return {
-        "t_s": (found.stamp - start) * 1e-9,
+        "t_s": clock.since(found.stamp),
         "model": found.model,
         "state": found.state.name.lower(),
         "reason": found.reason,
@@ -207,9 +250,9 @@ def _quantity(quantity: Quantity) -> dict[str, Any]:
     return {"value": quantity.value, "std": quantity.standard_deviation, "unit": quantity.unit}
 
 
-def _event(event: Event, start: int) -> dict[str, Any]:
+def _event(event: Event, clock: Clock) -> dict[str, Any]:
     return {
-        "t_s": (event.stamp - start) * 1e-9,
+        "t_s": clock.since(event.stamp),
         "kind": event.kind,
         "state": event.state.name.lower(),
         "severity": event.severity.name.lower(),
