@@ -17,6 +17,9 @@ from spool_stream.uncertainty import number
 
 from .provenance import provenance
 
+#: Characters from which a cell holds a sentence.
+LONG = 40
+
 _PAGE = Template("""<!doctype html>
 <html lang="en"><head><meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
@@ -30,6 +33,7 @@ h1{font-size:1.7rem;line-height:1.25}
 img{display:block;width:100%;min-width:36rem;height:auto;background:#fff;border-radius:.3rem}
 table{border-collapse:collapse;margin:1rem 0;font-size:.9rem}td,th{padding:.25rem .7rem;
 text-align:left;vertical-align:top;border-bottom:1px solid var(--rule);overflow-wrap:normal}
+td.t{min-width:16rem}
 td.n{text-align:right;white-space:nowrap;font-variant-numeric:tabular-nums}
 div.wide{overflow-x:auto}h2{margin-top:2.5rem}
 p.verdict{font-size:1.15rem;border-left:4px solid var(--mark);padding-left:.8rem}
@@ -126,4 +130,7 @@ def _cell(value: object) -> str:
         return f"<td class=n>{number(value)}</td>"
     if value is None:
         return "<td></td>"
-    return f"<td>{html.escape(str(value))}</td>"
+    text = str(value)
+    # A long text gets room: in a table that scrolls it would stand in a column of single words.
+    kind = " class=t" if len(text) > LONG else ""
+    return f"<td{kind}>{html.escape(text)}</td>"

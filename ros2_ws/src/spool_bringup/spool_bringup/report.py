@@ -180,7 +180,7 @@ def _section(name: str, valve: dict[str, Any], picture: bytes) -> str:
         f"<tr><td class=n>{event['t_s']:.1f} s</td><td>{html.escape(event['kind'].replace('_', ' '))}</td>"
         f"<td>{html.escape((event['cause'] or '').replace('_', ' '))}</td>"
         f"<td>{html.escape(event['severity'])}</td><td>{html.escape(event['state'])}</td>"
-        f"<td>{html.escape(event['message'])}</td></tr>"
+        f"<td class=t>{html.escape(event['message'])}</td></tr>"
         for event in valve["events"]
     )
     seen = html.escape(_seen(name, valve), quote=True)
