@@ -52,7 +52,7 @@ def one_line(error: ValidationError, where: str, known: tuple[str, ...] = ()) ->
     """
     faults = []
     for fault in error.errors(include_url=False):
-        path = ".".join(str(part) for part in fault["loc"]) or "value"
+        path = ".".join(str(part) for part in fault["loc"])
         if fault["type"] == "extra_forbidden":
             listed = f" (known: {', '.join(known)})" if known else ""
             faults.append(f"{path}: unknown key, remove or correct it{listed}")
@@ -61,7 +61,8 @@ def one_line(error: ValidationError, where: str, known: tuple[str, ...] = ()) ->
         else:
             given = "" if isinstance(fault["input"], dict) else f", got {_shortened(fault['input'])}"
             message = fault["msg"].removeprefix("Value error, ")
-            faults.append(f"{path}: {message[0].lower()}{message[1:]}{given}")
+            said = f"{message[0].lower()}{message[1:]}{given}"
+            faults.append(f"{path}: {said}" if path else said)
     if len(faults) > MOST_FAULTS:
         faults = [*faults[:MOST_FAULTS], f"and {len(faults) - MOST_FAULTS} more"]
     return InputError(f"{where}: {'; '.join(faults)}".replace("\n", " "))

@@ -19,8 +19,9 @@ Place = tuple[int, int, int, float]
 #: streams besides the first one that are followed.
 STALE, MOST_RIVALS = 1.5, 4
 
-#: s, sample periods that a source can have; the lower one bounds what consumers set aside per second.
-SHORTEST_PERIOD, LONGEST_PERIOD = 1.0e-6, 10.0
+#: s, sample periods that a source can have; the lower one bounds what consumers set aside per second, the
+#: longer one is 4 Hz, below twice the lowest natural frequency of a spool that its springs hold.
+SHORTEST_PERIOD, LONGEST_PERIOD = 1.0e-6, 0.25
 
 #: m/s^2, beyond what any accelerometer reads: a broken word, which integrals would carry on.
 LARGEST_SAMPLE = 1.0e6
