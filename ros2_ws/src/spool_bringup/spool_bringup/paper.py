@@ -168,9 +168,8 @@ def _sections(out: Path, results: Results, tables: Mapping[str, list[dict[str, o
         ]
     sections += [
         html.paragraph(
-            "Standard deviations (std) come from the curvature of the objective: they say how sharp its "
-            "least value is, not how far a model that is not the truth may be off. 'Not known': the data do "
-            "not tell."
+            "Intervals (± 95 %) come from the curvature of the objective: they say how sharp its least "
+            "value is, not how far a model that is not the truth may be off. 'unknown': the data do not tell."
         ),
         html.heading("The objective: figure 12 and table 7"),
         drawn("figure_12", figures.objective_figure(results.fits), "objective by model and series"),

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from spool_stream.uncertainty import PLUS_MINUS, Z_95
 
 from .paper_data import MODELS, SERIES, PrintedModel
 from .paper_fit import Fit
@@ -16,7 +17,7 @@ Row = dict[str, object]
 
 
 def parameter_table(model: PrintedModel, fits: Mapping[tuple[int, str], Fit]) -> list[Row]:
-    """Return table 3, 4, 5 or 6: printed values, then the fitted ones with one standard deviation."""
+    """Return table 3, 4, 5 or 6: printed values, then the fitted ones with half widths of 95 %."""
     rows = []
     for series in SERIES:
         fit = fits[series.number, model.name]
@@ -31,7 +32,7 @@ def parameter_table(model: PrintedModel, fits: Mapping[tuple[int, str], Fit]) ->
             fit.names, fit.units, fit.values, fit.deviations, strict=True
         ):
             row[f"{name} ({unit}), fitted"] = value
-            row[f"{name}, std"] = deviation
+            row[f"{name}, {PLUS_MINUS}"] = Z_95 * deviation
         row["objective, squared"] = fit.objective
         row["objective, as (33) stands"] = fit.objective_as_printed
         rows.append(row)

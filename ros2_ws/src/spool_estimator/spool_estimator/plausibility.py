@@ -17,7 +17,7 @@ from spool_sim.valve import Valve
 from spool_sim.viscosity import OILS
 from spool_stream.block import Block
 from spool_stream.errors import InputError
-from spool_stream.uncertainty import Z_95
+from spool_stream.uncertainty import Z_95, compared
 
 from .estimate import Estimate, State
 from .estimator import settings_for
@@ -51,6 +51,12 @@ class Interval:
     low: float
     middle: float
     high: float
+
+    def texts(self) -> tuple[str, str]:
+        """Return both ends with the digits that two of the half width leave."""
+        deviation = 0.5 * (self.high - self.low) / Z_95
+        low, high = compared((self.low, deviation), (self.high, deviation))
+        return low.value, high.value
 
 
 @dataclass(slots=True)
@@ -106,9 +112,10 @@ class ValveCheck:
         if shown.low <= filed * (1.0 + TOLERANCE) and filed * (1.0 - TOLERANCE) <= shown.high:
             return ""
         factor = (shown.middle / filed) ** 2
+        low, high = shown.texts()
         return (
             f"the valve file of '{self.valve.id}' says {filed:.3g} Hz, the record shows "
-            f"{shown.middle:.3g} Hz ({shown.low:.3g} to {shown.high:.3g} Hz): another valve's file, "
+            f"{shown.middle:.3g} Hz (95 %: {low} to {high} Hz): another valve's file, "
             f"or spring_stiffness over moving_mass is really {factor:.2g} times the file's; "
             "forces scale with moving_mass, so check it"
         )

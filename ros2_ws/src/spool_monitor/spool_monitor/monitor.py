@@ -238,7 +238,7 @@ class Monitor:
         )
 
     def _never_seen(self, stamp: int, seconds: float) -> list[Event]:
-        message = f"acceleration never seen in {seconds:.0f} s: check the topic name"
+        message = f"acceleration never seen in {seconds:.0f} s"
         cause = NEVER_SEEN
         if self.gate.refused:
             message, cause = f"no usable acceleration in {seconds:.0f} s", "acceleration"
