@@ -18,6 +18,10 @@ from spool_stream.errors import InputError
 if TYPE_CHECKING:
     from .conftest import MakeBag, Recorded
 
+PRACTICE = Path(__file__).resolve().parents[4] / "bags" / "practice_01"
+#: ns, in the middle of that record.
+MIDDLE = 1_735_689_620_000_000_000
+
 SOFT, STIFF = (find_valve(name) for name in ("4weh10_soft", "4weh10_stiff"))
 
 
@@ -32,7 +36,7 @@ def test_the_result_has_the_keys_that_scripts_rely_on(
     file = tmp_path / "result.json"
     write_json(file, replay_bag(bag, []))
     result = json.loads(file.read_text())
-    assert set(result) == {"bag", "duration_s", "valves"}
+    assert set(result) == {"bag", "duration_s", "valves", "warnings"}
     assert result["bag"] == str(bag)
     assert result["duration_s"] == pytest.approx(6.0)
     valve = result["valves"]["valve_1"]
@@ -213,3 +217,36 @@ def test_the_time_of_the_baseline_reaches_the_monitor(
     assert short.monitor.detection.parameters["coulomb_force"].baseline.frozen
     assert not long.monitor.detection.parameters["coulomb_force"].baseline.frozen
     assert math.isfinite(short.monitor.health.viscous_drift.value)
+
+
+def test_a_replay_counts_time_on_where_the_clock_was_set_and_says_so(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "set") as writer:
+        channel = None
+        for topic, record in BagReader(PRACTICE).records():
+            if channel is None:
+                channel = writer.add_topic(topic.name, topic.type)
+            data = bytearray(record.data)
+            seconds = int.from_bytes(data[4:8], "little") - (3600 if record.log_time > MIDDLE else 0)
+            data[4:8] = seconds.to_bytes(4, "little")
+            writer.write(channel, record.log_time, bytes(data))
+    whole = replay_bag(PRACTICE, ["4weh10_soft"])
+    result = replay_bag(tmp_path / "set", ["4weh10_soft"])
+    assert result["duration_s"] == pytest.approx(whole["duration_s"], abs=0.1)
+    (warning,) = result["warnings"]
+    assert "goes back by 3600.000 s" in warning
+    times = [event["t_s"] for event in result["valves"]["valve_1"]["events"]]
+    assert all(0.0 <= time <= result["duration_s"] + 1.0 for time in times)
+
+
+def test_a_message_that_cannot_be_decoded_is_left_out_of_a_replay_and_told(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        channel = None
+        for number, (topic, record) in enumerate(BagReader(PRACTICE).records()):
+            if channel is None:
+                channel = writer.add_topic(topic.name, topic.type)
+            writer.write(channel, record.log_time, record.data[:20] if number == 30 else record.data)
+    result = replay_bag(tmp_path / "bag", ["4weh10_soft"])
+    (warning,) = result["warnings"]
+    assert "/valve_1/acceleration: 1 messages are not what their type says" in warning
+    assert "spool recover" in warning
+    assert result["valves"]["valve_1"]["lost_blocks"] == 1
