@@ -150,7 +150,10 @@ def test_what_a_bag_says_is_text_and_no_markup(
     write_report(tmp_path, BagReader(bag), analysis)
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "<script" not in text
-    assert "<script>alert(1)</script>" in Page(text).cells
+    cells = Page(text).cells
+    assert "<script>alert(1)</script>" in cells
+    assert "alarm" in cells
+    assert "± 95 %" in cells
 
 
 def event(seconds: float, state: str, kind: str = "resonance", cause: str | None = None) -> dict[str, Any]:

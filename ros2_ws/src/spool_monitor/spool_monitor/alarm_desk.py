@@ -141,7 +141,7 @@ class AlarmDesk:
         """Log an alarm: as an error where the valve or its measurement has failed (NE 107: F)."""
         logger = self._node.get_logger()
         log = logger.error if alarm.namur is Namur.FAILURE else logger.warning
-        log(f"alarm {alarm.code} {alarm.name}: {alarm.message}")
+        log(f"{alarm.severity.name.lower()} {alarm.code} {alarm.name}: {alarm.message}")
 
     def _publish(self) -> None:
         alarms = self._state.alarms
