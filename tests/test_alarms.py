@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 MONITOR = "/valve_1/monitor"
 SILENCE = "stale/acceleration"
+RATIOS = ("amplification", "viscous_coefficient_change", "reversals")
+UNITS = ("_N", "_N_per_m", "_N_s_per_m", "_Hz", "_deg_C", "_m", "_B")
 
 
 def alarm(topic: Topic, name: str = SILENCE) -> Any:
@@ -112,7 +114,8 @@ def test_operators_acknowledge_shelve_suppress_and_are_refused_with_a_reason(sys
     past = ask(system, AcknowledgeAlarm, "acknowledge_alarm", alarm=SILENCE, who="Eva", occurrence=7)
     assert "occurrence 7 is past, now it is 1" in past.reason
 
-    shelved = ask(system, ShelveAlarm, "shelve_alarm", alarm=SILENCE, shelved=True, duration=2.0, who="Eva")
+    # Calling the service is asking for it: what is left out does not take back.
+    shelved = ask(system, ShelveAlarm, "shelve_alarm", alarm=SILENCE, duration=2.0, who="Eva")
     assert shelved.success
     system.until(lambda: state(alarms) == Alarm.STATE_SHELVED, "it is on the shelf")
     assert alarm(alarms).underlying == Alarm.STATE_UNACKNOWLEDGED
@@ -121,11 +124,10 @@ def test_operators_acknowledge_shelve_suppress_and_are_refused_with_a_reason(sys
     assert time.monotonic() - since < 4.0
 
     out = SuppressAlarm.Request.OUT_OF_SERVICE
-    assert ask(
-        system, SuppressAlarm, "suppress_alarm", alarm=SILENCE, way=out, suppressed=True, who="E"
-    ).success
-    system.until(lambda: state(alarms) == Alarm.STATE_OUT_OF_SERVICE, "it is out of service")
     assert ask(system, SuppressAlarm, "suppress_alarm", alarm=SILENCE, way=out, who="E").success
+    system.until(lambda: state(alarms) == Alarm.STATE_OUT_OF_SERVICE, "it is out of service")
+    back = ask(system, SuppressAlarm, "suppress_alarm", alarm=SILENCE, way=out, suppressed=False, who="E")
+    assert back.success
     wrong = ask(system, SuppressAlarm, "suppress_alarm", alarm=SILENCE, way=9, suppressed=True, who="E")
     assert wrong.reason == "way: 9 is not one of [0, 1]"
     assert ask(system, AcknowledgeAlarm, "acknowledge_alarm", alarm="", who="Eva").success
@@ -257,9 +259,10 @@ def test_diagnostics_follow_the_rules_of_the_standard_tools(system: System) -> N
         assert one.level in (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR), name
         assert one.message
         for value in one.values:
-            # A count says what is counted in its name.
-            if re.fullmatch(r"-?(\d+\.\d*|\d+e.*|nan|inf)", value.value):
-                assert re.search(r"\([^)]+\)$", value.key), f"{name}: no unit in {value.key!r}"
+            assert re.fullmatch(r"[a-z][a-z0-9_]*(_[A-Za-z0-9_]+)?", value.key), value.key
+            # A count says what is counted in its name; relative changes and ratios have no unit.
+            if re.fullmatch(r"-?(\d+\.\d*|\d+e.*|nan|inf)", value.value) and value.key not in RATIOS:
+                assert value.key.endswith(UNITS), f"{name}: no unit in {value.key!r}"
     keys = [value.key for one in own().values() for value in one.values]
     assert all(keys)
     assert all(len({value.key for value in one.values}) == len(one.values) for one in own().values())

@@ -52,7 +52,7 @@ class Run:
 def _run_10_khz(
     make_system: Callable[[Path], AbstractContextManager[System]], tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Run]:
-    """Ten seconds of a sweep through resonance, 10 kHz in blocks of 200, heard by three nodes."""
+    """Ten seconds of a machine that passes its resonance, 10 kHz in blocks of 200, heard by three nodes."""
     folder = tmp_path_factory.mktemp("run")
     with make_system(folder) as system:
         blocks = system.listen(AccelerationBlock, "/valve_1/acceleration")
@@ -69,7 +69,7 @@ def _run_10_khz(
             "simulator",
             sample_rate=10000.0,
             block_rate=float(BLOCK_RATE),
-            excitation="sweep",
+            excitation="orders",
             wait_for_subscribers=4,
         )
         system.until(
@@ -241,7 +241,8 @@ def test_malformed_blocks_are_told_and_change_nothing(system: System) -> None:
             continue
         # Twice as fast as real time, so that nobody's queue runs over.
         system.until(lambda due=begin + 0.01 * number: time.monotonic() >= due, "the next block is due")
-        if number % 100 == 50:
+        # Before the rate is confirmed a stamp that is ahead may as well be a wrong rate: learning waits.
+        if number > 100 and number % 100 == 50:
             for fault, message in bad_blocks(block):
                 sent[fault] = sent.get(fault, 0) + 1
                 offered["dirty"].publish(message)
