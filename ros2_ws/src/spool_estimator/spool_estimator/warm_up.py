@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from spool_sim import motion
 from spool_sim.motion import MotionState, advance
+from spool_stream.standing import StandingWatch
 
 from .conditioning import COLUMNS, Conditioning
 from .exponential import ExponentialForgetting
@@ -49,6 +50,7 @@ def warm_up_estimator() -> None:
     window.add_sums(np.eye(3), scale, 1.0, 1.0, scale)
     window.judge(scale)
     window.take(np.eye(3), scale, 1.0, 1.0, scale, np.array([1]))
+    StandingWatch(1e-3).take(np.stack((samples, samples)))
 
 
 if __name__ == "__main__":

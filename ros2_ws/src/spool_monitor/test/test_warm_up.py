@@ -48,10 +48,10 @@ TravelCounter().update(Block(1, 1, 5e-4, samples, samples))
 
 REPORT = """
 import importlib, pkgutil
-import spool_estimator, spool_monitor, spool_sim
+import spool_estimator, spool_monitor, spool_sim, spool_stream
 
 hits = misses = 0
-for package in (spool_sim, spool_estimator, spool_monitor):
+for package in (spool_sim, spool_stream, spool_estimator, spool_monitor):
     for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
         if module.name.endswith(("_node", "messages", "_desk", "__main__")):
             continue
