@@ -9,6 +9,7 @@ import typer
 
 from .cli_options import ColumnsOption, Force, JsonFile, ModelFile, ModelName, ReportFile
 from .completion import model_names, valve_names
+from .outputs import check_folder
 
 RecordsArgument = Annotated[
     list[Path], typer.Argument(help="Bags or CSV files of one valve.", metavar="RECORD...")
@@ -186,6 +187,7 @@ def gap(
 
 def paper(
     out: Annotated[Path, typer.Option(help="Folder for page, pictures and tables.")] = Path("spool_paper"),
+    _force: Force = False,
 ) -> None:
     """Run the paper's four series and four models; write figures and tables beside the printed numbers.
 
@@ -195,7 +197,7 @@ def paper(
     """
     from .paper import run_paper  # noqa: PLC0415 - scipy and matplotlib are needed here only
 
-    run_paper(out)
+    run_paper(check_folder(out))
 
 
 def study(

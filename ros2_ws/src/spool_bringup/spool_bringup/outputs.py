@@ -64,6 +64,21 @@ def check_output(path: Path | None, option: str) -> Path | None:
     return path
 
 
+def check_folder(path: Path, option: str = "--out") -> Path:
+    """Return ``path`` if a command may fill it with files: it is new, empty, or ``--force`` was given.
+
+    Raises:
+        InputError: it is not so, or it is a link or a file.
+    """
+    if path.is_symlink():
+        raise InputError(f"{option} {path}: it is a link: name the folder itself")
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{option} {path}: it is a file: name a folder")
+    if path.is_dir() and any(path.iterdir()) and not _force.get():
+        raise InputError(f"{option} {path}: it is not empty: name another one, or fill it by --force")
+    return path
+
+
 def write_file(path: Path, content: str | bytes, option: str = "output") -> None:
     """Write ``content`` (text as UTF-8) to ``path`` by the rule of this module.
 

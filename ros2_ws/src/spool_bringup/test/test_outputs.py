@@ -86,6 +86,18 @@ def test_force_does_not_remove_a_folder_that_is_no_bag(
     assert (tmp_path / "home" / "letter").read_text() == "mine"
 
 
+def test_a_folder_with_something_in_it_is_not_filled(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "paper").mkdir()
+    (tmp_path / "paper" / "letter").write_text("mine")
+    (tmp_path / "link").symlink_to(tmp_path / "elsewhere")
+    for name, said in (("paper", "it is not empty"), ("link", "it is a link")):
+        assert main(["paper", "--out", str(tmp_path / name)]) == 2
+        assert said in capsys.readouterr().err
+    assert [path.name for path in (tmp_path / "paper").iterdir()] == ["letter"]
+
+
 def test_a_bag_comes_back_where_its_replacement_fails(bag: Path, tmp_path: Path) -> None:
     out = tmp_path / "bag"
     assert main(["recover", str(bag), "--out", str(out)]) == 0
