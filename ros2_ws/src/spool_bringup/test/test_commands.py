@@ -1,10 +1,12 @@
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +28,7 @@ from spool_sim.presets import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve, shipped_valves
+from spool_stream.block import Block
 from spool_stream.errors import InputError
 from typer.main import get_command
 
@@ -267,3 +270,33 @@ def test_leaving_ends_every_process_also_one_that_will_not(
     assert nodes.running == {}
     assert "KeyboardInterrupt" in (tmp_path / "nodes.log").read_text()
     assert isinstance(processes["good"], subprocess.Popen)
+
+
+def test_an_interrupted_simulation_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = Simulator.records
+
+    def interrupted(self: Simulator, seconds: float) -> Iterator[Block]:
+        yield from itertools.islice(whole(self, seconds), 20)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Simulator, "records", interrupted)
+    assert main(["simulate", "--seconds", "2", "--out", str(tmp_path / "bag")]) == 130
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_recover_lists_what_was_lost(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = tmp_path / "bag"
+    assert main(["simulate", "--seconds", "40", "--noise", "1", "--out", str(bag)]) == 0
+    file = next(bag.glob("*.mcap"))
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content[:-4000])
+    capsys.readouterr()
+    assert main(["info", str(bag)]) == 1
+    assert "1 damaged place" in capsys.readouterr().out
+    assert main(["recover", str(bag), "--out", str(tmp_path / "saved")]) == 1
+    told = capsys.readouterr().out
+    assert "messages saved" in told
+    assert "blocks are missing by their sequence numbers" in told
+    assert "was not finished" in told
+    assert main(["info", str(tmp_path / "saved")]) == 1  # the lost blocks stay lost
