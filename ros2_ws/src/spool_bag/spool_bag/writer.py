@@ -18,8 +18,8 @@ from .metadata import BagMetadata, TopicCount, metadata_text, qos_text, sync_fol
 from .repeating_chunks import repeat_definitions
 from .staging import leftovers, partial_name, remove
 
-#: B: what is written faster than it was recorded closes no chunk by time; this is 8 s of a valve at 2 kHz, which
-#: is what a damaged chunk then costs. A packed sample record takes no more room so than in chunks of 1 MiB.
+#: B: what is written faster than it was recorded closes no chunk by time; this is 8 s of a valve at 2 kHz,
+#: which a damaged chunk then costs. A packed sample record takes no more room so than in chunks of 1 MiB.
 CHUNK_SIZE = 1 << 17
 METADATA_INTERVAL = 5.0
 
