@@ -108,7 +108,7 @@ def _run(arguments: list[str]) -> int:
             return 0
         if command not in (*COMMANDS, *OPTIONS):
             near = difflib.get_close_matches(command, COMMANDS, n=1)
-            meant = f", did you mean {near[0]}?" if near else ""
+            meant = f", did you mean {near[0]}?" if near else ":"
             raise DoorError(f"no command {command}{meant} ./spool --help lists them")
     _warn_localhost_only(environment)
     series = f"{sys.version_info[0]}.{sys.version_info[1]}"
