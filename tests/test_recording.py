@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -25,7 +26,7 @@ from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import Temperature
 from spool_bag.reader import BagReader
 from spool_bag.recovery import recover
-from spool_msgs.msg import AccelerationBlock, HealthEvent
+from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate
 from spool_node import qos
 from spool_node.messages import from_block
 from spool_stream.block import Block
@@ -237,7 +238,7 @@ def test_lost_blocks_are_told(source: Source, record: Callable[..., Recorder]) -
     source.heard(topic)
     for sequence in (0, 1, 2, 7, 8):
         source.publish(topic, from_block(block(sequence), "valve_1"))
-    source.until(lambda: told.get("lost blocks /valve_1 [1]") == "4")
+    source.until(lambda: told.get("blocks_lost_valve_1") == "4")
     assert recorder.end(signal.SIGINT) == 0
 
 
@@ -301,6 +302,30 @@ def test_an_existing_bag_is_refused(record: Callable[..., Recorder], tmp_path: P
     assert recorder.process.returncode == 2
     assert "exists already" in errors
     assert "Traceback" not in errors
+
+
+def test_a_removed_recording_goes_on_in_another_bag_with_what_is_latched(
+    source: Source, record: Callable[..., Recorder]
+) -> None:
+    blocks, latched = "/valve_1/acceleration", "/valve_1/estimate"
+    source.offer(blocks, AccelerationBlock, qos.samples_offered(50))
+    source.offer(latched, ModelEstimate, qos.state())
+    recorder = record()
+    source.heard(blocks, latched)
+    source.publish(latched, ModelEstimate())
+    source.publish(blocks, from_block(block(0), "valve_1"))
+    source.until(lambda: written(recorder.bag, blocks) == 1)
+    shutil.rmtree(recorder.bag)
+    other = recorder.bag.with_name("bag_1")
+    source.until(lambda: written(other, latched) == 1)
+    source.heard(blocks)
+    source.publish(blocks, from_block(block(1), "valve_1"))
+    source.until(lambda: written(other, blocks) == 1)
+    recorder.process.send_signal(signal.SIGINT)
+    _, said = recorder.process.communicate(timeout=20)
+    assert recorder.process.returncode == 0
+    assert "bag was removed while it was recorded: " in said
+    assert "Traceback" not in said
 
 
 def test_a_full_disk_ends_the_recording_cleanly(source: Source, record: Callable[..., Recorder]) -> None:

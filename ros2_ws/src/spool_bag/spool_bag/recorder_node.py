@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import math
 import sys
@@ -226,10 +227,35 @@ class RecorderNode(ManagedNode):
         return channel
 
     def _flush(self) -> None:
+        if self._writer is not None and not self._writer.file.exists():
+            self._go_on_elsewhere(self._writer)
         self._try(BagWriter.flush_if_due)
         if self._snapshots is not None:
             now = self.get_clock().now().nanoseconds or time.time_ns()
             self._snapshots.watch(now, self.value("snapshot_limit"))
+
+    def _go_on_elsewhere(self, removed: BagWriter) -> None:
+        """Begin another bag: what is written to a file that somebody removed is lost without an error."""
+        with contextlib.suppress(RecordingError, OSError):
+            removed.close()
+        self._writer = None
+        try:
+            path = new_bag(self.value("output"), activation=self._activations, number=True)
+            self._writer = BagWriter(path, flush_interval=FLUSH_INTERVAL)
+        except (InputError, RecordingError) as error:
+            self._ended = f"{removed.path} was removed, and no other bag can be begun: {error}"
+            self.get_logger().error(f"recording ended: {self._ended}")
+            return
+        self.get_logger().error(
+            f"{removed.path} was removed while it was recorded: {removed.messages} messages are lost; "
+            f"recording to {path}"
+        )
+        # Heard anew, so that what is latched stands in the new bag as well.
+        self._channels.clear()
+        for subscription, _ in self._subscriptions_by_topic.values():
+            self.destroy_subscription(subscription)
+        self._subscriptions_by_topic.clear()
+        self._discover()
 
     def _try(self, action: Callable[[BagWriter], None]) -> None:
         if self._writer is None:
