@@ -24,7 +24,7 @@ class _BoundedLoader(yaml.SafeLoader):
         self._depth = self._nodes = 0
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        event = self.peek_event()
+        event: Any = self.peek_event()  # type: ignore[no-untyped-call]
         if isinstance(event, yaml.AliasEvent):
             raise _refusal("aliases (*) are not read, write the value out", event.start_mark)
         self._depth += 1
@@ -40,7 +40,7 @@ class _BoundedLoader(yaml.SafeLoader):
         return node
 
 
-def _refusal(problem: str, mark: yaml.Mark) -> yaml.YAMLError:
+def _refusal(problem: str, mark: Any) -> yaml.YAMLError:
     return yaml.MarkedYAMLError(problem=problem, problem_mark=mark)
 
 
