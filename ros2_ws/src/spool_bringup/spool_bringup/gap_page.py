@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from spool_estimator.gap.registry import EFFECTS
-from spool_estimator.gap.result import GapResult
+from spool_estimator.gap.result import COUNTED, GapResult
 from spool_stream.quantity import Quantity
 from spool_stream.uncertainty import LEGEND, interval, with_interval
 
@@ -80,7 +80,8 @@ def gap_page(result: GapResult, sources: Sequence[tuple[str, str]] = ()) -> str:
         html.heading("Numbers"),
         html.table(["parameter", "base model", "with what was found", "unit"], _numbers(result)),
         html.paragraph(
-            f"{LEGEND}. Model: {', '.join(term.name for term in result.model.terms)}; "
+            f"{LEGEND}{f'; {COUNTED}' if result.kind == 'accelerations' else ''}. "
+            f"Model: {', '.join(term.name for term in result.model.terms)}; "
             f"{result.seconds:.0f} s of data, {result.elapsed:.1f} s of computing."
         ),
     ]

@@ -14,14 +14,14 @@ from spool_bag.csv_record import DISPLACEMENT, FORCE, read_csv
 from spool_estimator.gap.analyse import analyse
 from spool_estimator.gap.force_analyse import analyse_forces
 from spool_estimator.gap.force_record import ForceRecord
-from spool_estimator.gap.result import GapResult, GapSettings
+from spool_estimator.gap.result import COUNTED, GapResult, GapSettings
 from spool_estimator.long_record import LARGEST
 from spool_estimator.plausibility import check_records
 from spool_sim.model import Model, load_model
 from spool_sim.valve import Valve, find_valve
 from spool_stream.errors import InputError
 from spool_stream.quantity import Quantity
-from spool_stream.uncertainty import PLUS_MINUS, interval, width
+from spool_stream.uncertainty import LEGEND, PLUS_MINUS, interval, width
 
 from .commands import write_json
 from .fit_data import check
@@ -167,6 +167,10 @@ def show(result: GapResult, console: Console) -> None:
         shown = interval(quantity.value, quantity.standard_deviation)
         numbers.add_row(quantity.name, shown.value, shown.half_width, quantity.unit)
     console.print(numbers)
+    if result.kind == "accelerations":
+        console.print(f"{LEGEND}; {COUNTED}", markup=False, highlight=False, soft_wrap=True)
+    else:
+        console.print(LEGEND, markup=False, highlight=False, soft_wrap=True)
     table = Table(box=None, pad_edge=False)
     for column in ("hypothesis", "beside", "error after", "evidence"):
         table.add_column(column, no_wrap=True)

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import math
+import re
 from decimal import Decimal
+from pathlib import Path
 
 import pytest
 from hypothesis import assume, example, given
@@ -108,3 +110,10 @@ def test_a_number_is_written_without_needless_powers_of_ten(value: float, text: 
 )
 def test_a_number_that_is_given_has_no_noughts_at_its_end(value: float, text: str) -> None:
     assert exact(value) == text
+
+
+def test_no_other_place_writes_an_interval() -> None:
+    packages = Path(__file__).parents[2]
+    sources = [path for path in packages.glob("spool_*/spool_*/**/*.py") if path.name != "uncertainty.py"]
+    assert len(sources) > 100
+    assert [str(path) for path in sources if re.search("± ?[{%]", path.read_text(encoding="utf-8"))] == []
