@@ -235,12 +235,14 @@ class BagReader:
 
         Where no index behind a damaged chunk tells, its size does, by what as large chunks of the file held.
         """
-        counted, estimated = 0, 0.0
+        counted, estimated, unknown = 0, 0.0, False
         for file in self.files:
             for damage in self._noted.get(file.path, []):
                 counted += damage.lost or 0
-                estimated += file.density * damage.size if damage.lost is None else 0.0
-        return counted + round(estimated), estimated > 0.0
+                if damage.lost is None:
+                    estimated += file.density * damage.size
+                    unknown = True
+        return counted + round(estimated), unknown
 
     def _store(self, topic: Topic) -> Typestore | None:
         """Return the types that the definition of ``topic`` defines, ``None`` where it defines none."""

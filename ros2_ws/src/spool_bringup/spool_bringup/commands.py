@@ -206,8 +206,9 @@ def _show(found: BagInformation) -> None:
     if found.valves:
         console.print(valves)
     if found.damages:
-        lost = f"{'about ' if found.lost_estimated else ''}{found.lost_messages} messages lost"
-        console.print(cell(f"{_damaged(found.damages)}, {lost}: see ./spool recover"), soft_wrap=True)
+        lost = _lost(found.lost_messages, estimated=found.lost_estimated)
+        text = f"{_damaged(found.damages)}, {lost} messages lost: see ./spool recover"
+        console.print(cell(text), soft_wrap=True)
     for warning in found.warnings:
         warn(warning)
 
@@ -218,12 +219,19 @@ def _damaged(damages: Sequence[Damage]) -> str:
     return f"{places} ({sum(damage.size for damage in damages)} bytes)"
 
 
+def _lost(count: int, *, estimated: bool) -> str:
+    """Return how many messages were lost, as well as it is known."""
+    if estimated:
+        return f"about {count}" if count else "an unknown number of"
+    return str(count)
+
+
 def recover_bag(bag: Path, out: Path) -> int:
     """Copy what is readable into a new bag; return 1 where something was lost."""
     with making_room(out), progress("recovering"):
         result = recover(bag, out)
     kept, bad = sum(result.messages.values()), sum(result.undecodable.values())
-    lost = f"{'about ' if result.estimated else ''}{result.lost}"
+    lost = _lost(result.lost, estimated=result.estimated)
     print(f"{out}: {kept} messages saved, {lost} lost, {bad} not decodable, {_damaged(result.damages)}")
     for damage in result.damages[:MOST_PLACES]:
         gone = "an unknown number of" if damage.lost is None else str(damage.lost)
