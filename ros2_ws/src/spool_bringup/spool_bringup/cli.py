@@ -28,6 +28,7 @@ from .outputs import one_command
 from .provenance import remember_command
 from .replaying import RefitRequest
 from .terminal import fail
+from .valve_command import app as valve_app
 
 app = typer.Typer(
     name="spool",
@@ -253,6 +254,7 @@ def trend(
 
 
 app.add_typer(alarm_app, name="alarm")
+app.add_typer(valve_app, name="valve")
 
 
 @app.command()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from spool_bringup.cli import main
 from spool_bringup.paper import LOCK_PLAN, run_paper
-from spool_bringup.paper_data import MODELS, SERIES, printed_parameters
+from spool_bringup.paper_data import MODELS, SERIES, Series, printed_parameters
 from spool_bringup.paper_fit import fit, fit_both, parameters
 from spool_bringup.paper_simulation import Plan, Response, measure, respond
 from spool_stream.errors import InputError
@@ -74,6 +74,19 @@ def test_model_that_may_choose_the_gap_is_never_worse() -> None:
     assert free.objective <= 1.001 * min(held.objective, fluid.objective)
     # The gap that model 1 has to keep is the reason why model 4 can win.
     assert fluid.objective < held.objective
+
+
+@pytest.mark.parametrize("series", SERIES[2:], ids=lambda series: series.label)
+def test_model_3_contains_model_4_and_is_never_worse(series: Series) -> None:
+    # mu_0 = 0 and K_V = 1 - (15 um)/h are model 4 at any h.
+    measured = measure(series, QUICK, 1)
+    fluid = fit(series, "fluid", measured)
+    assert fit(series, "coulomb_hydrodynamic", measured).objective <= 1.001 * fluid.objective
+
+
+def test_three_of_four_printed_objectives_of_model_3_are_above_those_of_the_model_it_contains() -> None:
+    larger = [n for n in MODELS[2].objective if MODELS[2].objective[n] > MODELS[3].objective[n]]
+    assert larger == [1, 2, 3]
 
 
 def test_objective_as_printed_lets_errors_cancel() -> None:
