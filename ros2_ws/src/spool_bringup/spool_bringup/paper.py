@@ -183,9 +183,9 @@ def _sections(out: Path, results: Results, tables: Mapping[str, list[dict[str, o
         html.paragraph(
             "Model 3 contains model 4 for any h: mu_0 = 0 and K_V = 1 - (15 µm)/h. A converged fit of it "
             "never has the larger objective, but three of the four printed ones do: those fits did not "
-            "converge, were bounded, or follow another equation; the text does not tell which. Models 1 and 2 contain "
-            "model 4 only with h fitted and may lose to it with h held. Objectives with h held at 15 µm and "
-            "with h fitted:"
+            "converge, were bounded, or follow another equation; the text does not tell which. Models 1 "
+            "and 2 contain model 4 only with h fitted and may lose to it with h held. "
+            "Objectives with h held at 15 µm and with h fitted:"
         ),
         html.table(
             list(tables["objective_with_h_fitted"][0]), tables["objective_with_h_fitted"]
