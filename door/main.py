@@ -33,6 +33,7 @@ HELP = """Usage: ./spool COMMAND [arguments]       ./spool COMMAND --help says m
   gap       what the model lacks: named, added and measured again
   paper     the paper's series, figures and tables, on made data
   study     how often the suite is right, over many blind records
+  valve     what follows from a valve file, and what looks wrong in it
   trend     what the monitor kept of a valve, over hours and days
   alarm     an operator's part: acknowledge, shelve, reset
   bench     timings against the peers

@@ -31,11 +31,12 @@ from spool_stream.errors import InputError
 MakeBlock = Callable[..., Block]
 
 DESCRIBE = """
-import resource, sys
+import sys
 from spool_bag.information import describe
 found = describe(sys.argv[1])
 print(len(found.damages), found.damages[0].reason if found.damages else "")
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+# Not ru_maxrss, which a process takes over from the one that started it.
+print(next(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmHWM")))
 """
 
 

@@ -61,12 +61,14 @@ def fit_page(judged: Judged) -> str:
             pictures.waveform_figure({name: shown}, curves.stretches(shown.run)), WAVEFORM, seen([judged])
         ),
         html.drawing(
-            pictures.ratio_figure({name: agreement}, curves.highest_frequency(shown.run)), RATIO,
+            pictures.ratio_figure({name: agreement}, curves.highest_frequency(shown.run)),
+            RATIO,
             ratio_seen([judged]),
         ),
         html.drawing(pictures.friction_figure({name: friction}), FRICTION, f"Law of {name} over velocity."),
         html.drawing(
-            pictures.spectrum_figure({name: agreement}, curves.spectra(judged.data.fitted)), SPECTRUM,
+            pictures.spectrum_figure({name: agreement}, curves.spectra(judged.data.fitted)),
+            SPECTRUM,
             seen([judged]),
         ),
     ]

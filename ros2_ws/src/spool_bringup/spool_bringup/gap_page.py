@@ -56,7 +56,8 @@ def gap_page(result: GapResult, sources: Sequence[tuple[str, str]] = ()) -> str:
     sections += [
         html.heading("Where the gap sits"),
         html.drawing(
-            pictures.where_figure(result.where, result.where_after, left), WHERE,
+            pictures.where_figure(result.where, result.where_after, left),
+            WHERE,
             f"Before: {result.where.sentence}. After: {result.where_after.sentence}.",
         ),
         html.drawing(

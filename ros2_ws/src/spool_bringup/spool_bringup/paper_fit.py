@@ -66,6 +66,8 @@ class Fit:
         amplitudes: of the fitted spool at each step, m/s^2.
         ratio: its mean ratio to the measured ones, a_est/a_pom.
         waveform: the fitted spool at the step nearest to 60 Hz, m/s^2.
+        decrease: share of the objective that a step of Gauss and Newton promises still to take away, along
+            the parameters that are not at a bound; what is far below 1 tells a converged fit.
     """
 
     series: int
@@ -80,6 +82,7 @@ class Fit:
     amplitudes: tuple[float, ...]
     ratio: float
     waveform: tuple[float, ...]
+    decrease: float
 
 
 def uncertainty(measured: Response) -> Array:
@@ -117,18 +120,35 @@ def parameters(model: str, series: Series, values: dict[str, float]) -> dict[str
 
 
 def fit_both(series: Series, model: str, measured: Response) -> tuple[Fit, ...]:
-    """Return the fit with h as in table 2 and the one with h fitted, which starts from it, too.
+    """Return the fit with h as in table 2 and the one with h fitted.
 
-    For ``fluid``, where h is the one unknown, there is one fit.
+    Each starts from what it contains, too: model 3 from model 4, those with h fitted from model 4 and from
+    the one with h held, so that none ends above a model that it contains. For ``fluid``, where h is the one
+    unknown, there is one fit.
     """
-    held = fit(series, model, measured)
     if GAP in UNKNOWNS[model]:
-        return (held,)
-    return held, fit(series, model, measured, free_gap=True, also=np.array((*held.values, CLEARANCE)))
+        return (fit(series, model, measured),)
+    gap = fit(series, "fluid", measured).values[0]
+    held = fit_held(series, model, measured, gap)
+    none = np.array((*(0.0 for _ in UNKNOWNS[model]), gap))
+    also = (np.array((*held.values, CLEARANCE)), none)
+    return held, fit(series, model, measured, free_gap=True, also=also)
+
+
+def fit_held(series: Series, model: str, measured: Response, gap: float) -> Fit:
+    """Return the fit of ``model`` with h held, where ``gap`` (m) is that of the fit of model 4.
+
+    Model 3 with mu_0 = 0 and K_V = 1 - h / gap is model 4.
+    """
+    if model != "coulomb_hydrodynamic":
+        return fit(series, model, measured)
+    film = UNKNOWNS[model][1]
+    inside = float(np.clip(1.0 - CLEARANCE / gap, film.low, film.high))
+    return fit(series, model, measured, also=(np.array((0.0, inside)),))
 
 
 def fit(
-    series: Series, model: str, measured: Response, *, free_gap: bool = False, also: Array | None = None
+    series: Series, model: str, measured: Response, *, free_gap: bool = False, also: tuple[Array, ...] = ()
 ) -> Fit:
     """Fit ``model`` to the windows of ``measured``, from the best points of a coarse grid on.
 
@@ -137,7 +157,7 @@ def fit(
         model: name of one of the four.
         measured: data.
         free_gap: fit h as well.
-        also: a further point to start from.
+        also: further points to start from.
     """
     plan = as_measured(measured.plan, measured)
     sigma = uncertainty(measured)
@@ -154,10 +174,12 @@ def fit(
         return float(np.sum(residuals(point) ** 2))
 
     grid = sorted((np.array(point) for point in itertools.product(*(u.starts for u in wanted))), key=cost)
-    starts = grid[:STARTS] if also is None else [*grid[:STARTS], also]
-    reached = min((_descend(residuals, start, wanted) for start in starts), key=cost)
-    point = _polish(cost, reached, wanted)
+    starts = [*grid[:STARTS], *also]
+    # A descent along slopes that sticking bends may end above its start.
+    reached = min((*also, *(_descend(residuals, start, wanted) for start in starts)), key=cost)
+    point = min((reached, _polish(cost, reached, wanted)), key=cost)
     best = simulated(point)
+    jacobian = _jacobian(residuals, point, wanted)
     amplitudes = best.spool_amplitudes
     return Fit(
         series.number,
@@ -166,12 +188,13 @@ def fit(
         tuple(unknown.name for unknown in wanted),
         tuple(unknown.unit for unknown in wanted),
         tuple(float(value) for value in point),
-        _deviations(_jacobian(residuals, point, wanted), cost(point)),
+        _deviations(jacobian, cost(point)),
         cost(point),
         float(np.sum((measured.spool - best.spool) / sigma**2)),
         tuple(amplitudes.tolist()),
         float(np.mean(amplitudes / measured.spool_amplitudes)),
         tuple(best.spool[waveform_step(measured)].tolist()),
+        _left(jacobian, residuals(point), point, wanted),
     )
 
 
@@ -212,6 +235,18 @@ def _jacobian(residuals: Callable[[Array], Array], point: Array, wanted: Sequenc
         there[place] += step if point[place] + step <= unknown.high else -step
         columns.append((residuals(there) - residuals(point)) / (there[place] - point[place]))
     return np.array(columns).T
+
+
+def _left(jacobian: Array, residual: Array, point: Array, wanted: Sequence[Unknown]) -> float:
+    inside = [
+        unknown.low + 1e-6 * unknown.scale < value < unknown.high - 1e-6 * unknown.scale
+        for unknown, value in zip(wanted, point, strict=True)
+    ]
+    columns = jacobian[:, inside]
+    if columns.shape[1] == 0:
+        return 0.0
+    explained = columns @ np.linalg.lstsq(columns, residual, rcond=1e-10)[0]
+    return float(np.sum(explained**2) / np.sum(residual**2))
 
 
 def waveform_step(measured: Response) -> int:

@@ -7,11 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_sim.excitation import SteppedSine
+from spool_sim.excitation import SteadySine, SteppedSine
+from spool_sim.excitation_base import Excitation
 from spool_sim.model import Model, model_from_mapping
 from spool_sim.sensors import PAPER_CHAIN, Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve import Valve
+from spool_stream.block import Block
 
 from .paper_data import Series
 
@@ -31,6 +33,7 @@ class Plan:
     Attributes:
         frequencies: of the steps, Hz; whole multiples of 1 / window, so that a window holds whole periods.
         amplitude: of the body's acceleration, peak, m/s^2.
+        amplitudes: one for each step in place of ``amplitude``; each step then begins at rest.
         dwell: s on each frequency.
         window: s at the end of each step that counts.
         sample_rate: Hz.
@@ -41,6 +44,7 @@ class Plan:
     dwell: float = 1.0
     window: float = 0.4
     sample_rate: float = 2000.0
+    amplitudes: tuple[float, ...] = ()
 
     @property
     def samples(self) -> int:
@@ -82,19 +86,27 @@ def respond(
     Raises:
         InputError: the model does not know a parameter, or a value is out of range.
     """
-    drive = SteppedSine(frequencies=plan.frequencies, dwell=plan.dwell, amplitude=plan.amplitude)
-    simulator = Simulator(
-        valve,
-        drive,
-        model=model,
-        parameters=parameters,
-        sample_rate=plan.sample_rate,
-        block_size=round(plan.dwell * plan.sample_rate),
-        seed=seed,
-        body_sensor=body_sensor,
-        spool_sensor=spool_sensor,
-    )
-    blocks = list(simulator.records(plan.dwell * len(plan.frequencies)))
+    excitations: list[Excitation]
+    if plan.amplitudes:
+        pairs = zip(plan.frequencies, plan.amplitudes, strict=True)
+        excitations = [SteadySine(frequency=one, amplitude=size) for one, size in pairs]
+    else:
+        excitations = [SteppedSine(frequencies=plan.frequencies, dwell=plan.dwell, amplitude=plan.amplitude)]
+    blocks: list[Block] = []
+    for number, excitation in enumerate(excitations):
+        simulator = Simulator(
+            valve,
+            excitation,
+            model=model,
+            parameters=parameters,
+            sample_rate=plan.sample_rate,
+            block_size=round(plan.dwell * plan.sample_rate),
+            # Each step's noise is its own; the seeds of the series are 1 apart.
+            seed=seed + 1000 * number,
+            body_sensor=body_sensor,
+            spool_sensor=spool_sensor,
+        )
+        blocks += simulator.records(plan.dwell * len(plan.frequencies) / len(excitations))
     kept = slice(-plan.samples, None)
     return Response(
         plan,
@@ -125,7 +137,10 @@ def measure(series: Series, plan: Plan, seed: int) -> Response:
 
 def as_measured(plan: Plan, measured: Response) -> Plan:
     """Return ``plan`` with the body's amplitude as the accelerometer has it: a fit knows no other."""
-    return replace(plan, amplitude=float(measured.body_amplitudes.mean()))
+    if not plan.amplitudes:
+        return replace(plan, amplitude=float(measured.body_amplitudes.mean()))
+    gain = float(np.mean(measured.body_amplitudes / np.array(plan.amplitudes)))
+    return replace(plan, amplitudes=tuple(gain * size for size in plan.amplitudes))
 
 
 def _amplitudes(plan: Plan, samples: Array) -> Array:

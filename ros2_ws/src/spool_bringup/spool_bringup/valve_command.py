@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from spool_sim.valve import Valve
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -50,25 +53,17 @@ def quantities(file: str) -> Iterator[str]:
     Raises:
         InputError: no such valve, or a file that describes none.
     """
-    from spool_sim.lubrication import fluid_friction_coefficient  # noqa: PLC0415
     from spool_sim.sensors import PAPER_CHAIN  # noqa: PLC0415
     from spool_sim.valve import find_valve  # noqa: PLC0415
 
     valve = find_valve(file)
-    coefficient = fluid_friction_coefficient(
-        dynamic_viscosity=valve.dynamic_viscosity,
-        speed=SPEED,
-        area=math.pi * valve.land_diameter * valve.land_length,
-        normal_load=valve.spool_mass * GRAVITY,
-        film_thickness=valve.radial_clearance,
-    )
     yield f"valve {valve.id}"
     yield f"undamped natural frequency: {valve.natural_frequency:.4g} Hz"
     yield f"damping ratio: {valve.damping_ratio:.3g}, of the oil alone"
     yield f"viscous coefficient: {valve.viscous_coefficient:.4g} N s/m at {valve.oil_temperature:g} deg C"
     yield (
-        f"fluid friction coefficient, equation (6): {coefficient:.3g} at {SPEED:g} m/s under the spool's "
-        "weight: Newton's drag over the normal load"
+        f"fluid friction coefficient, equation (6): {friction_coefficient(valve):.3g} at {SPEED:g} m/s "
+        "under the spool's weight: Newton's drag over the normal load"
     )
     yield (
         f"lambda: gap height over combined rms roughness; {valve.radial_clearance / 3.0 * 1e6:.3g} um of "
@@ -78,4 +73,17 @@ def quantities(file: str) -> Iterator[str]:
     yield (
         "largest error of a measured acceleration, equation (31): "
         f"{100.0 * PAPER_CHAIN.relative_uncertainty:.3g} % of the reading with the paper's measuring chain"
+    )
+
+
+def friction_coefficient(valve: Valve) -> float:
+    """Return the fluid friction coefficient of ``valve`` at SPEED under its spool's weight, equation (6)."""
+    from spool_sim.lubrication import fluid_friction_coefficient  # noqa: PLC0415
+
+    return fluid_friction_coefficient(
+        dynamic_viscosity=valve.dynamic_viscosity,
+        speed=SPEED,
+        area=math.pi * valve.land_diameter * valve.land_length,
+        normal_load=valve.spool_mass * GRAVITY,
+        film_thickness=valve.radial_clearance,
     )

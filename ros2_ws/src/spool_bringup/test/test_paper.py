@@ -12,6 +12,7 @@ from spool_bringup.cli import main
 from spool_bringup.paper import LOCK_PLAN, run_paper
 from spool_bringup.paper_data import MODELS, SERIES, Series, printed_parameters
 from spool_bringup.paper_fit import fit, fit_both, parameters
+from spool_bringup.paper_regimes import full_stroke
 from spool_bringup.paper_simulation import Plan, Response, measure, respond
 from spool_stream.errors import InputError
 
@@ -84,6 +85,17 @@ def test_model_3_contains_model_4_and_is_never_worse(series: Series) -> None:
     assert fit(series, "coulomb_hydrodynamic", measured).objective <= 1.001 * fluid.objective
 
 
+def test_full_stroke_is_what_linear_theory_gives() -> None:
+    for series in SERIES:
+        plan = full_stroke(series, QUICK)
+        assert plan.frequencies == (15.0, 30.0, 60.0)
+        response = respond(series.valve, "fluid", {}, plan)
+        omega = 2.0 * np.pi * np.array(plan.frequencies)
+        turns = np.exp(-1j * np.outer(omega, np.arange(plan.samples) / plan.sample_rate))
+        relative = np.abs(np.mean(2.0 * (response.spool - response.body) * turns, axis=1)) / omega**2
+        np.testing.assert_allclose(2.0 * relative, 9e-3, rtol=0.02)
+
+
 def test_three_of_four_printed_objectives_of_model_3_are_above_those_of_the_model_it_contains() -> None:
     larger = [n for n in MODELS[2].objective if MODELS[2].objective[n] > MODELS[3].objective[n]]
     assert larger == [1, 2, 3]
@@ -112,12 +124,24 @@ def test_command_writes_a_page_that_stands_by_itself(
     written = json.loads((tmp_path / "out" / "paper.json").read_text(encoding="utf-8"))
     assert set(written["spool_follows_body_with_table_4"].values()) == {True}
     assert set(written["tables"]) == {
-        "table_3", "table_4", "table_5", "table_6", "table_7", "objective_with_h_fitted",
+        "table_3", "table_4", "table_5", "table_6", "table_7", "objective_with_h_fitted", "derived",
+        "models_in_both_regimes", "forces_in_both_regimes",
     }  # fmt: skip
     for row in written["tables"]["objective_with_h_fitted"]:
         for number in (1, 2, 3):
             free = row[f"model {number}, h fitted"]
             assert free <= 1.001 * row[f"model {number}, h = 15 µm"]
+    for row in written["tables"]["objective_with_h_fitted"]:
+        # Model 3 contains model 4, and so do those with h fitted.
+        contained = 1.0001 * row["model 4, h fitted"]
+        assert all(row[f"model {name} fitted"] <= contained for name in ("1, h", "2, h", "3, h"))
+        assert row["model 3, h = 15 µm"] <= contained
+    forces = written["tables"]["forces_in_both_regimes"]
+    small, large = forces[: len(SERIES)], forces[len(SERIES) :]
+    assert all(row["stroke (mm)"] == pytest.approx(9.0, rel=0.03) for row in large)
+    assert all(row["mean speed (m/s)"] > 0.5 for row in large)  # as the paper's conclusions have it
+    assert all(row["fluid share of friction"] > 0.9 for row in large)
+    assert all(row["fluid share of friction"] < 0.5 for row in small)
     with (tmp_path / "out" / "amplitudes.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == len(SERIES) * len(QUICK.frequencies)

@@ -16,7 +16,7 @@ class Blocker(importlib.abc.MetaPathFinder):
 sys.meta_path.insert(0, Blocker())
 import importlib, spool_sim
 for module in pkgutil.walk_packages(spool_sim.__path__, "spool_sim."):
-    if not module.name.endswith("_node"):
+    if not module.name.endswith(("_node", ".program")):  # what runs as a node
         importlib.import_module(module.name)
 """
 
