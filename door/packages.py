@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping
 from importlib.metadata import distributions
 from pathlib import Path
 
+from door import uv
 from door.errors import DoorError
 from door.layout import Layout
 from door.process import Runner, ask
@@ -90,21 +91,23 @@ def venv_works(layout: Layout, environment: Mapping[str, str]) -> bool:
 
 
 def forget_half_installed(layout: Layout) -> None:
-    """Remove what a killed pip left, so that pip does not take it for installed."""
+    """Remove what a killed installer left, so that the next one does not take it for installed."""
     folder = site_packages(layout)
     for entry in folder.iterdir() if folder else ():
-        # pip writes INSTALLER after the last file of a package.
+        # pip and uv write INSTALLER after the last file of a package.
         half = entry.name.endswith(".dist-info") and not (entry / "INSTALLER").exists()
         if entry.is_dir() and (half or entry.name.startswith("~")):
             shutil.rmtree(entry)
 
 
 def install(layout: Layout, environment: Mapping[str, str], runner: Runner) -> None:
-    """Install the lock, leaving alone what is there in the right version.
+    """Install the lock with uv, or with pip where uv fails; what is there in the right version stays.
 
     Raises:
         DoorError: names the cause: no network, a wrong hash, a full disk, or the log.
     """
+    if uv.install(layout, environment, runner):
+        return
     command: list[str | Path] = [layout.python, "-m", "pip", "install", "-r", layout.requirements]
     command += ["--no-deps", "--require-hashes", "--retries", "1", "--timeout", "20", "--progress-bar", "off"]
     command += ["--disable-pip-version-check", "--no-input", "--no-warn-script-location"]
