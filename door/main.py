@@ -64,7 +64,7 @@ def main(arguments: list[str]) -> int:
     _keep_standard_streams()
     try:
         return _run(arguments)
-    except BrokenPipeError:  # whoever reads the output has ended
+    except BrokenPipeError:  # the reader of the output has ended
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return 141
     except DoorError as error:

@@ -290,7 +290,7 @@ def _run(arguments: list[str]) -> int:
         result = app(arguments, prog_name="spool", standalone_mode=False)
     except InputError as error:
         return fail(str(error))
-    except BrokenPipeError:  # whoever reads the output has ended: no fault, and nobody to tell
+    except BrokenPipeError:  # the reader of the output has ended: no fault, and nobody to tell
         raise
     except OSError as error:
         return fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))

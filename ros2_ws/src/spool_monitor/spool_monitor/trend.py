@@ -33,7 +33,7 @@ FORGET_EVERY = 100
 #: SQLite's user_version of the files that this version writes; those without one (0) are of the same form.
 VERSION = 1
 
-#: s that a writing waits for whoever holds the file, e.g. a copy that is being made of it.
+#: s that a writing waits for the process that holds the file, e.g. a copy that is being made of it.
 PATIENCE = 5.0
 
 #: Spans that are held at most while the file can't be written: a day of minutes of 20 parameters.
@@ -267,7 +267,7 @@ def own_file(path: Path, patience: float = PATIENCE) -> Path:
     except LaterVersionError:
         return path.with_name(f"{path.stem}.format{VERSION}{path.suffix}")
     except (InputError, OSError):
-        pass  # said by whoever opens it
+        pass  # said by the one who opens it
     return path
 
 

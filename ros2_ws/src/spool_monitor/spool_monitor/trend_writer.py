@@ -82,7 +82,7 @@ class TrendWriter:
         """Write the rest and let go of the file; what could not be written by now is lost."""
         self._worker.shutdown()
         self._writing = None
-        if not self.trouble:  # whoever holds the file must not hold up the end of the node again
+        if not self.trouble:  # the process that holds the file must not hold up the end of the node again
             self._worker = ThreadPoolExecutor(1, "trends")
             self.flush(self._written)
             self._worker.shutdown()
