@@ -27,7 +27,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from spool_bringup.processes import find_executable
+from spool_tools.demo.processes import find_executable
 
 LOCALHOST = "LOCALHOST"
 PACKAGES = {

@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parent.parent
 VALVES = {"practice_01": "4weh10_soft", "practice_03": "4weh10_soft", "practice_04": "4weh10_soft"}
 #: First seed of the generated cases; no threshold was chosen on them.
 FIRST_SEED = 26000
-MODELS = ("viscous", "coulomb", "stribeck", "fluid")
+MODELS = ("fluid", "coulomb", "stribeck", "mixed")
 #: What differs from one run to the next without meaning anything.
 VOLATILE = (
     "seconds",

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from spool_bag.reader import BagReader
-from spool_bringup.processes import find_executable
+from spool_bag.reading.reader import BagReader
 from spool_msgs.msg import Alarm, AlarmList, HealthEvent, ValveHealth
 from spool_msgs.srv import AcknowledgeAlarm, ManageBaseline, ResetAlarms, ShelveAlarm, SuppressAlarm
+from spool_tools.demo.processes import find_executable
 
 if TYPE_CHECKING:
     from .conftest import Heard, Process, System, Topic

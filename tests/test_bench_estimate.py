@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from spool_bringup.benchmarks import estimate
+from spool_evaluation.benchmarks import estimate
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from rich.console import Console
 from spool_blind.case import make
-from spool_bringup.bench import run_bench, table_of
-from spool_bringup.benchmarks import gap, gap_peer
-from spool_bringup.benchmarks.gap import FRESH, seeds
-from spool_bringup.benchmarks.gap_peer import library, named
-from spool_bringup.benchmarks.timing import Timing
-from spool_bringup.studies.gap import given
-from spool_estimator.gap.effect import Motion
-from spool_estimator.gap.registry import EFFECTS
+from spool_evaluation.bench import run_bench, table_of
+from spool_evaluation.benchmarks import gap, gap_peer
+from spool_evaluation.benchmarks.gap import FRESH, seeds
+from spool_evaluation.benchmarks.gap_peer import library, named
+from spool_evaluation.benchmarks.timing import Timing
+from spool_evaluation.studies.gap import given
+from spool_gap.effect import Motion
+from spool_gap.registry import EFFECTS
 from spool_stream.errors import InputError
 
 

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from spool_bringup.benchmarks.change_points import ChangePoints
-from spool_bringup.benchmarks.monitor import PEERS, Stream, _delays, _false, _first
+from spool_evaluation.benchmarks.change_points import ChangePoints
+from spool_evaluation.benchmarks.monitor import PEERS, Stream, _delays, _false, _first
 
 
 def stream(step: float, seed: int = 1) -> Stream:

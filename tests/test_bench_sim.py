@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from spool_bringup.benchmarks import sim, sim_compiled, sim_peer
-from spool_bringup.benchmarks.sim import PLANT, SWEEP, Ours, Run
-from spool_bringup.benchmarks.timing import Timing
-from spool_sim.composed_motion import ComposedMotion
-from spool_sim.excitation import SweptSine
+from spool_evaluation.benchmarks import sim, sim_compiled, sim_peer
+from spool_evaluation.benchmarks.sim import PLANT, SWEEP, Ours, Run
+from spool_evaluation.benchmarks.timing import Timing
+from spool_sim.excitation.kinds import SweptSine
+from spool_sim.integration.composed_motion import ComposedMotion
 from spool_sim.model import MODELS
 
 Array = NDArray[np.float64]

@@ -17,12 +17,12 @@ from spool_blind.limit import limit_case
 from spool_blind.plant import Plant, move
 from spool_blind.spoiling import SPOILINGS
 from spool_blind.writing import write, write_record
-from spool_bringup.cli import main
-from spool_bringup.studies.gap import judge
-from spool_sim.composed_motion import ComposedMotion, MotionState
-from spool_sim.excitation import SweptSine
+from spool_evaluation.studies.gap import judge
+from spool_sim.excitation.kinds import SweptSine
+from spool_sim.integration.composed_motion import ComposedMotion, MotionState
+from spool_sim.integration.motion import half_step_times
 from spool_sim.model import MODELS
-from spool_sim.motion import half_step_times
+from spool_tools.cli import main
 
 VALUES = {"mass": 0.18, "spring_stiffness": 1632.0, "viscous_coefficient": 4.0, "coulomb_force": 0.4}
 

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
-from spool_bag.reader import BagReader
-from spool_bringup.replaying import replay_valve
-from spool_bringup.valve_record import recorded_valve
+from spool_bag.reading.reader import BagReader
 from spool_estimator.estimate import State
 from spool_msgs.msg import HealthEvent
+from spool_tools.commands.replay_command import replay_valve
+from spool_tools.input.bag_valve import recorded_valve
 
 if TYPE_CHECKING:
     from .conftest import System

@@ -6,16 +6,16 @@ import re
 from pathlib import Path
 
 import pytest
-from spool_bringup.bench import markdown_of
-from spool_bringup.benchmarks.timing import Timing
-from spool_bringup.studies import records, steps
-from spool_bringup.studies.estimation import run as run_estimation
-from spool_bringup.studies.gap_limit import Limit
-from spool_bringup.studies.gap_limit_page import limits_text, sentence, within
-from spool_bringup.studies.gap_page import write_page
-from spool_bringup.studies.gap_summary import Row
-from spool_monitor.study.run import Outcome
-from spool_monitor.study.table import markdown
+from spool_evaluation.bench import markdown_of
+from spool_evaluation.benchmarks.timing import Timing
+from spool_evaluation.monitor_cases.run import Outcome
+from spool_evaluation.monitor_cases.table import markdown
+from spool_evaluation.studies import records, steps
+from spool_evaluation.studies.estimation import run as run_estimation
+from spool_evaluation.studies.gap_limit import Limit
+from spool_evaluation.studies.gap_limit_page import limits_text, sentence, within
+from spool_evaluation.studies.gap_page import write_page
+from spool_evaluation.studies.gap_summary import Row
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"

@@ -26,9 +26,9 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, event, given, settings
 from hypothesis import strategies as st
-from spool_bringup.cli import main
-from spool_monitor.trend import Sums, TrendStore
-from spool_sim.valve import shipped_valves
+from spool_monitor.history.trend import Sums, TrendStore
+from spool_sim.valve.description import shipped_valves
+from spool_tools.cli import main
 
 EXAMPLES = int(os.environ.get("SPOOL_FUZZ_EXAMPLES", "0"))
 #: What a command may take more than what is loaded before it starts, B.
@@ -87,9 +87,21 @@ def processes() -> Any:
     """A server that has everything loaded, of which each command is a fork."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(
-        ["spool_bringup.cli", "spool_bringup.commands", "spool_bringup.replaying", "spool_bringup.gapping",
-         "spool_bringup.fitting", "spool_bringup.comparing", "spool_bringup.trend"]
-    )  # fmt: skip
+        [
+            "spool_tools.cli",
+            *(
+                f"spool_tools.commands.{name}"
+                for name in (
+                    "bag_commands",
+                    "replay_command",
+                    "gap_command",
+                    "fit_command",
+                    "compare_command",
+                    "trend",
+                )
+            ),
+        ]
+    )
     return context
 
 

@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from spool_bag.reader import BagReader
-from spool_bringup.cli import main
+from spool_bag.reading.reader import BagReader
 from spool_estimator.estimator import Estimator, phase_of, settings_for
 from spool_monitor.messages import to_event_message
 from spool_monitor.monitor import Monitor, MonitorSettings
 from spool_monitor.replay import Replay
 from spool_msgs.msg import GapAnalysis, HealthEvent, ModelEstimate, WindowRefit
 from spool_sim.model import load_model
-from spool_sim.valve import find_valve
+from spool_sim.valve.description import find_valve
+from spool_tools.cli import main
 from std_srvs.srv import Trigger
 
 if TYPE_CHECKING:

@@ -14,9 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from spool_bag.reader import BagReader
-from spool_bringup.replaying import replay_valve
-from spool_bringup.valve_record import recorded_valve
+from spool_bag.reading.reader import BagReader
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import phase_of
 from spool_estimator.messages import from_message
@@ -24,11 +22,13 @@ from spool_monitor.replay import Replay
 from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate
 from spool_node import qos
 from spool_node.messages import from_block, nanoseconds
-from spool_sim.excitation import load_excitation
+from spool_sim.excitation.kinds import load_excitation
 from spool_sim.simulator import Simulator
-from spool_sim.valve import find_valve
+from spool_sim.valve.description import find_valve
 from spool_stream.block import Block
 from spool_stream.block_gate import Fault
+from spool_tools.commands.replay_command import replay_valve
+from spool_tools.input.bag_valve import recorded_valve
 
 if TYPE_CHECKING:
     from .conftest import System

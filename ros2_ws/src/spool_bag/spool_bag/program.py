@@ -7,4 +7,4 @@ from spool_node.program import start
 
 def main() -> int:
     """Run the node."""
-    return start("spool_bag.recorder_node", "RecorderNode")
+    return start("spool_bag.recording.recorder_node", "RecorderNode")

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from spool_bag.cdr import encode_block
-from spool_bag.definitions import ACCELERATION_BLOCK
-from spool_bag.writer import BagWriter
+from spool_bag.reading.cdr import encode_block
+from spool_bag.reading.definitions import ACCELERATION_BLOCK
+from spool_bag.recording.writer import BagWriter
 from spool_stream.block import Block
 
 START = 1_700_000_000_000_000_000

@@ -15,12 +15,12 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from ruamel.yaml import YAML
-from spool_bag.cdr import OilTemperature, encode_block, encode_temperature
-from spool_bag.definitions import ACCELERATION_BLOCK, TEMPERATURE, typestore
-from spool_bag.information import describe
-from spool_bag.reader import WINDOW, BagReader
-from spool_bag.recovery import recover
-from spool_bag.writer import BagWriter
+from spool_bag.reading.cdr import OilTemperature, encode_block, encode_temperature
+from spool_bag.reading.definitions import ACCELERATION_BLOCK, TEMPERATURE, typestore
+from spool_bag.reading.information import describe
+from spool_bag.reading.reader import WINDOW, BagReader
+from spool_bag.reading.recovery import recover
+from spool_bag.recording.writer import BagWriter
 from spool_stream.block import Block
 from spool_stream.errors import InputError
 

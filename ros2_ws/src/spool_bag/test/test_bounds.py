@@ -14,17 +14,17 @@ import zstandard
 from lz4.frame import compress as lz4_compress
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType, Writer
-from spool_bag.bounded_yaml import YamlError, load_bounded
-from spool_bag.cdr import encode_block
-from spool_bag.definitions import ACCELERATION_BLOCK, definition
-from spool_bag.export import export_bag
-from spool_bag.information import describe
-from spool_bag.mcap_chunk import LARGEST_CHUNK
-from spool_bag.mcap_record import CHUNK_HEAD, FRAME, MAGIC
-from spool_bag.metadata import FILE_NAME
-from spool_bag.reader import BagReader
-from spool_bag.recovery import recover
-from spool_bag.writer import BagWriter
+from spool_bag.mcap.mcap_chunk import LARGEST_CHUNK
+from spool_bag.mcap.mcap_record import CHUNK_HEAD, FRAME, MAGIC
+from spool_bag.reading.bounded_yaml import YamlError, load_bounded
+from spool_bag.reading.cdr import encode_block
+from spool_bag.reading.definitions import ACCELERATION_BLOCK, definition
+from spool_bag.reading.information import describe
+from spool_bag.reading.metadata import FILE_NAME
+from spool_bag.reading.reader import BagReader
+from spool_bag.reading.recovery import recover
+from spool_bag.recording.writer import BagWriter
+from spool_bag.tables.export import export_bag
 from spool_stream.block import Block
 from spool_stream.errors import InputError
 

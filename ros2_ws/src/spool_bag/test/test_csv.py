@@ -12,14 +12,14 @@ import numpy as np
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pa_parquet
 import pytest
-from spool_bag.cdr import encode_block
-from spool_bag.csv_import import DEFAULT_START, import_csv
-from spool_bag.csv_record import read_csv, sampling_period
-from spool_bag.definitions import ACCELERATION_BLOCK
-from spool_bag.export import export_bag
-from spool_bag.information import describe
-from spool_bag.reader import BagReader
-from spool_bag.writer import BagWriter
+from spool_bag.reading.cdr import encode_block
+from spool_bag.reading.definitions import ACCELERATION_BLOCK
+from spool_bag.reading.information import describe
+from spool_bag.reading.reader import BagReader
+from spool_bag.recording.writer import BagWriter
+from spool_bag.tables.csv_import import DEFAULT_START, import_csv
+from spool_bag.tables.csv_record import read_csv, sampling_period
+from spool_bag.tables.export import export_bag
 from spool_stream.block_gate import BlockGate, Verdict
 from spool_stream.errors import InputError
 

@@ -18,13 +18,13 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 from ruamel.yaml import YAML
-from spool_bag.cdr import OilTemperature, encode_block, encode_temperature
-from spool_bag.definitions import ACCELERATION_BLOCK, TEMPERATURE
-from spool_bag.information import describe
-from spool_bag.mcap_record import FRAME, MAGIC
-from spool_bag.reader import BagReader
-from spool_bag.recovery import RecoveryResult, recover
-from spool_bag.writer import BagWriter
+from spool_bag.mcap.mcap_record import FRAME, MAGIC
+from spool_bag.reading.cdr import OilTemperature, encode_block, encode_temperature
+from spool_bag.reading.definitions import ACCELERATION_BLOCK, TEMPERATURE
+from spool_bag.reading.information import describe
+from spool_bag.reading.reader import BagReader
+from spool_bag.reading.recovery import RecoveryResult, recover
+from spool_bag.recording.writer import BagWriter
 from spool_stream.block import Block
 from spool_stream.errors import InputError
 

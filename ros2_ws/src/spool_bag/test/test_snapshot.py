@@ -6,12 +6,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from spool_bag.cdr import encode_block
-from spool_bag.definitions import ACCELERATION_BLOCK, typestore
-from spool_bag.information import describe
-from spool_bag.reader import BagReader
-from spool_bag.snapshot import HEALTH_EVENT, MOST_BYTES, MOST_WAITING, Message, Snapshot, SnapshotKeeper
-from spool_bag.snapshot_desk import SnapshotDesk
+from spool_bag.reading.cdr import encode_block
+from spool_bag.reading.definitions import ACCELERATION_BLOCK, typestore
+from spool_bag.reading.information import describe
+from spool_bag.reading.reader import BagReader
+from spool_bag.recording.snapshot import (
+    HEALTH_EVENT,
+    MOST_BYTES,
+    MOST_WAITING,
+    Message,
+    Snapshot,
+    SnapshotKeeper,
+)
+from spool_bag.recording.snapshot_writer import SnapshotDesk
 from spool_stream.block import Block
 
 SECOND = 1_000_000_000

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 from ruamel.yaml import YAML
-from spool_bag.reader import BagReader
-from spool_bag.staging import leftovers, staged
-from spool_bag.writer import BagWriter
+from spool_bag.reading.reader import BagReader
+from spool_bag.recording.staging import leftovers, staged
+from spool_bag.recording.writer import BagWriter
 from spool_stream.errors import InputError
 
 WRITE = """

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from spool_bag.cdr import encode_block
-from spool_bag.csv_record import read_csv
-from spool_bag.definitions import ACCELERATION_BLOCK
-from spool_bag.export import export_bag
-from spool_bag.information import describe
-from spool_bag.timeline import Timeline, duration_of
-from spool_bag.writer import BagWriter
+from spool_bag.reading.cdr import encode_block
+from spool_bag.reading.definitions import ACCELERATION_BLOCK
+from spool_bag.reading.information import describe
+from spool_bag.reading.timeline import Timeline, duration_of
+from spool_bag.recording.writer import BagWriter
+from spool_bag.tables.csv_record import read_csv
+from spool_bag.tables.export import export_bag
 from spool_stream.block import Block
 
 MakeBlock = Callable[..., Block]

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_stream.compiled import compiled
+from spool_stream.kernels.compiled import compiled
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_stream.compiled import compiled
+from spool_stream.kernels.compiled import compiled
 
 from .laws import (
     BRISTLE,

@@ -8,7 +8,7 @@ import signal
 import sys
 from types import FrameType
 
-from spool_stream.standard_streams import drop_output, keep_standard_streams
+from spool_stream.text.standard_streams import drop_output, keep_standard_streams
 
 INTERRUPTED, NOBODY_READS = 130, 141  # what a shell says of SIGINT and SIGPIPE
 
@@ -17,7 +17,7 @@ def main() -> int:
     """Run the command line; return the exit code."""
     keep_standard_streams()
     signal.signal(signal.SIGINT, _leave)
-    run = importlib.import_module("spool_bringup.cli").main
+    run = importlib.import_module("spool_tools.cli").main
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         code = int(run())

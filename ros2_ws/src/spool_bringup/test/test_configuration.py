@@ -13,12 +13,12 @@ from typing import Any
 
 import pytest
 import yaml
-from spool_bag.recorder_node import RecorderNode
+from spool_bag.recording.recorder_node import RecorderNode
 from spool_estimator.estimator_node import EstimatorNode
 from spool_monitor.monitor_node import MonitorNode
 from spool_node.managed_node import AUTOSTART, ManagedNode
 from spool_sim.simulator_node import SimulatorNode
-from spool_sim.valve import find_valve
+from spool_sim.valve.description import find_valve
 
 CONFIG = Path(__file__).resolve().parent.parent / "config"
 MANUAL = CONFIG / "valve.yaml"

@@ -12,17 +12,26 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_identification.oil import OilReference
 from spool_stream.block import Block
 from spool_stream.block_gate import BlockGate, Fault, Verdict
 from spool_stream.quantity import Quantity, Validity
 from spool_stream.standing import StandingWatch
 
-from .conditioning import BODY, COLUMNS, DIRECTION, DISPLACEMENT, SPOOL, VELOCITY, Conditioning
+from spool_estimator.recursion.conditioning import (
+    BODY,
+    COLUMNS,
+    DIRECTION,
+    DISPLACEMENT,
+    SPOOL,
+    VELOCITY,
+    Conditioning,
+)
+from spool_estimator.recursion.exponential import ExponentialForgetting
+
 from .estimate import Estimate, State
 from .estimator import LEARNED, EstimatorSettings
-from .exponential import ExponentialForgetting
 from .last_good import LATE, LastGood
-from .oil import OilReference
 
 _NAMES = ("spring_stiffness", "viscous_coefficient", "coulomb_force")
 _UNITS = ("N/m", "N s/m", "N")

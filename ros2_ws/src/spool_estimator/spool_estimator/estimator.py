@@ -9,17 +9,18 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_sim.valve import Valve
+from spool_identification.oil import OilLaw, OilReference, oil_law
+from spool_sim.valve.description import Valve
 from spool_stream.block import Block
 from spool_stream.block_gate import BlockGate, Fault, Verdict
 from spool_stream.quantity import Quantity, Validity
 
+from spool_estimator.motion.prediction import DELAY
+from spool_estimator.recursion.recursive import RecursiveLeastSquares
+from spool_estimator.recursion.sliding import SlidingLeastSquares
+
 from .estimate import Estimate, State
 from .last_good import LATE, LastGood
-from .oil import OilLaw, OilReference, oil_law
-from .prediction import DELAY
-from .recursive import RecursiveLeastSquares
-from .sliding import SlidingLeastSquares
 from .tracking import CHUNK, Knowledge, Tracker
 
 #: Relative standard deviation of the stiffness at which learning ends.

@@ -17,13 +17,14 @@ from spool_node.parameters import Parameter
 from spool_node.running import run
 from spool_node.throttle import Throttle
 from spool_sim.model import load_model
-from spool_sim.valve import Valve, find_valve
+from spool_sim.valve.description import Valve, find_valve
 from std_srvs.srv import Trigger
+
+from spool_estimator.gap_requests.gap_service import GapService
 
 from .estimate import Estimate, State
 from .estimator import EXPONENTIAL, FORGETTING, phase_of, settings_for
 from .estimators import ESTIMATORS, StreamEstimator, make_estimator
-from .gap_service import GapService
 from .messages import to_message, to_refit_message
 from .plausibility import ValveCheck
 from .refit import RefitSettings, WindowRefits

@@ -13,8 +13,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from spool_sim.valve import Valve
-from spool_sim.viscosity import OILS
+from spool_identification.record import Record
+from spool_sim.valve.description import Valve
+from spool_sim.valve.viscosity import OILS
 from spool_stream.block import Block
 from spool_stream.errors import InputError
 from spool_stream.uncertainty import Z_95, compared
@@ -22,7 +23,6 @@ from spool_stream.uncertainty import Z_95, compared
 from .estimate import Estimate, State
 from .estimator import settings_for
 from .estimators import make_estimator
-from .record import Record
 
 #: Tracked estimates that are looked at: the first minute judges the file, later changes are the monitor's.
 MOST = 60

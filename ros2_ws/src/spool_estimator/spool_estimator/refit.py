@@ -13,15 +13,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from spool_identification.fit_result import Fit, FitSettings
+from spool_identification.record import Record
 from spool_sim.model import Model
-from spool_sim.valve import Valve
+from spool_sim.valve.description import Valve
 from spool_stream.block import Block, Samples
 from spool_stream.block_gate import BlockGate, Verdict
 from spool_stream.quantity import Quantity, Validity
 
 from .estimate import Estimate, State
-from .fit_result import Fit, FitSettings
-from .record import Record
 
 #: Relative error from which a model explains nothing worth the name: a fifth of the power at most.
 NOTHING = 0.9
@@ -161,7 +161,7 @@ def refit(task: WindowTask) -> Refit:
     nothing = Refit(task.stamp, settings.model.name, RefitState.FAILED, task.idle, task.last_sequence, window)
     if task.idle:
         return nothing
-    from .fit import fit  # noqa: PLC0415 - who only collects windows needs no scipy
+    from spool_identification.fit import fit  # noqa: PLC0415 - who only collects windows needs no scipy
 
     found = fit(
         [task.record], settings.model, settings.valve, FitSettings(start=task.start, window=window, starts=1)

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_stream.standing import StandingWatch
 
-from .history import Descent, Fitter, History, told_apart
-from .prediction import (
+from spool_estimator.motion.history import Descent, Fitter, History, told_apart
+from spool_estimator.motion.prediction import (
     BAND_LIMITED,
     BODY,
     COUNT,
@@ -21,9 +21,9 @@ from .prediction import (
     RESIDUAL,
     Prediction,
 )
-from .recursive import RecursiveLeastSquares
-from .sliding import SlidingLeastSquares
-from .window import ChunkWindow
+from spool_estimator.recursion.recursive import RecursiveLeastSquares
+from spool_estimator.recursion.sliding import SlidingLeastSquares
+from spool_estimator.recursion.window import ChunkWindow
 
 Array = NDArray[np.float64]
 Samples = NDArray[np.float32]

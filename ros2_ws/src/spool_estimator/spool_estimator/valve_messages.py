@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from spool_msgs.msg import ValveDescription
-from spool_sim.valve import Valve, valve_from_mapping
+from spool_sim.valve.description import Valve, valve_from_mapping
 
 _NUMBERS = tuple(name for name in Valve.model_fields if name not in ("id", "oil"))
 

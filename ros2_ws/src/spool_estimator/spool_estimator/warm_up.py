@@ -6,15 +6,15 @@ Run as ``python -m spool_estimator.warm_up``.
 from __future__ import annotations
 
 import numpy as np
-from spool_sim import motion
-from spool_sim.motion import MotionState, advance
+from spool_sim.integration import motion
+from spool_sim.integration.motion import MotionState, advance
 from spool_stream.standing import StandingWatch
 
-from .conditioning import COLUMNS, Conditioning
-from .exponential import ExponentialForgetting
-from .prediction import Prediction
-from .recursive import RecursiveLeastSquares
-from .window import ChunkWindow
+from spool_estimator.motion.prediction import Prediction
+from spool_estimator.recursion.conditioning import COLUMNS, Conditioning
+from spool_estimator.recursion.exponential import ExponentialForgetting
+from spool_estimator.recursion.recursive import RecursiveLeastSquares
+from spool_estimator.recursion.window import ChunkWindow
 
 
 def warm_up() -> None:

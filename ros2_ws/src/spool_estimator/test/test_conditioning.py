@@ -5,7 +5,15 @@ import math
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from spool_estimator.conditioning import BODY, COLUMNS, DIRECTION, DISPLACEMENT, SPOOL, VELOCITY, Conditioning
+from spool_estimator.recursion.conditioning import (
+    BODY,
+    COLUMNS,
+    DIRECTION,
+    DISPLACEMENT,
+    SPOOL,
+    VELOCITY,
+    Conditioning,
+)
 
 Array = NDArray[np.float64]
 

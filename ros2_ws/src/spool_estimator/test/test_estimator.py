@@ -13,11 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, EstimatorSettings, settings_for
-from spool_sim.excitation import Excitation, MachineOrders, Multisine, Part, Sequence, Standstill
-from spool_sim.presets import PRESETS
+from spool_sim.excitation.kinds import Excitation, MachineOrders, Multisine, Part, Sequence, Standstill
+from spool_sim.excitation.presets import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve import find_valve
+from spool_sim.valve.description import find_valve
 from spool_stream.block import Block
 from spool_stream.block_gate import Fault
 from spool_stream.quantity import Validity

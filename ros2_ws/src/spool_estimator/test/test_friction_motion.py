@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from spool_estimator.friction_motion import MOTION_STATES, advance_sample, spread_jump
-from spool_sim.composed_motion import MotionState
-from spool_sim.motion import advance, half_step_times
-from spool_sim.presets import PRESETS
+from spool_estimator.motion.friction_motion import MOTION_STATES, advance_sample, spread_jump
+from spool_sim.excitation.presets import PRESETS
+from spool_sim.integration.composed_motion import MotionState
+from spool_sim.integration.motion import advance, half_step_times
 
 Array = NDArray[np.float64]
 MASS, RATE = 0.18, 2000.0

@@ -7,9 +7,9 @@ from spool_estimator.estimator import Estimator, EstimatorSettings
 from spool_estimator.messages import from_message, to_message
 from spool_estimator.valve_messages import from_description, to_description
 from spool_msgs.msg import ModelEstimate, ValveDescription
-from spool_sim.presets import PRESETS
+from spool_sim.excitation.presets import PRESETS
 from spool_sim.simulator import Simulator
-from spool_sim.valve import find_valve
+from spool_sim.valve.description import find_valve
 from spool_stream.errors import InputError
 
 

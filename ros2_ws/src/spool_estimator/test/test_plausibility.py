@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 from spool_estimator.plausibility import check_records
-from spool_estimator.record import Record
-from spool_sim.excitation_broadband import Multisine
-from spool_sim.excitation_sines import Standstill
+from spool_identification.record import Record
+from spool_sim.excitation.broadband import Multisine
+from spool_sim.excitation.sines import Standstill
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve import Valve, find_valve
+from spool_sim.valve.description import Valve, find_valve
 
 SOFT, STIFF = (find_valve(name) for name in ("4weh10_soft", "4weh10_stiff"))
 SHAKEN = Multisine(low_frequency=10.0, high_frequency=100.0, rms=7.0)

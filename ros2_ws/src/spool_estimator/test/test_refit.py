@@ -14,13 +14,13 @@ from spool_estimator.estimate import State
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.refit import Refit, RefitSettings, RefitState, WindowRefits, WindowTask, refit
 from spool_estimator.refit_worker import RefitWorker
-from spool_sim.excitation import Part, Standstill
-from spool_sim.excitation import Sequence as Parts
+from spool_sim.excitation.kinds import Part, Standstill
+from spool_sim.excitation.kinds import Sequence as Parts
+from spool_sim.excitation.presets import PRESETS
 from spool_sim.model import MODELS
-from spool_sim.presets import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve import find_valve
+from spool_sim.valve.description import find_valve
 from spool_stream.block import Block
 from spool_stream.quantity import Validity
 

@@ -10,11 +10,11 @@ import pytest
 from numpy.typing import NDArray
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import WINDOW, Estimator, settings_for
-from spool_sim.excitation import Excitation, Multisine, Part, Sequence
-from spool_sim.presets import PRESETS
+from spool_sim.excitation.kinds import Excitation, Multisine, Part, Sequence
+from spool_sim.excitation.presets import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve import find_valve
+from spool_sim.valve.description import find_valve
 
 Array = NDArray[np.float64]
 NAMES = ("spring_stiffness", "viscous_coefficient", "coulomb_force")

@@ -8,14 +8,15 @@ from dataclasses import dataclass, field, replace
 from spool_estimator.estimate import Estimate
 from spool_stream.block import Block
 
+from spool_monitor.alarms.event import Condition, Event
+from spool_monitor.signals.channel_signals import Signals, look
+from spool_monitor.signals.response import Response, ResponseTracker
+from spool_monitor.signals.spectrum import Line, find_line
+from spool_monitor.signals.window import WindowTracker
+
 from .detectors import ESTIMATE, LINE, SIGNALS, Detector, Finding, Judgement, Moment, detectors
 from .drift import Baseline, ParameterDrift
-from .event import Condition, Event
-from .response import Response, ResponseTracker
 from .settings import MonitorSettings
-from .signals import Signals, look
-from .spectrum import Line, find_line
-from .window import WindowTracker
 
 #: s after the last suspicion before parameters are judged again, in memories of the estimator.
 WARY = 2.5

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_estimator.estimate import Estimate, State
 from spool_stream.quantity import Quantity, Validity
-from spool_stream.sentence import change
+from spool_stream.text.sentence import change
 
-from .baseline_record import HealthyValue
-from .event import Severity
-from .sequential import CumulativeSum, threshold_for
+from spool_monitor.alarms.event import Severity
+from spool_monitor.history.baseline_record import HealthyValue
+from spool_monitor.signals.sequential import CumulativeSum, threshold_for
 
 #: Standard deviations that a change must exceed before its size is judged at all.
 SIGNIFICANCE = 4.0

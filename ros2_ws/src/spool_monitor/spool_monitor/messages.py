@@ -8,10 +8,11 @@ from spool_msgs.msg import Alarm as AlarmMessage
 from spool_msgs.msg import AlarmList, HealthEvent, ValveHealth
 from spool_node.messages import to_quantity, to_time
 
-from .alarm import Alarm
-from .alarm_code import code
+from spool_monitor.alarms.alarm import Alarm
+from spool_monitor.alarms.alarm_code import code
+from spool_monitor.alarms.event import Event
+
 from .detectors import JUDGEMENT_TEXTS
-from .event import Event
 from .monitor import Health
 
 _QUANTITIES = (

@@ -11,12 +11,13 @@ from spool_stream.block import Block
 from spool_stream.block_gate import BlockGate, Fault, Verdict
 from spool_stream.quantity import Quantity, Validity
 
-from .alarm_code import Namur, namur
+from spool_monitor.alarms.alarm_code import Namur, namur
+from spool_monitor.alarms.event import Condition, Event, EventState, Severity
+from spool_monitor.signals.spectrum import Line
+
 from .detection import Detection
 from .detectors import Judgement
-from .event import Condition, Event, EventState, Severity
 from .settings import MonitorSettings
-from .spectrum import Line
 
 #: s, an estimator that starts with the data needs this long for its first estimate.
 FIRST_ESTIMATE = 2.0

@@ -20,16 +20,17 @@ from spool_node.running import run
 from spool_stream.errors import InputError
 from spool_stream.quantity import Quantity
 
+from spool_monitor.alarms.alarm_code import ALARMS, LATCHING
+from spool_monitor.alarms.alarm_services import AlarmDesk
+from spool_monitor.alarms.alarm_store import AlarmBook
+from spool_monitor.alarms.event import Event, Severity
+from spool_monitor.history.state_file import default_folder, valve_folder
+from spool_monitor.history.trend_writer import TrendWriter
+from spool_monitor.history.valve_state import TRENDS, ValveState
+
 from . import monitor as core
-from .alarm_book import AlarmBook
-from .alarm_code import ALARMS, LATCHING
-from .alarm_desk import AlarmDesk
 from .detectors import JUDGEMENT_TEXTS, Judgement
-from .event import Event, Severity
 from .messages import to_event_message, to_health_message
-from .state_file import default_folder, valve_folder
-from .trend_writer import TrendWriter
-from .valve_state import TRENDS, ValveState
 from .warm_up import warm_up_monitor
 
 _SETTINGS = (

@@ -8,13 +8,14 @@ from dataclasses import dataclass, field
 
 from spool_estimator.estimate import Estimate
 from spool_estimator.estimators import StreamEstimator
-from spool_estimator.gap_watch import GapWatch
+from spool_estimator.gap_requests.gap_watch import GapWatch
 from spool_estimator.plausibility import ValveCheck
 from spool_estimator.refit import Refit, WindowRefits, refit
 from spool_stream.block import Block
 from spool_stream.block_gate import BlockGate, SharedGate
 
-from .event import Event, EventState, gap_event
+from spool_monitor.alarms.event import Event, EventState, gap_event
+
 from .monitor import Monitor
 
 

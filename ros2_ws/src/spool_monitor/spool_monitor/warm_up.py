@@ -9,9 +9,10 @@ import numpy as np
 from spool_estimator.warm_up import warm_up
 from spool_stream.block import Block
 
-from .detectors.stuck_spool import due_power
+from spool_monitor.detectors.stuck_spool import due_power
+from spool_monitor.signals.travel import TravelCounter
+
 from .monitor import Monitor, MonitorSettings
-from .travel import TravelCounter
 
 #: s of data after which every kernel has run.
 SECONDS = 3

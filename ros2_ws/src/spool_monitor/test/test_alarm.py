@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
-from spool_monitor.alarm import (
+from spool_monitor.alarms.alarm import (
     Action,
     Alarm,
     AlarmRefusedError,
@@ -26,8 +26,8 @@ from spool_monitor.alarm import (
     unshelve,
     unsuppress,
 )
-from spool_monitor.alarm_code import ALARMS, LATCHING, UNLISTED, Namur, code, namur
-from spool_monitor.event import Event, EventState, Severity
+from spool_monitor.alarms.alarm_code import ALARMS, LATCHING, UNLISTED, Namur, code, namur
+from spool_monitor.alarms.event import Event, EventState, Severity
 from spool_stream.quantity import Quantity
 
 SECOND = 1_000_000_000

@@ -7,10 +7,10 @@ from dataclasses import replace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from spool_monitor.alarm import AlarmRefusedError, AlarmState, Operator
-from spool_monitor.alarm_book import AlarmBook
-from spool_monitor.alarm_code import Namur
-from spool_monitor.event import Condition, Event, EventState, Severity
+from spool_monitor.alarms.alarm import AlarmRefusedError, AlarmState, Operator
+from spool_monitor.alarms.alarm_code import Namur
+from spool_monitor.alarms.alarm_store import AlarmBook
+from spool_monitor.alarms.event import Condition, Event, EventState, Severity
 from spool_stream.errors import InputError
 from spool_stream.quantity import Quantity
 

@@ -4,10 +4,10 @@ from enum import IntEnum
 
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
-from spool_monitor.alarm import AlarmState, Operator
-from spool_monitor.alarm_book import AlarmBook
-from spool_monitor.alarm_code import Namur
-from spool_monitor.event import Event, EventState, Severity
+from spool_monitor.alarms.alarm import AlarmState, Operator
+from spool_monitor.alarms.alarm_code import Namur
+from spool_monitor.alarms.alarm_store import AlarmBook
+from spool_monitor.alarms.event import Event, EventState, Severity
 from spool_monitor.messages import to_alarm_list
 from spool_msgs.msg import Alarm, AlarmList, ValveHealth
 from spool_stream.quantity import Quantity

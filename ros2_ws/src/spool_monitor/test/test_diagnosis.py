@@ -5,10 +5,10 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from spool_monitor.alarm_code import ALARMS
+from spool_monitor.alarms.alarm_code import ALARMS
+from spool_monitor.alarms.remedy import advice, remedies, remedy
 from spool_monitor.diagnosis import rank_friction
 from spool_monitor.drift import Baseline, ParameterDrift
-from spool_monitor.remedy import advice, remedies, remedy
 
 
 def moved(parameter: str, share: float, *, referred: bool = True) -> ParameterDrift:

@@ -6,14 +6,14 @@ import re
 import pytest
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
+from spool_monitor.alarms.event import Event
 from spool_monitor.drift import Baseline, ParameterDrift
-from spool_monitor.event import Event
 from spool_monitor.monitor import Monitor, MonitorSettings
 from spool_monitor.replay import Replay
-from spool_sim.presets import PRESETS
+from spool_sim.excitation.presets import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve import find_valve
+from spool_sim.valve.description import find_valve
 from spool_stream.quantity import Quantity, Validity
 
 VALVE = find_valve("4weh10_soft")

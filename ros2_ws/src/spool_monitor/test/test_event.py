@@ -5,10 +5,10 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from spool_monitor.event import Condition, Event, EventState, Severity
-from spool_monitor.remedy import advice, remedies
+from spool_monitor.alarms.event import Condition, Event, EventState, Severity
+from spool_monitor.alarms.remedy import advice, remedies
 from spool_stream.quantity import Quantity
-from spool_stream.sentence import Account
+from spool_stream.text.sentence import Account
 
 SECOND = 1_000_000_000
 NOTHING = Quantity("amplification", "1")

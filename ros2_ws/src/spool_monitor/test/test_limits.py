@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from spool_monitor.event import EventState
+from spool_monitor.alarms.event import EventState
 from spool_monitor.monitor import Monitor, MonitorSettings
 from spool_stream.block import Block
 from spool_stream.errors import InputError

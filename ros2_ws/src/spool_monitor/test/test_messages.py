@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
-from spool_monitor.alarm_code import LATCHING
+from spool_monitor.alarms.alarm_code import LATCHING
+from spool_monitor.alarms.event import Event, EventState, Severity
 from spool_monitor.detectors import Judgement
-from spool_monitor.event import Event, EventState, Severity
 from spool_monitor.messages import to_event_message, to_health_message
 from spool_monitor.monitor import BaselineState, Health, Level, Monitor, MonitorSettings
 from spool_monitor.monitor_node import MonitorNode

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 from spool_estimator.estimate import State
 from spool_estimator.estimator import Estimator, settings_for
+from spool_monitor.alarms.event import Event, EventState, Severity
 from spool_monitor.detectors import Judgement
-from spool_monitor.event import Event, EventState, Severity
 from spool_monitor.monitor import FIRST_BLOCK, FIRST_ESTIMATE, BaselineState, Level, Monitor, MonitorSettings
 from spool_monitor.replay import Replay
-from spool_sim.excitation import Excitation, from_mapping
-from spool_sim.presets import PRESETS
+from spool_sim.excitation.kinds import Excitation, from_mapping
+from spool_sim.excitation.presets import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve import find_valve
+from spool_sim.valve.description import find_valve
 from spool_stream.block import Block
 from spool_stream.quantity import Validity
 

@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 from spool_estimator.estimate import Estimate
 from spool_estimator.estimator import settings_for
 from spool_estimator.estimators import ESTIMATORS, make_estimator
-from spool_estimator.gap_watch import GapWatch
-from spool_monitor.event import Event, EventState, gap_event
+from spool_estimator.gap_requests.gap_watch import GapWatch
+from spool_monitor.alarms.event import Event, EventState, gap_event
 from spool_monitor.monitor import Monitor, MonitorSettings
 from spool_monitor.replay import Replay
-from spool_sim.excitation import from_mapping, load_excitation
+from spool_sim.excitation.kinds import from_mapping, load_excitation
 from spool_sim.model import model_from_mapping
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve import find_valve
+from spool_sim.valve.description import find_valve
 from spool_stream.block import Block
 
 VALVE = find_valve("4weh10_soft")

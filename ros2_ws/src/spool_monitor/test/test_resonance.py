@@ -4,12 +4,12 @@ import math
 from dataclasses import dataclass, field
 
 import pytest
+from spool_monitor.alarms.event import Condition, Event, EventState, Severity
 from spool_monitor.detection import Detection, configured
 from spool_monitor.detectors import Moment
 from spool_monitor.detectors.resonance import Resonance
-from spool_monitor.event import Condition, Event, EventState, Severity
 from spool_monitor.settings import MonitorSettings
-from spool_monitor.spectrum import Line
+from spool_monitor.signals.spectrum import Line
 
 NATURAL = 15.0
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from spool_monitor.spectrum import BAND, Line, find_line, strongest
-from spool_monitor.window import WindowTracker
+from spool_monitor.signals.spectrum import BAND, Line, find_line, strongest
+from spool_monitor.signals.window import WindowTracker
 from spool_stream.block import Block
 
 START = 1_700_000_000_000_000_000

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_monitor.trend import DAY, HOUR, KEPT, MINUTE, Sums, TrendStore, finest, own_file
-from spool_monitor.trend_writer import TrendWriter
+from spool_monitor.history.trend import DAY, HOUR, KEPT, MINUTE, Sums, TrendStore, finest, own_file
+from spool_monitor.history.trend_writer import TrendWriter
 from spool_stream.errors import InputError
 
 SECOND = 1_000_000_000

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from spool_stream.compiled import COMPILED
+from spool_stream.kernels.compiled import COMPILED
 
 USE = """
 import array

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from spool_monitor.window import Window, WindowTracker, taper
+from spool_monitor.signals.window import Window, WindowTracker, taper
 from spool_stream.block import Block
 
 START = 1_700_000_000_000_000_000

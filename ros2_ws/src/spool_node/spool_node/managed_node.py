@@ -16,8 +16,8 @@ from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import QoSProfile
-from spool_stream.compile_lock import alone
 from spool_stream.errors import InputError
+from spool_stream.kernels.compile_lock import alone
 
 from .parameters import Parameter, Value, declare
 from .stopping import STOP, Phase

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 
-from spool_stream.standard_streams import keep_standard_streams
+from spool_stream.text.standard_streams import keep_standard_streams
 
 from .stopping import STOP
 

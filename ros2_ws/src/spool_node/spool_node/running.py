@@ -16,7 +16,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 from spool_stream.errors import InputError
-from spool_stream.standard_streams import keep_standard_streams
+from spool_stream.text.standard_streams import keep_standard_streams
 
 from .exposure import network_warnings
 from .log_folder import ensure_log_folder

@@ -9,12 +9,13 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from spool_stream.errors import InputError
-from spool_stream.suggestion import did_you_mean
+from spool_stream.text.suggestion import did_you_mean
 
-from .composition import unique_parameters
+from spool_sim.files.validation import Number, one_line, read_mapping
+from spool_sim.integration.composition import unique_parameters
+from spool_sim.valve.description import Valve
+
 from .terms import Parameter, Term, term
-from .validation import Number, one_line, read_mapping
-from .valve import Valve
 
 NEEDED: tuple[str, ...] = ("inertia", "spring")
 

@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 from spool_stream.block import Block, Samples
 from spool_stream.errors import InputError
 
-from .composed_motion import ComposedMotion, MotionState
-from .excitation import Excitation
+from spool_sim.excitation.kinds import Excitation
+from spool_sim.integration.composed_motion import ComposedMotion, MotionState
+from spool_sim.integration.motion import half_step_times
+from spool_sim.integration.step_size import checked_substeps, substeps_for
+from spool_sim.valve.description import Valve
+from spool_sim.valve.oil_table import OilTable
+
 from .model import Model, load_model
-from .motion import half_step_times
-from .oil_table import OilTable
 from .sensors import Sensor, SensorChannel
-from .step_size import checked_substeps, substeps_for
-from .valve import Valve
 
 #: Parameters that may drift, and the oil's temperature, on which the viscous coefficient depends.
 DRIFTING: tuple[str, ...] = ("viscous_coefficient", "coulomb_force", "spring_stiffness", "oil_temperature")

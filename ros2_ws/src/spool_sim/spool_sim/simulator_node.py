@@ -17,10 +17,11 @@ from spool_node.running import run
 from spool_node.throttle import Throttle
 from spool_stream.errors import InputError
 
-from .excitation import load_excitation
+from spool_sim.excitation.kinds import load_excitation
+from spool_sim.valve.description import find_valve
+
 from .sensors import Sensor
 from .simulator import DRIFTING, Simulator
-from .valve import find_valve
 
 #: Blocks sent in one turn when the node fell behind; what is older is dropped, with its sequence numbers.
 _CATCH_UP = 25

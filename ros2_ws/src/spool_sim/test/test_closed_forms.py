@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.optimize import brentq
-from spool_sim.composed_motion import Array, ComposedMotion, MotionState, Trajectory
-from spool_sim.excitation import SteadySine, SweptSine
+from spool_sim.excitation.kinds import SteadySine, SweptSine
+from spool_sim.integration.composed_motion import Array, ComposedMotion, MotionState, Trajectory
+from spool_sim.integration.motion import half_step_times
+from spool_sim.integration.step_size import substeps_for
 from spool_sim.model import MODELS, model_from_mapping
-from spool_sim.motion import half_step_times
-from spool_sim.step_size import substeps_for
-from spool_sim.valve import Valve
+from spool_sim.valve.description import Valve
 
 MASS, STIFFNESS = 0.18, 1632.0
 SWEEP = SweptSine(start_frequency=8.0, stop_frequency=110.0, duration=10.0, amplitude=10.0, soft_start=0.0)

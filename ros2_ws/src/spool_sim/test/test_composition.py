@@ -11,16 +11,16 @@ import pytest
 import spool_sim
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_sim.composed_motion import ComposedMotion, MotionState, Trajectory
-from spool_sim.composition import kernel_of, laws_source
-from spool_sim.energy import composed_energy
-from spool_sim.excitation import SteadySine, SweptSine
+from spool_sim.excitation.kinds import SteadySine, SweptSine
+from spool_sim.integration.composed_motion import ComposedMotion, MotionState, Trajectory
+from spool_sim.integration.composition import kernel_of, laws_source
+from spool_sim.integration.energy import composed_energy
+from spool_sim.integration.motion import half_step_times
+from spool_sim.integration.step_size import checked_substeps, halving_error, slopes, substeps_for
 from spool_sim.model import MODELS, model_from_mapping
-from spool_sim.motion import half_step_times
 from spool_sim.simulator import Simulator
-from spool_sim.step_size import checked_substeps, halving_error, slopes, substeps_for
 from spool_sim.terms import TERMS, term
-from spool_sim.valve import Valve
+from spool_sim.valve.description import Valve
 from spool_stream.errors import InputError
 
 SWEEP = SweptSine(start_frequency=8.0, stop_frequency=110.0, duration=3.0, amplitude=10.0, soft_start=0.0)
@@ -296,7 +296,8 @@ def test_first_use_compiles_and_later_processes_load(tmp_path: Path) -> None:
 def test_a_cache_folder_that_cannot_be_written_costs_only_time(tmp_path: Path) -> None:
     blocked = tmp_path / "file"
     blocked.write_text("not a folder")
-    code = LOAD.replace("import numpy, numba", "import spool_sim.composition as c; c.cache_folder = lambda: "
+    code = LOAD.replace("import numpy, numba", "import spool_sim.integration.composition as c; "
+                        "c.cache_folder = lambda: "
                         f"__import__('pathlib').Path({str(blocked / 'kernels')!r})")  # fmt: skip
     done = subprocess.run(
         [sys.executable, "-c", code],

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_sim.excitation import (
+from spool_sim.excitation.base import Array
+from spool_sim.excitation.kinds import (
     Excitation,
     MachineOrders,
     Multisine,
@@ -18,8 +19,7 @@ from spool_sim.excitation import (
     from_mapping,
     load_excitation,
 )
-from spool_sim.excitation_base import Array
-from spool_sim.presets import PRESETS
+from spool_sim.excitation.presets import PRESETS
 from spool_stream.errors import InputError
 
 SEQUENCE: dict[str, Any] = {

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from spool_sim.model import MODELS, load_model, model_from_mapping
 from spool_sim.terms import TERMS, Term
-from spool_sim.valve import Valve
+from spool_sim.valve.description import Valve
 from spool_stream.errors import InputError
 
 

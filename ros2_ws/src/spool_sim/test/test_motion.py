@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_sim.energy import energy_balance
-from spool_sim.excitation import SteadySine, SweptSine
-from spool_sim.motion import (
+from spool_sim.excitation.kinds import SteadySine, SweptSine
+from spool_sim.integration.energy import energy_balance
+from spool_sim.integration.motion import (
     Array,
     MotionState,
     Trajectory,

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_sim.excitation import SteadySine
+from spool_sim.excitation.kinds import SteadySine
+from spool_sim.excitation.presets import PRESETS
 from spool_sim.model import MODELS
-from spool_sim.presets import PRESETS
 from spool_sim.sensors import Sensor, SensorChannel
 from spool_sim.simulator import Simulator
-from spool_sim.valve import Valve
+from spool_sim.valve.description import Valve
 from spool_stream.block import Block
 from spool_stream.block_gate import BlockGate, Verdict
 from spool_stream.errors import InputError

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_sim.lubrication import (
+from spool_sim.model import MODELS, model_from_mapping
+from spool_sim.terms import TERMS, Parameter, Term
+from spool_sim.valve.description import Valve
+from spool_sim.valve.lubrication import (
     LubricationRegime,
     film_parameter,
     fluid_friction_coefficient,
     lubrication_regime,
 )
-from spool_sim.model import MODELS, model_from_mapping
-from spool_sim.terms import TERMS, Parameter, Term
-from spool_sim.valve import Valve
 from spool_stream.errors import InputError
 
 FRICTION = [entry for entry in TERMS.values() if entry.dissipates]

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from spool_sim.valve import Valve, valve_from_mapping
-from spool_sim.viscosity import HIGHEST_TEMPERATURE, LOWEST_TEMPERATURE, OILS
+from spool_sim.valve.description import Valve, valve_from_mapping
+from spool_sim.valve.viscosity import HIGHEST_TEMPERATURE, LOWEST_TEMPERATURE, OILS
 from spool_stream.errors import InputError
 
 NAMES = st.sampled_from(sorted(OILS))

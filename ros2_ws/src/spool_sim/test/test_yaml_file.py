@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from spool_sim.valve import load_valve
-from spool_sim.yaml_file import LARGEST, read_yaml
+from spool_sim.files.yaml_file import LARGEST, read_yaml
+from spool_sim.valve.description import load_valve
 from spool_stream.errors import InputError
 
 #: Each of 9 lists holds the one before nine times: 3.5e8 values in some 300 bytes.

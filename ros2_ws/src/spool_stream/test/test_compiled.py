@@ -19,7 +19,7 @@ from spool_stream import compiled
 def twice(x):
     return 2.0 * x
 
-import spool_stream.compiled
+import spool_stream.kernels.compiled
 print(compiled.COMPILED, compiled.notice() is None, hasattr(twice, "py_func"), twice(1.5))
 """
 
@@ -58,14 +58,15 @@ def test_a_change_in_a_function_that_a_kernel_calls_is_seen(tmp_path: Path) -> N
     package.mkdir()
     (package / "__init__.py").touch()
     (package / "caller.py").write_text(
-        "from spool_stream.compiled import compiled\nfrom .called import factor\n\n"
+        "from spool_stream.kernels.compiled import compiled\nfrom .called import factor\n\n"
         "@compiled\ndef times(x):\n    return factor() * x\n"
     )
     stream = str(Path(spool_stream.__file__).parents[1])
     found = []
     for factor in (2.0, 3.0):
         (package / "called.py").write_text(
-            f"from spool_stream.compiled import compiled\n\n@compiled\ndef factor():\n    return {factor}\n"
+            "from spool_stream.kernels.compiled import compiled\n\n"
+            f"@compiled\ndef factor():\n    return {factor}\n"
         )
         done = subprocess.run(
             [sys.executable, "-c", "from two_files.caller import times; print(times(1.0))"],
@@ -97,7 +98,7 @@ def test_kernels_are_kept_elsewhere_where_they_can_t_be_or_others_could_change_t
     package = tmp_path / "one_file"
     package.mkdir()
     (package / "__init__.py").write_text(
-        "from spool_stream.compiled import compiled\n\n@compiled\ndef half(x):\n    return 0.5 * x\n"
+        "from spool_stream.kernels.compiled import compiled\n\n@compiled\ndef half(x):\n    return 0.5 * x\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", "from one_file import half; print(half(3.0))"],
@@ -126,7 +127,8 @@ def test_only_a_change_in_what_a_module_imports_makes_its_kernels_old(tmp_path: 
     (package / "constants.py").write_text("FACTOR = 2.0\n")
     (package / "other.py").write_text("UNUSED = 1\n")
     (package / "caller.py").write_text(
-        "from spool_stream.compiled import compiled\n\nfrom .constants import (  # comment, with a comma\n"
+        "from spool_stream.kernels.compiled import compiled\n\n"
+        "from .constants import (  # comment, with a comma\n"
         "    FACTOR as SIZE,\n)\n\n@compiled\ndef times(x):\n    return SIZE * x\n"
     )
     stream = str(Path(spool_stream.__file__).parents[1])

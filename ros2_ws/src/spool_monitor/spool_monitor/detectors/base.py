@@ -11,12 +11,12 @@ from typing import ClassVar
 from spool_estimator.estimate import Estimate
 from spool_stream.quantity import Quantity
 
-from ..drift import Baseline, ParameterDrift
-from ..event import Severity, Text
-from ..response import Response
-from ..settings import MonitorSettings
-from ..signals import Signals
-from ..spectrum import Line
+from spool_monitor.alarms.event import Severity, Text
+from spool_monitor.drift import Baseline, ParameterDrift
+from spool_monitor.settings import MonitorSettings
+from spool_monitor.signals.channel_signals import Signals
+from spool_monitor.signals.response import Response
+from spool_monitor.signals.spectrum import Line
 
 #: What a moment may show anew.
 SIGNALS, LINE, ESTIMATE = "signals", "line", "estimate"

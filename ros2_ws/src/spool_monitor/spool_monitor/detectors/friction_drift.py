@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from typing import ClassVar
 
-from spool_stream.sentence import Account, ShareOfCause
+from spool_stream.text.sentence import Account, ShareOfCause
 
-from ..diagnosis import Cause, rank_friction
-from ..drift import ParameterDrift
-from ..event import Severity
+from spool_monitor.alarms.event import Severity
+from spool_monitor.diagnosis import Cause, rank_friction
+from spool_monitor.drift import ParameterDrift
+
 from .base import ESTIMATE, Detector, Finding, Moment, judgement
 
 

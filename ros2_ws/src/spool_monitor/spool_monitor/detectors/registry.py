@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from spool_stream.discovery import classes_in
 
-from ..settings import MonitorSettings
+from spool_monitor.settings import MonitorSettings
+
 from .base import Detector
 
 DETECTORS: dict[str, type[Detector]] = {

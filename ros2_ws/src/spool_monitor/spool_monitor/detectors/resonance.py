@@ -6,12 +6,13 @@ import math
 from typing import ClassVar
 
 from spool_stream.quantity import Quantity, Validity
-from spool_stream.sentence import Account
+from spool_stream.text.sentence import Account
 
-from ..drift import ALLOWANCE
-from ..event import Severity
-from ..settings import MonitorSettings
-from ..spectrum import Line
+from spool_monitor.alarms.event import Severity
+from spool_monitor.drift import ALLOWANCE
+from spool_monitor.settings import MonitorSettings
+from spool_monitor.signals.spectrum import Line
+
 from .base import LINE, Detector, Finding, Judgement, Moment
 
 

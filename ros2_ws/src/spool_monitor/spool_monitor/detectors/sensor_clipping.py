@@ -7,8 +7,9 @@ from typing import ClassVar
 
 from spool_stream.quantity import Quantity, Validity
 
-from ..event import Severity
-from ..settings import MonitorSettings
+from spool_monitor.alarms.event import Severity
+from spool_monitor.settings import MonitorSettings
+
 from .base import SIGNALS, Detector, Finding, Judgement, Moment
 
 #: Windows that are looked back on, and how many of them must show a flat top.

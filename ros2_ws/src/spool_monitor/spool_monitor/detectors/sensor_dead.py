@@ -5,16 +5,17 @@ from __future__ import annotations
 import math
 from typing import ClassVar
 
-from spool_stream.compiled import compiled
+from spool_stream.kernels.compiled import compiled
 from spool_stream.quantity import Quantity, Validity
-from spool_stream.sentence import Account
+from spool_stream.text.sentence import Account
 from spool_stream.uncertainty import number
 
-from ..event import Severity
-from ..response import transfer
-from ..settings import MonitorSettings
-from ..signals import Channel, Signals
-from ..window import Array
+from spool_monitor.alarms.event import Severity
+from spool_monitor.settings import MonitorSettings
+from spool_monitor.signals.channel_signals import Channel, Signals
+from spool_monitor.signals.response import transfer
+from spool_monitor.signals.window import Array
+
 from .base import SIGNALS, Detector, Finding, Judgement, Moment
 
 #: Share of what is due below which a channel is dead, and above which it lives.

@@ -9,10 +9,11 @@ import numpy as np
 from spool_estimator.estimate import Estimate, State
 from spool_stream.quantity import Quantity, Validity
 
-from ..event import Severity
-from ..response import MEMORY, Response
-from ..settings import MonitorSettings
-from ..signals import Signals
+from spool_monitor.alarms.event import Severity
+from spool_monitor.settings import MonitorSettings
+from spool_monitor.signals.channel_signals import Signals
+from spool_monitor.signals.response import MEMORY, Response
+
 from .base import ESTIMATE, SIGNALS, Detector, Finding, Judgement, Moment
 
 #: What the estimator's model leaves unexplained on top of the usual: least share, and over the usual share,

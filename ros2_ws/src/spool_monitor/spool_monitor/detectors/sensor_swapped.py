@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import ClassVar
 
 from spool_stream.quantity import Quantity, Validity
-from spool_stream.sentence import Account
+from spool_stream.text.sentence import Account
 
-from ..event import Severity
+from spool_monitor.alarms.event import Severity
+
 from .base import SIGNALS, Detector, Finding, Judgement, Moment
 
 #: Damping against the usual one below which the channels are exchanged, and above which they are not.

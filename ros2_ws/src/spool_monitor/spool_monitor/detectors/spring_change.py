@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import ClassVar
 
-from spool_stream.sentence import Account
+from spool_stream.text.sentence import Account
 
 from .base import ESTIMATE, Detector, Finding, Moment, judgement
 

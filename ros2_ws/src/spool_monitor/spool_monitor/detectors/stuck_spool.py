@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from typing import ClassVar
 
-from spool_stream.compiled import compiled
+from spool_stream.kernels.compiled import compiled
 from spool_stream.quantity import Quantity, Validity
 
-from ..event import Severity
-from ..response import transfer
-from ..settings import MonitorSettings
-from ..window import Array
+from spool_monitor.alarms.event import Severity
+from spool_monitor.settings import MonitorSettings
+from spool_monitor.signals.response import transfer
+from spool_monitor.signals.window import Array
+
 from .base import ESTIMATE, SIGNALS, Detector, Finding, Judgement, Moment
 
 #: Share of the due relative motion below which the spool is stuck, and above which it moves.

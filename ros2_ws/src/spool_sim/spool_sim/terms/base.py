@@ -1,7 +1,8 @@
 """What a force term tells about itself.
 
-A term's file holds the class and its laws: module-level functions of plain numbers that the project compiles
-(:mod:`spool_stream.compiled`). After the arguments named here come the term's parameters, in their order.
+A term's file holds the class and its laws: module-level functions of plain numbers that the project
+compiles (:mod:`spool_stream.kernels.compiled`). After the arguments named here come the term's parameters,
+in their order.
 
     force_law(z, v, t, ...) -> N                   a force that is continuous in the motion
     sliding_law(z, speed, direction, ...) -> N     dry friction while slipping: what opposes, speed >= 0
@@ -27,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_stream.errors import InputError
 
-from ..valve import Valve
+from spool_sim.valve.description import Valve
 
 Array = NDArray[np.float64]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from spool_stream.compiled import compiled
+from spool_stream.kernels.compiled import compiled
 
 from .base import Parameter, Term
 

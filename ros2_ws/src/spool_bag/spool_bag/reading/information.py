@@ -1,0 +1,234 @@
+"""What a bag holds and what was lost on the way into it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from spool_stream.block import Block
+from spool_stream.block_gate import BlockGate, Verdict
+from spool_stream.text.printable import printable
+
+from spool_bag.mcap.mcap_walk import Damage
+
+from .cdr import OilTemperature
+from .reader import BagReader
+from .timeline import Timeline, duration_of, step_text
+
+#: Steps of a valve's time that are listed one by one.
+MOST_STEPS = 10
+
+
+@dataclass(frozen=True, slots=True)
+class TopicSummary:
+    """One topic; ``rate`` in 1/s over the bag's duration, ``None`` where that is not known."""
+
+    name: str
+    type: str
+    messages: int
+    rate: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class ValveSummary:
+    """The accelerations of one valve.
+
+    ``sample_rate`` in Hz and ``first_stamp`` and ``end_stamp`` in ns are those of the usable blocks, ``None``
+    without any; ``lost_blocks`` come from jumps in ``sequence``; ``refused_blocks`` are malformed,
+    ``undecodable_blocks`` no blocks at all; ``duration`` in s leaves out where the time stepped, and
+    ``times`` counts the times of their own; ``faults`` counts each kind by its text.
+    """
+
+    name: str
+    blocks: int
+    samples: int
+    sample_rate: float | None
+    lost_blocks: int
+    refused_blocks: int
+    undecodable_blocks: int
+    duration: float
+    times: int
+    first_stamp: int | None
+    end_stamp: int | None
+    temperatures: int
+    faults: Mapping[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class BagInformation:
+    """A bag as a whole: ``size`` in bytes, stamps in ns.
+
+    ``duration`` in s is by acquisition time, without the steps of a clock that was set; ``lost_messages``
+    were in damaged places, and are ``lost_estimated`` where nothing but their size tells.
+    """
+
+    path: Path
+    size: int
+    closed: bool
+    duration: float | None
+    first_stamp: int | None
+    topics: tuple[TopicSummary, ...]
+    valves: tuple[ValveSummary, ...]
+    damages: tuple[Damage, ...]
+    lost_messages: int
+    lost_estimated: bool
+    undecodable: Mapping[str, int]
+    warnings: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what ``--json`` writes; units stand in the keys."""
+        return {
+            "bag": str(self.path),
+            "size_bytes": self.size,
+            "closed": self.closed,
+            "duration_s": self.duration,
+            "first_stamp_ns": self.first_stamp,
+            "topics": [
+                {
+                    "name": topic.name,
+                    "type": topic.type,
+                    "messages": topic.messages,
+                    "rate_per_s": topic.rate,
+                }
+                for topic in self.topics
+            ],
+            "valves": {valve.name: _valve_dict(valve) for valve in self.valves},
+            "damages": [
+                {
+                    "offset_bytes": damage.offset,
+                    "size_bytes": damage.size,
+                    "reason": damage.reason,
+                    "lost_messages": damage.lost,
+                }
+                for damage in self.damages
+            ],
+            "lost_messages": self.lost_messages,
+            "lost_messages_estimated": self.lost_estimated,
+            "undecodable_messages": dict(self.undecodable),
+            "warnings": list(self.warnings),
+        }
+
+
+def describe(path: Path | str) -> BagInformation:
+    """Read the bag at ``path`` through and return what is in it; damage is listed, not raised.
+
+    Raises:
+        InputError: there is no bag at ``path``.
+    """
+    reader = BagReader(path, skip_damage=True)
+    passes = {name: _Pass() for name in reader.valves}
+    for name, item in reader.streams():
+        passes[name].take(item)
+    valves = tuple(
+        one.summary(name, reader.undecodable.get(_topic(reader, name), 0)) for name, one in passes.items()
+    )
+    first = min((valve.first_stamp for valve in valves if valve.first_stamp is not None), default=None)
+    duration = duration_of([one.timeline for one in passes.values()])
+    if first is None:
+        first, duration = _logged(reader)
+    topics = tuple(
+        TopicSummary(name, topic.type, topic.messages, topic.messages / duration if duration else None)
+        for name, topic in reader.topics.items()
+    )
+    lost, estimated = reader.lost()
+    warnings = [*reader.warnings, *_shortfall(reader, sum(topic.messages for topic in topics), lost)]
+    warnings += [
+        step_text(name, step) for name, one in passes.items() for step in one.timeline.steps[:MOST_STEPS]
+    ]
+    warnings += [
+        f"{topic}: {count} messages are not what their type says and are left out"
+        for topic, count in reader.undecodable.items()
+    ]
+    return BagInformation(
+        Path(path),
+        sum(file.path.stat().st_size for file in reader.files),
+        reader.closed,
+        duration,
+        first,
+        topics,
+        valves,
+        tuple(reader.damages),
+        lost,
+        estimated,
+        dict(reader.undecodable),
+        tuple(printable(warning) for warning in warnings),
+    )
+
+
+def _shortfall(reader: BagReader, found: int, lost: int) -> list[str]:
+    """Return what ``metadata.yaml`` counts beyond what is there and what damage explains."""
+    short = reader.told - found - lost
+    if short <= 0:
+        return []
+    return [f"{reader.path}: metadata.yaml counts {reader.told} messages: at least {short} more are missing"]
+
+
+def _logged(reader: BagReader) -> tuple[int | None, float | None]:
+    """Return first stamp (ns) and duration (s) by the times of reception, where no valve has a block."""
+    first = last = None
+    for _, record in reader.records():
+        first = record.log_time if first is None else min(first, record.log_time)
+        last = record.log_time if last is None else max(last, record.log_time)
+    return first, None if first is None or last is None else (last - first) / 1e9
+
+
+def _topic(reader: BagReader, valve: str) -> str:
+    return next((name for name in reader.topics if name.strip("/") == f"{valve}/acceleration".strip("/")), "")
+
+
+@dataclass(slots=True)
+class _Pass:
+    """What one pass over a valve's blocks counts."""
+
+    gate: BlockGate = field(default_factory=BlockGate)
+    timeline: Timeline = field(default_factory=Timeline)
+    samples: int = 0
+    temperatures: int = 0
+    rate: float | None = None
+
+    def take(self, item: Block | OilTemperature) -> None:
+        """Take a block or an oil temperature."""
+        if not isinstance(item, Block):
+            self.temperatures += 1
+            return
+        self.timeline.take(item)
+        if self.gate.judge(item) is not Verdict.REFUSED:
+            self.samples += item.body.size
+            self.rate = 1.0 / item.sample_period
+
+    def summary(self, name: str, undecodable: int) -> ValveSummary:
+        """Return what was counted."""
+        spans = self.timeline.spans
+        return ValveSummary(
+            name,
+            self.gate.accepted + self.gate.refused,
+            self.samples,
+            self.rate,
+            self.gate.lost,
+            self.gate.refused,
+            undecodable,
+            self.timeline.duration / 1e9,
+            len(spans),
+            min((span.first for span in spans), default=None),
+            max((span.end for span in spans), default=None),
+            self.temperatures,
+            {fault.value: count for fault, count in self.gate.faults.items()},
+        )
+
+
+def _valve_dict(valve: ValveSummary) -> dict[str, Any]:
+    content = asdict(valve)
+    del content["name"]
+    for name, unit in (("sample_rate", "Hz"), ("duration", "s"), ("first_stamp", "ns"), ("end_stamp", "ns")):
+        content[f"{name}_{unit}"] = content.pop(name)
+    return content
+
+
+def summarise(name: str, items: Iterable[Block | OilTemperature]) -> ValveSummary:
+    """Return what ``items`` hold of the valve ``name``, whatever they were read from."""
+    one = _Pass()
+    for item in items:
+        one.take(item)
+    return one.summary(name, 0)

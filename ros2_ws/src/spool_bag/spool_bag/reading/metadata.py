@@ -1,0 +1,187 @@
+"""The ``metadata.yaml`` of a rosbag2 directory (version 9, as ROS 2 Jazzy writes it)."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rosbags.interfaces import Qos
+from rosbags.rosbag2.metadata import dump_qos_v9
+from ruamel.yaml import YAML
+from spool_stream.errors import InputError
+from spool_stream.text.printable import printable
+
+from .bounded_yaml import LARGEST, YamlError, load_bounded
+
+FILE_NAME = "metadata.yaml"
+ROOT = "rosbag2_bagfile_information"
+VERSION = 9
+#: Missing files that are named one by one.
+MOST_MISSING = 10
+#: What ``custom_data`` says of a recording under way, or of one that was never finished.
+UNFINISHED = {"recording": "not finished"}
+
+
+@dataclass(slots=True)
+class TopicCount:
+    """A topic of the bag and how many messages it has so far."""
+
+    name: str
+    type: str
+    digest: str
+    qos: tuple[Qos, ...] = ()
+    messages: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class BagMetadata:
+    """What the file says of a bag; times in ns."""
+
+    file: str
+    start: int
+    duration: int
+    topics: tuple[TopicCount, ...]
+    finished: bool = True
+
+
+def _yaml() -> YAML:
+    yaml = YAML(typ="rt", pure=True)  # keeps the order of keys
+    yaml.default_flow_style = False
+    yaml.width = 4096
+    return yaml
+
+
+def _text(value: object) -> str:
+    stream = StringIO()
+    _yaml().dump(value, stream)
+    return stream.getvalue()
+
+
+def qos_text(profiles: Sequence[Qos]) -> str:
+    """Return the quality-of-service profiles as the channel's metadata spells them."""
+    return _text(dump_qos_v9(list(profiles))).strip() if profiles else ""
+
+
+def metadata_text(bag: BagMetadata) -> str:
+    """Return what a bag's file tells of itself, as YAML: the content of ``metadata.yaml`` below its root."""
+    return _text(_content(bag))
+
+
+def write_metadata(folder: Path, bag: BagMetadata) -> None:
+    """Write ``metadata.yaml`` so that at any moment either the old or the new one is whole."""
+    temporary = folder / (FILE_NAME + ".tmp")
+    with temporary.open("w", encoding="utf-8") as stream:
+        stream.write(_text({ROOT: _content(bag)}))
+        stream.flush()
+        os.fsync(stream.fileno())
+    temporary.replace(folder / FILE_NAME)
+    sync_folder(folder)
+
+
+def _content(bag: BagMetadata) -> dict[str, Any]:
+    count = sum(topic.messages for topic in bag.topics)
+    return {
+        "version": VERSION,
+        "storage_identifier": "mcap",
+        "duration": {"nanoseconds": bag.duration},
+        "starting_time": {"nanoseconds_since_epoch": bag.start},
+        "message_count": count,
+        "topics_with_message_count": [
+            {
+                "topic_metadata": {
+                    "name": topic.name,
+                    "type": topic.type,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": dump_qos_v9(list(topic.qos)),
+                    "type_description_hash": topic.digest,
+                },
+                "message_count": topic.messages,
+            }
+            for topic in bag.topics
+        ],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [bag.file],
+        "files": [
+            {
+                "path": bag.file,
+                "starting_time": {"nanoseconds_since_epoch": bag.start},
+                "duration": {"nanoseconds": bag.duration},
+                "message_count": count,
+            }
+        ],
+        "custom_data": None if bag.finished else dict(UNFINISHED),
+        "ros_distro": "jazzy",
+    }
+
+
+def sync_folder(folder: Path) -> None:
+    """Bring the names in ``folder`` to the disk; synced files can be lost with their name otherwise."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+class Storage(NamedTuple):
+    """The files of a bag in order, the messages that its metadata counts, and what is wrong, a line each."""
+
+    files: list[Path]
+    messages: int
+    warnings: list[str]
+
+
+def storage_files(folder: Path) -> Storage:
+    """Return what makes up the rosbag2 directory ``folder``.
+
+    Raises:
+        InputError: no MCAP file, another storage, or compression around the file.
+    """
+    warnings: list[str] = []
+    storage, compression, names, messages = "mcap", "", list[str](), 0
+    try:
+        storage, compression, names, messages = _told(folder / FILE_NAME)
+    except FileNotFoundError:
+        warnings.append(f"{folder}: {FILE_NAME} is missing")
+    except YamlError as error:
+        warnings.append(f"{folder / FILE_NAME} cannot be read: {printable(error, 200)}")
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        warnings.append(f"{folder / FILE_NAME} cannot be read")
+    if storage != "mcap":
+        raise InputError(
+            f"{folder}: storage {printable(storage, 80)!r} cannot be read: "
+            "convert it with `ros2 bag convert` to mcap"
+        )
+    if compression:
+        raise InputError(
+            f"{folder}: compression mode {printable(compression, 80)!r} cannot be read: "
+            "decompress the bag first"
+        )
+    paths = [folder / name for name in names if (folder / name).is_file()]
+    missing = [name for name in names if not (folder / name).is_file()]
+    warnings.extend(f"{folder}: {printable(name, 200)} is missing" for name in missing[:MOST_MISSING])
+    if len(missing) > MOST_MISSING:
+        warnings.append(f"{folder}: {len(missing) - MOST_MISSING} more files are missing")
+    if not paths:
+        paths = sorted(folder.glob("*.mcap"), key=lambda path: (len(path.name), path.name))
+    if not paths:
+        raise InputError(f"{folder}: no .mcap file in it: name a rosbag2 directory or an .mcap file")
+    return Storage(paths, messages, warnings)
+
+
+def _told(path: Path) -> tuple[str, str, list[str], int]:
+    """Return storage, compression, names of files and number of messages."""
+    with path.open(encoding="utf-8") as stream:
+        info: dict[str, Any] = load_bounded(stream.read(LARGEST + 1))[ROOT]
+    names = [str(name) for name in info["relative_file_paths"]]
+    unsound = [name for name in names if "\0" in name]
+    if unsound:
+        raise YamlError("a name of a file has a zero byte")
+    count = info.get("message_count", 0)
+    storage, compression = str(info["storage_identifier"]), str(info.get("compression_mode") or "")
+    return storage, compression, names, count if isinstance(count, int) else 0

@@ -1,0 +1,285 @@
+"""Read a bag by acquisition time: blocks, oil temperature and any other message."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+from spool_stream.block import Block
+from spool_stream.errors import InputError
+from spool_stream.text.printable import printable
+
+from spool_bag.mcap.mcap_definitions import Topic
+from spool_bag.mcap.mcap_file import McapFile, Record
+from spool_bag.mcap.mcap_walk import Damage
+from spool_bag.recording.ordering import LARGEST_QUEUE, LONGEST_QUEUE, WINDOW, Keyed, Windows
+from spool_bag.recording.staging import leftovers
+
+from .cdr import CdrError, OilTemperature, decode_block, decode_temperature
+from .definitions import ACCELERATION_BLOCK, TEMPERATURE
+from .metadata import storage_files
+
+__all__ = ["LARGEST_QUEUE", "LONGEST_QUEUE", "WINDOW", "BagReader", "TopicInformation"]
+
+#: Names of topics that one line lists.
+MOST_LISTED = 12
+
+
+class TopicInformation(NamedTuple):
+    """A topic of a bag: its type and number of messages."""
+
+    type: str
+    messages: int
+
+
+class BagReader:
+    """A rosbag2 directory or an ``.mcap`` file.
+
+    Everything is read in passes over the file; of the messages of a valve at most two ``WINDOW`` (10 s of
+    stamps, and never more than ``LONGEST_QUEUE`` messages or ``LARGEST_QUEUE`` B) are held, so that messages
+    up to 5 s late are put in order of (header.stamp, sequence). A stamp that goes back further is a new start
+    of time and is passed on where it stands. A message that is not what its type says is left out, counted.
+
+    Attributes:
+        warnings: what is missing or not as it should be, one line each.
+        closed: the recording was finished properly.
+        told: messages that ``metadata.yaml`` counts, 0 without it; of a recording under way some seconds old.
+        damages: with ``skip_damage`` what was stepped over so far, else empty: damage is an error then.
+        undecodable: messages that are not what their type says, left out, by topic, as far as read.
+
+    Raises:
+        InputError: there is no bag at ``path``, or (from any method) it is damaged.
+    """
+
+    def __init__(self, path: Path | str, *, skip_damage: bool = False) -> None:
+        self.path = Path(path)
+        self.damages: list[Damage] = []
+        self._noted: dict[Path, list[Damage]] = {}
+        self._skip = skip_damage
+        self.warnings: list[str] = []
+        self.told = 0
+        if self.path.is_dir():
+            paths, self.told, self.warnings = storage_files(self.path)
+        elif self.path.is_file():
+            paths = [self.path]
+        else:
+            left = "".join(
+                f"; {part} is what a killed process left of it" for part in leftovers(self.path)[:1]
+            )
+            raise InputError(f"{self.path}: no such bag: name a rosbag2 directory or an .mcap file{left}")
+        self.files = [McapFile(path) for path in paths]
+        self.closed = all(file.closed for file in self.files)
+        self.warnings.extend(
+            f"{file.path}: the recording was not finished: what was not yet on the disk is missing; "
+            "`./spool recover` makes a finished bag of it"
+            for file in self.files
+            if not file.closed
+        )
+        self._topics: dict[str, TopicInformation] | None = None
+        self._stores: dict[str, Typestore | None] = {}
+        self.undecodable: dict[str, int] = {}
+
+    @property
+    def topics(self) -> dict[str, TopicInformation]:
+        """Type and number of messages by topic; an unfinished bag is read through once for it."""
+        if self._topics is None:
+            found: dict[str, TopicInformation] = {}
+            for file in self.files:
+                counts = file.counts if file.counts is not None else self._count(file)
+                for number, topic in file.topics.items():
+                    before = found[topic.name].messages if topic.name in found else 0
+                    found[topic.name] = TopicInformation(topic.type, before + counts.get(number, 0))
+            self._topics = dict(sorted(found.items()))
+        return self._topics
+
+    @property
+    def listed(self) -> str:
+        """The names of the topics for one line of text."""
+        names = [printable(name, 80) for name in self.topics]
+        more = [f"and {len(names) - MOST_LISTED} more"] if len(names) > MOST_LISTED else []
+        return ", ".join(names[:MOST_LISTED] + more) or "none"
+
+    @property
+    def valves(self) -> list[str]:
+        """Namespaces, without the leading slash, that have an ``acceleration`` topic; the root's is empty."""
+        return sorted(
+            _parts(name)[0]
+            for name, topic in self.topics.items()
+            if topic.type == ACCELERATION_BLOCK and _parts(name)[1] == "acceleration"
+        )
+
+    def blocks_of(self, valve: str) -> int:
+        """Return the number of messages on the acceleration topic of ``valve``."""
+        name = self._known(valve)
+        return sum(
+            topic.messages
+            for path, topic in self.topics.items()
+            if _parts(path) == (name, "acceleration") and topic.type == ACCELERATION_BLOCK
+        )
+
+    def blocks(self, valve: str) -> Iterator[Block]:
+        """Yield the blocks of ``valve`` in order of (stamp, sequence), malformed ones included."""
+        for _, item in self._ordered({self._known(valve)}, (_ACCELERATION,)):
+            assert isinstance(item, Block)
+            yield item
+
+    def temperatures(self, valve: str) -> Iterator[tuple[int, float]]:
+        """Yield (stamp in ns, deg C) of the oil of ``valve`` by stamp; nothing where none is recorded."""
+        for _, item in self._ordered({valve.strip("/")}, (_OIL,)):
+            assert isinstance(item, OilTemperature)
+            yield item.stamp, item.celsius
+
+    def stream(self, valve: str) -> Iterator[Block | OilTemperature]:
+        """Yield blocks and oil temperatures of ``valve`` by stamp, at equal stamps the temperature first."""
+        for _, item in self._ordered({self._known(valve)}, (_ACCELERATION, _OIL)):
+            yield item
+
+    def streams(self) -> Iterator[tuple[str, Block | OilTemperature]]:
+        """Yield what ``stream`` yields, of all valves in one pass, with the valve's name."""
+        yield from self._ordered(set(self.valves), (_ACCELERATION, _OIL))
+
+    def records(self, topic: str | None = None) -> Iterator[tuple[Topic, Record]]:
+        """Yield the messages of ``topic`` (all topics without it) as recorded, in the order of recording."""
+        for file in self.files:
+            for record in self._records(file, lambda candidate: topic is None or candidate.name == topic):
+                yield file.topics[record.channel], record
+
+    def messages(self, topic: str) -> Iterator[Any]:
+        """Yield the messages of ``topic`` decoded by the definition that the bag carries; others are counted.
+
+        Raises:
+            InputError: the bag has no such topic.
+        """
+        if topic not in self.topics:
+            raise InputError(f"{self.path}: no topic {printable(topic)}: it has {self.listed}")
+        bad = 0
+        for described, record in self.records(topic):
+            message = self._decoded(described, record.data)
+            if message is None:
+                bad += 1
+                self._left_out(topic, bad)
+            else:
+                yield message
+
+    def decodable(self, topic: Topic, data: bytes) -> bool:
+        """Return whether ``data`` fits the definition that the bag carries for ``topic``."""
+        return self._decoded(topic, data) is not None
+
+    def _decoded(self, topic: Topic, data: bytes) -> Any:
+        """Return the message in ``data``, ``None`` where that does not fit the bag's definition."""
+        try:
+            store = self._store(topic)
+            return None if store is None else store.deserialize_cdr(data, topic.type)
+        except Exception:  # rosbags, struct, NumPy, RecursionError: whatever a bad byte brings
+            return None
+
+    def _left_out(self, topic: str, count: int) -> None:
+        """Take note of what one pass left out; another pass leaves out the same again."""
+        self.undecodable[topic] = max(self.undecodable.get(topic, 0), count)
+
+    def _known(self, valve: str) -> str:
+        name = valve.strip("/")
+        if name not in self.valves:
+            known = ", ".join(printable(one, 80) for one in self.valves[:MOST_LISTED]) or "none"
+            raise InputError(f"{self.path}: no valve {printable(valve)!r}: the bag has {known}")
+        return name
+
+    def _ordered(
+        self, valves: set[str], sources: tuple[_Source, ...]
+    ) -> Iterator[tuple[str, Block | OilTemperature]]:
+        """Yield decoded messages by valve in order of (stamp, sequence, arrival) in a window."""
+        decoders = {(source.name, source.type): source.decode for source in sources}
+
+        def wanted(topic: Topic) -> bool:
+            valve, leaf = _parts(topic.name)
+            return valve in valves and (leaf, topic.type) in decoders
+
+        windows, bad = Windows(), dict[str, int]()
+        for file in self.files:
+            channels: dict[int, tuple[str, Callable[[bytes], Keyed]]] = {}
+            for record in self._records(file, wanted):
+                found = channels.get(record.channel)
+                if found is None:
+                    topic = file.topics[record.channel]
+                    valve, leaf = _parts(topic.name)
+                    found = channels[record.channel] = valve, decoders[leaf, topic.type]
+                valve, decode = found
+                try:
+                    keyed = decode(record.data)
+                except CdrError:
+                    name = file.topics[record.channel].name
+                    bad[name] = bad.get(name, 0) + 1
+                    self._left_out(name, bad[name])
+                    continue
+                yield from windows.take(valve, keyed)
+        yield from windows.rest()
+
+    def _count(self, file: McapFile) -> dict[int, int]:
+        counts: dict[int, int] = {}
+        for record in self._records(file, lambda _: True):
+            counts[record.channel] = counts.get(record.channel, 0) + 1
+        return counts
+
+    def _records(self, file: McapFile, wanted: Callable[[Topic], bool]) -> Iterator[Record]:
+        return file.records(wanted, (lambda damage: self._note(file, damage)) if self._skip else None)
+
+    def _note(self, file: McapFile, damage: Damage) -> None:
+        if damage not in self._noted.setdefault(file.path, []):
+            self._noted[file.path].append(damage)
+            self.damages.append(damage)
+
+    def lost(self) -> tuple[int, bool]:
+        """Return the messages lost at the ``damages`` and whether that is estimated in part.
+
+        Where no index behind a damaged chunk tells, its size does, by what as large chunks of the file held.
+        """
+        counted, estimated, unknown = 0, 0.0, False
+        for file in self.files:
+            for damage in self._noted.get(file.path, []):
+                counted += damage.lost or 0
+                if damage.lost is None:
+                    estimated += file.density * damage.size
+                    unknown = True
+        return counted + round(estimated), unknown
+
+    def _store(self, topic: Topic) -> Typestore | None:
+        """Return the types that the definition of ``topic`` defines, ``None`` where it defines none."""
+        if topic.type not in self._stores:
+            store = get_typestore(Stores.EMPTY)
+            try:
+                store.register(get_types_from_msg(topic.schema, topic.type))
+                self._stores[topic.type] = store
+            except Exception:  # as above
+                self._stores[topic.type] = None
+        return self._stores[topic.type]
+
+
+def _parts(topic: str) -> tuple[str, str]:
+    """Return the namespace of a topic, without slashes around it, and its last name."""
+    namespace, _, leaf = topic.rpartition("/")
+    return namespace.strip("/"), leaf
+
+
+class _Source(NamedTuple):
+    """A topic that is read by stamp, its type and how to decode it."""
+
+    name: str
+    type: str
+    decode: Callable[[bytes], Keyed]
+
+
+def _block(data: bytes) -> Keyed:
+    block = decode_block(data)
+    return Keyed(block.stamp, block.sequence, block, len(data))
+
+
+def _temperature(data: bytes) -> Keyed:
+    item = decode_temperature(data)
+    return Keyed(item.stamp, -1, item, len(data))
+
+
+_ACCELERATION = _Source("acceleration", ACCELERATION_BLOCK, _block)
+_OIL = _Source("oil_temperature", TEMPERATURE, _temperature)

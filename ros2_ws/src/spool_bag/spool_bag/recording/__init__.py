@@ -1,0 +1,1 @@
+"""Recording: the node, its writer and snapshots."""

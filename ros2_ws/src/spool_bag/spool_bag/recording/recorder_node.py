@@ -1,0 +1,387 @@
+"""Managed node ``recorder``: every topic of the valves, as received, into a bag."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import math
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from spool_node.diagnostics import DiagnosticPublisher, Level, Status
+from spool_node.managed_node import ManagedNode
+from spool_node.parameters import Parameter
+from spool_node.running import run
+from spool_stream.errors import InputError
+
+from spool_bag.names import check_valve
+from spool_bag.reading.cdr import CdrError, header_stamp
+from spool_bag.reading.definitions import ACCELERATION_BLOCK, starts_with_header
+
+from .monitoring_watch import Monitored, MonitoringWatch
+from .recorder import LATCHED, TOPICS, LossCount, free_space, new_bag, select_topics
+from .snapshot import Message, SnapshotKeeper
+from .snapshot_writer import SnapshotDesk
+from .writer import BagWriter, RecordingError
+
+DISCOVERY_PERIOD = 0.5
+FLUSH_PERIOD = 0.2
+FLUSH_INTERVAL = 0.7
+DIAGNOSTICS_PERIOD = 1.0
+#: s for which a lost block makes the recording's level a warning.
+RECENT = 60.0
+UNLIMITED = QosTime(9223372036, 854775807)
+
+
+class RecorderNode(ManagedNode):
+    """Record while active; each activation makes a new bag."""
+
+    PARAMETERS: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            "output",
+            "",
+            "Bag to be made, a path; empty: recording_<UTC time> in the working directory. "
+            "A second activation puts _1 behind it, and so on.",
+            structural=True,
+        ),
+        Parameter(
+            "number_output",
+            False,
+            "Put _1 behind output where it exists, and so on, instead of refusing it: for a recorder that is "
+            "started again by itself.",
+            structural=True,
+        ),
+        Parameter(
+            "valves",
+            [""],
+            "Namespaces to record, e.g. [valve_1, valve_2]; empty: every namespace that has an acceleration, "
+            "estimate, health or events topic of spool_msgs.",
+            structural=True,
+        ),
+        Parameter(
+            "depth",
+            1000,
+            "Messages per topic that may wait for the disk; 1000 are 20 s at 50 blocks/s.",
+            minimum=10,
+            maximum=100000,
+            structural=True,
+        ),
+        Parameter(
+            "minimum_free_space",
+            200_000_000,
+            "Recording ends cleanly when the disk has less than this left; below twice as much it warns.",
+            unit="B",
+            minimum=0,
+        ),
+        Parameter(
+            "snapshot_folder",
+            "",
+            "Where an alarm's surroundings are kept as a bag of their own; empty: snapshots beside the bag.",
+            structural=True,
+        ),
+        Parameter("snapshot_before", 60.0, "Kept from before an alarm.", "s", 0.0, 600.0, structural=True),
+        Parameter("snapshot_after", 60.0, "Kept from after it.", "s", 0.0, 600.0, structural=True),
+        Parameter(
+            "snapshot_limit",
+            100,
+            "Bags in that folder at which no more are made; 0: no snapshots.",
+            minimum=0,
+            maximum=100000,
+        ),
+    )
+
+    def __init__(self) -> None:
+        super().__init__("recorder")
+        self._writer: BagWriter | None = None
+        self._diagnostics: DiagnosticPublisher | None = None
+        self._subscriptions_by_topic: dict[str, tuple[Any, QoSProfile]] = {}
+        self._channels: dict[str, int] = {}
+        self._left_out: set[str] = set()
+        self._losses = LossCount()
+        self._last_loss = -math.inf
+        self._watch = MonitoringWatch()
+        self._missed: set[str] = set()
+        self._activations = 0
+        self._ended = ""
+        self._snapshots: SnapshotDesk | None = None
+
+    def configure(self) -> None:
+        """Check the parameters before anything is made."""
+        for valve in self._valves():
+            check_valve(valve)
+        self._new_bag()
+        self._diagnostics = DiagnosticPublisher(self, "recorder")
+
+    def activate(self) -> None:
+        """Make the bag and start to listen."""
+        path = self._new_bag()
+        self._writer = BagWriter(path, flush_interval=FLUSH_INTERVAL)
+        self._activations += 1
+        self._losses, self._ended = LossCount(), ""
+        self._watch, self._last_loss = MonitoringWatch(), -math.inf
+        self._missed.clear()
+        self._left_out.clear()
+        self._channels.clear()
+        self._snapshots = SnapshotDesk(
+            SnapshotKeeper(self.value("snapshot_before"), self.value("snapshot_after")),
+            Path(self.value("snapshot_folder") or path.absolute().parent / "snapshots").expanduser(),
+            self.get_logger(),
+        )
+        self.get_logger().info(f"recording to {path}")
+        self._discover()
+        self.every(DISCOVERY_PERIOD, self._discover, steady=True)
+        self.every(FLUSH_PERIOD, self._flush, steady=True)
+        self.every(DIAGNOSTICS_PERIOD, self._report, steady=True)
+
+    def deactivate(self) -> None:
+        """Finish the bag."""
+        self._subscriptions_by_topic.clear()
+        if self._snapshots is not None:
+            self._snapshots.close()
+            self._snapshots = None
+        self._finish("")
+
+    def cleanup(self) -> None:
+        """Take the publisher away."""
+        if self._diagnostics is not None:
+            self._diagnostics.destroy()
+            self._diagnostics = None
+
+    def _new_bag(self) -> Path:
+        number = self.value("number_output")
+        return new_bag(self.value("output"), activation=self._activations, number=number)
+
+    def _valves(self) -> list[str]:
+        return [valve.strip("/") for valve in self.value("valves") if valve.strip("/")]
+
+    def _discover(self) -> None:
+        """Subscribe to what belongs to the valves and is not yet recorded, and where an offer got weaker."""
+        if self._writer is None:
+            return
+        graph = dict(self.get_topic_names_and_types())
+        for topic, kind in select_topics(graph, self._valves()).items():
+            if topic in self._left_out:
+                continue
+            offered = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
+            # Blocks are lost where nobody listens; all else waits for its publisher, who says how it is sent.
+            if not offered and topic.rpartition("/")[2] != "acceleration":
+                continue
+            known = self._subscriptions_by_topic.get(topic)
+            if known is not None and _compatible(known[1], offered):
+                continue
+            if known is not None:
+                self.destroy_subscription(known[0])
+            try:
+                self._record(topic, kind, offered)
+            except InputError as error:
+                self._left_out.add(topic)
+                self.get_logger().warning(f"{topic} is not recorded: {error}")
+
+    def _record(self, topic: str, kind: str, offered: Sequence[QoSProfile]) -> None:
+        message_type = _message_type(kind)
+        stamped = starts_with_header(kind)
+        latched = topic.rpartition("/")[2] in LATCHED
+        wanted = _wanted(offered, self.value("depth"), latched=latched)
+
+        def keep(data: bytes) -> None:
+            self._keep(topic, kind, data, stamped=stamped)
+
+        subscription = self.subscribe(message_type, topic, keep, wanted, raw=True)
+        self._subscriptions_by_topic[topic] = (subscription, wanted)
+
+    def _keep(self, topic: str, kind: str, data: bytes, *, stamped: bool) -> None:
+        if self._writer is None:
+            return
+        # With use_sim_time the clock says 0 until it is first heard.
+        received = self.get_clock().now().nanoseconds or time.time_ns()
+        published = received
+        if stamped:
+            try:
+                published = max(header_stamp(data), 0)
+            except CdrError:
+                published = received
+        self._try(lambda writer: writer.write(self._channel(writer, topic, kind), received, data, published))
+        if kind == ACCELERATION_BLOCK:
+            before = self._losses.lost.get(topic, 0)
+            self._losses.see(topic, data)
+            now = time.monotonic()
+            self._watch.saw_data(topic.rpartition("/")[0], now)
+            if self._losses.lost.get(topic, 0) > before:
+                self._last_loss = now
+        elif kind == TOPICS["health"]:
+            self._watch.saw_health(topic.rpartition("/")[0], time.monotonic())
+        if self._snapshots is not None and self.value("snapshot_limit") > 0:
+            self._snapshots.keeper.take(Message(topic, kind, received, published, data))
+
+    def _channel(self, writer: BagWriter, topic: str, kind: str) -> int:
+        """Return the channel of ``topic``; made with its first message, when its offers are known."""
+        channel = self._channels.get(topic)
+        if channel is None:
+            offered = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
+            channel = writer.add_topic(topic, kind, [_recorded(profile) for profile in offered])
+            self._channels[topic] = channel
+        return channel
+
+    def _flush(self) -> None:
+        if self._writer is not None and not self._writer.file.exists():
+            self._go_on_elsewhere(self._writer)
+        self._try(BagWriter.flush_if_due)
+        if self._snapshots is not None:
+            now = self.get_clock().now().nanoseconds or time.time_ns()
+            self._snapshots.watch(now, self.value("snapshot_limit"))
+
+    def _go_on_elsewhere(self, removed: BagWriter) -> None:
+        """Begin another bag: what is written to a file that somebody removed is lost without an error."""
+        with contextlib.suppress(RecordingError, OSError):
+            removed.close()
+        self._writer = None
+        try:
+            path = new_bag(self.value("output"), activation=self._activations, number=True)
+            self._writer = BagWriter(path, flush_interval=FLUSH_INTERVAL)
+        except (InputError, RecordingError) as error:
+            self._ended = f"{removed.path} was removed, and no other bag can be begun: {error}"
+            self.get_logger().error(f"recording ended: {self._ended}")
+            return
+        self.get_logger().error(
+            f"{removed.path} was removed while it was recorded: {removed.messages} messages are lost; "
+            f"recording to {path}"
+        )
+        # Heard anew, so that what is latched stands in the new bag as well.
+        self._channels.clear()
+        for subscription, _ in self._subscriptions_by_topic.values():
+            self.destroy_subscription(subscription)
+        self._subscriptions_by_topic.clear()
+        self._discover()
+
+    def _try(self, action: Callable[[BagWriter], None]) -> None:
+        if self._writer is None:
+            return
+        try:
+            action(self._writer)
+        except RecordingError as error:
+            self._writer = None
+            self._ended = str(error)
+            self.get_logger().error(f"recording ended: {error}")
+            self._report()
+
+    def _finish(self, reason: str) -> None:
+        writer = self._writer
+        if writer is None:
+            return
+        self._try(BagWriter.close)
+        self._writer = None
+        if not self._ended:
+            self._ended = reason
+            self.get_logger().info(f"closed {writer.path}: {writer.messages} messages")
+
+    def _report(self) -> None:
+        """Publish the state; end the recording while there is still room to end it well."""
+        values: dict[str, object] = dict.fromkeys(("free_space_B", "messages", "recorded_B"), math.nan)
+        level, text = Level.ERROR, self._ended or "not recording"
+        if self._writer is not None:
+            free = free_space(self._writer.path)
+            least = self.value("minimum_free_space")
+            values["free_space_B"] = free
+            level, text = Level.OK, f"recording to {self._writer.path}"
+            if free < least:
+                level = Level.ERROR
+                text = f"recording ended: only {free / 1e6:.0f} MB are free (minimum_free_space)"
+            elif free < 2 * least:
+                level, text = Level.WARNING, f"only {free / 1e6:.0f} MB are free"
+            elif time.monotonic() - self._last_loss < RECENT:
+                level, text = Level.WARNING, "blocks were lost on the way in the last minute"
+            values["messages"] = self._writer.messages
+            values["recorded_B"] = self._writer.bytes
+            if free < least:
+                self._finish(text)
+                self.get_logger().error(text)
+        values["snapshots"] = 0 if self._snapshots is None else self._snapshots.written
+        lost = dict.fromkeys(self._valves(), 0)
+        lost |= {topic.rpartition("/")[0].strip("/"): count for topic, count in self._losses.lost.items()}
+        values |= {f"blocks_lost_{valve}": count for valve, count in lost.items()}
+        if self._diagnostics is not None:
+            self._diagnostics.publish(Status("recording", level, text, values), self._supervision())
+
+    def _supervision(self) -> Status:
+        """Return which valves nobody monitors; a monitor can't tell of its own end."""
+        states = {valve.strip("/"): state for valve, state in self._watch.states(time.monotonic()).items()}
+        missed = {valve for valve, state in states.items() if state is Monitored.NO}
+        for valve in sorted(missed - self._missed):
+            self.get_logger().error(
+                f"{valve} is not monitored: its monitor tells of no health, start it again"
+            )
+        for valve in sorted(self._missed - missed):
+            self.get_logger().info(f"{valve} is monitored again")
+        self._missed = missed
+        waited = sorted(valve for valve, state in states.items() if state is Monitored.NOT_YET)
+        level, text = Level.OK, "every valve that sends is monitored"
+        if missed:
+            level, text = Level.ERROR, f"not monitored: {', '.join(sorted(missed))}"
+        elif waited:
+            level, text = Level.WARNING, f"not monitored yet: {', '.join(waited)}"
+        told = dict.fromkeys(self._valves(), Monitored.IDLE) | states
+        values = {f"state_{valve}": state.value for valve, state in told.items()}
+        return Status("monitoring", level, text, values)
+
+
+def _message_type(kind: str) -> Any:
+    package, _, name = kind.split("/")
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError) as error:
+        raise InputError(f"type {kind} is not installed") from error
+
+
+def _wanted(offered: Sequence[QoSProfile], depth: int, *, latched: bool) -> QoSProfile:
+    """Return the strongest quality of service that every publisher offers.
+
+    ``latched`` says what to expect while nobody publishes yet.
+    """
+    reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in offered)
+    if offered:
+        latched = all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in offered)
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def _compatible(wanted: QoSProfile, offered: Sequence[QoSProfile]) -> bool:
+    strict = wanted.reliability == ReliabilityPolicy.RELIABLE
+    latched = wanted.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    return all(
+        (not strict or profile.reliability == ReliabilityPolicy.RELIABLE)
+        and (not latched or profile.durability == DurabilityPolicy.TRANSIENT_LOCAL)
+        for profile in offered
+    )
+
+
+def _recorded(profile: QoSProfile) -> Qos:
+    """Return what the bag says of an offered profile; times are left unlimited, as ROS 2 does by default."""
+    return Qos(
+        history=QosHistory[profile.history.name],
+        depth=profile.depth,
+        reliability=QosReliability[profile.reliability.name],
+        durability=QosDurability[profile.durability.name],
+        deadline=UNLIMITED,
+        lifespan=UNLIMITED,
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=UNLIMITED,
+        avoid_ros_namespace_conventions=False,
+    )
+
+
+def main() -> None:
+    """Run the node as a process."""
+    sys.exit(run(RecorderNode))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,193 @@
+"""What happened around an alarm, as a bag of its own: the time before, from memory, and the time after."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+from rosbags.serde import SerdeError
+
+from spool_bag.reading.cdr import CdrError, header_stamp
+from spool_bag.reading.definitions import ACCELERATION_BLOCK, typestore
+
+from .recorder import LATCHED, MARKS
+from .writer import BagWriter
+
+HEALTH_EVENT = "spool_msgs/msg/HealthEvent"
+
+#: B of messages of one valve that are held in memory, before and after each.
+MOST_BYTES = 64_000_000
+
+#: Snapshots of one valve that may wait for their end at a time.
+MOST_WAITING = 4
+
+_RAISED, _ALARM = 1, 2
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """A message as received: ``received`` and ``published`` in ns, ``data`` its CDR."""
+
+    topic: str
+    kind: str
+    received: int
+    published: int
+    data: bytes
+
+
+@dataclass(slots=True)
+class Snapshot:
+    """The messages around the alarm ``event`` of a valve, collected until ``end`` (ns, time of reception)."""
+
+    valve: str
+    event: str
+    stamp: int
+    end: int
+    latched: dict[str, Message]
+    messages: list[Message]
+    bytes: int
+
+    @property
+    def name(self) -> str:
+        """Name of its bag, e.g. ``valve_1_resonance_20260102T030405Z``."""
+        moment = datetime.fromtimestamp(self.stamp * 1e-9, timezone.utc)
+        return f"{self.valve.strip('/').replace('/', '_')}_{self.event}_{moment:%Y%m%dT%H%M%SZ}".lstrip("_")
+
+    def add(self, message: Message) -> None:
+        """Take a message; beyond :data:`MOST_BYTES` nothing more is held."""
+        if self.bytes + len(message.data) <= MOST_BYTES:
+            self.messages.append(message)
+            self.bytes += len(message.data)
+
+    def write(self, folder: Path) -> Path:
+        """Write the bag into ``folder`` and return its path; a taken name gets a number behind.
+
+        Latched messages from before the snapshot stand at its beginning, so that it explains itself.
+
+        Raises:
+            InputError: the folder can't be made.
+            RecordingError: the disk is full.
+
+        """
+        path, number = folder / self.name, 1
+        while path.exists():
+            number += 1
+            path = folder / f"{self.name}_{number}"
+        with BagWriter(path, staged=True) as writer:
+            for received, message in self._ordered():
+                channel = writer.add_topic(message.topic, message.kind)
+                writer.write(channel, received, message.data, message.published)
+        return path
+
+    def _ordered(self) -> Iterator[tuple[int, Message]]:
+        start = self.messages[0].received if self.messages else 0
+        for message in self.latched.values():
+            yield start or message.received, message
+        for message in self.messages:
+            yield message.received, message
+
+
+@dataclass(slots=True)
+class _Ring:
+    messages: deque[Message] = field(default_factory=deque)
+    bytes: int = 0
+    latched: dict[str, Message] = field(default_factory=dict)
+    #: Acquisition times of the blocks in the ring, ns.
+    blocks: deque[int] = field(default_factory=deque)
+
+
+@dataclass(slots=True)
+class SnapshotKeeper:
+    """Hold the last ``before`` s of every valve in memory; collect ``after`` s more once an alarm is raised.
+
+    An alarm counts where its stamp lies within the blocks that are held: a recorder that joins late hears old
+    events, too.
+
+    Attributes:
+        refused: alarms that got no snapshot of their own because :data:`MOST_WAITING` were under way.
+
+    """
+
+    before: float = 60.0
+    after: float = 60.0
+    refused: int = field(default=0, init=False)
+    _rings: dict[str, _Ring] = field(default_factory=dict, init=False)
+    _waiting: list[Snapshot] = field(default_factory=list, init=False)
+
+    def take(self, message: Message) -> None:
+        """Take a message of any topic; those that belong to no valve are left out."""
+        valve = self._valve(message)
+        if valve is None:
+            return
+        ring = self._rings.setdefault(valve, _Ring())
+        for snapshot in self._waiting:
+            if snapshot.valve == valve and message.received <= snapshot.end:
+                snapshot.add(message)
+        self._hold(ring, message)
+        if message.topic == f"{valve}/events" and message.kind == HEALTH_EVENT:
+            self._judge(valve, ring, message)
+
+    def due(self, now: int) -> list[Snapshot]:
+        """Return the snapshots that are complete at ``now`` (ns, the clock of reception), once each.
+
+        One that began after ``now`` is complete too: the clock was set back.
+        """
+        ready = [one for one in self._waiting if not one.end - self._length <= now < one.end]
+        self._waiting = [one for one in self._waiting if one not in ready]
+        return ready
+
+    def rest(self) -> list[Snapshot]:
+        """Return what waits, complete or not, because nothing more will come."""
+        ready, self._waiting = self._waiting, []
+        return ready
+
+    @property
+    def _length(self) -> int:
+        return round(self.after * 1e9)
+
+    @property
+    def held(self) -> int:
+        """Bytes of messages in the rings."""
+        return sum(ring.bytes for ring in self._rings.values())
+
+    def _valve(self, message: Message) -> str | None:
+        namespace, _, name = message.topic.rpartition("/")
+        if name in MARKS or namespace in self._rings:
+            return namespace
+        return next((valve for valve in self._rings if message.topic.startswith(f"{valve}/")), None)
+
+    def _hold(self, ring: _Ring, message: Message) -> None:
+        ring.messages.append(message)
+        ring.bytes += len(message.data)
+        if message.kind == ACCELERATION_BLOCK:
+            ring.blocks.append(message.published)
+        oldest = message.received - round(self.before * 1e9)
+        while ring.messages and (ring.messages[0].received < oldest or ring.bytes > MOST_BYTES):
+            gone = ring.messages.popleft()
+            ring.bytes -= len(gone.data)
+            if gone.kind == ACCELERATION_BLOCK:
+                ring.blocks.popleft()
+            if gone.topic.rpartition("/")[2] in LATCHED:
+                ring.latched[gone.topic] = gone
+
+    def _judge(self, valve: str, ring: _Ring, message: Message) -> None:
+        try:
+            event: Any = typestore().deserialize_cdr(message.data, HEALTH_EVENT)
+            stamp = header_stamp(message.data)
+        except (CdrError, SerdeError):
+            return
+        raised = event.state == _RAISED and event.severity == _ALARM
+        if not raised or not ring.blocks or stamp < ring.blocks[0]:
+            return
+        if sum(one.valve == valve for one in self._waiting) >= MOST_WAITING:
+            self.refused += 1
+            return
+        kind = "".join(c if c.isalnum() or c == "_" else "_" for c in event.kind)[:40]
+        end = message.received + self._length
+        self._waiting.append(
+            Snapshot(valve, kind, stamp, end, dict(ring.latched), list(ring.messages), ring.bytes)
+        )

@@ -1,0 +1,1 @@
+"""Tables: CSV in, CSV and Parquet out."""

@@ -1,0 +1,1 @@
+"""Model-gap requests: when the live residual grows, and its analysis beside the stream."""

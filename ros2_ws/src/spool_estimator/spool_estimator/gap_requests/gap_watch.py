@@ -1,0 +1,261 @@
+"""Whether what the online model leaves over grows beyond what it usually leaves: the model gap, live."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from statistics import fmean, median
+
+import numpy as np
+from spool_stream.block import Block
+from spool_stream.quantity import Quantity
+from spool_stream.text.sentence import Account, over, raised
+from spool_stream.uncertainty import percent
+
+from spool_estimator.estimate import Estimate, State
+
+from .flat_top import flat_share
+
+#: Kind and code of the event.
+MODEL_GAP, MODEL_GAP_CODE = "model_gap", 500
+#: What to do about it.
+REMEDY = "record a minute of it, and let ./spool gap name what is missing"
+#: Kind of the events that explain whatever the model leaves over.
+SENSOR_FAULT = "sensor_fault"
+#: Estimates from which the floor is learned.
+LEARNED = 20
+#: Estimates in a row that close the gap, and the least that open it.
+IN_A_ROW = 3
+#: Deviations above the floor that an estimate must reach, too, and the smallest deviation over the floor.
+DEVIATIONS, LEAST_DEVIATION = 6.0, 0.05
+#: Standard deviation of normal numbers over their median deviation.
+NORMAL = 1.4826
+#: Share of the force below which what is left worries nobody: where the spool sticks at every turn the
+#: online estimator itself leaves up to 3 %.
+MATTERS = 0.04
+#: Share of the way from the floor to the limit below which the gap has closed again.
+CLOSED = 0.5
+#: Times of the estimator's memory for which the residual must stay up, and s at most.
+PATIENCE, LONGEST_PATIENCE = 2.5, 30.0
+#: Growth of the residual from one half of that time to the other that says: still growing.
+GROWING = 1.3
+#: Relative change of a parameter, over the residual, that explains the residual by the estimator's lag.
+LAGGING = 0.1
+#: Dry friction over the spring's force, rms, from which the spool sticks most of the time.
+STICKING = 3.0
+#: Stiffness over the usual one, either way, that is no spring's: channels are exchanged or read wrongly.
+NO_SPRING = 3.0
+#: s of samples that are looked at for a channel that clips, and the share of flat samples that is too much.
+LOOKED_AT, CLIPS = 1.0, 0.006
+
+
+@dataclass(frozen=True, slots=True)
+class GapChange:
+    """The gap opened or closed.
+
+    Attributes:
+        stamp: ns.
+        raised: it opened.
+        residual: at that time, relative.
+        floor: what is usual, relative.
+        lasted: how long it was open, s; NaN where it opens.
+    """
+
+    stamp: int
+    raised: bool
+    residual: Quantity
+    floor: float
+    lasted: float = math.nan
+
+    @property
+    def sentence(self) -> str:
+        """Return one line for people."""
+        now, usual = (percent(share) for share in (self.residual.value, self.floor))
+        account = Account(
+            f"the model leaves {now} of the force unexplained, usually {usual}", "something is missing"
+        )
+        return raised(account, REMEDY) if self.raised else over(MODEL_GAP, account, self.lasted)
+
+
+@dataclass(frozen=True, slots=True)
+class Floor:
+    """What is usual of one measure of the residual: median, and the limit above which it counts as grown."""
+
+    usual: float
+    limit: float
+
+    @classmethod
+    def learned(cls, values: list[float], growth: float, least: float = 0.0) -> Floor:
+        """Return the floor of ``values``; the limit is ``growth`` times the usual and ``least``, at least."""
+        usual = median(values)
+        deviation = NORMAL * median(abs(one - usual) for one in values)
+        deviation = max(deviation, LEAST_DEVIATION * usual)
+        return cls(usual, max(growth * usual, usual + DEVIATIONS * deviation, least))
+
+
+@dataclass(slots=True)
+class GapWatch:
+    """Learn what the model usually leaves over, and say when that grows.
+
+    Two measures must grow: the residual over the force, which a weaker drive raises because the noise stays,
+    and the force that is left (residual times stiffness times displacement, N), which a stronger drive raises
+    because the force grows. Both floors are medians of the first ``LEARNED`` estimates while the
+    estimator tracks. Below ``MATTERS`` no gap opens.
+
+    What the estimator follows is no gap: while a parameter drifts it lags behind, and leaves more. So the gap
+    opens once both measures stayed up for ``PATIENCE`` memories in which neither the residual grew on nor a
+    parameter changed; nor does it open while a sensor is at fault, a channel clips or the channels show no
+    spring like the usual one. What is not tracked says nothing, and neither does a spool that sticks most of
+    the time.
+
+    Attributes:
+        growth: residual over the floor from which the gap is open.
+        raised: it is open.
+        floor: learned, relative; ``None`` while it is being learned.
+        limit: residual above which the gap opens.
+    """
+
+    growth: float = 2.0
+    raised: bool = field(default=False, init=False)
+    _relative: Floor | None = field(default=None, init=False)
+    _force: Floor | None = field(default=None, init=False)
+    _stiffness: float = field(default=0.0, init=False)
+    _first: list[tuple[float, float, float]] = field(default_factory=list, init=False)
+    _last: deque[float] = field(default_factory=lambda: deque(maxlen=IN_A_ROW), init=False)
+    _up: deque[Estimate] = field(default_factory=deque, init=False)
+    _faults: set[str] = field(default_factory=set, init=False)
+    _opened: int = field(default=0, init=False)
+    _recent: deque[Block] = field(default_factory=deque, init=False)
+    _kept: float = field(default=0.0, init=False)
+
+    @property
+    def floor(self) -> float | None:
+        """What is usual of the residual, relative; ``None`` while that is being learned."""
+        return None if self._relative is None else self._relative.usual
+
+    @property
+    def limit(self) -> float:
+        """Residual above which the gap opens; 0 while that is being learned."""
+        return 0.0 if self._relative is None else self._relative.limit
+
+    def take(self, block: Block) -> None:
+        """Keep the samples of ``block`` as long as they may be looked at."""
+        self._recent.append(block)
+        self._kept += _length(block)
+        while self._kept - _length(self._recent[0]) >= LOOKED_AT:
+            self._kept -= _length(self._recent.popleft())
+
+    def hear(self, kind: str, source: str, *, raised: bool) -> None:
+        """Take an event of the valve's monitor: no gap opens while a sensor is known to be at fault."""
+        if kind == SENSOR_FAULT:
+            (self._faults.add if raised else self._faults.discard)(source)
+
+    def update(self, estimate: Estimate) -> GapChange | None:
+        """Take an estimate of what was taken; return what changed with it."""
+        force = _force_left(estimate)
+        if estimate.state is State.NOT_EXCITED:
+            self._up.clear()  # a standstill: what was up before it stayed up no longer
+        if estimate.state is not State.TRACKING or force is None:
+            return None
+        value = estimate.residual.value
+        if self._relative is None or self._force is None:
+            self._learn(value, force, _stiffness(estimate))
+            return None
+        self._last.append(value)
+        closed = self._relative.usual + CLOSED * (self._relative.limit - self._relative.usual)
+        if self.raised:
+            closes = len(self._last) == IN_A_ROW and max(self._last) < closed
+            return self._change(estimate, opens=False) if closes else None
+        up = value > self._relative.limit and force > self._force.limit
+        if up and self._believes(estimate):
+            self._up.append(estimate)
+        else:
+            self._up.clear()
+        return self._change(estimate, opens=True) if self._stays() else None
+
+    def _change(self, estimate: Estimate, *, opens: bool) -> GapChange:
+        assert self._relative is not None
+        self.raised = opens
+        self._up.clear()
+        lasted = math.nan if opens else 1e-9 * (estimate.stamp - self._opened)
+        self._opened = estimate.stamp
+        return GapChange(estimate.stamp, opens, estimate.residual, self._relative.usual, lasted)
+
+    def _learn(self, value: float, force: float, stiffness: float) -> None:
+        self._first.append((value, force, stiffness))
+        if len(self._first) < LEARNED:
+            return
+        relative, forces, stiffnesses = (list(row) for row in zip(*self._first, strict=True))
+        self._relative = Floor.learned(relative, self.growth, MATTERS)
+        self._force = Floor.learned(forces, self.growth)
+        self._stiffness = median(stiffnesses)
+        self._first.clear()
+
+    def _stays(self) -> bool:
+        """Whether the residual stayed up long enough, while nothing changed that explains it."""
+        if len(self._up) < IN_A_ROW:
+            return False
+        patience = min(PATIENCE * self._up[-1].memory, LONGEST_PATIENCE)
+        due = self._up[-1].stamp - round(patience * 1e9)
+        if self._up[0].stamp > due:
+            return False
+        while len(self._up) > IN_A_ROW and self._up[1].stamp <= due:
+            self._up.popleft()
+        half = len(self._up) // 2
+        before, after = list(self._up)[:half], list(self._up)[half:]
+        if fmean(one.residual.value for one in after) > GROWING * fmean(one.residual.value for one in before):
+            return False
+        return not any(_changes(before, after, quantity.name) for quantity in after[-1].parameters)
+
+    def _believes(self, estimate: Estimate) -> bool:
+        """Whether the channels can be those of this valve."""
+        ratio = _stiffness(estimate) / self._stiffness
+        return not self._faults and 1.0 / NO_SPRING < ratio < NO_SPRING and not self._clips()
+
+    def _clips(self) -> bool:
+        if not self._recent:
+            return False
+        return any(
+            flat_share(np.concatenate([getattr(block, name) for block in self._recent])) >= CLIPS
+            for name in ("body", "spool")
+        )
+
+
+def _length(block: Block) -> float:
+    return block.body.size * block.sample_period
+
+
+def _force_left(estimate: Estimate) -> float | None:
+    """Return the force that is left, N rms: the residual's share of the spring's force.
+
+    ``None`` where it says nothing: unknown, or the spool sticks most of the time.
+    """
+    if not (estimate.residual.known and estimate.relative_displacement.known):
+        return None
+    spring = _spring_force(estimate)
+    sticks = estimate.parameter("coulomb_force").value > STICKING * spring
+    return None if sticks else estimate.residual.value * spring
+
+
+def _stiffness(estimate: Estimate) -> float:
+    return max(estimate.parameter("spring_stiffness").value, 1e-9)
+
+
+def _spring_force(estimate: Estimate) -> float:
+    return _stiffness(estimate) * estimate.relative_displacement.value
+
+
+def _changes(before: list[Estimate], after: list[Estimate], name: str) -> bool:
+    """Whether a parameter changed so that the lag behind it explains the residual.
+
+    A force is measured by the spring's, too: dry friction may be next to nothing.
+    """
+    first, last = (fmean(one.parameter(name).value for one in part) for part in (before, after))
+    newest = after[-1]
+    quantity = newest.parameter(name)
+    scale = max(abs(first), abs(last))
+    if quantity.unit == "N":
+        scale += _spring_force(newest)
+    tolerated = LAGGING * newest.residual.value * scale + quantity.standard_deviation
+    return abs(last - first) > tolerated

@@ -1,0 +1,178 @@
+"""Analysis of the model gap beside a live stream: the last minutes, in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import signal
+from collections import deque
+from collections.abc import Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from dataclasses import dataclass, field, replace
+
+from spool_identification.record import Record, records_from_blocks
+from spool_sim.model import Model
+from spool_sim.valve.description import Valve
+from spool_stream.block import Block, joined
+from spool_stream.errors import InputError
+
+#: The worker gives way to the stream where processors are short.
+NICENESS = 10
+#: s, length of the runs in which recent samples are held.
+RUN = 1.0
+
+
+@dataclass(slots=True)
+class RecentBlocks:
+    """The last ``seconds`` s of one valve's sound blocks, and up to a second more.
+
+    They are held as runs of about a second: thousands of small objects would make the collector stop a
+    process that serves many valves.
+
+    Attributes:
+        seconds: that are kept.
+        stamp: ns, of the newest sample; 0 before any.
+    """
+
+    seconds: float
+    stamp: int = field(default=0, init=False)
+    _runs: deque[tuple[Block, bool]] = field(default_factory=deque, init=False)
+    _fresh: list[Block] = field(default_factory=list, init=False)
+    _last: Block | None = field(default=None, init=False)
+    _after_gap: bool = field(default=True, init=False)
+    _duration: float = field(default=0.0, init=False)
+
+    def take(self, block: Block) -> None:
+        """Keep ``block`` and forget what is too old."""
+        gap = self._last is None or not _goes_on(self._last, block)
+        if gap and self._fresh:
+            self._close_run()
+        self._after_gap = self._after_gap or gap
+        self._fresh.append(block)
+        self._last = block
+        self.stamp = block.end - round(block.sample_period * 1e9)
+        if (block.end - self._fresh[0].stamp) * 1e-9 >= RUN:
+            self._close_run()
+
+    def records(self, name: str) -> list[Record]:
+        """Return what is kept as stretches without gaps."""
+        runs = [*self._runs, (joined(self._fresh), self._after_gap)] if self._fresh else list(self._runs)
+        stretches: list[list[Block]] = []
+        for run, after_gap in runs:
+            if after_gap or not stretches:
+                stretches.append([])
+            stretches[-1].append(replace(run, sequence=len(stretches[-1])))
+        found = [record for stretch in stretches for record in records_from_blocks(stretch, name)]
+        return [replace(record, origin=found[0].start) for record in found]
+
+    def _close_run(self) -> None:
+        run = joined(self._fresh)
+        self._runs.append((run, self._after_gap))
+        self._fresh, self._after_gap = [], False
+        self._duration += _length(run)
+        while self._duration - _length(self._runs[0][0]) >= self.seconds:
+            self._duration -= _length(self._runs.popleft()[0])
+
+
+def _length(run: Block) -> float:
+    return run.body.size * run.sample_period
+
+
+def _goes_on(last: Block, block: Block) -> bool:
+    """Return whether ``block`` follows ``last`` with no more jitter than clocks of sources have."""
+    return (
+        block.sequence == last.sequence + 1
+        and block.sample_period == last.sample_period
+        and abs(block.stamp - last.end) <= 2.0e9 * block.sample_period
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class GapTask:
+    """Records on their way to an analysis; ``stamp`` (ns) is that of the newest sample."""
+
+    records: Sequence[Record]
+    valve: Valve
+    base: Model
+    stamp: int
+
+
+@dataclass(frozen=True, slots=True)
+class GapAnswer:
+    """What an analysis said; fields as in ``GapAnalysis``, ``done`` where there is a verdict."""
+
+    stamp: int
+    done: bool
+    sentence: str
+    duration: float
+    verdict: str = ""
+    confidence: float = float("nan")
+    json: str = ""
+
+
+def analyse_task(task: GapTask) -> GapAnswer:
+    """Return the analysis of ``task``; a record that cannot be analysed is an answer with a reason."""
+    from spool_gap.analyse import analyse  # noqa: PLC0415 - loaded in the worker only
+
+    seconds = sum(record.duration for record in task.records)
+    try:
+        found = analyse(task.records, task.valve, task.base)
+    except InputError as error:
+        return GapAnswer(task.stamp, False, str(error), seconds)
+    text = json.dumps(found.to_dict(), allow_nan=False)
+    return GapAnswer(task.stamp, True, found.sentence, seconds, found.verdict, found.confidence, text)
+
+
+class GapWorker:
+    """Analyse in a process that lives from the first request on; one analysis at a time."""
+
+    def __init__(self) -> None:
+        """Start nothing yet."""
+        self._pool: ProcessPoolExecutor | None = None
+        self._running: Future[GapAnswer] | None = None
+        self._task: GapTask | None = None
+
+    @property
+    def busy(self) -> bool:
+        """Whether an answer is still to come, or to be collected."""
+        return self._running is not None
+
+    def offer(self, task: GapTask) -> bool:
+        """Begin to analyse ``task``; return whether that began. Never waits."""
+        if self.busy:
+            return False
+        if self._pool is None:
+            # A fork of a process with threads may inherit a lock that nobody will open.
+            context = multiprocessing.get_context("spawn")
+            self._pool = ProcessPoolExecutor(1, context, initializer=_begin)
+        self._task = task
+        self._running = self._pool.submit(analyse_task, task)
+        return True
+
+    def collect(self) -> GapAnswer | None:
+        """Return the answer that has come since, ``None`` without one; never waits."""
+        if self._running is None or self._task is None or not self._running.done():
+            return None
+        running, task = self._running, self._task
+        self._running = self._task = None
+        error = running.exception()
+        if error is None:
+            return running.result()
+        self.close()
+        seconds = sum(record.duration for record in task.records)
+        return GapAnswer(
+            task.stamp, False, f"the analysis broke off: {type(error).__name__}: {error}", seconds
+        )
+
+    def close(self) -> None:
+        """End the process; what it is analysing is lost."""
+        if self._pool is not None:
+            self._pool.shutdown(wait=False, cancel_futures=True)
+        self._pool = self._running = self._task = None
+
+
+def _begin() -> None:
+    """Leave Ctrl-C to the parent, which ends the worker."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.nice(NICENESS)

@@ -1,0 +1,1 @@
+"""Motion of the spool over a sample, and its prediction error."""

@@ -1,0 +1,257 @@
+"""The last seconds of samples, and the parameters that the free run fits best to them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spool_estimator.recursion.conditioning import COLUMNS, DIRECTION, SPOOL, Conditioning
+
+from .prediction import BAND_LIMITED, COUNT, POINTWISE, RESIDUAL, SUMS, TARGET, Prediction
+
+Array = NDArray[np.float64]
+Samples = NDArray[np.float32]
+
+#: Runs of the model that one descent takes at most, and the relative change of parameters that ends it.
+MOST_RUNS, CONVERGED = 14, 1.0e-4
+#: Largest relative change of stiffness and viscous coefficient within one step of a descent.
+LARGEST_CHANGE = 0.5
+#: Ratio of the errors near jumps by which point values and band-limited samples are told apart.
+TOLD_APART = 1.5
+
+
+@dataclass(slots=True)
+class History:
+    """The last ``length`` samples of both channels since ``clear``, m/s^2."""
+
+    length: int
+    taken: int = field(default=0, init=False)
+    _samples: NDArray[np.float32] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._samples = np.zeros((2, self.length), dtype=np.float32)
+
+    def clear(self) -> None:
+        """Forget every sample."""
+        self.taken = 0
+
+    def take(self, body: Samples, spool: Samples) -> None:
+        """Take samples of shape (n,), m/s^2."""
+        place = self.taken % self.length
+        if place + body.size <= self.length:
+            self._samples[0, place : place + body.size] = body
+            self._samples[1, place : place + body.size] = spool
+            self.taken += body.size
+            return
+        count = min(body.size, self.length)
+        place = (self.taken + body.size - count) % self.length
+        first = min(count, self.length - place)
+        for row, channel in zip(self._samples, (body[-count:], spool[-count:]), strict=True):
+            row[place : place + first] = channel[:first]
+            row[: count - first] = channel[first:]
+        self.taken += body.size
+
+    def samples(self, count: int) -> tuple[Samples, Samples]:
+        """Return the last ``count`` samples of body and spool, fewer where fewer are known."""
+        count = min(count, self.taken, self.length)
+        end = self.taken % self.length
+        both = np.roll(self._samples, -end, axis=1)[:, self.length - count :]
+        return np.ascontiguousarray(both[0]), np.ascontiguousarray(both[1])
+
+
+def told_apart(pointwise: float, band_limited: float, present: bool) -> bool:
+    """Return whether samples are point values, by the squared errors left; where not told, ``present``."""
+    if pointwise * TOLD_APART < band_limited:
+        return True
+    return present and not band_limited * TOLD_APART < pointwise
+
+
+@dataclass(frozen=True, slots=True)
+class Descent:
+    """What the free run fits best to a stretch of samples.
+
+    Attributes:
+        parameters: k (N/m), c (N s/m), F_c (N), shape (3,).
+        prediction: the model's run at the end of the stretch, ready to go on.
+        grams, scores, powers, counts: sums of each chunk that counts, see :class:`~.prediction.Prediction`.
+        target: mean square of the model's inertia force, N^2.
+        noise_score: see :class:`~.prediction.Prediction`, of all chunks.
+
+    """
+
+    parameters: Array
+    prediction: Prediction
+    grams: Array
+    scores: Array
+    powers: Array
+    counts: Array
+    target: float
+    noise_score: Array
+
+    @property
+    def variance(self) -> float:
+        """Mean square of the prediction error, N^2."""
+        return float(self.powers.sum() / max(1.0, self.counts.sum()))
+
+
+@dataclass(frozen=True, slots=True)
+class Fitter:
+    """Fits the free run to stretches of samples.
+
+    Args:
+        sample_period: s.
+        mass: kg.
+        scale: see :class:`~.prediction.Prediction`.
+        low_cut, high_cut: Hz.
+        sliding_velocity: m/s, for the start, see :class:`~.conditioning.Conditioning`.
+        chunk: samples in a chunk.
+
+    """
+
+    sample_period: float
+    mass: float
+    scale: Array
+    low_cut: float
+    high_cut: float
+    sliding_velocity: float
+    chunk: int
+
+    def start(self, body: Samples, spool: Samples) -> Array | None:
+        """Return what least squares of the force balance gives, shape (3,), or nothing: a start, biased."""
+        conditioning = Conditioning(self.sample_period, self.low_cut, self.high_cut, self.sliding_velocity)
+        if body.size <= conditioning.settling + 2 * self.chunk:
+            return None
+        rows = np.empty((body.size, COLUMNS))
+        conditioning.take(body, spool, rows)
+        settled: Array = rows[conditioning.settling :]
+        regressors = settled[:, : DIRECTION + 1] * self.scale
+        gram = regressors.T @ regressors
+        gram[np.diag_indices(3)] *= 1.0 + 1e-9
+        if not np.all(np.diag(gram) > 0.0):
+            return None
+        parameters = np.linalg.solve(gram, -self.mass * (regressors.T @ settled[:, SPOOL])) * self.scale
+        return np.asarray(parameters) if np.all(np.isfinite(parameters)) else None
+
+    def at_rest(self, offset: float) -> Prediction:
+        """Return a run that begins at rest, with the body's ``offset`` (m/s^2)."""
+        prediction = Prediction(self.sample_period, self.mass, self.scale, self.low_cut)
+        prediction.reset(offset)
+        return prediction
+
+    def run(
+        self, body: Samples, spool: Samples, parameters: Array, last: int, pointwise: bool, begin: Prediction
+    ) -> Descent:
+        """Run from where ``begin`` is over whole chunks; the ``last`` ones count."""
+        prediction = begin.copy()
+        prediction.forget_derivatives()
+        prediction.pointwise = pointwise
+        count = body.size // self.chunk
+        first = body.size - count * self.chunk
+        before = first + (count - last) * self.chunk
+        if before:
+            prediction.take(body[:before], spool[:before], parameters)
+        grams, sums = np.empty((last, 3, 3)), np.empty((last, SUMS))
+        scores, noise_scores = np.empty((last, 3)), np.empty((last, 3))
+        for number in range(last):
+            prediction.clear()
+            part = slice(before + number * self.chunk, before + (number + 1) * self.chunk)
+            prediction.take(body[part], spool[part], parameters)
+            noise_scores[number] = prediction.noise_score
+            grams[number], sums[number] = prediction.gram, prediction.sums
+            scores[number] = prediction.product - prediction.noise_score
+        prediction.clear()
+        prediction.pointwise = told_apart(
+            float(sums[:, POINTWISE].sum()), float(sums[:, BAND_LIMITED].sum()), prediction.pointwise
+        )
+        target = float(sums[:, TARGET].sum() / max(1.0, sums[:, COUNT].sum()))
+        return Descent(
+            np.array(parameters), prediction, grams, scores, sums[:, RESIDUAL], sums[:, COUNT], target,
+            noise_scores.sum(axis=0),
+        )  # fmt: skip
+
+    def descend(
+        self,
+        body: Samples,
+        spool: Samples,
+        guesses: Sequence[Array],
+        last: int,
+        *,
+        begin: Prediction,
+        prior: Array | None = None,
+        enough: float = 0.0,
+    ) -> Descent | None:
+        """Return the best of the descents from ``guesses`` (Levenberg and Marquardt's), or nothing.
+
+        Args:
+            body, spool: samples; those before the ``last`` chunks only lead the model into its motion.
+            begin: where the model is at the first of them.
+            guesses: parameters to start from, each of shape (3,).
+            last: how many chunks count.
+            prior: diagonal of a weak pull (scaled, N^2) towards the first guess, shape (3,).
+            enough: share of the inertia force's power; a descent that leaves less is the last one.
+
+        """
+        ends: list[Descent] = []
+        for guess in guesses:
+            ends.append(self._descend(body, spool, guess, guesses[0], last, prior, begin))
+            if ends[-1].variance < enough * ends[-1].target:
+                break
+        best = min(ends, key=lambda end: end.variance)
+        if not (math.isfinite(best.variance) and best.parameters[0] > 0.0):
+            return None
+        if best.prediction.pointwise:
+            for _ in range(3):  # near the solution: whole steps
+                step = np.linalg.pinv(best.grams.sum(axis=0)) @ best.scores.sum(axis=0) * self.scale
+                trial = self.run(
+                    body, spool, best.parameters + self._bounded(step, best.parameters), last, True, begin
+                )
+                if not trial.variance < 4.0 * best.variance:
+                    break
+                best = trial
+        return best
+
+    def _descend(
+        self,
+        body: Samples,
+        spool: Samples,
+        guess: Array,
+        centre: Array,
+        last: int,
+        prior: Array | None,
+        begin: Prediction,
+    ) -> Descent:
+        pull = np.zeros(3) if prior is None else prior
+
+        def cost(end: Descent) -> float:
+            away = (end.parameters - centre) / self.scale
+            return float(end.powers.sum() * end.counts.size * self.chunk / end.counts.sum() + pull @ away**2)
+
+        present = self.run(body, spool, guess, last, False, begin)
+        damping = 1.0e-3
+        for _ in range(MOST_RUNS):
+            gram = present.grams.sum(axis=0) + np.diag(pull)
+            score = present.scores.sum(axis=0) - pull * (present.parameters - centre) / self.scale
+            if not np.all(np.isfinite(gram)):
+                break
+            damped = gram + damping * np.diag(np.diag(gram) + 1e-12 * np.trace(gram) + 1e-30)
+            step = self._bounded(np.linalg.solve(damped, score) * self.scale, present.parameters)
+            trial = self.run(body, spool, present.parameters + step, last, False, begin)
+            if trial.parameters[0] > 0.0 and cost(trial) < cost(present):
+                present = trial
+                damping = max(1e-9, 0.1 * damping)
+                if np.all(np.abs(step) < CONVERGED * (np.abs(present.parameters) + 1e-3 * self.scale)):
+                    break
+            else:
+                damping *= 10.0
+                if damping > 1e4:
+                    break
+        return present
+
+    def _bounded(self, step: Array, parameters: Array) -> Array:
+        """Return ``step``, shortened where it changes a parameter by too much at once."""
+        room = LARGEST_CHANGE * np.maximum(np.abs(parameters), 0.2 * self.scale)
+        return step * min(1.0, float(np.min(room / np.maximum(np.abs(step), 1e-300))))

@@ -1,0 +1,213 @@
+"""Recursive least squares with forgetting, in chunks of samples.
+
+Least squares in information form: chunks of samples add their Gram matrix, forgetting takes information away.
+Forgetting is directional: along each principal direction of the new chunk at most as much is forgotten as
+the chunk brings, so that a parameter that the machine does not excite is held with its certainty
+(Cao and Schwartz, Automatica 36 (2000) 1725, extended from a sample to a chunk).
+
+The covariance is the sandwich form for dependent residuals, carried through the same recursion
+(Liang and Zeger, Biometrika 73 (1986) 13, a chunk being a cluster; neighbours within LAGS chunks may depend
+on each other, with Bartlett's weights: Newey and West, Econometrica 55 (1987) 703). The first chunks are
+solved as one batch: before there is a fit, a residual is the signal itself and tells nothing of uncertainty.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_stream.kernels.compiled import compiled
+
+Array = NDArray[np.float64]
+Matrix = NDArray[np.floating]
+
+#: Chunks that are solved together before the recursion begins.
+BATCH = 10
+#: Chunks over which residuals may depend on each other.
+LAGS = 4
+#: Certainty (in units of the scale) beyond which a direction may be forgotten faster than the chunk replaces
+#: it, up to AHEAD times: what a strong excitation once said must not outweigh minutes of a weak one.
+ENOUGH, AHEAD = 0.003, 300.0
+
+
+@dataclass(slots=True)
+class RecursiveLeastSquares:
+    """Fit target = row . parameters; all state is readable.
+
+    Args:
+        scale: typical size of each parameter, shape (p,); the prior has this standard deviation about zero.
+        forgetting: share of information that a fully excited chunk replaces, 0 to 1.
+        noise: standard deviation of the target that the prior is weighed with.
+
+    """
+
+    scale: Array
+    forgetting: float
+    noise: float
+    parameters: Array = field(init=False)
+    information: Array = field(init=False)
+    covariance: Array = field(init=False)
+    bias: Array = field(init=False)
+    chunks: int = field(default=0, init=False)
+    _first: list[tuple[Array, Array]] = field(default_factory=list, init=False)
+    _recent: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.parameters = np.zeros(self.scale.size)
+        # All in units of ``scale``, so that one step of algebra serves any mix of units.
+        self.information = np.eye(self.scale.size) * self.noise**2
+        self.covariance = np.eye(self.scale.size)
+        self.bias = np.zeros(self.scale.size)
+        self._recent = np.zeros((LAGS, self.scale.size))
+
+    def update(self, rows: Array, target: Array, weight: float = 1.0) -> None:
+        """Take a chunk: ``rows`` of shape (n, p), ``target`` of shape (n,); a sample counts ``weight``."""
+        scaled = rows * self.scale
+        gram = scaled.T @ scaled * weight
+        product = scaled.T @ target * weight
+        if self.chunks < BATCH:
+            self.chunks += 1
+            self._solve_batch(gram, product)
+        else:
+            self.advance(gram, product - gram @ (self.parameters / self.scale), np.zeros(self.scale.size))
+
+    def advance(self, gram: Array, score: Array, mean_score: Array, weight: float = 1.0) -> Array:
+        """Take a chunk by its sums over scaled rows: row row^T, and row times the present error.
+
+        ``mean_score`` is the part of ``score`` that a known cause makes on average: it goes into ``bias``.
+        Each sample counts ``weight``.
+
+        Returns:
+            The change of the parameters, shape (p,).
+
+        """
+        self.chunks += 1
+        change = np.empty(score.size)
+        _step(
+            self.information, self.covariance, self._recent, self.bias, gram, score, mean_score, weight,
+            self.forgetting, ENOUGH / self.noise, change,
+        )  # fmt: skip
+        moved = change * self.scale
+        self.parameters = self.parameters + moved
+        return moved
+
+    def begin(self, parameters: Array, grams: Array, scores: Array, mean_score: Array) -> None:
+        """Begin anew with ``parameters`` that fit n chunks.
+
+        ``grams`` (n, p, p) and ``scores`` (n, p) are as for ``advance``, but weighted;
+        ``mean_score`` is that of all, (p,).
+        """
+        self.chunks = BATCH + len(grams)
+        self._first.clear()
+        self.parameters = np.array(parameters)
+        self.information = grams.sum(axis=0) + np.eye(self.scale.size) * self.noise**2
+        self.covariance = sandwich(self.information, scores)
+        self.bias = np.asarray(np.linalg.solve(self.information, mean_score), dtype=np.float64)
+        self._recent[:] = 0.0
+        if self.forgetting > 0.0:
+            self.information *= min(1.0, 1.0 / (len(grams) * self.forgetting))
+
+    def _solve_batch(self, gram: Array, product: Array) -> None:
+        """Solve for all chunks so far; the covariance comes from their residual scores."""
+        self._first.append((gram, product))
+        prior = np.eye(self.scale.size) * self.noise**2
+        self.information = prior + sum((one for one, _ in self._first), np.zeros_like(prior))
+        inverse = np.linalg.inv(self.information)
+        solution = inverse @ sum((one for _, one in self._first), np.zeros(self.scale.size))
+        scores = np.array([product - gram @ solution for gram, product in self._first])
+        count, size = scores.shape
+        if count > size:
+            meat = scores.T @ scores * (count / (count - size)) + prior
+            self.covariance = inverse @ meat @ inverse
+        self.parameters = solution * self.scale
+        if count == BATCH:
+            self._first.clear()
+            # No more than forgetting would have left, else a memory shorter than the batch is never reached.
+            self.information *= min(1.0, 1.0 / (BATCH * self.forgetting)) if self.forgetting > 0.0 else 1.0
+
+    @property
+    def standard_deviations(self) -> Array:
+        """Standard deviations of the parameters, shape (p,)."""
+        return np.sqrt(np.diag(self.covariance)) * self.scale
+
+
+def sandwich(information: Array, scores: Array) -> Array:
+    """Return the covariance for n chunks' scores, shape (n, p), neighbours within LAGS dependent."""
+    inverse = np.linalg.inv(information)
+    padded = np.pad(scores, ((LAGS - 1, LAGS - 1), (0, 0)))
+    sums = sum((padded[lag : lag + len(scores) + LAGS - 1] for lag in range(LAGS)), np.zeros(scores.shape[1]))
+    count, size = scores.shape
+    meat = sums.T @ sums / LAGS * (count / max(1, count - size))
+    return np.asarray(inverse @ meat @ inverse)
+
+
+@compiled
+def _step(
+    information: Array,
+    covariance: Array,
+    recent: Array,
+    bias: Array,
+    gram: Array,
+    score: Array,
+    mean_score: Array,
+    weight: float,
+    forgetting: float,
+    enough: float,
+    change: Array,
+) -> None:
+    """Forget, add the chunk, fill ``change`` of the parameters; the first four move on in place."""
+    size = score.size
+    gram = weight * gram
+    factor = np.linalg.cholesky(information)
+    inverse = np.linalg.inv(factor)
+    shares, directions = np.linalg.eigh(times(times(inverse, gram), inverse.T))
+    basis = times(factor, directions)
+    dual = times(inverse.T, directions)
+    kept = np.zeros((size, size))
+    for i in range(size):
+        brought = max(shares[i], 0.0)
+        square = 0.0
+        for j in range(size):
+            square += dual[j, i] * dual[j, i]
+        # A displacement along ``dual`` has the nominal deviation of its own length times the noise.
+        excess = 1.0 - square / enough**2
+        forgotten = min(forgetting, max(brought, min(AHEAD * brought, excess)))
+        for j in range(size):
+            for k in range(size):
+                kept[j, k] += (1.0 - forgotten) * basis[j, i] * basis[k, i]
+    information[:] = kept + gram
+    gain = np.linalg.inv(information)
+    shrink = times(gain, kept)
+    change[:] = 0.0
+    former = bias.copy()
+    bias[:] = 0.0
+    for i in range(size):
+        for j in range(size):
+            change[i] += gain[i, j] * weight * score[j]
+            bias[i] += shrink[i, j] * former[j] + gain[i, j] * weight * mean_score[j]
+    neighbours = np.zeros(size)
+    for lag in range(recent.shape[0] - 1):
+        for i in range(size):
+            recent[lag, i] = 0.0
+            for j in range(size):
+                recent[lag, i] += shrink[i, j] * recent[lag + 1, j]
+            neighbours[i] += (lag + 1.0) / recent.shape[0] * recent[lag, i]
+    recent[-1] = change
+    covariance[:] = times(times(shrink, covariance), shrink.T)
+    for i in range(size):
+        for j in range(size):
+            across = neighbours[i] * change[j] + change[i] * neighbours[j]
+            covariance[i, j] += change[i] * change[j] + across
+
+
+@compiled
+def times(one: Matrix, other: Matrix) -> Array:
+    """Return the product of two small square matrices: loops, for what BLAS costs per call is more."""
+    size = one.shape[0]
+    product = np.zeros((size, size))
+    for i in range(size):
+        for j in range(size):
+            for k in range(size):
+                product[i, j] += one[i, k] * other[k, j]
+    return product

@@ -1,0 +1,54 @@
+"""Reading a bag: ours beside rosbags, block for block; and replaying it beside real time."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.highlevel import AnyReader
+from spool_bag.reading.reader import BagReader
+from spool_sim.valve.description import find_valve
+from spool_tools.commands.bag_commands import simulate
+from spool_tools.commands.replay_command import replay_valve
+from spool_tools.input.valve_choice import DEFAULT_VALVE
+
+from .timing import Timing, best_of
+
+SECONDS = 120.0
+
+
+def run() -> Iterator[Timing]:
+    """Yield the rows: reading every block, and the whole replay."""
+    with tempfile.TemporaryDirectory() as folder:
+        bag = Path(folder) / "bag"
+        simulate(
+            bag, DEFAULT_VALVE, "coulomb", "sweep", SECONDS,
+            sample_rate=2000.0, block_rate=50.0, coulomb_force=0.2, noise=0.05, seed=0, name="valve_1",
+        )  # fmt: skip
+        yield _reading(bag)
+        reader = BagReader(bag)
+        valve = find_valve(DEFAULT_VALVE)
+        ours = best_of(2, lambda: replay_valve(reader, "valve_1", valve))
+        yield Timing(f"replay {SECONDS:g} s of one valve at 2 kHz", "real time", ours, SECONDS)
+
+
+def _reading(bag: Path) -> Timing:
+    def ours() -> float:
+        return sum(float(np.sum(block.spool)) for block in BagReader(bag).blocks("valve_1"))
+
+    def peer() -> float:
+        total = 0.0
+        with AnyReader([bag]) as reader:
+            chosen = [entry for entry in reader.connections if entry.topic == "/valve_1/acceleration"]
+            for connection, _, data in reader.messages(chosen):
+                message: Any = reader.deserialize(data, connection.msgtype)
+                total += float(np.sum(message.spool))
+        return total
+
+    wanted = peer()
+    difference = abs(ours() - wanted)
+    work = f"read {SECONDS:g} s of one valve at 2 kHz, 50 blocks a second"
+    return Timing(work, "rosbags AnyReader", best_of(3, ours), best_of(3, peer), difference, 0.0)

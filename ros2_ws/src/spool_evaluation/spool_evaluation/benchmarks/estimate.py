@@ -1,0 +1,217 @@
+"""The estimation chain: recursion beside its peers, replay and refits beside real time, live nodes' delay."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from time import process_time
+from typing import Protocol
+
+import numpy as np
+import padasip
+from numpy.typing import NDArray
+from rich.console import Console
+from spool_bag.reading.reader import BagReader
+from spool_estimator.estimator import Estimator, settings_for
+from spool_estimator.recursion.exponential import ExponentialForgetting
+from spool_estimator.refit import RefitSettings, WindowRefits, WindowTask, refit
+from spool_sim.model import MODELS
+from spool_sim.valve.description import find_valve
+from spool_stream.errors import InputError
+from spool_tools.commands.bag_commands import simulate
+from spool_tools.commands.replay_command import RefitRequest, replay_valve
+from spool_tools.demo.processes import Nodes
+from spool_tools.input.valve_choice import DEFAULT_VALVE
+
+from . import many_valves
+from .live_source import BLOCK_RATE, LiveSource
+from .many_valves import LEARNING
+from .rls_peer import CompiledRls
+from .timing import Timing, best_of
+
+Array = NDArray[np.float64]
+
+SAMPLES, SIZE, BLOCK, FACTOR = 20_000, 6, 200, 0.9995
+#: Samples that are given one by one.
+ONE_BY_ONE = 4000
+SECONDS = 120.0
+#: s of the record that is replayed with refits, and how often the refits come.
+REFIT_SECONDS, REFIT_PERIOD = 40.0, 5.0
+LIVE_SECONDS = 10.0
+VALVES = 32
+
+
+class Recursion(Protocol):
+    """Recursive least squares."""
+
+    parameters: Array
+
+    def update(self, rows: Array, target: Array) -> None:
+        """Take samples."""
+
+
+def run() -> Iterator[Timing]:
+    """Yield the rows, from the smallest piece to the live nodes."""
+    yield from recursion()
+    with tempfile.TemporaryDirectory() as folder:
+        yield from offline(Path(folder))
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
+    with tempfile.TemporaryDirectory() as folder:
+        yield many(Path(folder), VALVES, LIVE_SECONDS)
+    with tempfile.TemporaryDirectory() as folder:
+        yield from latency(Path(folder), LIVE_SECONDS)
+
+
+def recursion() -> Iterator[Timing]:
+    """Yield the time of one sample of recursive least squares; the error is the difference of the parameters.
+
+    Ours takes blocks, as the stream brings them. padasip takes samples and is interpreted; a compiled peer is
+    given the blocks of ours, and both are given one sample a call, where what counts is the call.
+    """
+    rows, target = _regression()
+    few = slice(0, ONE_BY_ONE)
+
+    def ours() -> ExponentialForgetting:
+        return ExponentialForgetting(SIZE, FACTOR, initial=10.0)
+
+    def compiled() -> CompiledRls:
+        return CompiledRls(SIZE, FACTOR, 10.0)
+
+    def padasip_run() -> Array:
+        fit = padasip.filters.FilterRLS(n=SIZE, mu=FACTOR, eps=0.1, w="zeros")
+        fit.run(target, rows)
+        return np.asarray(fit.w)
+
+    def taken(make: Callable[[], Recursion], part: slice, block: int) -> float:
+        """Return s per sample."""
+        samples = target[part].size
+        return best_of(5, lambda: _take(make(), rows[part], target[part], block), process_time) / samples
+
+    found = _take(ours(), rows, target, BLOCK)  # compiles
+    other = _take(compiled(), rows, target, BLOCK)
+    against = padasip_run()
+    work = f"a sample of RLS with {SIZE} parameters"
+    blocks, ones = f"{work}, ours in blocks of {BLOCK}", f"{work}, one sample a call"
+    by_blocks, by_ones = taken(ours, slice(None), BLOCK), taken(ours, few, 1)
+    loop, loop_ones = taken(compiled, slice(None), BLOCK), taken(compiled, few, 1)
+    theirs = best_of(2, padasip_run, process_time) / SAMPLES
+    differences = [float(np.abs(found - peer).max()) for peer in (other, against)]
+    yield Timing(
+        blocks, f"compiled loop, blocks of {BLOCK}", by_blocks, loop, differences[0], 0.0, compiling=1.0
+    )
+    yield Timing(
+        ones, "compiled loop, one sample a call", by_ones, loop_ones, differences[0], 0.0, compiling=1.0
+    )
+    yield Timing(
+        blocks, "padasip FilterRLS, sample by sample", by_blocks, theirs, differences[1], 0.0, theirs / loop
+    )
+    yield Timing(
+        ones, "padasip FilterRLS, sample by sample", by_ones, theirs, differences[1], 0.0, theirs / loop_ones
+    )
+
+
+def _regression() -> tuple[Array, Array]:
+    """Return ``SAMPLES`` rows and targets with noise."""
+    generator = np.random.default_rng(0)
+    rows = generator.standard_normal((SAMPLES, SIZE))
+    return rows, rows @ np.arange(1.0, 1.0 + SIZE) + 0.1 * generator.standard_normal(SAMPLES)
+
+
+def _take(fit: Recursion, rows: Array, target: Array, block: int) -> Array:
+    """Return the parameters after all samples, ``block`` of them a call."""
+    for first in range(0, target.size, block):
+        fit.update(rows[first : first + block], target[first : first + block])
+    return np.asarray(fit.parameters)
+
+
+def offline(folder: Path) -> Iterator[Timing]:
+    """Yield replay without and with refits beside real time, and the refit of one window."""
+    valve = find_valve(DEFAULT_VALVE)
+    for seconds, name in ((SECONDS, "long"), (REFIT_SECONDS, "short")):
+        simulate(
+            folder / name, DEFAULT_VALVE, "coulomb", "sweep", seconds,
+            sample_rate=2000.0, block_rate=50.0, coulomb_force=0.2, noise=0.05, seed=0, name="valve_1",
+        )  # fmt: skip
+    long, short = BagReader(folder / "long"), BagReader(folder / "short")
+    replay_valve(long, "valve_1", valve)  # compiles
+    taken = best_of(4, lambda: replay_valve(long, "valve_1", valve))
+    yield Timing(f"replay {SECONDS:g} s of one valve at 2 kHz", "real time", taken, SECONDS)
+    request = RefitRequest(period=REFIT_PERIOD)
+    taken = best_of(2, lambda: replay_valve(short, "valve_1", valve, refits=request))
+    work = f"replay {REFIT_SECONDS:g} s with a refit every {REFIT_PERIOD:g} s"
+    yield Timing(work, "real time", taken, REFIT_SECONDS)
+    task = _window(short)
+    yield Timing("refit a window of 4 s at 2 kHz", "real time", best_of(3, lambda: refit(task)), 4.0)
+
+
+def _window(reader: BagReader) -> WindowTask:
+    valve = find_valve(DEFAULT_VALVE)
+    estimator = Estimator(settings_for(valve))
+    windows = WindowRefits(RefitSettings(valve, MODELS["coulomb"]))
+    for block in reader.blocks("valve_1"):
+        for task in windows.update(block, estimator.update(block)):
+            return task
+    raise InputError("bench: the record is too short for a window")
+
+
+def many(folder: Path, valves: int, seconds: float) -> Timing:
+    """Return the processor time of many estimators, live on one core; the error counts late blocks."""
+    report = folder / "report.json"
+    with (folder / "nodes.log").open("wb") as log:
+        process = subprocess.Popen(
+            [sys.executable, "-m", many_valves.__name__, str(valves), str(report)], stdout=log, stderr=log
+        )
+        try:
+            LiveSource(valves, seconds).run(listeners=1)
+            process.send_signal(signal.SIGINT)
+            process.wait(timeout=30)
+        finally:
+            if process.poll() is None:
+                process.kill()
+    if not report.exists():
+        raise InputError(f"bench: the nodes failed: {(folder / 'nodes.log').read_text().strip()[-200:]}")
+    found = json.loads(report.read_text(encoding="utf-8"))
+    _say(
+        f"{valves} valves at 2 kHz on one core: {found['blocks']} blocks, {found['lost']} lost; "
+        f"{found['late']} late (more than 20 ms), half within {1e3 * found['median_s']:.1f} ms, "
+        f"all within {1e3 * found['worst_s']:.1f} ms; in the first {LEARNING / BLOCK_RATE:g} s, when all "
+        f"look for their models at once, {found['late_at_start']} late, "
+        f"by {found['worst_at_start_s']:.2f} s at most"
+    )
+    work = f"{valves} valves at 2 kHz live, {seconds:g} s (error: blocks late or lost)"
+    return Timing(work, "one core", found["processor_s"], seconds, float(found["late"] + found["lost"]), 0.0)
+
+
+def latency(folder: Path, seconds: float) -> Iterator[Timing]:
+    """Yield median and 99 % of the time from a block to its estimate, and the filter's own lag."""
+    source = LiveSource(1, seconds)
+    with Nodes(folder / "nodes.log") as nodes:
+        recorder = ["--ros-args", "-p", f"output:={folder / 'bag'}", "-p", "valves:=[valve_1]"]
+        nodes.start("recorder", "spool_bag", "recorder", recorder)
+        own = ["--ros-args", "-r", "__ns:=/valve_1"]
+        nodes.start("estimator", "spool_estimator", "estimator", [*own, "-p", "period:=0.1"])
+        nodes.start("monitor", "spool_monitor", "monitor", own)
+        source.run(listeners=3)
+    if not source.latencies:
+        raise InputError(f"bench: no estimate came: {(folder / 'nodes.log').read_text().strip()[-200:]}")
+    p50, p99 = (float(np.quantile(source.latencies, share)) for share in (0.5, 0.99))
+    _say(
+        f"from a block to its estimate, 2 kHz, {BLOCK_RATE:g} blocks a second, four nodes, "
+        f"{len(source.latencies)} estimates: p50 {1e3 * p50:.2f} ms, p99 {1e3 * p99:.2f} ms; "
+        f"the filter's own lag {1e3 * source.delay:.1f} ms; {source.lost.get(1, 0)} blocks lost"
+    )
+    work = "block to estimate over DDS, four nodes"
+    yield Timing(f"{work}: p50", "20 ms", p50, 0.02)
+    yield Timing(f"{work}: p99", "20 ms", p99, 0.02)
+    yield Timing("the filter's own lag", "one block", source.delay, 1.0 / BLOCK_RATE)
+
+
+def _say(text: str) -> None:
+    Console().print(text, markup=False, highlight=False, soft_wrap=True)

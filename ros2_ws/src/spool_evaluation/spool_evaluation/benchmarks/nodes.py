@@ -1,0 +1,67 @@
+"""What the live nodes cost: 10 kHz in blocks of 200, simulator to monitor, with the recorder."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from spool_bag.reading.information import describe
+from spool_stream.errors import InputError
+from spool_tools.demo.processes import Nodes
+
+from .timing import Timing
+
+#: s before and during which processor time is taken.
+WARM_UP, MEASURED = 6.0, 10.0
+
+NODES = (
+    ("simulator", "spool_sim", ("sample_rate:=10000.0", "block_rate:=50.0", "wait_for_subscribers:=3")),
+    ("estimator", "spool_estimator", ()),
+    ("monitor", "spool_monitor", ()),
+)
+
+
+def run() -> Iterator[Timing]:
+    """Yield one row a node: processor time beside the wall time of the same run.
+
+    Raises:
+        InputError: blocks were lost on the way, so that the figures would mean nothing.
+
+    """
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
+    with tempfile.TemporaryDirectory() as folder:
+        bag = Path(folder) / "bag"
+        with Nodes(Path(folder) / "nodes.log") as nodes:
+            recorder = ["--ros-args", "-p", f"output:={bag}", "-p", "valves:=[valve_1]"]
+            nodes.start("recorder", "spool_bag", "recorder", recorder)
+            for name, package, parameters in NODES:
+                settings = [word for parameter in parameters for word in ("-p", parameter)]
+                nodes.start(name, package, name, ["--ros-args", "-r", "__ns:=/valve_1", *settings])
+            time.sleep(WARM_UP)
+            before = {name: _processor_time(process.pid) for name, process in nodes.running.items()}
+            begin = time.monotonic()
+            time.sleep(MEASURED)
+            wall = time.monotonic() - begin
+            used = {
+                name: _processor_time(process.pid) - before[name] for name, process in nodes.running.items()
+            }
+            nodes.stop("simulator")
+            nodes.stop("monitor", "estimator")
+            nodes.stop("recorder", patience=20.0)
+        lost = sum(valve.lost_blocks for valve in describe(bag).valves)
+        if lost:
+            raise InputError(
+                f"bench nodes: {lost} blocks were lost; is this machine busy with something else?"
+            )
+    for name, seconds in used.items():
+        yield Timing(f"{name} node at 10 kHz in blocks of 200", "one core", max(seconds, 1e-3), wall)
+
+
+def _processor_time(process: int) -> float:
+    """Return user and system time of a process, s."""
+    fields = Path(f"/proc/{process}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

@@ -1,0 +1,264 @@
+"""Fits of the paper's four models to a series by equation (33), on free-run simulations."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares, minimize
+from spool_sim.sensors import PAPER_CHAIN
+
+from .data import Series
+from .simulation import NOISE, Response, as_measured, respond
+
+Array = NDArray[np.float64]
+
+#: m, radial clearance of table 2, which all but model 4 keep.
+CLEARANCE = 15e-6
+#: How many of the grid's best points a descent starts from.
+STARTS = 2
+#: Relative step of the slopes, wide enough that reversals move by more than rounding.
+STEP = 1e-2
+
+
+@dataclass(frozen=True, slots=True)
+class Unknown:
+    """A fitted parameter: its bounds, a typical step, and where a fit starts from, in its unit."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    scale: float
+    starts: tuple[float, ...]
+
+
+GAP = Unknown("h", "m", 2e-6, 1e-3, 1e-5, (5e-6, 1e-5, 2e-5, 4e-5))
+#: Only k_t (d_k0 - a_k0) acts in model 1: the three of table 3 cannot be told apart.
+UNKNOWNS: dict[str, tuple[Unknown, ...]] = {
+    "microwedge": (Unknown("k_t (d_k0 - a_k0)", "N", 0.0, 10.0, 0.1, (0.0, 0.1, 0.4, 0.8, 1.6)),),
+    "mixed": (
+        Unknown("C1", "sqrt(s/m)", 0.0, 20.0, 0.1, (0.0, 0.1, 0.4)),
+        Unknown("C2", "m/s", 0.0, 20.0, 1e-3, (0.0, 1e-3, 4e-3)),
+    ),
+    "coulomb_hydrodynamic": (
+        Unknown("mu_0", "1", 0.0, 2.0, 0.1, (0.0, 0.1, 0.2)),
+        Unknown("K_V", "1", -20.0, 0.95, 0.3, (-0.5, 0.0, 0.5)),
+    ),
+    "fluid": (GAP,),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """One model fitted to one series.
+
+    Attributes:
+        series: its number.
+        model: name.
+        free_gap: h was fitted as well, where the paper holds it at 15 um.
+        names, units, values, deviations: of the fitted parameters; standard deviations from the curvature.
+        objective: sum of squared weighted residuals, what (33) means.
+        objective_as_printed: sum of residuals over variance, not squared, as (33) stands.
+        amplitudes: of the fitted spool at each step, m/s^2.
+        ratio: its mean ratio to the measured ones, a_est/a_pom.
+        waveform: the fitted spool at the step nearest to 60 Hz, m/s^2.
+        decrease: share of the objective that a step of Gauss and Newton promises still to take away, along
+            the parameters that are not at a bound; what is far below 1 tells a converged fit.
+    """
+
+    series: int
+    model: str
+    free_gap: bool
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: tuple[float, ...]
+    deviations: tuple[float, ...]
+    objective: float
+    objective_as_printed: float
+    amplitudes: tuple[float, ...]
+    ratio: float
+    waveform: tuple[float, ...]
+    decrease: float
+
+
+def uncertainty(measured: Response) -> Array:
+    """Return sigma_i of (33), m/s^2, shape (steps, 1): the chain's 5 % as even bounds, and the noise."""
+    gain = PAPER_CHAIN.relative_uncertainty / np.sqrt(3.0) * measured.spool_amplitudes
+    return np.asarray(np.sqrt(gain**2 + NOISE**2)[:, None])
+
+
+def unknowns(model: str, free_gap: bool) -> tuple[Unknown, ...]:
+    """Return what is fitted in ``model``."""
+    own = UNKNOWNS[model]
+    return (*own, GAP) if free_gap and GAP not in own else own
+
+
+def parameters(model: str, series: Series, values: dict[str, float]) -> dict[str, float]:
+    """Return the parameters, by the suite's names, for fitted values by the paper's."""
+    gap = series.valve.model_copy(update={"radial_clearance": values.get("h", CLEARANCE)})
+    given = {"viscous_coefficient": gap.viscous_coefficient}
+    if model == "microwedge":
+        # One of the three carries the product, over 100 N/m.
+        given |= {
+            "contact_proportionality": 100.0,
+            "microwedge_overlap": 0.0,
+            "microwedge_length": values["k_t (d_k0 - a_k0)"] / 100.0,
+        }
+    elif model == "mixed":
+        given |= {"mixed_root_coefficient": values["C1"], "mixed_inverse_coefficient": values["C2"]}
+    elif model == "coulomb_hydrodynamic":
+        given |= {
+            "dry_coefficient": values["mu_0"],
+            "film_coefficient": values["K_V"],
+            "film_drag": gap.viscous_coefficient,
+        }
+    return given
+
+
+def fit_both(series: Series, model: str, measured: Response) -> tuple[Fit, ...]:
+    """Return the fit with h as in table 2 and the one with h fitted.
+
+    Each starts from what it contains, too: model 3 from model 4, those with h fitted from model 4 and from
+    the one with h held, so that none ends above a model that it contains. For ``fluid``, where h is the one
+    unknown, there is one fit.
+    """
+    if GAP in UNKNOWNS[model]:
+        return (fit(series, model, measured),)
+    gap = fit(series, "fluid", measured).values[0]
+    held = fit_held(series, model, measured, gap)
+    none = np.array((*(0.0 for _ in UNKNOWNS[model]), gap))
+    also = (np.array((*held.values, CLEARANCE)), none)
+    return held, fit(series, model, measured, free_gap=True, also=also)
+
+
+def fit_held(series: Series, model: str, measured: Response, gap: float) -> Fit:
+    """Return the fit of ``model`` with h held, where ``gap`` (m) is that of the fit of model 4.
+
+    Model 3 with mu_0 = 0 and K_V = 1 - h / gap is model 4.
+    """
+    if model != "coulomb_hydrodynamic":
+        return fit(series, model, measured)
+    film = UNKNOWNS[model][1]
+    inside = float(np.clip(1.0 - CLEARANCE / gap, film.low, film.high))
+    return fit(series, model, measured, also=(np.array((0.0, inside)),))
+
+
+def fit(
+    series: Series, model: str, measured: Response, *, free_gap: bool = False, also: tuple[Array, ...] = ()
+) -> Fit:
+    """Fit ``model`` to the windows of ``measured``, from the best points of a coarse grid on.
+
+    Args:
+        series: springs and oil.
+        model: name of one of the four.
+        measured: data.
+        free_gap: fit h as well.
+        also: further points to start from.
+    """
+    plan = as_measured(measured.plan, measured)
+    sigma = uncertainty(measured)
+    wanted = unknowns(model, free_gap)
+
+    def simulated(point: Array) -> Response:
+        named = {unknown.name: float(value) for unknown, value in zip(wanted, point, strict=True)}
+        return respond(series.valve, model, parameters(model, series, named), plan)
+
+    def residuals(point: Array) -> Array:
+        return np.asarray(((measured.spool - simulated(point).spool) / sigma).ravel())
+
+    def cost(point: Array) -> float:
+        return float(np.sum(residuals(point) ** 2))
+
+    grid = sorted((np.array(point) for point in itertools.product(*(u.starts for u in wanted))), key=cost)
+    starts = [*grid[:STARTS], *also]
+    # A descent along slopes that sticking bends may end above its start.
+    reached = min((*also, *(_descend(residuals, start, wanted) for start in starts)), key=cost)
+    point = min((reached, _polish(cost, reached, wanted)), key=cost)
+    best = simulated(point)
+    jacobian = _jacobian(residuals, point, wanted)
+    amplitudes = best.spool_amplitudes
+    return Fit(
+        series.number,
+        model,
+        free_gap,
+        tuple(unknown.name for unknown in wanted),
+        tuple(unknown.unit for unknown in wanted),
+        tuple(float(value) for value in point),
+        _deviations(jacobian, cost(point)),
+        cost(point),
+        float(np.sum((measured.spool - best.spool) / sigma**2)),
+        tuple(amplitudes.tolist()),
+        float(np.mean(amplitudes / measured.spool_amplitudes)),
+        tuple(best.spool[waveform_step(measured)].tolist()),
+        _left(jacobian, residuals(point), point, wanted),
+    )
+
+
+def _descend(residuals: Callable[[Array], Array], start: Array, wanted: Sequence[Unknown]) -> Array:
+    found = least_squares(
+        residuals,
+        start,
+        bounds=([unknown.low for unknown in wanted], [unknown.high for unknown in wanted]),
+        x_scale=[unknown.scale for unknown in wanted],
+        diff_step=STEP,
+        xtol=1e-4,
+        ftol=1e-6,
+        max_nfev=12,
+    )
+    return np.asarray(found.x)
+
+
+def _polish(cost: Callable[[Array], float], start: Array, wanted: Sequence[Unknown]) -> Array:
+    """Return the best point around ``start``; where sticking sets in, slopes mislead a descent."""
+    scale = np.array([unknown.scale for unknown in wanted])
+    bounds = [(unknown.low / unknown.scale, unknown.high / unknown.scale) for unknown in wanted]
+    corners = np.vstack([start / scale, start / scale + 0.1 * np.eye(scale.size)])
+    found = minimize(
+        lambda point: cost(point * scale),
+        start / scale,
+        method="Nelder-Mead",
+        bounds=bounds,
+        options={"maxfev": 30 * scale.size, "xatol": 1e-3, "fatol": 1.0, "initial_simplex": corners},
+    )
+    return np.asarray(found.x * scale)
+
+
+def _jacobian(residuals: Callable[[Array], Array], point: Array, wanted: Sequence[Unknown]) -> Array:
+    columns = []
+    for place, unknown in enumerate(wanted):
+        step = STEP * max(abs(float(point[place])), 0.1 * unknown.scale)
+        there = point.copy()
+        there[place] += step if point[place] + step <= unknown.high else -step
+        columns.append((residuals(there) - residuals(point)) / (there[place] - point[place]))
+    return np.array(columns).T
+
+
+def _left(jacobian: Array, residual: Array, point: Array, wanted: Sequence[Unknown]) -> float:
+    inside = [
+        unknown.low + 1e-6 * unknown.scale < value < unknown.high - 1e-6 * unknown.scale
+        for unknown, value in zip(wanted, point, strict=True)
+    ]
+    columns = jacobian[:, inside]
+    if columns.shape[1] == 0:
+        return 0.0
+    explained = columns @ np.linalg.lstsq(columns, residual, rcond=1e-10)[0]
+    return float(np.sum(explained**2) / np.sum(residual**2))
+
+
+def waveform_step(measured: Response) -> int:
+    """Return the step whose frequency is nearest to 60 Hz, that of figure 13."""
+    return int(np.argmin(np.abs(np.array(measured.plan.frequencies) - 60.0)))
+
+
+def _deviations(jacobian: Array, objective: float) -> tuple[float, ...]:
+    """Return standard deviations of the parameters; infinite where the data do not tell them."""
+    rows, columns = jacobian.shape
+    scale = np.linalg.norm(jacobian, axis=0)
+    if not scale.all() or np.linalg.cond(jacobian / scale) > 1e10:
+        return (float("inf"),) * columns
+    covariance = np.linalg.inv(jacobian.T @ jacobian) * objective / max(1, rows - columns)
+    return tuple(np.sqrt(np.diag(covariance)).tolist())

@@ -1,0 +1,1 @@
+"""Pictures of laws, effects and convergence for the documentation."""

@@ -1,0 +1,72 @@
+"""Picture of how the error of the simulated motion falls with the time step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from numpy.typing import NDArray
+from spool_sim.excitation.kinds import SweptSine
+from spool_sim.integration.composed_motion import ComposedMotion, MotionState
+from spool_sim.integration.motion import half_step_times
+from spool_sim.model import MODELS
+from spool_sim.valve.description import find_valve
+
+#: Models with what differs from their start values, a colour and a marker each.
+SHOWN = {
+    "fluid": ({}, "#CC79A7", "D"),
+    "coulomb": ({}, "#000000", "v"),
+    "microwedge": ({}, "#E69F00", "o"),
+    "mixed": ({}, "#0072B2", "s"),
+    "coulomb_hydrodynamic": ({"film_coefficient": 0.3}, "#009E73", "^"),
+    "fluid_presliding_friction": ({}, "#D55E00", "P"),
+}
+SECONDS, SAMPLE_RATE = 2.0, 2000.0
+STEPS = (1, 2, 4, 8, 16, 32)
+REFERENCE = 128
+
+
+def displacement(name: str, values: dict[str, float], substeps: int) -> NDArray[np.float64]:
+    """Return the relative displacement (m) during a sweep from 8 to 110 Hz at 10 m/s^2."""
+    valve, model = find_valve("4weh10_soft"), MODELS[name]
+    drive = SweptSine(start_frequency=8.0, stop_frequency=110.0, duration=SECONDS, amplitude=10.0)
+    motion = ComposedMotion(model.terms)
+    samples = round(SECONDS * SAMPLE_RATE)
+    trajectory, _ = motion.advance(
+        MotionState(),
+        drive.acceleration(half_step_times(0, samples, SAMPLE_RATE, substeps)),
+        motion.table(model.values_for(valve, values), samples),
+        sample_period=1.0 / SAMPLE_RATE,
+        substeps=substeps,
+    )
+    return trajectory.displacement
+
+
+def errors(name: str, values: dict[str, float]) -> list[float]:
+    """Return the relative rms error of the displacement for each of ``STEPS``, against ``REFERENCE``."""
+    fine = displacement(name, values, REFERENCE)
+    return [
+        float(np.sqrt(np.mean((displacement(name, values, count) - fine) ** 2) / np.mean(fine**2)))
+        for count in STEPS
+    ]
+
+
+def write_picture(found: Mapping[str, Sequence[float]], folder: Path) -> Path:
+    """Write ``convergence.png``, the errors of each model for each of ``STEPS``, into ``folder``."""
+    step = 1e6 / SAMPLE_RATE / np.array(STEPS)
+    figure, axis = plt.subplots(figsize=(6, 4), layout="constrained")
+    for name, these in found.items():
+        _, colour, marker = SHOWN[name]
+        axis.loglog(step, these, color=colour, marker=marker, ms=4, label=name)
+    axis.set_xlabel("time step, µs")
+    axis.set_ylabel("displacement error, relative rms")
+    axis.grid(alpha=0.3)
+    axis.legend(fontsize=8)
+    figure.savefig(folder / "convergence.png", dpi=90)
+    plt.close(figure)
+    return folder / "convergence.png"

@@ -1,0 +1,164 @@
+"""The catalogue of the gap analysis for the documentation: pictures of signatures, laws, what to check.
+
+Made from the registered effects themselves: python -m spool_evaluation.pictures.effect_pictures docs
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from spool_gap.effect import Effect, Motion
+from spool_gap.registry import EFFECTS
+from spool_sim.terms import term
+
+Array = NDArray[np.float64]
+
+LEFT, LAW = "#0072B2", "#D55E00"
+BEGIN, END = "<!-- effects: begin -->", "<!-- effects: end -->"
+#: Parts of the motion that signatures are drawn for: frequency (Hz), amplitude (m), phase (rad).
+LINES = ((15.0, 1.5e-3, 0.0), (23.0, 0.6e-3, 1.0), (6.0, 0.8e-3, 2.0))
+STIFFNESS, DAMPING = 1632.0, 4.0
+GROUPS: dict[str, tuple[str, ...]] = {
+    "Dry friction": (
+        "coulomb_friction", "stribeck_friction", "mixed_friction", "asymmetric_friction",
+        "presliding_friction",
+    ),
+    "Drag and springs": (
+        "quadratic_damping", "cubic_stiffness", "end_stop", "spring_backlash", "spring_preload",
+    ),
+    "Forces from outside, changes with time": ("periodic_force", "constant_force", "damping_drift"),
+    "Sensors and data channels": ("spool_gain_error", "spool_delay", "sensor_saturation"),
+}  # fmt: skip
+
+
+def shown_motion() -> Motion:
+    """Return the motion that every signature is drawn for."""
+    time: Array = np.arange(0.0, 2.0, 2e-4, dtype=np.float64)
+    z, v, a = np.zeros(time.size), np.zeros(time.size), np.zeros(time.size)
+    for frequency, amplitude, phase in LINES:
+        turn = 2.0 * np.pi * frequency
+        z += amplitude * np.sin(turn * time + phase)
+        v += turn * amplitude * np.cos(turn * time + phase)
+        a -= turn**2 * amplitude * np.sin(turn * time + phase)
+    return Motion(z, v, a, time, 2e-4, 1e-6, 0.18, STIFFNESS, DAMPING, (47.0,))
+
+
+def signature(entry: Effect, motion: Motion) -> tuple[Array, Array]:
+    """Return the force of ``entry`` (largest value 1) and what is left once spring and drag took theirs."""
+    shapes = entry.shapes(motion)
+    rows = entry.signature(motion, shapes[len(shapes) // 2])
+    force = rows[0] if entry.id != "asymmetric_friction" else rows.sum(axis=0) - 0.6 * rows[1]
+    force = force / np.abs(force).max()
+    base = np.array([motion.displacement, motion.velocity]).T
+    taken, _, _, _ = np.linalg.lstsq(base, force, rcond=None)
+    return force, force - base @ taken
+
+
+def draw(entry: Effect) -> Figure:
+    """Return the picture of one signature."""
+    figure: Figure
+    figure, axis = plt.subplots(figsize=(4.2, 3.0), layout="constrained")
+    motion = shown_motion()
+    if not entry.terms:
+        _draw_channel(figure, entry, motion)
+        return figure
+    force, left = signature(entry, motion)
+    over, label = {
+        "velocity": (motion.velocity, "relative velocity, m/s"),
+        "displacement": (1e3 * motion.displacement, "relative displacement, mm"),
+        "time": (motion.time, "time, s"),
+    }[entry.picture]
+    some = slice(None) if entry.picture != "time" else slice(0, motion.time.size // 4)
+    axis.plot(over[some], force[some], ".", ms=0.8, color=LAW, label="its force")
+    axis.plot(over[some], left[some], ".", ms=0.8, color=LEFT, label="left once spring and drag took theirs")
+    axis.set_xlabel(label)
+    axis.set_ylabel("force over its largest, 1")
+    axis.set_title(entry.id.replace("_", " "), fontsize=10)
+    axis.legend(fontsize=6.5, markerscale=8)
+    axis.grid(alpha=0.3)
+    return figure
+
+
+def _draw_channel(figure: Figure, entry: Effect, motion: Motion) -> None:
+    (axis,) = figure.axes
+    part = slice(0, 600)
+    truth = motion.acceleration[part]
+    reading = {
+        "spool_gain_error": 1.15 * truth,
+        "spool_delay": np.interp(motion.time[part] - 3e-3, motion.time, motion.acceleration),
+        "sensor_saturation": np.clip(truth, -0.6 * np.abs(truth).max(), 0.6 * np.abs(truth).max()),
+    }[entry.id]
+    axis.plot(motion.time[part], truth, color=LAW, label="acceleration")
+    axis.plot(motion.time[part], reading, color=LEFT, label="reading")
+    axis.set_xlabel("time, s")
+    axis.set_ylabel("spool, m/s²")
+    axis.set_title(entry.id.replace("_", " "), fontsize=10)
+    axis.legend(fontsize=7)
+    axis.grid(alpha=0.3)
+
+
+def write_pictures(folder: Path) -> Iterator[Path]:
+    """Write a PNG for every effect into ``folder``; yield the paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, entry in EFFECTS.items():
+        figure = draw(entry)
+        path = folder / f"{name}.png"
+        figure.savefig(path, dpi=90, metadata={"Software": None})
+        plt.close(figure)
+        yield path
+
+
+def effects_text() -> str:
+    """Return the Markdown of every effect."""
+    grouped = {name for names in GROUPS.values() for name in names}
+    groups = {**GROUPS, "Others": tuple(name for name in EFFECTS if name not in grouped)}
+    parts = []
+    for title, names in groups.items():
+        if names:
+            parts.append(f"### {title}\n")
+            parts += [_one_effect(EFFECTS[name]) for name in names]
+    return "\n".join(parts)
+
+
+def _one_effect(entry: Effect) -> str:
+    units = {p.name: p.unit for name in entry.terms for p in term(name).parameters}
+    own = {"spool_gain_error": "1", "spool_delay": "s", "saturation_limit": "m/s^2"}
+    numbers = ", ".join(f"`{name}` ({units.get(name, own.get(name, ''))})" for name in entry.fitted)
+    alike = ", ".join(f"`{name}`" for name in entry.confused_with) or "nothing of the catalogue"
+    kinds = "" if len(entry.kinds) == 3 else f" Seen in records of kind {', '.join(entry.kinds)}."
+    return (
+        f"#### `{entry.id}`\n\n    {entry.law}\n\n"
+        f"{_capital(entry.on_the_machine)}. Check: {entry.to_check}.{kinds}\n\n"
+        f"![signature of {entry.id}](effects/{entry.id}.png)\n\n"
+        f"Numbers: {numbers}. Confused with: {alike}. Told apart by: {entry.told_by}.\n"
+    )
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Write the pictures into FOLDER/effects and the effects into FOLDER/effects.md, between its marks."""
+    given = sys.argv[1:] if arguments is None else arguments
+    folder = Path(given[0] if given else "docs")
+    count = len(list(write_pictures(folder / "effects")))
+    page = folder / "effects.md"
+    before, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
+    _, _, after = rest.partition(END)
+    page.write_text(f"{before}{BEGIN}\n\n{effects_text()}\n{END}{after}", encoding="utf-8")
+    print(f"{count} pictures, {page}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

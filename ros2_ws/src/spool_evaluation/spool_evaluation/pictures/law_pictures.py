@@ -1,0 +1,172 @@
+"""Pictures of every force law for the documentation: force against velocity, displacement or time.
+
+Made from the registered terms themselves: python -m spool_evaluation.pictures.law_pictures docs
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from spool_sim.terms import TERMS, Term
+from spool_sim.valve.description import Valve, find_valve
+
+Array = NDArray[np.float64]
+
+FORCE, REST = "#0072B2", "#D55E00"
+#: What a law is drawn over, where it is not the velocity, and how far (m, s).
+OVER_DISPLACEMENT = {
+    "spring": 0.006, "cubic_stiffness": 0.006, "end_stop": 0.0045, "spring_backlash": 0.0004,
+    "spring_preload": 0.0001, "presliding_friction": 0.00004,
+}  # fmt: skip
+OVER_TIME = {"periodic_force": 0.1, "damping_drift": 60.0}
+LARGEST_SPEED = 0.2
+#: Values other than the start values, where those would not show the law.
+SHOWN = {
+    "coulomb_hydrodynamic_friction": {"film_coefficient": 0.05},
+    "coulomb_hydrodynamic_friction_printed": {"film_coefficient": 5e-5},
+}
+BEGIN, END = "<!-- laws: begin -->", "<!-- laws: end -->"
+GROUPS: dict[str, tuple[str, ...]] = {
+    "The balance of forces": ("inertia", "spring", "viscous_friction"),
+    "Friction of the paper's models 1 to 3": (
+        "microwedge_friction", "mixed_friction", "coulomb_hydrodynamic_friction",
+    ),
+    "Friction laws that the paper cites": (
+        "hess_soom_friction", "pavelescu_friction", "tustin_friction", "adhesion_friction",
+        "detachment_friction", "seal_friction",
+    ),
+}  # fmt: skip
+
+
+def draw(entry: Term, valve: Valve) -> Figure:
+    """Return the picture of one law at its start values for ``valve``."""
+    values = {parameter.name: parameter.start_for(valve) for parameter in entry.parameters}
+    values |= SHOWN.get(entry.name, {})
+    figure: Figure
+    figure, axis = plt.subplots(figsize=(4.2, 3.0), layout="constrained")
+    if entry.name == "inertia":
+        acceleration = np.array([-20.0, 20.0])
+        axis.plot(acceleration, values["mass"] * acceleration, color=FORCE)
+        axis.set_xlabel("acceleration of the spool, m/s²")
+    elif entry.name == "presliding_friction":
+        _draw_loop(axis, entry, values)
+    elif entry.name in OVER_DISPLACEMENT:
+        place: Array = np.linspace(-1.0, 1.0, 2001, dtype=np.float64) * OVER_DISPLACEMENT[entry.name]
+        force = entry.force(place, np.zeros(place.size), np.zeros(place.size), values)
+        axis.plot(1e3 * place, force, color=FORCE)
+        axis.set_xlabel("relative displacement, mm")
+    elif entry.name in OVER_TIME:
+        time: Array = np.linspace(0.0, OVER_TIME[entry.name], 500, dtype=np.float64)
+        moving = np.full(time.size, 0.1)
+        axis.plot(time, entry.force(np.zeros(time.size), moving, moving, values, time), color=FORCE)
+        axis.set_xlabel("time, s" + (" (at 0.1 m/s)" if entry.name == "damping_drift" else ""))
+    else:
+        _draw_over_velocity(axis, entry, values)
+    axis.axhline(0.0, color="#888888", lw=0.6)
+    axis.set_ylabel("force, N")
+    axis.set_title(entry.name.replace("_", " "), fontsize=10)
+    axis.grid(alpha=0.3)
+    return figure
+
+
+def _draw_over_velocity(axis: Axes, entry: Term, values: dict[str, float]) -> None:
+    speed: Array = np.geomspace(1e-6, LARGEST_SPEED, 600, dtype=np.float64)
+    for side in (-1.0, 1.0):
+        velocity: Array = side * speed
+        nothing = np.zeros(speed.size)
+        axis.plot(velocity, entry.force(nothing, velocity, nothing, values), color=FORCE)
+    low, high = entry.at_rest(0.0, values)
+    if high > low:
+        axis.plot([0.0, 0.0], [low, high], color=REST, lw=2.5, label="at rest: any of these")
+        axis.legend(fontsize=7)
+    axis.axvline(0.0, color="#888888", lw=0.6)
+    axis.set_xlabel("relative velocity, m/s")
+
+
+def _draw_loop(axis: Axes, entry: Term, values: dict[str, float]) -> None:
+    """Draw the force over a to and fro: its own memory makes it a loop."""
+    reach = OVER_DISPLACEMENT[entry.name]
+    way = reach * np.concatenate((np.linspace(0.0, 1.0, 200), np.linspace(1.0, -1.0, 400)[1:]))
+    way = np.concatenate((way, reach * np.linspace(-1.0, 1.0, 400)[1:]))
+    remembers = entry.laws["memory_law"]
+    given = [values[parameter.name] for parameter in entry.parameters]
+    force = [0.0]
+    for slip in np.diff(way).tolist():
+        force.append(remembers(force[-1], slip, 1.0 if slip > 0.0 else -1.0, *given))
+    axis.plot(1e3 * way, force, color=FORCE)
+    axis.set_xlabel("relative displacement, mm")
+
+
+def write_pictures(folder: Path) -> Iterator[Path]:
+    """Write a PNG for every registered term into ``folder``; yield the paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    valve = find_valve("4weh10_soft")
+    for name, entry in TERMS.items():
+        figure = draw(entry, valve)
+        path = folder / f"{name}.png"
+        figure.savefig(path, dpi=90, metadata={"Software": None})
+        plt.close(figure)
+        yield path
+
+
+def law_text() -> str:
+    """Return the Markdown of every registered law: equation, parameters, source, meaning and picture."""
+    grouped = {name for names in GROUPS.values() for name in names}
+    rest = [name for name in TERMS if name not in grouped]
+    groups = {
+        **GROUPS,
+        "Further dry friction and effects": tuple(name for name in rest if not name.endswith("_printed")),
+        "As printed, for comparison only": tuple(name for name in rest if name.endswith("_printed")),
+    }
+    parts = []
+    for title, names in groups.items():
+        parts.append(f"### {title}\n")
+        parts += [_one_law(TERMS[name]) for name in names]
+    return "\n".join(parts)
+
+
+def _one_law(entry: Term) -> str:
+    rows = "\n".join(
+        f"| `{given.name}` | {given.unit} | {given.low:g} to {given.high:g} | {given.meaning} |"
+        for given in entry.parameters
+    )
+    shown = SHOWN.get(entry.name, {})
+    note = "".join(f" Drawn with `{name}` = {value:g}." for name, value in shown.items())
+    return (
+        f"#### `{entry.name}`\n\n    {entry.law}\n\n"
+        f"{_sentence(entry.meaning)} Check on the machine: {entry.check}.{note}\n\n"
+        f"Source: {entry.source}.\n\n"
+        f"![force of {entry.name}](laws/{entry.name}.png)\n\n"
+        f"| parameter | unit | range | |\n|---|---|---|---|\n{rows}\n"
+    )
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:] + "."
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Write the pictures into FOLDER/laws and the laws into FOLDER/physics.md, between its marks."""
+    given = sys.argv[1:] if arguments is None else arguments
+    folder = Path(given[0] if given else "docs")
+    count = len(list(write_pictures(folder / "laws")))
+    page = folder / "physics.md"
+    before, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
+    _, _, after = rest.partition(END)
+    page.write_text(f"{before}{BEGIN}\n\n{law_text()}\n{END}{after}", encoding="utf-8")
+    print(f"{count} pictures, {page}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

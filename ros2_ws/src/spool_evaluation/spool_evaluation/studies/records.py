@@ -1,0 +1,124 @@
+"""The repository's sample records, fitted as ``./spool fit`` does, beside the parameters that made them.
+
+Their simulator is not the one of this suite, so that an error of the simulation shows here: in the study of
+the estimates truth and fit share one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from spool_identification.fit_result import FitSettings
+from spool_sim.model import MODELS
+from spool_stream.errors import InputError
+from spool_tools.commands.bag_commands import write_json
+from spool_tools.input.fit_data import load_data
+from spool_tools.input.record_loading import Selection
+from spool_tools.report.fit_results import fit_and_judge
+
+from .workers import spread
+
+#: From where the command is given.
+BAGS = Path("bags")
+TABLE = "estimation_records"
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """A bag, the shipped valve and the model that it is fitted with, and what made it.
+
+    Attributes:
+        truth: as in bags/README.md, N/m, N s/m and N.
+    """
+
+    bag: str
+    valve: str
+    model: str
+    truth: Mapping[str, float]
+
+
+def _truth(stiffness: float, viscous: float, friction: float) -> dict[str, float]:
+    return {"spring_stiffness": stiffness, "viscous_coefficient": viscous, "coulomb_force": friction}
+
+
+SAMPLES = (
+    Sample("practice_01", "4weh10_soft", "fluid", _truth(1632.0, 4.0, 0.0)),
+    Sample("practice_03", "4weh10_soft", "coulomb", _truth(1632.0, 4.0, 0.5)),
+    Sample("practice_04", "4weh10_stiff", "coulomb", _truth(5846.0, 8.2, 0.3)),
+    # Friction is fitted that is not there.
+    Sample("practice_01", "4weh10_soft", "coulomb", _truth(1632.0, 4.0, 0.0)),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One parameter of one fit, in ``unit``; ``deviation`` is its standard deviation."""
+
+    bag: str
+    model: str
+    parameter: str
+    unit: str
+    truth: float
+    value: float
+    deviation: float
+
+    @property
+    def score(self) -> float:
+        """The error in standard deviations."""
+        return (self.value - self.truth) / self.deviation
+
+
+def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[Row]:  # noqa: ARG001 - not drawn
+    """Fit the first ``cases`` samples of ``bags/``; ``out`` gets the table as Markdown and JSON.
+
+    Raises:
+        InputError: the bags are not here.
+    """
+    if not BAGS.is_dir():
+        raise InputError(f"study records: no folder {BAGS} here: call it from the root of the repository")
+    out.mkdir(parents=True, exist_ok=True)
+    places = range(len(SAMPLES[:cases]))
+    rows = [row for _, found in sorted(spread(judge, places, "sample records", workers)) for row in found]
+    write_json(out / f"{TABLE}.json", [{**asdict(row), "score": row.score} for row in rows])
+    (out / f"{TABLE}.md").write_text(table(rows), encoding="utf-8")
+    print(table(rows), end="")
+    return rows
+
+
+def judge(place: int) -> tuple[int, list[Row]]:
+    """Return ``place`` and the rows of ``SAMPLES[place]``."""
+    sample = SAMPLES[place]
+    data = load_data([BAGS / sample.bag], sample.valve, Selection())
+    fit = fit_and_judge(data, MODELS[sample.model], FitSettings()).fit
+    return place, [
+        Row(
+            sample.bag,
+            sample.model,
+            quantity.name,
+            quantity.unit,
+            sample.truth[quantity.name],
+            quantity.value,
+            quantity.standard_deviation,
+        )
+        for quantity in fit.parameters
+    ]
+
+
+def table(rows: Sequence[Row]) -> str:
+    """Return the rows as Markdown; two digits of each standard deviation decide what is shown."""
+    lines = [
+        "| bag | model fitted | parameter | truth | found | standard deviation | error, in these |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        digits = max(0, 1 - math.floor(math.log10(row.deviation)))
+        numbers = f"{row.truth:g} {row.unit} | {row.value:.{digits}f} | {row.deviation:.{digits}f}"
+        lines.append(
+            f"| `{row.bag}` | {row.model} | {row.parameter} | {numbers} | {row.score:+.1f} |".replace(
+                "-0.0 |", "0.0 |"
+            )
+        )
+    return "\n".join(lines) + "\n"

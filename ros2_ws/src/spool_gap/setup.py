@@ -1,0 +1,21 @@
+"""Install spool_gap as an ament_python package."""
+
+from setuptools import find_packages, setup
+
+PACKAGE = "spool_gap"
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+    ],
+    zip_safe=True,
+    extras_require={"test": ["pytest"]},
+    maintainer="Spool suite maintainers",
+    maintainer_email="maintainers@spool-suite.org",
+    description="The model gap of a spool valve.",
+    license="Apache-2.0",
+)

@@ -1,0 +1,39 @@
+"""A push that does not depend on the motion."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from spool_gap.effect import Array, Effect, Motion
+
+
+class ConstantForce(Effect):
+    """A force that is always there; two accelerometers cannot see it."""
+
+    id = "constant_force"
+    kinds = ("driven", "imposed")
+    terms = ("constant_force",)
+    fitted = ("push",)
+    picture = "time"
+    confused_with = ()
+    told_by = "a force record"
+
+    def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:  # noqa: ARG002
+        """Return -1 throughout."""
+        return -np.ones((1, motion.time.size))
+
+    def values(
+        self,
+        coefficients: Array,
+        shape: Mapping[str, float],  # noqa: ARG002
+        motion: Motion,  # noqa: ARG002
+    ) -> dict[str, float] | None:
+        """Return the push."""
+        return {"push": float(coefficients[0])}
+
+    @property
+    def amplitudes(self) -> tuple[str, ...]:
+        """Parameters that are 0 where the effect is absent."""
+        return ("push",)

@@ -1,0 +1,43 @@
+"""Constant dry friction."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from spool_gap.effect import Array, Effect, Motion
+
+
+class CoulombFriction(Effect):
+    """A jump of the force wherever the velocity changes its sign."""
+
+    id = "coulomb_friction"
+    terms = ("coulomb_friction",)
+    fitted = ("coulomb_force",)
+    confused_with = (
+        "stribeck_friction",
+        "mixed_friction",
+        "presliding_friction",
+        "asymmetric_friction",
+        "quadratic_damping",
+    )
+    told_by = "low speeds and sticking in the record; several amplitudes"
+
+    def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:  # noqa: ARG002
+        """Return the sign of the velocity."""
+        return motion.sign[np.newaxis]
+
+    def values(
+        self,
+        coefficients: Array,
+        shape: Mapping[str, float],  # noqa: ARG002
+        motion: Motion,  # noqa: ARG002
+    ) -> dict[str, float] | None:
+        """Return the force."""
+        return {"coulomb_force": float(coefficients[0])} if coefficients[0] > 0.0 else None
+
+    @property
+    def amplitudes(self) -> tuple[str, ...]:
+        """Parameters that are 0 where the effect is absent."""
+        return ("coulomb_force",)

@@ -1,0 +1,38 @@
+"""A spring that hardens or softens."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from spool_gap.effect import Array, Effect, Motion
+
+
+class CubicStiffness(Effect):
+    """A force that grows with the cube of the displacement."""
+
+    id = "cubic_stiffness"
+    terms = ("cubic_stiffness",)
+    fitted = ("cubic_coefficient",)
+    picture = "displacement"
+    confused_with = ("end_stop", "spring_backlash", "spring_preload")
+    told_by = "amplitudes from small to the whole stroke"
+
+    def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:  # noqa: ARG002
+        """Return z^3."""
+        return (motion.displacement**3)[np.newaxis]
+
+    def values(
+        self,
+        coefficients: Array,
+        shape: Mapping[str, float],  # noqa: ARG002
+        motion: Motion,  # noqa: ARG002
+    ) -> dict[str, float] | None:
+        """Return the coefficient."""
+        return {"cubic_coefficient": float(coefficients[0])}
+
+    @property
+    def amplitudes(self) -> tuple[str, ...]:
+        """Parameters that are 0 where the effect is absent."""
+        return ("cubic_coefficient",)

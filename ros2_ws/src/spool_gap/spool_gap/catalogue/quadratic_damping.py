@@ -1,0 +1,37 @@
+"""Drag with the square of the velocity."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from spool_gap.effect import Array, Effect, Motion
+
+
+class QuadraticDamping(Effect):
+    """A force that grows with v abs(v)."""
+
+    id = "quadratic_damping"
+    terms = ("quadratic_damping",)
+    fitted = ("quadratic_coefficient",)
+    confused_with = ("coulomb_friction", "damping_drift")
+    told_by = "several amplitudes, in a wide band"
+
+    def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:  # noqa: ARG002
+        """Return v abs(v)."""
+        return np.asarray((motion.velocity * np.abs(motion.velocity))[np.newaxis])
+
+    def values(
+        self,
+        coefficients: Array,
+        shape: Mapping[str, float],  # noqa: ARG002
+        motion: Motion,  # noqa: ARG002
+    ) -> dict[str, float] | None:
+        """Return the coefficient."""
+        return {"quadratic_coefficient": float(coefficients[0])} if coefficients[0] > 0.0 else None
+
+    @property
+    def amplitudes(self) -> tuple[str, ...]:
+        """Parameters that are 0 where the effect is absent."""
+        return ("quadratic_coefficient",)

@@ -1,0 +1,45 @@
+"""Preload of the springs against shoulders."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from spool_gap.effect import Array, Effect, Motion, scan
+
+
+class SpringPreload(Effect):
+    """A force towards the centre that is there as soon as the spool leaves it."""
+
+    id = "spring_preload"
+    terms = ("spring_preload",)
+    fitted = ("preload_force", "preload_travel")
+    picture = "displacement"
+    valleys = True
+    confused_with = ("cubic_stiffness", "spring_backlash")
+    told_by = "amplitudes from below the give of the seats to the stroke"
+
+    def shapes(self, motion: Motion) -> list[dict[str, float]]:
+        """Return the shapes to try."""
+        largest = motion.largest_displacement
+        return [{"preload_travel": travel} for travel in scan(1e-3 * largest, 0.3 * largest, 9)]
+
+    def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:
+        """Return the force for a row of travels over which it builds up."""
+        return np.clip(motion.displacement / shape["preload_travel"], -1.0, 1.0)[np.newaxis]
+
+    def values(
+        self,
+        coefficients: Array,
+        shape: Mapping[str, float],
+        motion: Motion,  # noqa: ARG002
+    ) -> dict[str, float] | None:
+        """Return force and travel."""
+        force = float(coefficients[0])
+        return {**shape, "preload_force": force} if force > 0.0 else None
+
+    @property
+    def amplitudes(self) -> tuple[str, ...]:
+        """Parameters that are 0 where the effect is absent."""
+        return ("preload_force",)

@@ -1,0 +1,1 @@
+"""Checks: whether a record can be analysed at all."""

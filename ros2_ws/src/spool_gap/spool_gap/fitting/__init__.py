@@ -1,0 +1,1 @@
+"""Fitting of hypotheses by their free runs."""

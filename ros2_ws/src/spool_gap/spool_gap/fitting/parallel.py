@@ -1,0 +1,24 @@
+"""Fits that do not know of each other, on all processors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+from spool_stream.kernels.processors import processors
+
+Item = TypeVar("Item")
+Found = TypeVar("Found")
+
+
+def at_once(work: Callable[[Item], Found], items: Iterable[Item]) -> list[Found]:
+    """Return what ``work`` makes of each of ``items``, in their order.
+
+    Threads: kernels, transforms and large sums run without the interpreter lock.
+    """
+    every = list(items)
+    if len(every) < 2:
+        return [work(item) for item in every]
+    with ThreadPoolExecutor(min(len(every), processors())) as pool:
+        return list(pool.map(work, every))

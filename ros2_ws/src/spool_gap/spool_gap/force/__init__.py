@@ -1,0 +1,1 @@
+"""Force records: the missing force by regression at the measured motion."""

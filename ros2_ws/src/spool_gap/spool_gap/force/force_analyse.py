@@ -1,0 +1,190 @@
+"""The workflow for force records: base, where the gap sits, which force is missing, what is left."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_sim.model import Model
+from spool_stream.errors import InputError
+
+from spool_gap.effect import Effect
+from spool_gap.registry import EFFECTS
+from spool_gap.result import GapResult, GapSettings, Hypothesis
+from spool_gap.screening.screening import FRICTIONS
+
+from .force_balance import ForceBalance, ForceFit, independent_samples
+from .force_conditions import check_mass, conditions_of
+from .force_record import ForceRecord
+from .force_result import SIMPLER, Chosen, result_of
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, float], None]
+
+#: s of the stretches that are fitted and held out by turns.
+STRETCH = 4.0
+#: Share of the held-out error, rms, that an effect must take away.
+SMALLEST = 0.03
+#: Twice the log likelihood ratio, after the price of the parameters, from which an effect counts.
+EVIDENCE = 20.0
+#: Correlation of two columns, base taken off, from which they cannot be told apart.
+ALIKE = 0.97
+#: Ratio of the 95 to the 5 % quantile of the speed below which the speed hardly varies.
+VARIED = 6.0
+
+
+def analyse_forces(
+    records: Sequence[ForceRecord],
+    base: Model,
+    kind: str,
+    *,
+    holdout: Sequence[ForceRecord] = (),
+    mass: float | None = None,
+    settings: GapSettings | None = None,
+    progress: Progress | None = None,
+) -> GapResult:
+    """Return which force is missing in ``records``.
+
+    Args:
+        records: displacement and force.
+        base: with ``spring`` and ``viscous_friction``, and ``inertia`` where the force drives a mass.
+        kind: ``driven`` or ``imposed``.
+        holdout: records to judge on; without them every other stretch is held out.
+        mass: kg, that the force drives; ``None`` fits it.
+        settings: amounts.
+        progress: takes what is done and the share of the work.
+
+    Raises:
+        InputError: the records cannot be analysed; what is wrong is named.
+    """
+    begun = time.monotonic()
+    chosen_settings = settings or GapSettings()
+    tell = progress or (lambda _what, _share: None)
+    tell("checking the records", 0.0)
+    train, held = _split(records, holdout)
+    warnings = conditions_of(train)
+    if holdout:
+        conditions_of(held)
+    names = {entry.name for entry in base.terms}
+    columns = ["damping"] if "viscous_friction" in names else []
+    columns += ["stiffness"] if "spring" in names else []
+    columns += ["mass"] if kind == "driven" and mass is None else []
+    balance = ForceBalance(train, held, [*columns, "zero"], driven=kind == "driven", mass=mass)
+    alike = _cannot_tell(balance)
+    steps: list[tuple[Chosen, ForceFit]] = [((), balance.fit([]))]
+    if kind == "driven":
+        check_mass(balance, steps[0][1], train[0].name, mass)
+    ranking: list[Hypothesis] = []
+    while len(steps) <= chosen_settings.most_effects:
+        tell(f"trying effects beside {' + '.join(steps[-1][1].effects) or 'the base'}", 0.3)
+        better = _forward(balance, steps[-1], ranking, kind)
+        if better is None:
+            break
+        steps.append(better)
+    tell("measuring what is left", 0.9)
+    return result_of(records, base, kind, balance, steps, ranking, warnings, alike, begun)
+
+
+def _split(
+    records: Sequence[ForceRecord], holdout: Sequence[ForceRecord]
+) -> tuple[list[ForceRecord], list[ForceRecord]]:
+    if not records:
+        raise InputError("records: none given")
+    if holdout:
+        return list(records), list(holdout)
+    train: list[ForceRecord] = []
+    held: list[ForceRecord] = []
+    for record in records:
+        count = round(record.duration / STRETCH)
+        count = max(count, 2)
+        edges = (record.force.size * np.arange(count + 1)) // count
+        for number, (low, high) in enumerate(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)):
+            part = ForceRecord(
+                record.name, record.start + low * record.period, record.period,
+                record.displacement[low:high], record.force[low:high],
+            )  # fmt: skip
+            if part.force.size >= 30:
+                (train if number % 2 == 0 else held).append(part)
+    if not train or not held:
+        longest = max(record.duration for record in records)
+        raise InputError(
+            f"{records[0].name}: too short: its longest stretch has {longest:.2f} s; "
+            "record longer, or name another record with --holdout"
+        )
+    return train, held
+
+
+def _cannot_tell(balance: ForceBalance) -> tuple[str, ...]:
+    """Return names of forces that these records cannot tell apart."""
+    speed = np.abs(np.concatenate([balance.motions[id(record)].velocity for record in balance.train]))
+    moving = speed[speed > 0.05 * float(np.quantile(speed, 0.95))]
+    spread = float(np.quantile(moving, 0.95) / max(float(np.quantile(moving, 0.05)), 1e-12))
+    rows = []
+    for record in balance.train:
+        motion = balance.motions[id(record)]
+        rows.append(np.array([motion.velocity, motion.sign, np.ones(motion.time.size)]))
+    velocity, sign, one = np.concatenate(rows, axis=1)
+    velocity, sign = velocity - velocity.mean() * one, sign - sign.mean() * one
+    alike = abs(float(velocity @ sign)) / max(float(np.linalg.norm(velocity) * np.linalg.norm(sign)), 1e-30)
+    return ("viscous_friction", "coulomb_friction") if alike > ALIKE or spread < VARIED else ()
+
+
+def _forward(
+    balance: ForceBalance, step: tuple[Chosen, ForceFit], ranking: list[Hypothesis], kind: str
+) -> tuple[Chosen, ForceFit] | None:
+    chosen, fit = step
+    before = balance.nrmse(fit)
+    # One law of dry friction is enough: another beside it would only mend its shape at reversals.
+    contained = {name for entry, _ in chosen for name in (entry.id, *entry.replaces)}
+    if contained & FRICTIONS:
+        contained |= FRICTIONS
+    found: list[tuple[float, float, Chosen, ForceFit, Effect]] = []
+    independent = sum(independent_samples(row) for row in fit.held)
+    for entry in EFFECTS.values():
+        # The load cell's zero is in the base, and a constant push is not told from it.
+        if (
+            kind not in entry.kinds
+            or not entry.terms
+            or entry.id in contained
+            or entry.id == "constant_force"
+        ):
+            continue
+        kept = tuple(pair for pair in chosen if pair[0].id not in entry.replaces)
+        shape = balance.best_shape(entry, kept)
+        if shape is None:
+            continue
+        tried = (*kept, (entry, shape))
+        result = balance.fit(tried)
+        after = balance.nrmse(result)
+        evidence = independent * math.log(max(before, 1e-12) ** 2 / max(after, 1e-12) ** 2)
+        evidence -= math.log(max(3.0, independent)) * (
+            len(result.coefficients) - len(fit.coefficients) + len(shape)
+        )
+        values = balance.values(entry, shape, result) or {}
+        reason = ""
+        if after > (1.0 - SMALLEST) * before or evidence < EVIDENCE:
+            reason = "it does not close the gap significantly"
+        elif entry.id == "asymmetric_friction":
+            reason = "the difference of the directions is not told from the load cell's zero"
+        ranking.append(
+            Hypothesis(entry.id, tuple(e.id for e, _ in chosen), after, evidence, values, False, reason)
+        )
+        if not reason:
+            found.append((evidence, after, tried, result, entry))
+    if not found:
+        return None
+    found.sort(key=lambda row: -row[0])
+    best = found[0]
+    for row in found[1:]:
+        # The simpler one stays where the richer one is hardly better.
+        if row[4].id in best[4].replaces and row[1] < SIMPLER * best[1]:
+            best = row
+    for number, entry_ in enumerate(ranking):
+        if entry_.id == best[4].id and entry_.beside == tuple(e.id for e, _ in chosen):
+            ranking[number] = Hypothesis(
+                entry_.id, entry_.beside, entry_.nrmse_after, entry_.evidence, entry_.parameters, True
+            )
+    return best[2], best[3]

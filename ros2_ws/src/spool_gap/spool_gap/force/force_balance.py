@@ -1,0 +1,250 @@
+"""Force records: which force is missing, by regression at the measured motion.
+
+imposed:  force = c z' + k z + effects + zero of the load cell
+driven:   force = m z'' + c z' + k z + effects + zero of the load cell
+
+The acceleration of a driven mass is the displacement's second derivative, which needs a low-pass. It goes
+over force and columns alike: a jump of dry friction smeared on one side only would be a gap of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation, binary_opening
+from scipy.optimize import minimize_scalar
+
+from spool_gap.effect import Effect, Motion
+
+from .force_record import ForceRecord
+
+Array = NDArray[np.float64]
+
+#: Deviations of its noise below which a velocity counts as none.
+STILL = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class ForceFit:
+    """A fitted set of effects.
+
+    Attributes:
+        effects: ids.
+        shapes: the numbers in which the force is not linear, of each effect.
+        names: of the linear columns, base first.
+        coefficients: in N over the column's unit.
+        deviations: their standard deviations.
+        train, held: measured - model of each record, N.
+        squares: of the training part, N^2.
+    """
+
+    effects: tuple[str, ...]
+    shapes: tuple[dict[str, float], ...]
+    names: tuple[str, ...]
+    coefficients: Array
+    deviations: Array
+    train: tuple[Array, ...]
+    held: tuple[Array, ...]
+    squares: float
+
+
+class ForceBalance:
+    """The regression over training records, judged on held-out ones."""
+
+    def __init__(
+        self,
+        train: Sequence[ForceRecord],
+        held: Sequence[ForceRecord],
+        base: Sequence[str],
+        *,
+        driven: bool = False,
+        mass: float | None = None,
+    ) -> None:
+        """Take velocities; ``base`` names the columns out of mass, stiffness, damping, zero.
+
+        ``driven``: the force moves a mass, of ``mass`` kg where that is known.
+        """
+        self.train, self.held = tuple(train), tuple(held)
+        self.base = tuple(base)
+        self.driven, self.mass = driven, mass
+        centre = _centre(train)
+        self.motions = {id(r): _motion(r, centre, driven=driven) for r in (*train, *held)}
+        self.known = {id(r): _known(r, self.motions[id(r)]) for r in (*train, *held)} if driven else {}
+        # The reaction to friction has the velocity's sign; a rig may count it the other way round.
+        power = sum(float(np.sum(r.force_at * m.velocity)) for r, m in self._pairs(self.train))
+        self.sign = -1.0 if power < 0.0 else 1.0
+
+    def _pairs(self, records: Sequence[ForceRecord]) -> list[tuple[_Oriented, Motion]]:
+        return [(_Oriented(r.force - r.force.mean()), self.motions[id(r)]) for r in records]
+
+    def columns(self, record: ForceRecord, chosen: Sequence[tuple[Effect, dict[str, float]]]) -> Array:
+        """Return the columns of base and effects, shape (n, q)."""
+        motion = self.motions[id(record)]
+        rows = {
+            "mass": motion.acceleration,
+            "damping": motion.velocity,
+            "stiffness": motion.displacement,
+            "zero": np.ones(motion.time.size),
+        }
+        found = [rows[name] for name in self.base]
+        for effect, shape in chosen:
+            signature = list(effect.signature(motion, shape))
+            found += [record.low_passed(row) for row in signature] if self.driven else signature
+        return np.array(found).T * self.known[id(record)][:, np.newaxis] if self.driven else np.array(found).T
+
+    def target(self, record: ForceRecord) -> Array:
+        """Return the force that base and effects explain, in the velocity's sign, N, shape (n,)."""
+        if not self.driven:
+            return self.sign * record.force
+        inertia = (self.mass or 0.0) * self.motions[id(record)].acceleration
+        return (self.sign * record.low_passed(record.force) - inertia) * self.known[id(record)]
+
+    def fit(self, chosen: Sequence[tuple[Effect, dict[str, float]]]) -> ForceFit:
+        """Return the least-squares fit of ``chosen`` beside the base."""
+        matrices = [self.columns(record, chosen) for record in self.train]
+        matrix = np.concatenate(matrices)
+        target = np.concatenate([self.target(record) for record in self.train])
+        scale = np.maximum(np.linalg.norm(matrix, axis=0), 1e-30)
+        solution, _, _, _ = np.linalg.lstsq(matrix / scale, target, rcond=1e-9)
+        coefficients = solution / scale
+        train = tuple(
+            self.target(record) - part @ coefficients
+            for record, part in zip(self.train, matrices, strict=True)
+        )
+        held = tuple(
+            self.target(record) - self.columns(record, chosen) @ coefficients for record in self.held
+        )
+        squares = float(sum(np.sum(row**2) for row in train))
+        independent = max(8.0, sum(independent_samples(row) for row in train))
+        covariance = np.linalg.pinv((matrix / scale).T @ (matrix / scale)) * squares / independent
+        first = self.motions[id(self.train[0])]
+        names = (
+            *self.base,
+            *(f"{e.id}.{n}" for e, shape in chosen for n in range(e.signature(first, shape).shape[0])),
+        )
+        return ForceFit(
+            tuple(e.id for e, _ in chosen), tuple(s for _, s in chosen), names, coefficients,
+            np.sqrt(np.maximum(np.diag(covariance), 0.0)) / scale, train, held, squares,
+        )  # fmt: skip
+
+    def best_shape(
+        self, effect: Effect, chosen: Sequence[tuple[Effect, dict[str, float]]]
+    ) -> dict[str, float] | None:
+        """Return the shape of ``effect`` that leaves least beside ``chosen``, scanned and then refined."""
+        motion = self.motions[id(max(self.train, key=lambda r: r.force.size))]
+        shapes = [dict(shape) for shape in effect.shapes(motion)]
+        shapes = [shape for shape in shapes if self.plausible(effect, chosen, shape)]
+        if not shapes:
+            return None
+        sums = [self.fit([*chosen, (effect, shape)]).squares for shape in shapes]
+        best = shapes[int(np.argmin(sums))]
+        for name in best:
+            if name == "force_frequency":
+                continue
+
+            def left(power: float, name: str = name, best: dict[str, float] = best) -> float:
+                return self.fit([*chosen, (effect, {**best, name: best[name] * 2.0**power})]).squares
+
+            found = minimize_scalar(left, bounds=(-1.2, 1.2), method="bounded", options={"xatol": 0.02})
+            if found.fun < left(0.0):
+                best = {**best, name: best[name] * 2.0 ** float(found.x)}
+        return best if self.plausible(effect, chosen, best) else None
+
+    def plausible(
+        self, effect: Effect, chosen: Sequence[tuple[Effect, dict[str, float]]], shape: dict[str, float]
+    ) -> bool:
+        """Whether the fitted coefficients of ``effect`` make sense on a machine."""
+        fit = self.fit([*chosen, (effect, shape)])
+        return self.values(effect, shape, fit) is not None
+
+    def values(self, effect: Effect, shape: dict[str, float], fit: ForceFit) -> dict[str, float] | None:
+        """Return the effect's parameters."""
+        own = [n for n, name in enumerate(fit.names) if name.startswith(f"{effect.id}.")]
+        base = dict(zip(self.base, fit.coefficients[: len(self.base)].tolist(), strict=True))
+        first = next(iter(self.motions.values()))
+        motion = Motion(
+            first.displacement, first.velocity, first.acceleration, first.time, first.period,
+            first.velocity_noise, base.get("mass", self.mass or 0.0), abs(base.get("stiffness", 0.0)) or 1.0,
+            abs(base.get("damping", 0.0)) or 1.0,
+        )  # fmt: skip
+        return effect.values(fit.coefficients[own], shape, motion)
+
+    def nrmse(self, fit: ForceFit) -> float:
+        """Return rms(model - measured) / rms(measured) held out; the load cell's zero is taken off."""
+        zero = self.sign * fit.coefficients[self.base.index("zero")] if "zero" in self.base else 0.0
+        error = sum(float(np.sum(row**2)) for row in fit.held)
+        return float(np.sqrt(error / sum(float(np.sum((self.seen(r) - zero) ** 2)) for r in self.held)))
+
+    def seen(self, record: ForceRecord) -> Array:
+        """Return the force as it is compared, N: what the low-pass leaves of it where a mass is driven."""
+        if not self.driven:
+            return record.force
+        return record.low_passed(record.force)[self.known[id(record)] > 0.0]
+
+    def noise_power(self, record: ForceRecord) -> float:
+        """Return the power of the noise in the force as it is compared, N^2."""
+        power = white_power(record.force)
+        if not self.driven:
+            return power
+        pulse = np.zeros(8 * record.smoothing() + 1)
+        pulse[pulse.size // 2] = 1.0
+        return power * float(np.sum(record.low_passed(pulse) ** 2))
+
+
+@dataclass(frozen=True, slots=True)
+class _Oriented:
+    force_at: Array
+
+
+def _centre(records: Sequence[ForceRecord]) -> float:
+    """Return the middle of the motion, m; 0 where the rig's own zero lies near it."""
+    low = min(float(record.displacement.min()) for record in records)
+    high = max(float(record.displacement.max()) for record in records)
+    middle = 0.5 * (low + high)
+    return 0.0 if abs(middle) < 0.2 * (high - low) else middle
+
+
+def _known(record: ForceRecord, motion: Motion) -> Array:
+    """Return 1 where the balance says something, else 0, shape (n,).
+
+    A part that sticks takes whatever force there is, up to that of its friction.
+    """
+    width = record.smoothing()
+    still = (np.abs(motion.velocity) < STILL * motion.velocity_noise).astype(np.float64)
+    still = binary_opening(still > 0.0, np.ones(max(4, width // 2)))
+    sticks = binary_dilation(still, np.ones(2 * width + 1))
+    return np.asarray(record.inner * ~sticks)
+
+
+def white_power(row: Array) -> float:
+    """Return the power of the white noise in ``row``, from its third differences' quieter half."""
+    differences = np.diff(row, 3) ** 2 / 20.0
+    return float(np.median(differences) / 0.455)
+
+
+def _motion(record: ForceRecord, centre: float, *, driven: bool) -> Motion:
+    place, velocity, acceleration = record.displacement, record.derivative(1), record.derivative(2)
+    if driven:
+        place, velocity, acceleration = (record.low_passed(record.displacement, order) for order in range(3))
+    noise = float(np.std(np.diff(record.displacement, 3))) / np.sqrt(20.0) / record.period
+    noise /= record.smoothing() ** 1.5 / 3.5
+    return Motion(
+        place - centre, velocity, acceleration, record.time, record.period,
+        max(noise, 1e-9), 1.0, 1.0, 1.0,
+    )  # fmt: skip
+
+
+def independent_samples(row: Array) -> float:
+    """Return how many independent samples a coloured residual is worth."""
+    centred = row - row.mean()
+    power = float(centred @ centred)
+    if power <= 0.0:
+        return float(row.size)
+    reach = min(row.size // 4, 400)
+    correlation = np.array([float(centred[lag:] @ centred[: row.size - lag]) for lag in range(reach)]) / power
+    below = np.flatnonzero(correlation < 0.05)
+    stop = int(below[0]) if below.size else reach
+    return row.size / (1.0 + 2.0 * float(np.sum(correlation[1:stop])))

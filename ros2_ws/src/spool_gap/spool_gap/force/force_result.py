@@ -1,0 +1,245 @@
+"""What an analysis of force records says, put together from its fits."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+from scipy.special import expit
+from spool_sim.model import Model
+from spool_sim.terms import term
+from spool_stream.quantity import Quantity, Validity
+from spool_stream.uncertainty import PLUS_MINUS, percent, with_interval
+
+from spool_gap.effect import Effect
+from spool_gap.registry import EFFECTS
+from spool_gap.report.location import Residual, locate, surface
+from spool_gap.result import Agreement, Curves, GapResult, Hypothesis, NamedEffect
+from spool_gap.screening.screening import FRICTIONS
+
+from .force_balance import ForceBalance, ForceFit
+from .force_record import ForceRecord
+
+Array = NDArray[np.float64]
+#: Error over that of a richer law up to which the simpler one, which it contains, is kept.
+SIMPLER = 1.15
+#: Error from which what is left has no name; below, derivatives of the displacement may be the reason.
+LEFT = 0.03
+#: Error up to which an effect that was added explains the force.
+MUCH = 0.4
+Chosen = tuple[tuple[Effect, dict[str, float]], ...]
+
+
+def result_of(
+    records: Sequence[ForceRecord],
+    base: Model,
+    kind: str,
+    balance: ForceBalance,
+    steps: list[tuple[Chosen, ForceFit]],
+    ranking: list[Hypothesis],
+    warnings: list[str],
+    alike: tuple[str, ...],
+    begun: float,
+) -> GapResult:
+    """Return the outcome of ``steps``, base first; ``alike`` are forces that are not told apart."""
+    chosen, final = steps[-1]
+    _, first = steps[0]
+    before, after = balance.nrmse(first), balance.nrmse(final)
+    zero = float(final.coefficients[balance.base.index("zero")]) * balance.sign
+    size = math.sqrt(float(np.mean(np.concatenate([balance.seen(r) - zero for r in balance.held]) ** 2)))
+    floor = math.sqrt(float(np.mean([balance.noise_power(record) for record in balance.held]))) / size
+    named = tuple(entry.id for entry, _ in chosen)
+    candidates: tuple[str, ...] = ()
+    advice = ""
+    if alike:
+        warnings = [
+            *warnings,
+            "viscous and Coulomb friction cannot be told apart here: the speed hardly varies; "
+            "their sum at this speed is what the record tells",
+        ]
+        advice = "drive with speeds that differ by a factor of 10 or more"
+    verdict = "+".join(named) or "none"
+    confidence = _confidence(ranking, named)
+    if alike and (FRICTIONS & set(named) or not named):
+        verdict, confidence, candidates = "unexplained", 0.5, (*alike, *named)
+    elif named and after > MUCH:
+        verdict, confidence, candidates = "unexplained", 0.5, named
+    elif not named and before > 3.0 * floor and before > LEFT:
+        verdict, confidence = "unexplained", 0.6
+    effects = [] if verdict in ("none", "unexplained") else _named(balance, steps, chosen, final)
+    runner = max(
+        (h for h in ranking if not h.accepted and not h.beside), key=lambda h: h.evidence, default=None
+    )
+    where = locate(_residual(balance, first, floor * size))
+    return GapResult(
+        record=", ".join(dict.fromkeys(record.name for record in records)),
+        kind=kind, base_model=base.name, verdict=verdict, confidence=confidence,
+        sentence=_sentence(verdict, effects, before, after, floor, alike), effects=tuple(effects),
+        runner_up=runner, candidates=candidates,
+        ranking=tuple(sorted(ranking, key=lambda h: (len(h.beside), -h.evidence))),
+        base=_quantities(balance, first, ()), parameters=_quantities(balance, final, chosen),
+        where=where, where_after=locate(_residual(balance, final, floor * size)),
+        surface=surface(_residual(balance, first, floor * size)),
+        surface_after=surface(_residual(balance, final, floor * size)),
+        curves=_curves(balance, first, final, floor * size),
+        before=Agreement(before, math.nan), after=Agreement(after, math.nan), noise_floor=floor,
+        model=_model(base, balance, chosen, final), warnings=tuple(warnings),
+        seconds=sum(record.duration for record in (*balance.train, *balance.held)),
+        elapsed=time.monotonic() - begun, advice=advice,
+    )  # fmt: skip
+
+
+def _confidence(ranking: Sequence[Hypothesis], named: tuple[str, ...]) -> float:
+    sure = 0.95
+    for name in named:
+        own = next((h for h in ranking if h.id == name and h.accepted), None)
+        if own is None:
+            continue
+        rivals = [h for h in ranking if h.beside == own.beside and h.id != name and not h.reason]
+        # A richer law that was passed over always has more evidence: how near it came to being taken counts.
+        richer = [h for h in rivals if name in EFFECTS[h.id].replaces]
+        nearest = max([1.0, *(own.nrmse_after / h.nrmse_after for h in richer)])
+        sure *= 1.0 - 0.5 * min(1.0, (nearest - 1.0) / (SIMPLER - 1.0))
+        others = [h.evidence for h in rivals if h not in richer]
+        sure *= float(expit(0.1 * (own.evidence - max([0.0, *others]))))
+    return sure
+
+
+BASE_NAMES = {
+    "damping": ("viscous_coefficient", "N s/m"), "stiffness": ("spring_stiffness", "N/m"),
+    "mass": ("mass", "kg"),
+    "zero": ("force_zero", "N"),
+}  # fmt: skip
+
+
+def _quantities(balance: ForceBalance, fit: ForceFit, chosen: Chosen) -> tuple[Quantity, ...]:
+    found = []
+    for place, name in enumerate(balance.base):
+        own, unit = BASE_NAMES[name]
+        sign = balance.sign if name == "zero" else 1.0
+        found.append(
+            Quantity(
+                own, unit, sign * float(fit.coefficients[place]), float(fit.deviations[place]), Validity.VALID
+            )
+        )
+    for entry, shape in chosen:
+        found += _parameters(balance, fit, entry, shape)
+    return tuple(found)
+
+
+def _parameters(
+    balance: ForceBalance, fit: ForceFit, entry: Effect, shape: dict[str, float]
+) -> list[Quantity]:
+    values = balance.values(entry, shape, fit) or {}
+    own = [n for n, name in enumerate(fit.names) if name.startswith(f"{entry.id}.")]
+    relative = float(np.min(fit.deviations[own] / np.maximum(np.abs(fit.coefficients[own]), 1e-30)))
+    units = {p.name: p.unit for name in entry.terms for p in term(name).parameters}
+    return [
+        Quantity(name, units[name], values[name], abs(values[name]) * relative, Validity.VALID)
+        for name in entry.fitted
+        if name in values
+    ]
+
+
+def _named(
+    balance: ForceBalance, steps: list[tuple[Chosen, ForceFit]], chosen: Chosen, final: ForceFit
+) -> list[NamedEffect]:
+    found = []
+    last = balance.nrmse(steps[0][1])
+    for entry, shape in chosen:
+        fit = next((fit for some, fit in steps if any(e.id == entry.id for e, _ in some)), final)
+        after = balance.nrmse(fit)
+        found.append(
+            NamedEffect(
+                entry.id, tuple(_parameters(balance, final, entry, shape)), last, after, math.nan,
+                entry.on_the_machine, entry.to_check,
+            )
+        )  # fmt: skip
+        last = after
+    return found
+
+
+def _residual(balance: ForceBalance, fit: ForceFit, floor: float) -> Residual:
+    motions = [balance.motions[id(record)] for record in balance.held]
+    return Residual(
+        np.concatenate([motion.time for motion in motions]),
+        np.concatenate([motion.displacement for motion in motions]),
+        np.concatenate([motion.velocity for motion in motions]),
+        np.concatenate(fit.held), floor, balance.held[0].period,
+    )  # fmt: skip
+
+
+def _curves(balance: ForceBalance, first: ForceFit, final: ForceFit, floor: float) -> Curves:
+    loudest = int(np.argmax([float(np.sum(row**2)) for row in first.held]))
+    record = balance.held[loudest]
+    measured = balance.sign * record.force
+    piece = min(record.force.size, round(8.0 / record.period))
+    rows = (measured - measured.mean(), first.held[loudest], final.held[loudest])
+    spectra = [signal.welch(row, 1.0 / record.period, "hann", piece, detrend=False) for row in rows]
+    part = slice(0, min(record.force.size, round(5.0 / record.period)))
+    frequency = np.asarray(spectra[0][0])
+    densities = [np.asarray(density) for _, density in spectra]
+    return Curves(
+        time=record.time[part],
+        measured=measured[part],
+        before=(measured - first.held[loudest])[part],
+        after=(measured - final.held[loudest])[part],
+        frequency=frequency,
+        measured_density=densities[0],
+        before_density=densities[1],
+        after_density=densities[2],
+        floor_density=np.full(frequency.size, 2.0 * floor**2 * record.period),
+        unit="N",
+    )
+
+
+def _model(base: Model, balance: ForceBalance, chosen: Chosen, fit: ForceFit) -> Model:
+    values = {
+        BASE_NAMES[name][0]: float(fit.coefficients[n])
+        for n, name in enumerate(balance.base)
+        if name != "zero"
+    }
+    terms = [*base.terms, *(term(name) for entry, _ in chosen for name in entry.terms)]
+    for entry, shape in chosen:
+        values |= balance.values(entry, shape, fit) or {}
+    known = {p.name: p for entry_ in terms for p in entry_.parameters}
+    if balance.mass is not None:
+        values["mass"] = balance.mass
+    kept = {
+        name: float(np.clip(value, known[name].low, known[name].high))
+        for name, value in values.items()
+        if name in known
+    }
+    return Model("_".join([base.name, *(e.id for e, _ in chosen)]), tuple(terms), kept)
+
+
+def _sentence(
+    verdict: str,
+    effects: Sequence[NamedEffect],
+    before: float,
+    after: float,
+    floor: float,
+    alike: tuple[str, ...],
+) -> str:
+    numbers = f"{percent(before, 3)} to {percent(after, 3)} of the force (noise alone: {percent(floor)})"
+    if alike:
+        return (
+            "Viscous and Coulomb friction cannot be told apart in this record: the speed hardly varies. "
+            f"With all of the catalogue the error goes from {numbers}."
+        )
+    if verdict == "none":
+        return f"Nothing of the catalogue is missing; the error is {percent(after, 3)} of the force."
+    if verdict == "unexplained":
+        return f"Something is missing that has no name here; the error is {percent(after, 3)} of the force."
+    parts = []
+    for effect in effects:
+        values = ", ".join(
+            f"{q.name} {with_interval(q.value, q.standard_deviation, q.unit)}" for q in effect.parameters
+        )
+        told = f"{values}; {PLUS_MINUS}"
+        parts.append(f"{effect.id.replace('_', ' ')} ({told}): {effect.meaning}; check {effect.check}")
+    return f"The model lacks {'; and '.join(parts)}. With it the error falls from {numbers}."

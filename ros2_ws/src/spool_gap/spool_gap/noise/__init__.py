@@ -1,0 +1,1 @@
+"""Noise of the channels, from the record itself."""

@@ -1,0 +1,1 @@
+"""Result of an analysis: verdict, location of the gap, serialisation."""

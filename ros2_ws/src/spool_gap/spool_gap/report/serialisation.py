@@ -1,0 +1,96 @@
+"""The result of an analysis in plain types: SI units, ``None`` for what is not known."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from spool_stream.quantity import Quantity
+
+from spool_gap.result import Agreement, GapResult, Hypothesis, Share, Where
+
+
+def result_to_dict(result: GapResult) -> dict[str, Any]:
+    """Return ``result`` as JSON takes it."""
+    return {
+        "record": result.record,
+        "kind": result.kind,
+        "base_model": result.base_model,
+        "where": _where(result.where),
+        "where_after": _where(result.where_after),
+        "effects": [
+            {
+                "id": effect.id,
+                "parameters": _quantities(effect.parameters),
+                "nrmse_before": number(effect.nrmse_before),
+                "nrmse_after": number(effect.nrmse_after),
+                "evidence": number(effect.evidence),
+                "meaning": effect.meaning,
+                "check": effect.check,
+            }
+            for effect in result.effects
+        ],
+        "verdict": result.verdict,
+        "confidence": number(result.confidence),
+        "sentence": result.sentence,
+        "candidates": list(result.candidates),
+        "runner_up": None if result.runner_up is None else _hypothesis(result.runner_up),
+        "ranking": [_hypothesis(entry) for entry in result.ranking],
+        "base": _quantities(result.base),
+        "parameters": _quantities(result.parameters),
+        "gap": {
+            "before": _agreement(result.before),
+            "after": _agreement(result.after),
+            "noise_floor": number(result.noise_floor),
+        },
+        "foretold": {name: number(share) for name, share in result.foretold.items()},
+        "warnings": list(result.warnings),
+        "advice": result.advice or None,
+        "seconds_of_data": number(result.seconds),
+        "elapsed_s": number(result.elapsed),
+    }
+
+
+def number(value: float) -> float | None:
+    """Return ``value``, or ``None`` where it is not a finite number."""
+    return float(value) if math.isfinite(value) else None
+
+
+def _quantities(entries: tuple[Quantity, ...]) -> dict[str, Any]:
+    return {
+        entry.name: {
+            "value": number(entry.value),
+            "std": number(entry.standard_deviation),
+            "unit": entry.unit,
+        }
+        for entry in entries
+    }
+
+
+def _agreement(agreement: Agreement) -> dict[str, Any]:
+    return {"nrmse": number(agreement.nrmse), "amplitude_ratio": number(agreement.amplitude_ratio)}
+
+
+def _hypothesis(entry: Hypothesis) -> dict[str, Any]:
+    return {
+        "id": entry.id,
+        "beside": list(entry.beside),
+        "nrmse_after": number(entry.nrmse_after),
+        "evidence": number(entry.evidence),
+        "parameters": {name: number(value) for name, value in entry.parameters.items()},
+        "accepted": entry.accepted,
+        "reason": entry.reason,
+    }
+
+
+def _where(where: Where) -> dict[str, Any]:
+    rows = {
+        name: [_share(share) for share in getattr(where, name)]
+        for name in ("frequency", "displacement", "velocity", "direction", "time", "phase")
+    }
+    return {**rows, "sentence": where.sentence}
+
+
+def _share(share: Share) -> dict[str, Any]:
+    unit = share.unit.replace("/", "_per_")
+    return {f"low_{unit}": share.low, f"high_{unit}": share.high, "share": share.share, "floor": share.floor}

@@ -1,0 +1,239 @@
+"""What an analysis of the model gap says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_sim.model import Model
+from spool_stream.quantity import Quantity
+
+Array = NDArray[np.float64]
+
+
+#: What the standard deviations of an analysis count, for people. Measured on records with a known truth: in
+#: practice_01 (no dry friction) stiffness and drag lie within their intervals, in practice_03 and practice_04
+#: drag and Coulomb force are 0.3 to 0.5 % off, 6 to 19 half widths.
+COUNTED = (
+    "these intervals count the noise alone; where dry friction jumps between samples, values are off by up "
+    "to about 0.5 % besides: ./spool fit gives intervals that count it"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class GapSettings:
+    """How to look for the gap.
+
+    Attributes:
+        gain_tolerance: relative gain error of the spool's sensor that its data sheet allows.
+        delay_tolerance: delay between the channels that the measuring system allows, s.
+        longest: samples at most that are simulated, for the fit and again for the held-out part.
+        most_effects: at most that are named in one record.
+    """
+
+    gain_tolerance: float = 0.05
+    delay_tolerance: float = 0.5e-3
+    longest: int = 30_000
+    most_effects: int = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """Where a part of the gap sits: from ``low`` to ``high`` in ``unit``, with its ``share`` of the whole.
+
+    ``floor`` is the share of the whole that noise explains there.
+    """
+
+    low: float
+    high: float
+    unit: str
+    share: float
+    floor: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Where:
+    """Shares of the gap's energy; each row adds up to 1.
+
+    Attributes:
+        frequency, displacement, velocity, direction, time, phase: by Hz, m, m/s, sign of the velocity, s, and
+            phase of the motion (rad, 0 at the largest displacement).
+        sentence: what stands out, in words.
+    """
+
+    frequency: tuple[Share, ...] = ()
+    displacement: tuple[Share, ...] = ()
+    velocity: tuple[Share, ...] = ()
+    direction: tuple[Share, ...] = ()
+    time: tuple[Share, ...] = ()
+    phase: tuple[Share, ...] = ()
+    sentence: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """Mean residual force over displacement and velocity.
+
+    Attributes:
+        displacement: edges, m, shape (a + 1,).
+        velocity: edges, m/s, shape (b + 1,).
+        force: mean of what the model lacks, N, shape (a, b); NaN where the record was not.
+        count: samples in each cell, shape (a, b).
+    """
+
+    displacement: Array
+    velocity: Array
+    force: Array
+    count: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Curves:
+    """A stretch of the held-out part and the spectra, before and after; a = m/s^2, or N for force records.
+
+    Attributes:
+        time: s since the record's start, shape (n,).
+        measured, before, after: shape (n,), in ``unit``.
+        frequency: Hz, shape (f,).
+        measured_density, before_density, after_density, floor_density: of the power of the measured signal,
+            the residual before and after, and the noise floor, unit^2/Hz, shape (f,).
+        unit: of the signal.
+    """
+
+    time: Array
+    measured: Array
+    before: Array
+    after: Array
+    frequency: Array
+    measured_density: Array
+    before_density: Array
+    after_density: Array
+    floor_density: Array
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """Held-out agreement: ``nrmse`` and the paper's a_est/a_pom (NaN where it has no meaning)."""
+
+    nrmse: float
+    amplitude_ratio: float
+
+
+@dataclass(frozen=True, slots=True)
+class NamedEffect:
+    """An effect that was found.
+
+    Attributes:
+        id: of the catalogue.
+        parameters: each with its standard deviation.
+        nrmse_before, nrmse_after: held out, without and with it, everything else refitted.
+        evidence: twice the log likelihood ratio on held-out data, without the price of its parameters.
+        meaning: on the machine.
+        check: what to look at there.
+    """
+
+    id: str
+    parameters: tuple[Quantity, ...]
+    nrmse_before: float
+    nrmse_after: float
+    evidence: float
+    meaning: str
+    check: str
+
+
+@dataclass(frozen=True, slots=True)
+class Hypothesis:
+    """One row of the ranking.
+
+    Attributes:
+        id: effect of the catalogue.
+        beside: effects that were already accepted when it was tried.
+        nrmse_after: held out, with it, everything else refitted.
+        evidence: twice the log likelihood ratio on held-out data, less the price of its parameters; of small
+            effects over all data, see :mod:`.small_effects`.
+        parameters: values by name.
+        accepted: it is part of the verdict.
+        reason: why not, where it is not.
+    """
+
+    id: str
+    beside: tuple[str, ...]
+    nrmse_after: float
+    evidence: float
+    parameters: Mapping[str, float]
+    accepted: bool = False
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class GapResult:
+    """The outcome of an analysis; ``nrmse`` are on data held out from the fit throughout.
+
+    Attributes:
+        record: what was analysed.
+        kind: ``accelerations``, ``driven`` or ``imposed``.
+        base_model: name.
+        verdict: effect ids joined by ``+``, ``none`` or ``unexplained``.
+        confidence: that the verdict is right, 0 to 1.
+        sentence: the verdict in words: what is missing, how big, what it means, what to check.
+        effects: what was found, in order of the gap that each closed.
+        runner_up: the best hypothesis that was not chosen.
+        candidates: for ``unexplained``: the class of effects that comes nearest.
+        ranking: all hypotheses that were fitted by simulation, best first.
+        base: fitted numbers of the base before anything was added.
+        parameters: all fitted numbers of the final model.
+        where: where the gap sat before; ``where_after``: what is left.
+        surface, surface_after: restoring-force surface of the gap before and after.
+        curves: waveforms and spectra before and after.
+        before, after: held-out agreement.
+        noise_floor: nrmse that noise alone would leave with the final model.
+        model: with everything that was found, to simulate with.
+        warnings: what a reader should know, one line each.
+        seconds: of data used; ``elapsed``: s of computing.
+        foretold: share of what is left that can be foretold, by what from, see :mod:`.remainder`.
+    """
+
+    record: str
+    kind: str
+    base_model: str
+    verdict: str
+    confidence: float
+    sentence: str
+    effects: tuple[NamedEffect, ...]
+    runner_up: Hypothesis | None
+    candidates: tuple[str, ...]
+    ranking: tuple[Hypothesis, ...]
+    base: tuple[Quantity, ...]
+    parameters: tuple[Quantity, ...]
+    where: Where
+    where_after: Where
+    surface: Surface
+    surface_after: Surface
+    curves: Curves
+    before: Agreement
+    after: Agreement
+    noise_floor: float
+    model: Model
+    warnings: tuple[str, ...] = ()
+    seconds: float = 0.0
+    elapsed: float = 0.0
+    advice: str = ""
+    foretold: Mapping[str, float] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result in plain types, as ``--json`` writes it: SI units, ``None`` for unknown."""
+        from spool_gap.report.serialisation import result_to_dict  # noqa: PLC0415 - only needed for files
+
+        return result_to_dict(self)
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A set of effects with their fitted numbers, between two steps of the search."""
+
+    effects: tuple[str, ...] = ()
+    values: Mapping[str, float] = field(default_factory=dict)

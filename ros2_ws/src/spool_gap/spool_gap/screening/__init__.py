@@ -1,0 +1,1 @@
+"""Screening: which effects are worth simulating."""

@@ -1,0 +1,170 @@
+"""What is left of a fitted model, looked at without a law: does it follow position, speed, time, the past?
+
+Smooth functions of the measured motion, as forces through the linear base, are fitted to the errors of the
+training windows and must foretell those of the held-out ones. Noise cannot be foretold, whatever its level,
+so a share that is says that the model is not complete, and of what the missing part is a function.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+
+from spool_gap.simulation.point import Point
+from spool_gap.simulation.response import responses
+from spool_gap.simulation.segments import Stretch
+from spool_gap.simulation.simulate import Simulation
+
+Array = NDArray[np.float64]
+
+#: Share of the weighed squares, and evidence, from which what is left is not noise alone.
+FORETOLD, EVIDENCE = 0.07, 40.0
+#: Its amplitude, over that of the measured acceleration and of the gap that there was, up to which it is
+#: within what two right simulations differ by, with kinks in the force and without.
+SMALLEST, OF_GAP, SMOOTH = 1e-3, 0.02, 5e-3
+#: Relative eigenvalue of the columns' products below which a combination of columns is not fitted.
+ALIKE = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Remainder:
+    """How much of what is left can be foretold.
+
+    Attributes:
+        shares: of the weighed held-out squares, by what they are foretold from; 0 or less: not at all.
+        numbers: weighed held-out numbers.
+    """
+
+    shares: Mapping[str, float]
+    numbers: int
+
+    @property
+    def follows(self) -> str:
+        """What foretells most."""
+        return max(self.shares, key=lambda name: self.shares[name])
+
+    @property
+    def share(self) -> float:
+        """The largest share."""
+        return self.shares[self.follows]
+
+    @property
+    def evidence(self) -> float:
+        """Twice the log likelihood ratio on held-out data of foretelling over not foretelling."""
+        return -self.numbers * float(np.log(max(1e-12, 1.0 - self.share)))
+
+    def tells(self, nrmse: float, before: float, *, kinks: bool = True) -> bool:
+        """Whether a model that leaves ``nrmse``, and the base ``before``, is not complete.
+
+        ``kinks`` says whether its forces have any.
+        """
+        size = float(np.sqrt(max(0.0, self.share))) * nrmse
+        least = max(SMALLEST, (OF_GAP if kinks else SMOOTH) * before)
+        return self.share > FORETOLD and self.evidence > EVIDENCE and size > least
+
+
+@dataclass(frozen=True, slots=True)
+class _Motion:
+    position: Array
+    speed: Array
+    slip: Array
+    time: Array
+    acceleration: Array
+
+
+def remainder(simulation: Simulation, point: Point, train: list[Array], held: list[Array]) -> Remainder:
+    """Return what foretells the errors that ``point`` leaves.
+
+    Args:
+        simulation: the windows, with a weight.
+        point: gives the linear base.
+        train, held: model - measured of the windows, m/s^2, shape (1, n) each.
+    """
+    training, held_out = simulation.training, simulation.held_out
+    target = simulation.weigh(train, training)[0]
+    wanted = simulation.weigh(held, held_out)[0]
+    # Windows in which the motion went another way say nothing about what is missing.
+    fits, judges = simulation.trust(target, training), simulation.trust(wanted, held_out)
+    target, wanted = target * fits, wanted * judges
+    motions = [_motion(stretch) for stretch in simulation.stretches]
+    shares = {}
+    for name, functions in FUNCTIONS.items():
+        forces = [functions(motion) for motion in motions]
+        rows = responses(simulation, point, forces.__getitem__, SLOPES.get(name, ()))
+        fitted = simulation.weigh([rows[place] for place in training], training) * fits
+        other = simulation.weigh([rows[place] for place in held_out], held_out) * judges
+        size = np.linalg.norm(fitted, axis=1)
+        used = size > 1e-9 * max(float(size.max()), 1e-30)
+        fitted, other = fitted[used] / size[used, np.newaxis], other[used] / size[used, np.newaxis]
+        products, vectors = np.linalg.eigh(fitted @ fitted.T)
+        kept = products > ALIKE * products[-1]
+        weights = vectors[:, kept] @ ((vectors[:, kept].T @ (fitted @ target)) / products[kept])
+        left = wanted - weights @ other
+        shares[name] = 1.0 - float(left @ left) / float(wanted @ wanted)
+    return Remainder(shares, wanted.size)
+
+
+def _motion(stretch: Stretch) -> _Motion:
+    z, v = stretch.motion.displacement, stretch.motion.velocity
+    travel = float(np.quantile(np.abs(z), 0.999)) or 1e-12
+    speed = float(np.quantile(np.abs(v), 0.99)) or 1e-12
+    reversals = np.concatenate([[0], np.flatnonzero(np.sign(v[1:]) != np.sign(v[:-1])) + 1])
+    last = reversals[np.searchsorted(reversals, np.arange(v.size), side="right") - 1]
+    return _Motion(
+        np.clip(z / travel, -1.0, 1.0),
+        np.asarray(v / speed),
+        (z - z[last]) / (float(np.std(z)) or 1e-12),
+        np.linspace(-1.0, 1.0, z.size, dtype=np.float64),
+        stretch.motion.acceleration / (float(np.std(stretch.motion.acceleration)) or 1e-12),
+    )
+
+
+#: Forces (c, n) along a motion.
+Functions = Callable[[_Motion], Array]
+
+
+def _position(motion: _Motion) -> Array:
+    return np.asarray(chebyshev.chebvander(motion.position, 9)[:, 1:].T)
+
+
+def _speed(motion: _Motion) -> Array:
+    v, sign = motion.speed, np.sign(motion.speed)
+    falling = [sign * np.exp(-np.abs(v) / width) for width in (0.03, 0.1, 0.3)]
+    return np.array([v, sign, sign * v**2, v**3, sign * np.sqrt(np.abs(v)), np.abs(v), v**2, *falling])
+
+
+def _both(motion: _Motion) -> Array:
+    z, v, sign = motion.position, motion.speed, np.sign(motion.speed)
+    return np.array(
+        [v * z, v * z**2, v * z**3, v * z**4, sign * z, sign * z**2, sign * z**3, v**2 * z, np.abs(v) * z]
+    )
+
+
+def _past(motion: _Motion) -> Array:
+    sign, slip = np.sign(motion.speed), np.abs(motion.slip)
+    return np.array([sign * np.exp(-slip / width) for width in (0.02, 0.06, 0.2, 0.6, 2.0)])
+
+
+def _time(motion: _Motion) -> Array:
+    t, columns = motion.time, (motion.position, motion.speed, np.sign(motion.speed), motion.acceleration)
+    return np.array([*(t * row for row in columns), *(t**2 * row for row in columns)])
+
+
+def _frequency(motion: _Motion) -> Array:
+    return np.empty((0, motion.time.size))
+
+
+FUNCTIONS: Mapping[str, Functions] = {
+    "position": _position,
+    "speed": _speed,
+    "position and speed": _both,
+    "the way since the last reversal": _past,
+    "time": _time,
+    "frequency": _frequency,
+}
+#: Orders of derivatives of the spool's reading.
+SLOPES: Mapping[str, tuple[int, ...]] = {"frequency": (1, 2, 3, 4, 5)}

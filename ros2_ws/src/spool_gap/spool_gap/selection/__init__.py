@@ -1,0 +1,1 @@
+"""Selection of the effects that the data name."""

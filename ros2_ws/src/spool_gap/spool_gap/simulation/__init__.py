@@ -1,0 +1,1 @@
+"""Simulation of hypotheses: free runs over segments of the records."""

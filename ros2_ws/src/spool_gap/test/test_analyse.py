@@ -1,0 +1,145 @@
+from __future__ import annotations
+
+import json
+import pickle
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from spool_gap.analyse import analyse, given_by
+from spool_gap.result import GapResult, GapSettings
+from spool_identification.record import Record
+from spool_sim.excitation.kinds import SweptSine
+from spool_sim.model import MODELS, model_from_mapping
+from spool_sim.sensors import Sensor
+from spool_sim.simulator import Simulator
+from spool_sim.valve.description import find_valve
+from spool_stream.errors import InputError
+
+VALVE = find_valve("4weh10_soft").model_copy(update={"dynamic_viscosity": 0.03})
+SWEEP = SweptSine(start_frequency=6.0, stop_frequency=80.0, duration=8.0, amplitude=9.0)
+SETTINGS = GapSettings(longest=9000)
+
+
+def record(model: str = "fluid", seconds: float = 24.0, seed: int = 1, **given: object) -> Record:
+    spool = given.pop("spool", {})
+    assert isinstance(spool, dict)
+    simulator = Simulator(
+        VALVE, SWEEP, model=model, parameters=given, sample_rate=1250.0, block_size=50, seed=seed,
+        body_sensor=Sensor(noise=0.03), spool_sensor=Sensor(**{"noise": 0.03, **spool}),
+    )  # fmt: skip
+    blocks = list(simulator.records(seconds))
+    body = np.concatenate([block.body for block in blocks]).astype(np.float64)
+    reading = np.concatenate([block.spool for block in blocks]).astype(np.float64)
+    return Record(f"hidden {model}", 0, blocks[0].sample_period, body, reading)
+
+
+@lru_cache
+def healthy() -> Record:
+    return record()
+
+
+@lru_cache
+def with_cubic() -> GapResult:
+    hidden = record("fluid_cubic_stiffness", cubic_coefficient=4e7)
+    return analyse([hidden], VALVE, MODELS["fluid"], settings=SETTINGS)
+
+
+def test_nothing_is_named_where_nothing_is_missing() -> None:
+    result = analyse([healthy()], VALVE, MODELS["fluid"], settings=SETTINGS)
+    assert result.verdict == "none"
+    assert result.effects == ()
+    assert result.after.nrmse < 1.3 * result.noise_floor
+
+
+def test_a_hardening_spring_is_named_with_its_size_and_closes_the_gap() -> None:
+    result = with_cubic()
+    assert result.verdict == "cubic_stiffness"
+    (effect,) = result.effects
+    assert effect.parameters[0].value == pytest.approx(4e7, rel=0.03)
+    assert result.after.nrmse < 0.2 * result.before.nrmse
+    assert result.after.nrmse < 1.3 * result.noise_floor
+    assert result.after.amplitude_ratio == pytest.approx(1.0, abs=0.02)
+
+
+def test_coulomb_friction_is_not_taken_for_one_of_its_look_alikes() -> None:
+    hidden = record("coulomb", coulomb_force=0.4)
+    result = analyse([hidden], VALVE, MODELS["fluid"], settings=SETTINGS)
+    assert result.verdict == "coulomb_friction"
+    assert result.effects[0].parameters[0].value == pytest.approx(0.4, rel=0.03)
+    assert {row.id for row in result.ranking} >= {"stribeck_friction", "mixed_friction"}
+
+
+def test_the_gap_is_gone_where_the_saved_model_is_the_base() -> None:
+    found = with_cubic()
+    names = [entry.name for entry in found.model.terms]
+    base = model_from_mapping({"name": "saved", "terms": names, "parameters": dict(found.model.values)})
+    hidden = record("fluid_cubic_stiffness", seed=2, cubic_coefficient=4e7)
+    assert analyse([hidden], VALVE, base, settings=SETTINGS).verdict == "none"
+
+
+def test_gain_within_its_tolerance_is_no_effect_and_beyond_it_is_one() -> None:
+    within = record(spool={"gain_error": 0.03})
+    beyond = record(spool={"gain_error": 0.09})
+    assert analyse([within], VALVE, MODELS["fluid"], settings=SETTINGS).verdict == "none"
+    result = analyse([beyond], VALVE, MODELS["fluid"], settings=SETTINGS)
+    assert result.verdict == "spool_gain_error"
+    assert result.effects[0].parameters[0].value == pytest.approx(0.09, abs=0.01)
+
+
+def test_a_channel_that_clips_is_named_and_its_limit_read() -> None:
+    result = analyse([record(spool={"full_scale": 16.0})], VALVE, MODELS["fluid"], settings=SETTINGS)
+    assert result.verdict == "sensor_saturation"
+    assert result.effects[0].parameters[0].value == pytest.approx(16.0, rel=1e-3)
+
+
+def test_another_record_can_be_held_out() -> None:
+    other = record(seconds=16.0, seed=5)
+    result = analyse([healthy()], VALVE, MODELS["fluid"], holdout=[other], settings=SETTINGS)
+    assert result.verdict == "none"
+
+
+def test_the_result_survives_json_and_pickle() -> None:
+    result = with_cubic()
+    plain = json.loads(json.dumps(result.to_dict(), allow_nan=False))
+    assert plain["verdict"] == "cubic_stiffness"
+    assert set(plain["where"]) >= {"frequency", "displacement", "velocity", "time"}
+    assert {"low_Hz", "high_Hz", "share"} <= set(plain["where"]["frequency"][0])
+    assert plain["effects"][0]["parameters"]["cubic_coefficient"]["unit"] == "N/m^3"
+    for row in ("frequency", "displacement", "velocity", "direction", "time", "phase"):
+        assert sum(entry["share"] for entry in plain["where"][row]) == pytest.approx(1.0, abs=1e-6)
+    assert pickle.loads(pickle.dumps(result)).verdict == result.verdict
+
+
+def test_the_same_record_gives_the_same_numbers() -> None:
+    first, again = (analyse([healthy()], VALVE, MODELS["fluid"], settings=SETTINGS) for _ in range(2))
+    assert first.after == again.after
+    assert first.parameters == again.parameters
+
+
+def spoiled(**changes: object) -> Record:
+    whole = healthy()
+    body, spool = np.array(changes.get("body", whole.body)), np.array(changes.get("spool", whole.spool))
+    return Record("spoiled", 0, float(changes.get("period", whole.sample_period)), body, spool)
+
+
+def test_a_bad_record_is_refused_in_words() -> None:
+    whole = healthy()
+    noise = 0.03 * np.random.default_rng(0).standard_normal(whole.body.size)
+    cases = {
+        "too short": whole.part(0, 5000),
+        "spool reads 0 m/s": spoiled(spool=np.zeros(whole.body.size)),
+        "no excitation": spoiled(body=noise, spool=noise[::-1].copy()),
+        "only noise": spoiled(spool=noise),
+        "exchanged": spoiled(body=whole.spool, spool=whole.body),
+        "9.81": spoiled(spool=whole.spool / 9.80665),
+        "too slow": spoiled(period=whole.sample_period * 10.0),
+    }
+    for words, bad in cases.items():
+        with pytest.raises(InputError, match=words):
+            analyse([bad], VALVE, MODELS["fluid"], settings=SETTINGS)
+
+
+def test_coefficients_that_count_per_weight_take_that_of_the_valves_spool() -> None:
+    light = VALVE.model_copy(update={"spool_mass": 0.12})
+    assert given_by(light)["normal_load"] == pytest.approx(0.12 * 9.80665)

@@ -1,0 +1,120 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from spool_gap.analyse import motions_for
+from spool_gap.effect import Effect, Motion
+from spool_gap.registry import EFFECTS, effect
+from spool_sim.integration.composed_motion import ComposedMotion, MotionState
+from spool_sim.model import MODELS
+from spool_sim.terms import term
+from spool_stream.errors import InputError
+
+CONTRACT = {
+    "coulomb_friction", "stribeck_friction", "mixed_friction", "asymmetric_friction", "presliding_friction",
+    "quadratic_damping", "cubic_stiffness", "end_stop", "spring_backlash", "spring_preload", "periodic_force",
+    "constant_force", "damping_drift", "spool_gain_error", "spool_delay", "sensor_saturation",
+}  # fmt: skip
+FORCES = sorted(name for name, entry in EFFECTS.items() if entry.terms)
+PERIOD = 1e-4
+
+
+@pytest.fixture(scope="module")
+def motion() -> Motion:
+    time = np.arange(0.0, 1.0, PERIOD)
+    turn = 2.0 * np.pi * 15.0
+    z = 1e-3 * (1.0 + 0.5 * np.sin(2.0 * np.pi * time)) * np.sin(turn * time)
+    v, a = np.gradient(z, PERIOD), np.gradient(np.gradient(z, PERIOD), PERIOD)
+    return Motion(z, v, a, time, PERIOD, 1e-6, 0.18, 1632.0, 4.0, (47.0,))
+
+
+def test_every_effect_of_the_contract_is_there() -> None:
+    assert set(EFFECTS) >= CONTRACT
+
+
+def test_an_unknown_effect_is_refused_by_name() -> None:
+    with pytest.raises(InputError, match=r"unknown effect 'rust'.*coulomb_friction"):
+        effect("rust")
+
+
+@pytest.mark.parametrize("name", sorted(EFFECTS))
+def test_an_effect_says_what_a_reader_needs(name: str) -> None:
+    entry = EFFECTS[name]
+    assert entry.id == name
+    assert entry.law
+    assert entry.on_the_machine
+    assert entry.to_check
+    assert entry.told_by
+    assert entry.fitted
+    assert set(entry.confused_with) | set(entry.replaces) <= set(EFFECTS)
+    assert {parameter.name for law in entry.terms for parameter in term(law).parameters} >= (
+        set(entry.fitted) if entry.terms else set()
+    )
+
+
+@pytest.mark.parametrize("name", FORCES)
+def test_a_signature_is_a_finite_force_and_some_coefficients_make_sense(name: str, motion: Motion) -> None:
+    entry = EFFECTS[name]
+    trials = list(entry.trials(motion))
+    assert trials
+    for trial in trials:
+        assert trial.columns.shape[1] == motion.time.size
+        assert np.isfinite(trial.columns).all()
+        sensible = [
+            entry.values(sign * np.abs(np.ones(trial.columns.shape[0])), trial.shape, motion)
+            for sign in (1.0, -1500.0)
+        ]
+        assert any(values is not None for values in sensible)
+
+
+@pytest.mark.parametrize(
+    ("name", "coefficients"),
+    [
+        ("coulomb_friction", [0.5]), ("stribeck_friction", [0.3, 0.2]), ("mixed_friction", [0.4, 0.01]),
+        ("presliding_friction", [0.5]), ("quadratic_damping", [18.0]), ("cubic_stiffness", [5e7]),
+        ("spring_backlash", [-1632.0]), ("spring_preload", [0.4]), ("periodic_force", [0.3, 0.1]),
+        ("constant_force", [0.7]), ("damping_drift", [-0.2]),
+    ],
+)  # fmt: skip
+def test_the_signature_is_the_law_of_the_simulator(
+    name: str, coefficients: list[float], motion: Motion
+) -> None:
+    entry = EFFECTS[name]
+    trials = list(entry.trials(motion))
+    trial = trials[len(trials) // 2]
+    values = entry.values(np.array(coefficients), trial.shape, motion)
+    assert values is not None
+    own = np.array(coefficients) @ trial.columns
+    law = _force(entry, values, motion)
+    # Reversals within a sample are softened in the signature: judged is the motion between them.
+    between = np.abs(motion.sign) == 1.0
+    assert between.mean() > 0.9
+    assert np.sqrt(np.mean((own - law)[between] ** 2)) < 0.01 * np.sqrt(np.mean(law**2))
+
+
+def _force(entry: Effect, values: dict[str, float], motion: Motion) -> NDArray[np.float64]:
+    names = [parameter.name for law in entry.terms for parameter in term(law).parameters]
+    usual = {"spring_stiffness": motion.stiffness, "viscous_coefficient": motion.damping}
+    given = {p.name: p.start for law in entry.terms for p in term(law).parameters} | usual | values
+    assert set(values) <= set(names)
+    return np.asarray(
+        term(entry.terms[0]).force(
+            motion.displacement, motion.velocity, motion.acceleration, given, motion.time
+        )
+    )
+
+
+@pytest.mark.parametrize("name", FORCES)
+def test_the_switched_kernel_moves_the_spool_as_a_kernel_of_its_own(name: str) -> None:
+    laws = (*(entry.name for entry in MODELS["fluid"].terms), *EFFECTS[name].terms)
+    alone = ComposedMotion([term(law) for law in laws])
+    values = {p.name: p.start for p in alone.parameters} | {"mass": 0.18, "viscous_coefficient": 4.0}
+    rate, substeps, samples = 2000.0, 4, 400
+    time = np.arange(2 * samples * substeps + 1) / (2.0 * substeps * rate)
+    drive = 12.0 * np.sin(2.0 * np.pi * (10.0 * time + 20.0 * time**2))
+    options = {"sample_period": 1.0 / rate, "substeps": substeps}
+    expected, _ = alone.advance(MotionState(), drive, alone.table(values, samples), **options)
+    switched = next(motion for motion in motions_for(MODELS["fluid"]) if motion.has(laws))
+    found, _ = switched.advance(MotionState(), drive, switched.row(laws, values)[np.newaxis], **options)
+    np.testing.assert_allclose(found.displacement, expected.displacement, rtol=1e-9, atol=1e-15)

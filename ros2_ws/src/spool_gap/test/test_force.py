@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from spool_gap.catalogue.presliding_friction import dahl_state
+from spool_gap.force.force_analyse import analyse_forces
+from spool_gap.force.force_record import ForceRecord
+from spool_sim.model import MODELS
+from spool_stream.errors import InputError
+
+PERIOD = 0.005
+Array = NDArray[np.float64]
+
+
+def rig(seed: int, seconds: float = 24.0) -> tuple[Array, Array, Array]:
+    time = np.arange(0.0, seconds, PERIOD)
+    place = np.zeros(time.size)
+    phases = np.random.default_rng(seed).uniform(0.0, 6.28, 3)
+    for frequency, amplitude, phase in zip((0.4, 0.9, 1.7), (6e-3, 3e-3, 1e-3), phases, strict=True):
+        place += amplitude * np.sin(2.0 * np.pi * frequency * time + phase)
+    return time, place, np.gradient(place, PERIOD)
+
+
+def forced(
+    seed: int, extra: Array, damping: float = 900.0, sign: float = 1.0, zero: float = 20.0
+) -> ForceRecord:
+    time, place, speed = rig(seed)
+    noise = 0.4 * np.random.default_rng(seed + 100).standard_normal(time.size)
+    return ForceRecord(
+        "rig", 0.0, PERIOD, place, zero + sign * (damping * speed + 800.0 * place + extra) + noise
+    )
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_hysteretic_friction_is_named_whichever_way_the_rig_counts(sign: float) -> None:
+    records = [forced(seed, 30.0 * dahl_state(rig(seed)[1], 2e-4), sign=sign) for seed in (1, 2)]
+    result = analyse_forces(records[:1], MODELS["fluid"], "imposed", holdout=records[1:])
+    assert result.verdict == "presliding_friction"
+    force = next(q for q in result.effects[0].parameters if q.name == "dahl_force")
+    assert force.value == pytest.approx(30.0, rel=0.05)
+    assert result.after.nrmse < 0.3 * result.before.nrmse
+    json.dumps(result.to_dict(), allow_nan=False)
+
+
+def test_coulomb_friction_is_named() -> None:
+    speed = rig(3)[2]
+    result = analyse_forces([forced(3, 15.0 * np.sign(speed))], MODELS["fluid"], "imposed")
+    assert result.verdict == "coulomb_friction"
+
+
+def test_nothing_is_named_where_nothing_is_missing() -> None:
+    result = analyse_forces([forced(4, np.zeros(rig(4)[0].size))], MODELS["fluid"], "imposed")
+    assert result.verdict == "none"
+
+
+def test_the_mass_is_found_where_a_force_drives_it() -> None:
+    time, place, speed = rig(5)
+    force = 40.0 * np.gradient(speed, PERIOD) + 300.0 * speed + 900.0 * place + 2e7 * place**3
+    force = force + 0.1 * np.random.default_rng(5).standard_normal(time.size)
+    result = analyse_forces([ForceRecord("rig", 0.0, PERIOD, place, force)], MODELS["fluid"], "driven")
+    mass = next(q for q in result.parameters if q.name == "mass")
+    assert mass.value == pytest.approx(40.0, rel=0.05)
+    assert result.verdict == "cubic_stiffness"
+
+
+def test_one_speed_cannot_tell_viscous_from_coulomb_friction() -> None:
+    time = np.arange(0.0, 24.0, PERIOD)
+    place = 0.02 * np.abs((time / 4.0) % 2.0 - 1.0)
+    speed = np.gradient(place, PERIOD)
+    force = 800.0 * speed + 5.0 * np.sign(speed) + 0.1 * np.random.default_rng(6).standard_normal(time.size)
+    result = analyse_forces([ForceRecord("rig", 0.0, PERIOD, place, force)], MODELS["fluid"], "imposed")
+    assert result.verdict == "unexplained"
+    assert any("cannot be told apart" in line for line in result.warnings)
+    assert {"viscous_friction", "coulomb_friction"} <= set(result.candidates)
+
+
+def test_a_record_in_which_nothing_moves_is_refused() -> None:
+    still = ForceRecord("rig", 0.0, PERIOD, np.zeros(4000), np.ones(4000))
+    with pytest.raises(InputError, match="displacement_m does not change"):
+        analyse_forces([still], MODELS["fluid"], "imposed")

@@ -1,0 +1,1 @@
+"""Offline identification: records, free runs, least squares, intervals."""

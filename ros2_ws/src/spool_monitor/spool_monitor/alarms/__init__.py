@@ -1,0 +1,1 @@
+"""Alarms and events: their life cycle, codes, remedies and services."""

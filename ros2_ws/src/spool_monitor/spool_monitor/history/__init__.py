@@ -1,0 +1,1 @@
+"""History of a valve: baselines, trend and state over restarts."""

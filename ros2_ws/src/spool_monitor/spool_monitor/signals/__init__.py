@@ -1,0 +1,1 @@
+"""Signal measures of both channels: levels, spectra, response, travel."""

@@ -1,0 +1,1 @@
+"""Excitation: body acceleration over time."""

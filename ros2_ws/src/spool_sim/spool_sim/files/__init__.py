@@ -1,0 +1,1 @@
+"""Files of users: YAML within bounds, and its validation."""

@@ -1,0 +1,1 @@
+"""Time integration of compositions of force terms."""

@@ -1,0 +1,274 @@
+"""Motion under any composition of force terms, for one valve or many at once.
+
+    m z'' + sum of the terms = -m w''
+
+z is the spool's displacement relative to the body, w'' the body's acceleration. Dry friction is set-valued:
+at rest it takes up any force between its bounds. See :mod:`spool_sim.integration.stepping` for the scheme.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_stream.kernels.processors import processors
+
+from spool_sim.terms import Term
+
+from .composition import kernel_of, unique_parameters
+
+Array = NDArray[np.float64]
+#: Valves below which another thread does not pay.
+SMALLEST_SHARE = 16
+
+
+@dataclass(frozen=True, slots=True)
+class MotionState:
+    """State at one instant: relative displacement (m), velocity (m/s), direction of slip.
+
+    ``direction`` is +1 or -1 while slipping and 0 while sticking; ``memory`` holds the force (N) of each term
+    that remembers, in the order of the terms, and stays empty until there is one.
+    """
+
+    displacement: float = 0.0
+    velocity: float = 0.0
+    direction: float = 0.0
+    memory: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectory:
+    """Motion at n sample instants.
+
+    Attributes:
+        displacement: relative to the body, m, shape (n,).
+        velocity: relative to the body, m/s, shape (n,).
+        acceleration: of the spool itself (z'' + w''), m/s^2, shape (n,).
+        stuck: True where the spool sticks, shape (n,).
+        memory: force of each term that remembers, N, shape (n, k).
+    """
+
+    displacement: Array
+    velocity: Array
+    acceleration: Array
+    stuck: NDArray[np.bool_]
+    memory: Array
+
+
+def _shares(count: int) -> list[slice]:
+    """Return the valves of each processor; few valves stay together."""
+    shares = max(1, min(processors(), count // SMALLEST_SHARE))
+    edges = [count * number // shares for number in range(shares + 1)]
+    return [slice(first, last) for first, last in pairwise(edges)]
+
+
+class ComposedMotion:
+    """Steps a list of force terms, compiled for that list.
+
+    Attributes:
+        terms: in the order of the list, with inertia among them.
+        parameters: of all terms; one shared by two terms stands once.
+        names: of the parameters, the columns of the arrays that ``advance`` takes.
+    """
+
+    def __init__(self, terms: Sequence[Term]) -> None:
+        """Write and load the kernel of ``terms``.
+
+        Raises:
+            InputError: two terms use one parameter name for different things.
+        """
+        self.terms = tuple(terms)
+        self.parameters = unique_parameters(self.terms)
+        self.names = tuple(parameter.name for parameter in self.parameters)
+        self._kernel = kernel_of(tuple(entry.name for entry in self.terms))
+        self._memories = sum("memory_law" in entry.laws for entry in self.terms)
+
+    def table(self, values: Mapping[str, float | Array], samples: int) -> Array:
+        """Return the parameters as ``advance`` takes them, shape (1, p), or (samples, p) if any is an array.
+
+        Args:
+            values: by name, each a number or of shape (samples,).
+            samples: how many.
+        """
+        columns = [np.asarray(values[name], dtype=np.float64) for name in self.names]
+        if all(column.ndim == 0 for column in columns):
+            return np.array([columns], dtype=np.float64)
+        return np.ascontiguousarray(np.column_stack([np.broadcast_to(column, samples) for column in columns]))
+
+    def advance(
+        self,
+        state: MotionState,
+        body_acceleration: Array,
+        table: Array,
+        *,
+        sample_period: float,
+        substeps: int,
+        first_sample: int = 0,
+    ) -> tuple[Trajectory, MotionState]:
+        """Advance by n samples and return the motion at their instants and the state at the next one.
+
+        Any split of a record into calls gives the same numbers bit for bit, when the state is handed on.
+
+        Args:
+            state: at the first sample.
+            body_acceleration: m/s^2, shape (2 n substeps + 1,): at the ends and the midpoints of all
+                substeps, from the first sample to the one after the last.
+            table: parameters, shape (1, p) or (n, p) (held from sample to sample).
+            sample_period: s between samples.
+            substeps: steps per sample.
+            first_sample: number of the first sample since the start, for laws that depend on time.
+
+        Raises:
+            ValueError: shapes do not fit.
+        """
+        trajectories, states = self.advance_batch(
+            [state],
+            body_acceleration[np.newaxis],
+            table[np.newaxis],
+            sample_period=sample_period,
+            substeps=substeps,
+            first_sample=first_sample,
+        )
+        first = Trajectory(
+            trajectories.displacement[0],
+            trajectories.velocity[0],
+            trajectories.acceleration[0],
+            trajectories.stuck[0],
+            trajectories.memory[0],
+        )
+        return first, states[0]
+
+    def advance_batch(
+        self,
+        states: Sequence[MotionState],
+        body_acceleration: Array,
+        tables: Array,
+        *,
+        sample_period: float,
+        substeps: int,
+        first_sample: int | Sequence[int] = 0,
+        stands_on: Sequence[int] | None = None,
+    ) -> tuple[Trajectory, list[MotionState]]:
+        """Advance b valves at once, on all processors; every array of the result has b as its first axis.
+
+        Args:
+            states: of the b valves at the first sample.
+            body_acceleration: shape (b, 2 n substeps + 1), or (1, ...) where all stand on one body.
+            tables: parameters, shape (b, 1 or n, p), or (1, ...) where all valves are alike.
+            sample_period, substeps: as in ``advance``.
+            first_sample: as in ``advance``, of all or of each valve.
+            stands_on: row of ``body_acceleration``, then of any number of rows, for each valve.
+
+        Raises:
+            ValueError: shapes do not fit.
+        """
+        count = len(states)
+        samples, rest = divmod(body_acceleration.shape[1] - 1, 2 * substeps)
+        if rest or samples < 1:
+            raise ValueError(
+                f"body_acceleration holds {body_acceleration.shape[1]} values, not 2 n {substeps} + 1"
+            )
+        if tables.shape[1:] not in ((1, len(self.names)), (samples, len(self.names))):
+            raise ValueError(
+                f"parameters have shape {tables.shape[1:]}, not (1 or {samples}, {len(self.names)})"
+            )
+        bodies_fit = stands_on is not None or body_acceleration.shape[0] in (1, count)
+        if not bodies_fit or tables.shape[0] not in (1, count):
+            raise ValueError(
+                f"{count} states, but {body_acceleration.shape[0]} bodies, {tables.shape[0]} tables"
+            )
+        if stands_on is not None and (
+            len(stands_on) != count or not all(0 <= row < body_acceleration.shape[0] for row in stands_on)
+        ):
+            raise ValueError(
+                f"stands_on must name one of {body_acceleration.shape[0]} bodies for each of {count} states"
+            )
+        own = range(count) if body_acceleration.shape[0] > 1 else [0] * count
+        body_rows = np.array(own if stands_on is None else stands_on, dtype=np.int64)
+        begins = np.broadcast_to(np.asarray(first_sample, dtype=np.int64), count).copy()
+        packed = np.zeros((count, 3 + max(1, self._memories)))
+        for row, state in zip(packed, states, strict=True):
+            row[:3] = state.displacement, state.velocity, state.direction
+            row[3 : 3 + len(state.memory)] = state.memory
+        result = Trajectory(
+            np.empty((count, samples)),
+            np.empty((count, samples)),
+            np.empty((count, samples)),
+            np.empty((count, samples), dtype=np.bool_),
+            np.empty((count, samples, self._memories)),
+        )
+        bodies = np.ascontiguousarray(body_acceleration, dtype=np.float64)
+        parameters = self._packed(np.ascontiguousarray(tables, dtype=np.float64))
+
+        def advance_some(part: slice) -> None:
+            self._kernel.advance_batch_kernel(
+                packed[part],
+                bodies,
+                body_rows[part],
+                begins[part],
+                sample_period / substeps,
+                substeps,
+                parameters[part] if parameters.shape[0] > 1 else parameters,
+                result.displacement[part],
+                result.velocity[part],
+                result.acceleration[part],
+                result.memory[part],
+                result.stuck[part],
+            )
+
+        parts = _shares(count)
+        if len(parts) == 1:
+            advance_some(parts[0])
+        else:  # the kernel runs without the interpreter lock, and no valve knows of another
+            with ThreadPoolExecutor(len(parts)) as pool:
+                list(pool.map(advance_some, parts))
+        last = [
+            MotionState(z, v, direction, tuple(memory[: self._memories]))
+            for z, v, direction, *memory in packed.tolist()
+        ]
+        return result, last
+
+    def _packed(self, parameters: Array) -> NDArray[Any]:
+        """Return ``parameters`` as the kernel takes them."""
+        return parameters
+
+    def forces(
+        self,
+        displacement: Array,
+        velocity: Array,
+        sets: Array,
+        *,
+        sample_period: float,
+        first_sample: int = 0,
+    ) -> Array:
+        """Return the force of all terms but inertia, N, shape (s, n), at given motion.
+
+        Dry friction at velocity 0 counts as 0; terms that remember start from 0 at the first sample.
+
+        Args:
+            displacement, velocity: relative to the body, m and m/s, shape (n,).
+            sets: parameters, shape (s, p).
+            sample_period: s between samples.
+            first_sample: number of the first sample since the start, for laws that depend on time.
+        """
+        out = np.empty((sets.shape[0], displacement.size))
+        self._kernel.force_kernel(
+            np.ascontiguousarray(displacement, dtype=np.float64),
+            np.ascontiguousarray(velocity, dtype=np.float64),
+            np.zeros(3 + max(1, self._memories)),
+            first_sample,
+            float(sample_period),
+            self._packed(np.ascontiguousarray(sets, dtype=np.float64)),
+            out,
+        )
+        return out
+
+    def warm_up(self) -> None:
+        """Compile the kernel, or load it from the disk, now instead of at the first sample."""
+        table = np.array([[parameter.start for parameter in self.parameters]])
+        self.advance(MotionState(), np.zeros(3), table, sample_period=1e-3, substeps=1)

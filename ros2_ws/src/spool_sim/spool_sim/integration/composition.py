@@ -1,0 +1,213 @@
+"""Writes the kernel of a model from the laws of its terms and loads it, compiled once per machine."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import importlib.util
+import inspect
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Sequence
+from functools import lru_cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any, TypeVar, cast
+
+from spool_stream.errors import InputError
+from spool_stream.kernels import compiled as compiling
+from spool_stream.kernels.compiled import cache_folder
+
+from spool_sim.terms import Parameter, Term
+
+Function = TypeVar("Function", bound=Callable[..., object])
+_LAWS_LINE = "from .fluid_laws import"
+_MEMORY = "memory_law"
+
+
+def unique_parameters(terms: Sequence[Term]) -> tuple[Parameter, ...]:
+    """Return the parameters of ``terms``; what two terms share, with the same meaning, stands once.
+
+    Raises:
+        InputError: two terms use one name for different things.
+    """
+    found: dict[str, tuple[Parameter, str]] = {}
+    for entry in terms:
+        for parameter in entry.parameters:
+            known = found.setdefault(parameter.name, (parameter, entry.name))
+            if known[0] != parameter:
+                raise InputError(
+                    f"terms: '{known[1]}' and '{entry.name}' both have a {parameter.name} of their own; "
+                    f"keep one of the two terms"
+                )
+    return tuple(parameter for parameter, _ in found.values())
+
+
+def laws_source(terms: Sequence[Term]) -> str:
+    """Return the Python source of the laws of ``terms`` together, as ``stepping`` takes it."""
+    places = {parameter.name: place for place, parameter in enumerate(unique_parameters(terms))}
+    imports = ["from spool_sim.terms.base import Array"]
+
+    def calls(law: str) -> list[tuple[str, str]]:
+        """Return the function and the parameters that a call of it ends with, of each term with the law."""
+        found = []
+        for number, entry in enumerate(terms):
+            if law in entry.laws:
+                name = f"{law}_{number}"
+                line = f"from {entry.laws[law].__module__} import {law} as {name}"
+                if line not in imports:
+                    imports.append(line)
+                found.append((name, "".join(f", q[{places[p.name]}]" for p in entry.parameters)))
+        return found
+
+    def added(parts: list[str]) -> str:
+        return " + ".join(parts) or "0.0"
+
+    memories = calls(_MEMORY)
+    width = max(1, len(memories))
+    forces = [f"{name}(z, v, t{ends})" for name, ends in calls("force_law")]
+    forces += [f"x[{place}]" for place in range(len(memories))]
+    sliding = calls("sliding_law")
+    rests = dict(calls("rest_law"))
+    slips = [f"{name}(z, speed, s{ends})" for name, ends in sliding]
+    lows: list[str] = []
+    highs: list[str] = []
+    rest_lines: list[str] = []
+    for name, ends in sliding:
+        number = name.rpartition("_")[2]
+        own = f"rest_law_{number}"
+        if own in rests:
+            rest_lines.append(f"low_{number}, high_{number} = {own}(z{ends})")
+            lows.append(f"low_{number}")
+            highs.append(f"high_{number}")
+        else:
+            lows.append(f"-{name}(z, 0.0, -1.0{ends})")
+            highs.append(f"{name}(z, 0.0, 1.0{ends})")
+    levels = calls("levels_law")
+    level_lines = []
+    for name, ends in levels:
+        level_lines += [
+            f"for place in {name}({ends[2:]}):",
+            "    if low < place < high and (math.isnan(level) or (place < level) != (z1 < z0)):",
+            "        level = place",
+        ]
+    mass = places["mass"]
+    moved = [f"{name}(x[{place}], slip, s{ends})" for place, (name, ends) in enumerate(memories)] or ["x[0]"]
+    events = bool(sliding or memories or levels)
+    numbers = "tuple[float, ...]"
+    functions = [
+        ("given(parameters: Array, row: int) -> " + numbers, "the parameters that hold in ``row``",
+         [f"return ({_tuple(f'parameters[row, {place}]' for place in places.values())})"]),
+        ("start_memory(state: Array) -> " + numbers, "the forces that the terms remember, N",
+         [f"return ({_tuple(f'state[{3 + place}]' for place in range(width))})"]),
+        (f"smooth(z: float, v: float, t: float, x: {numbers}, q: {numbers}) -> float",
+         "the sum of the forces that are continuous in the motion, N", [f"return {added(forces)}"]),
+        (f"sliding(z: float, speed: float, s: float, q: {numbers}) -> float",
+         "the sum of dry friction while slipping, N", [f"return {added(slips)}"]),
+        (f"rest(z: float, q: {numbers}) -> tuple[float, float]",
+         "what dry friction can take up at rest, N",
+         [*rest_lines, f"return {added(lows)}, {added(highs)}"]),
+        (f"remembered(x: {numbers}, slip: float, s: float, q: {numbers}) -> {numbers}",
+         "the forces that the terms remember after slipping on by ``slip`` m, N",
+         [f"return ({_tuple(moved)})"]),
+        (f"next_level(z0: float, z1: float, q: {numbers}) -> float",
+         "the first kink between z0 and z1, m, or not a number",
+         ["level = math.nan", "low, high = min(z0, z1), max(z0, z1)", *level_lines, "return level"]
+         if levels else ["return math.nan"]),
+    ]  # fmt: skip
+    text = [*imports, "", f"EVENTS = {events}", f"MASS = {mass}"]
+    for head, returns, body in functions:
+        text += ["", "", "@compiled", f"def {head}:", f'    """Return {returns}."""']
+        text += [f"    {line}" for line in body]
+    return "\n".join(text) + "\n"
+
+
+def _tuple(parts: Iterable[str]) -> str:
+    listed = list(parts)
+    return ", ".join(listed) + ("," if len(listed) == 1 else "")
+
+
+def kernel_source(terms: Sequence[Term]) -> str:
+    """Return the source of the whole kernel module of ``terms``."""
+    template = Path(importlib.import_module("spool_sim.integration.stepping").__file__ or "").read_text(
+        encoding="utf-8"
+    )
+    before, found, after = template.partition(_LAWS_LINE)
+    if not found:
+        raise RuntimeError(f"spool_sim.integration.stepping has no line '{_LAWS_LINE}'")
+    return f"{before}{laws_source(terms)}\n\n{after.partition(chr(10))[2]}"
+
+
+def compiled_in_memory(function: Function) -> Function:
+    """Return ``function`` compiled without a copy on the disk, or as it is where numba is missing."""
+    if not compiling.COMPILED:
+        return function
+    return cast(Function, importlib.import_module("numba").njit(nogil=True)(function))
+
+
+@lru_cache(maxsize=256)
+def kernel_of(names: tuple[str, ...]) -> ModuleType:
+    """Return the kernel module of the terms called ``names``, in this order.
+
+    It is compiled at its first call and found on the disk by later processes. Its file is named by a hash of
+    its own source, the sources of the terms and the versions, so a changed law never finds an old kernel.
+    """
+    from spool_sim.terms import term  # noqa: PLC0415
+
+    terms = [term(name) for name in names]
+    source = kernel_source(terms)
+    digest = hashlib.sha256(source.encode())
+    for entry in terms:
+        digest.update(inspect.getsource(importlib.import_module(type(entry).__module__)).encode())
+    digest.update(f"{sys.version_info[:2]}{_version('numba')}{_version('numpy')}".encode())
+    return load_kernel(f"spool_kernel_{digest.hexdigest()[:20]}", source)
+
+
+def load_kernel(name: str, source: str) -> ModuleType:
+    """Return the kernel module ``name`` from the disk, written there first where it is missing."""
+    try:
+        return _from_disk(name, source)
+    except (OSError, RuntimeError):  # not writable: numba says RuntimeError, "no locator available"
+        return _in_memory(name, source)
+
+
+def _version(package: str) -> str:
+    try:
+        return str(importlib.import_module(package).__version__)
+    except ImportError:
+        return "none"
+
+
+def _from_disk(name: str, source: str) -> ModuleType:
+    path = cache_folder() / f"{name}.py"
+    if not path.exists() or path.read_text(encoding="utf-8") != source:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(source)
+        Path(temporary).replace(path)
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise OSError(f"{path}: cannot be imported")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module
+
+
+def _in_memory(name: str, source: str) -> ModuleType:
+    module = ModuleType(name)
+    text = source.replace(
+        "from spool_stream.kernels.compiled import compiled, inlined",
+        "from spool_sim.integration.composition import compiled_in_memory as compiled\n"
+        "from spool_stream.kernels.compiled import inlined",
+    )
+    sys.modules[name] = module
+    namespace: dict[str, Any] = module.__dict__
+    exec(compile(text, f"<{name}>", "exec"), namespace)
+    return module

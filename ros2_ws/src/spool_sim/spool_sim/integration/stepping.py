@@ -1,0 +1,359 @@
+"""The step for any composition of force terms: smooth Runge-Kutta pieces between located events.
+
+Written for the model ``fluid``; :mod:`spool_sim.integration.composition` puts the laws of another model in
+the place of ``fluid_laws`` and compiles the result as a module of its own.
+
+    m z'' + smooth(z, v, t) + friction Sgn(v) = -m a(t)
+
+Events are reversals and coming to rest, release from rest, and kinks of the force in z. Within a step the
+forcing is the parabola through its values a0, am, a1; u is the share of the step that is done.
+"""
+
+# A kernel takes numbers and arrays, in one piece:
+# ruff: noqa: PLR0912, PLR0915
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_stream.kernels.compiled import compiled, inlined
+
+from .fluid_laws import EVENTS, MASS, given, next_level, remembered, rest, sliding, smooth, start_memory
+
+Array = NDArray[np.float64]
+Numbers = tuple[float, ...]
+LARGEST_EVENT_COUNT = 40
+
+
+@inlined
+def acceleration(
+    z: float, v: float, t: float, s: float, a: float, z0: float, x: Numbers, q: Numbers
+) -> float:
+    """Return z'' while slipping in direction ``s``; the memory ``x`` belongs to ``z0``."""
+    force = smooth(z, v, t, remembered(x, z - z0, s, q), q)
+    if s != 0.0:
+        force += s * sliding(z, max(s * v, 0.0), s, q)
+    return -a - force / q[MASS]
+
+
+@compiled
+def slip(
+    z: float,
+    v: float,
+    s: float,
+    x: Numbers,
+    tau: float,
+    k1: float,
+    u: float,
+    t: float,
+    h: float,
+    a0: float,
+    b: float,
+    d: float,
+    q: Numbers,
+) -> tuple[float, float]:
+    """Return (z, v) after slipping for ``tau`` s from share ``u`` of the step that begins at ``t``.
+
+    ``k1`` is the acceleration at its start.
+    """
+    y = u + 0.5 * tau / h
+    e = u + tau / h
+    middle = a0 + y * (b + y * d)
+    v2 = v + 0.5 * tau * k1
+    k2 = acceleration(z + 0.5 * tau * v, v2, t + y * h, s, middle, z, x, q)
+    v3 = v + 0.5 * tau * k2
+    k3 = acceleration(z + 0.5 * tau * v2, v3, t + y * h, s, middle, z, x, q)
+    v4 = v + tau * k3
+    k4 = acceleration(z + tau * v3, v4, t + e * h, s, a0 + e * (b + e * d), z, x, q)
+    sixth = tau / 6.0
+    return z + sixth * (v + 2.0 * (v2 + v3) + v4), v + sixth * (k1 + 2.0 * (k2 + k3) + k4)
+
+
+@compiled
+def needed_at_rest(
+    z: float, u: float, x: Numbers, t: float, h: float, a0: float, b: float, d: float, q: Numbers
+) -> float:
+    """Return the friction that would hold the spool at rest, N."""
+    return -q[MASS] * (a0 + u * (b + u * d)) - smooth(z, 0.0, t + u * h, x, q)
+
+
+@compiled
+def release(n0: float, n1: float, n2: float, low: float, high: float) -> tuple[float, float]:
+    """Return the first y in (0, 1] at which n0 + n1 y + n2 y^2 leaves [low, high] and the side, or 2."""
+    first, side = 2.0, 0.0
+    for sign, bound in ((-1.0, low), (1.0, high)):
+        # Citardauq form beside the usual one: no cancellation when the parabola is nearly a line.
+        square = n1 * n1 - 4.0 * n2 * (n0 - bound)
+        if square < 0.0:
+            continue
+        half = -0.5 * (n1 + math.copysign(math.sqrt(square), n1))
+        if half != 0.0:
+            y = (n0 - bound) / half
+            if 0.0 <= y <= 1.0 and y < first and sign * (n1 + 2.0 * n2 * y) > 0.0:
+                first, side = y, sign
+        if n2 != 0.0:
+            y = half / n2
+            if 0.0 <= y <= 1.0 and y < first and sign * (n1 + 2.0 * n2 * y) > 0.0:
+                first, side = y, sign
+    return first, side
+
+
+@compiled
+def first_time(
+    level: float,
+    z: float,
+    v: float,
+    s: float,
+    x: Numbers,
+    low: float,
+    before: float,
+    high: float,
+    z1: float,
+    v1: float,
+    k1: float,
+    u: float,
+    t: float,
+    h: float,
+    a0: float,
+    b: float,
+    d: float,
+    q: Numbers,
+) -> tuple[float, float, float]:
+    """Return (tau, z, v) at which the slip reaches ``level`` m, or comes to rest where that is not a number.
+
+    Regula falsi (Illinois) on the end of a shortened piece: ``before`` > 0 is the velocity or the way to the
+    level in direction ``s`` at ``low``; at ``high``, past the event, stand ``z1`` and ``v1``.
+    """
+    at_rest = math.isnan(level)
+    past = s * v1 if at_rest else s * (level - z1)
+    tau = high
+    side = 0
+    for _ in range(60):
+        if high - low <= 1e-13 * h or past == 0.0:
+            break
+        tau = low + (high - low) * before / (before - past)
+        z1, v1 = slip(z, v, s, x, tau, k1, u, t, h, a0, b, d, q)
+        value = s * v1 if at_rest else s * (level - z1)
+        if abs(value) < 1e-16:
+            break
+        if value > 0.0:
+            low, before = tau, value
+            if side == 1:
+                past *= 0.5
+            side = 1
+        else:
+            high, past = tau, value
+            if side == -1:
+                before *= 0.5
+            side = -1
+    return tau, z1, v1
+
+
+@compiled
+def step_with_events(
+    z: float,
+    v: float,
+    s: float,
+    x: Numbers,
+    t: float,
+    h: float,
+    a0: float,
+    am: float,
+    a1: float,
+    q: Numbers,
+) -> tuple[float, float, float, Numbers]:
+    """Return (z, v, direction, memory) after one step; direction 0 is rest."""
+    b = -3.0 * a0 + 4.0 * am - a1
+    d = 2.0 * a0 - 4.0 * am + 2.0 * a1
+    u = 0.0
+    for _ in range(LARGEST_EVENT_COUNT):
+        if v != 0.0:
+            s = math.copysign(1.0, v)
+        left = (1.0 - u) * h
+        if left <= 0.0:
+            break
+        if v == 0.0:
+            low, high = rest(z, q)
+            need = needed_at_rest(z, u, x, t, h, a0, b, d, q)
+            if low <= need <= high:
+                middle = needed_at_rest(z, 0.5 * (u + 1.0), x, t, h, a0, b, d, q)
+                end = needed_at_rest(z, 1.0, x, t, h, a0, b, d, q)
+                y, s = release(
+                    need, -3.0 * need + 4.0 * middle - end, 2.0 * (need - 2.0 * middle + end), low, high
+                )
+                if y > 1.0:
+                    return z, 0.0, 0.0, x
+                u += y * (1.0 - u)
+                left = (1.0 - u) * h
+                if left <= 0.0:
+                    return z, 0.0, s, x
+            else:
+                s = 1.0 if need > high else -1.0
+        k1 = acceleration(z, v, t + u * h, s, a0 + u * (b + u * d), z, x, q)
+        z1, v1 = slip(z, v, s, x, left, k1, u, t, h, a0, b, d, q)
+        tau, stops = left, False
+        if s * v1 > 0.0:
+            rate0 = s * k1
+            rate1 = s * acceleration(z1, v1, t + h, s, a1, z, x, q) if v != 0.0 and rate0 < 0.0 else 0.0
+            if rate1 > 0.0:
+                # Both ends slip the same way, but the velocity may have dipped through zero between.
+                dip = left * rate0 / (rate0 - rate1)
+                z2, v2 = slip(z, v, s, x, dip, k1, u, t, h, a0, b, d, q)
+                if s * v2 <= 0.0:
+                    tau, z1, v1 = first_time(
+                        math.nan, z, v, s, x, 0.0, s * v, dip, z2, v2, k1, u, t, h, a0, b, d, q
+                    )
+                    stops = True
+        else:
+            first, last, before = 0.0, left, s * v
+            if v == 0.0:
+                # Released and at rest again within the step: find an instant of slip before that.
+                first = left
+                z2, v2 = z1, v1
+                for _ in range(30):
+                    last, z1, v1 = first, z2, v2
+                    first *= 0.5
+                    z2, v2 = slip(z, v, s, x, first, k1, u, t, h, a0, b, d, q)
+                    if s * v2 > 0.0:
+                        break
+                before = s * v2
+                if before <= 0.0:
+                    return z, 0.0, 0.0, x  # too short to move: the next step settles it
+            tau, z1, v1 = first_time(
+                math.nan, z, v, s, x, first, before, last, z1, v1, k1, u, t, h, a0, b, d, q
+            )
+            stops = True
+        level = next_level(z, z1, q)
+        if not math.isnan(level):
+            before = s * (level - z)
+            tau, _, v1 = first_time(level, z, v, s, x, 0.0, before, tau, z1, v1, k1, u, t, h, a0, b, d, q)
+            z1, stops = level, s * v1 <= 0.0
+        x = remembered(x, z1 - z, s, q)
+        z = z1
+        u = 1.0 if tau >= left else u + tau / h
+        if not stops:
+            v = v1
+            continue
+        v = 0.0
+        low, high = rest(z, q)
+        need = needed_at_rest(z, u, x, t, h, a0, b, d, q)
+        s = 0.0 if low <= need <= high else math.copysign(1.0, need - 0.5 * (low + high))
+    left = (1.0 - u) * h
+    if left > 0.0 and s != 0.0:
+        # Events crowd together (the spool comes to rest against a stop): the rest goes in one piece.
+        k1 = acceleration(z, v, t + u * h, s, a0 + u * (b + u * d), z, x, q)
+        z1, v = slip(z, v, s, x, left, k1, u, t, h, a0, b, d, q)
+        x = remembered(x, z1 - z, s, q)
+        z = z1
+    return z, v, s, x
+
+
+@compiled
+def advance_kernel(
+    state: Array,
+    body: Array,
+    first_sample: int,
+    h: float,
+    substeps: int,
+    parameters: Array,
+    out_z: Array,
+    out_v: Array,
+    out_a: Array,
+    out_memory: Array,
+    out_stuck: NDArray[np.bool_],
+) -> None:
+    """Fill the outputs at each sample and move ``state`` (z, v, direction, memory...) on, in place."""
+    z, v, s = state[0], state[1], state[2]
+    x = start_memory(state)
+    held = parameters.shape[0] == 1
+    q = given(parameters, 0)
+    for n in range(out_z.size):
+        if not held:
+            q = given(parameters, n)
+        i = 2 * substeps * n
+        whole = (first_sample + n) * substeps
+        if v != 0.0:
+            s = math.copysign(1.0, v)
+        stuck = False
+        if EVENTS and s == 0.0:
+            low, high = rest(z, q)
+            stuck = low < high
+        out_z[n] = z
+        out_v[n] = v
+        out_stuck[n] = stuck
+        for place in range(out_memory.shape[1]):
+            out_memory[n, place] = x[place]
+        if stuck:
+            out_a[n] = body[i]
+        else:
+            out_a[n] = acceleration(z, v, whole * h, s if EVENTS else 0.0, 0.0, z, x, q)
+        for j in range(substeps):
+            t = (whole + j) * h
+            if EVENTS:
+                z, v, s, x = step_with_events(z, v, s, x, t, h, body[i], body[i + 1], body[i + 2], q)
+            else:
+                a0, am, a1 = body[i], body[i + 1], body[i + 2]
+                b, d = -3.0 * a0 + 4.0 * am - a1, 2.0 * (a0 - 2.0 * am + a1)
+                k1 = acceleration(z, v, t, 0.0, a0, z, x, q)
+                z, v = slip(z, v, 0.0, x, h, k1, 0.0, t, h, a0, b, d, q)
+            i += 2
+    if not EVENTS:
+        s = 0.0
+    state[0], state[1], state[2] = z, v, s
+    for place in range(out_memory.shape[1]):
+        state[3 + place] = x[place]
+
+
+@compiled
+def advance_batch_kernel(
+    states: Array,
+    body: Array,
+    body_rows: NDArray[np.int64],
+    first_samples: NDArray[np.int64],
+    h: float,
+    substeps: int,
+    parameters: Array,
+    out_z: Array,
+    out_v: Array,
+    out_a: Array,
+    out_memory: Array,
+    out_stuck: NDArray[np.bool_],
+) -> None:
+    """Do the same for valves that stand on one body or on several; the first axis counts them."""
+    for valve in range(states.shape[0]):
+        advance_kernel(
+            states[valve],
+            body[body_rows[valve]],
+            first_samples[valve],
+            h,
+            substeps,
+            parameters[valve if parameters.shape[0] > 1 else 0],
+            out_z[valve],
+            out_v[valve],
+            out_a[valve],
+            out_memory[valve],
+            out_stuck[valve],
+        )
+
+
+@compiled
+def force_kernel(
+    z: Array, v: Array, start: Array, first_sample: int, period: float, parameters: Array, out: Array
+) -> None:
+    """Fill ``out`` (sets, samples) with the force at given motion from the memory in the state ``start``."""
+    for number in range(out.shape[0]):
+        q = given(parameters, number)
+        x = start_memory(start)
+        for n in range(z.size):
+            s = 0.0
+            if v[n] != 0.0:
+                s = math.copysign(1.0, v[n])
+            if n > 0:
+                moved = z[n] - z[n - 1]
+                x = remembered(x, moved, math.copysign(1.0, moved), q)
+            force = smooth(z[n], v[n], (first_sample + n) * period, x, q)
+            if s != 0.0:
+                force += s * sliding(z[n], s * v[n], s, q)
+            out[number, n] = force

@@ -1,0 +1,1 @@
+"""The valve: its description, oil, lubrication and plausibility."""

@@ -1,0 +1,177 @@
+"""A valve's description: the YAML file of the contract and what follows from it."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from spool_stream.errors import InputError
+from spool_stream.text.suggestion import did_you_mean
+
+from spool_sim.files.validation import Number, Positive, one_line, read_mapping
+
+from .plausibility import implausible, unit_guesses
+from .viscosity import OILS
+
+
+class Valve(BaseModel):
+    """A spool with its centring springs, its land and its oil. Frozen; SI units.
+
+    Attributes:
+        id: name of the valve, the ``frame_id`` of its blocks.
+        moving_mass: spool + oil + 1/3 of the springs, kg.
+        spool_mass: spool alone, kg.
+        spring_stiffness: equivalent of both centring springs, N/m.
+        land_diameter, land_length: of the sealing land, m.
+        radial_clearance: gap between spool and bore, m.
+        dynamic_viscosity: Pa s, holds at ``oil_temperature``.
+        oil: name of the viscosity-temperature law, or ``None``.
+        oil_temperature: deg C.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    id: str = Field(pattern=r"^[A-Za-z0-9_.\-]+$", max_length=100)
+    moving_mass: Annotated[Positive, Field(ge=1e-4, le=1e3)]
+    spool_mass: Annotated[Positive, Field(ge=1e-4, le=1e3)]
+    spring_stiffness: Annotated[Positive, Field(ge=1.0, le=1e8)]
+    land_diameter: Annotated[Positive, Field(ge=1e-4, le=1.0)]
+    land_length: Annotated[Positive, Field(ge=1e-4, le=1.0)]
+    radial_clearance: Annotated[Positive, Field(ge=1e-7, le=1e-3)]
+    dynamic_viscosity: Annotated[Positive, Field(ge=1e-5, le=100.0)]
+    oil: str | None = None
+    oil_temperature: Annotated[Number, Field(ge=-60.0, le=250.0)]
+
+    @field_validator("oil")
+    @classmethod
+    def _known_oil(cls, oil: str | None) -> str | None:
+        if oil is not None and oil not in OILS:
+            raise ValueError(f"unknown oil, known are {', '.join(OILS)}")
+        return oil
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Valve:
+        if self.spool_mass > self.moving_mass:
+            raise ValueError("spool_mass is part of moving_mass and cannot be larger")
+        if self.radial_clearance >= 0.5 * self.land_diameter:
+            raise ValueError("radial_clearance is larger than the spool's radius")
+        said = implausible(self)
+        if said:
+            raise ValueError("; ".join(said))
+        return self
+
+    @property
+    def viscous_coefficient(self) -> float:
+        """Newton's drag in the annular gap, N s/m: pi d l mu / h (the paper's equations 7 and 12)."""
+        return self._drag_of(self.dynamic_viscosity)
+
+    def dynamic_viscosity_at(self, temperature: float) -> float:
+        """Return the dynamic viscosity, Pa s, at ``temperature`` (deg C) of the oil.
+
+        ASTM D341 through the oil's catalogue points gives the ratio to the viscosity at ``oil_temperature``;
+        at that temperature the value is exactly ``dynamic_viscosity``. The density is taken as constant.
+
+        Raises:
+            InputError: the valve names no oil, or a temperature is out of the law's range.
+        """
+        if self.oil is None:
+            raise InputError(
+                f"valve '{self.id}': oil: key is missing, viscosity at {temperature:g} deg C needs it; "
+                f"add one of {', '.join(OILS)}"
+            )
+        oil = OILS[self.oil]
+        try:
+            ratio = oil.kinematic_viscosity(temperature) / oil.kinematic_viscosity(self.oil_temperature)
+        except InputError as error:
+            raise InputError(f"valve '{self.id}': {error}") from None
+        return self.dynamic_viscosity * ratio
+
+    def viscous_coefficient_at(self, temperature: float) -> float:
+        """Return Newton's drag in the annular gap, N s/m, at ``temperature`` (deg C) of the oil.
+
+        Raises:
+            InputError: as :meth:`dynamic_viscosity_at`.
+        """
+        return self._drag_of(self.dynamic_viscosity_at(temperature))
+
+    def at(self, temperature: float) -> Valve:
+        """Return this valve with its oil at ``temperature`` (deg C).
+
+        Raises:
+            InputError: as :meth:`dynamic_viscosity_at`.
+        """
+        viscosity = self.dynamic_viscosity_at(temperature)
+        return self.model_copy(update={"dynamic_viscosity": viscosity, "oil_temperature": temperature})
+
+    def _drag_of(self, dynamic_viscosity: float) -> float:
+        area = math.pi * self.land_diameter * self.land_length
+        return area * dynamic_viscosity / self.radial_clearance
+
+    @property
+    def natural_frequency(self) -> float:
+        """Undamped natural frequency, Hz."""
+        return math.sqrt(self.spring_stiffness / self.moving_mass) / (2.0 * math.pi)
+
+    @property
+    def damping_ratio(self) -> float:
+        """Share of critical damping, from viscous drag alone."""
+        return self.viscous_coefficient / (2.0 * math.sqrt(self.spring_stiffness * self.moving_mass))
+
+
+def valve_from_mapping(mapping: dict[str, Any], where: str = "valve") -> Valve:
+    """Return the valve that ``mapping`` describes.
+
+    Raises:
+        InputError: unknown or missing key, value out of range; ``where`` and the key are named.
+    """
+    try:
+        return Valve.model_validate(mapping)
+    except ValidationError as error:
+        guesses = unit_guesses(mapping, _out_of_range(error))
+        said = str(one_line(error, where, tuple(Valve.model_fields)))
+        raise InputError("; ".join([said, *guesses])) from None
+
+
+def _out_of_range(error: ValidationError) -> dict[str, tuple[float, float]]:
+    """Return the range allowed of each number that lies outside, by its key."""
+    keys = [str(fault["loc"][0]) for fault in error.errors() if fault["type"].endswith("_than_equal")]
+    found = {}
+    for key in keys:
+        limits = Valve.model_fields[key].metadata
+        lowest = max((limit.ge for limit in limits if hasattr(limit, "ge")), default=-math.inf)
+        highest = min((limit.le for limit in limits if hasattr(limit, "le")), default=math.inf)
+        found[key] = (lowest, highest)
+    return found
+
+
+def load_valve(path: str | Path) -> Valve:
+    """Return the valve that the YAML file describes.
+
+    Raises:
+        InputError: file unreadable, unknown or missing key, value out of range.
+    """
+    return valve_from_mapping(read_mapping(path, "valve"), str(path))
+
+
+def shipped_valves() -> dict[str, Path]:
+    """Return the valve files that come with the package, by name."""
+    return {path.stem: path for path in sorted((Path(__file__).parent.parent / "valves").glob("*.yaml"))}
+
+
+def find_valve(name: str | Path) -> Valve:
+    """Return the valve of a YAML file, or a shipped one by its name.
+
+    Raises:
+        InputError: neither, or the file is not a valve's description.
+    """
+    shipped = shipped_valves()
+    if str(name) in shipped:
+        return load_valve(shipped[str(name)])
+    if not Path(name).exists():
+        raise InputError(
+            f"{name}: no such valve file; shipped ones are {', '.join(shipped)}"
+            f"{did_you_mean(str(name), shipped)}"
+        )
+    return load_valve(name)

@@ -1,0 +1,1 @@
+"""Compiled kernels: compilation, its cache and the processors."""

@@ -1,0 +1,1 @@
+"""Text for people: sentences, suggestions, printable names."""

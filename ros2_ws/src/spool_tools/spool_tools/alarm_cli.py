@@ -1,0 +1,90 @@
+"""The command line of alarms: parsing only."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(
+    no_args_is_help=True,
+    help="Show the alarms of a running valve, and say what is done about them.\n\n"
+    "Example: ./spool alarm list valve_1",
+)
+
+Valve = Annotated[str, typer.Argument(metavar="VALVE", help="Namespace of the valve, e.g. valve_1.")]
+Name = Annotated[str, typer.Argument(metavar="[ALARM]", help="Its name or kind; default: all that can.")]
+Who = Annotated[str, typer.Option(help="Who does it; default: the user's name.")]
+Comment = Annotated[str, typer.Option(help="What is to be said about it.")]
+Back = Annotated[bool, typer.Option("--back", help="Take it back.")]
+
+
+@app.command("list")
+def list_(
+    valve: Valve, every: Annotated[bool, typer.Option("--all", help="Normal ones too.")] = False
+) -> None:
+    """List the alarms of a running valve; exit 1 where one waits for an operator.
+
+    Example: ./spool alarm list valve_1
+    """
+    from spool_tools.commands.alarm import show_alarms  # noqa: PLC0415 - rclpy is needed here only
+
+    raise typer.Exit(show_alarms(valve, every=every))
+
+
+@app.command()
+def acknowledge(valve: Valve, alarm: Name = "", who: Who = "", comment: Comment = "") -> None:
+    """Say that somebody has seen it.
+
+    Example: ./spool alarm acknowledge valve_1 resonance --comment "speed reduced"
+    """
+    from spool_tools.commands.alarm import acknowledge as do  # noqa: PLC0415
+
+    do(valve, alarm, who, comment)
+
+
+@app.command()
+def shelve(
+    valve: Valve,
+    alarm: Name = "",
+    minutes: Annotated[float, typer.Option(help="How long; 0: until the condition is over.")] = 30.0,
+    back: Back = False,
+    who: Who = "",
+    comment: Comment = "",
+) -> None:
+    """Put it aside for a time.
+
+    Example: ./spool alarm shelve valve_1 resonance --minutes 30
+    """
+    from spool_tools.commands.alarm import shelve as do  # noqa: PLC0415
+
+    do(valve, alarm, minutes, who, comment, back=back)
+
+
+@app.command()
+def suppress(
+    valve: Valve,
+    alarm: Name = "",
+    maintenance: Annotated[bool, typer.Option("--maintenance", help="Take it out of service.")] = False,
+    back: Back = False,
+    who: Who = "",
+    comment: Comment = "",
+) -> None:
+    """Put it aside because the plant's state makes it meaningless, or for maintenance.
+
+    Example: ./spool alarm suppress valve_1 --maintenance --comment "pump is changed"
+    """
+    from spool_tools.commands.alarm import suppress as do  # noqa: PLC0415
+
+    do(valve, alarm, who, comment, service=maintenance, back=back)
+
+
+@app.command()
+def reset(valve: Valve, alarm: Name = "", who: Who = "", comment: Comment = "") -> None:
+    """Let go of latched alarms that are over and acknowledged.
+
+    Example: ./spool alarm reset valve_1 stuck_spool
+    """
+    from spool_tools.commands.alarm import reset as do  # noqa: PLC0415
+
+    do(valve, alarm, who, comment)

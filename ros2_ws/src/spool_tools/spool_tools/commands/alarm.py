@@ -1,0 +1,149 @@
+"""What an operator does about a valve's alarms, from a terminal: the monitor's topic and services."""
+
+from __future__ import annotations
+
+import getpass
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import datetime, timezone
+from typing import Any
+
+import rclpy
+from builtin_interfaces.msg import Time
+from lifecycle_msgs.srv import GetState
+from rclpy.node import Node
+from spool_bag.names import check_valve
+from spool_monitor.alarms.alarm import AlarmState
+from spool_msgs.msg import AlarmList
+from spool_msgs.srv import AcknowledgeAlarm, ResetAlarms, ShelveAlarm, SuppressAlarm
+from spool_node import qos
+from spool_stream.errors import InputError
+
+#: s that a running monitor may take to be found and to answer.
+PATIENCE = 5.0
+
+_WAITING = (
+    AlarmState.UNACKNOWLEDGED,
+    AlarmState.RETURNED_UNACKNOWLEDGED,
+    AlarmState.LATCHED_UNACKNOWLEDGED,
+)
+
+
+def show_alarms(valve: str, *, every: bool) -> int:
+    """Print the alarms of ``valve``; return 1 where one waits for an operator."""
+    with _node(valve) as node:
+        heard: list[AlarmList] = []
+        node.create_subscription(AlarmList, f"/{valve}/alarms", heard.append, qos.state())
+        _until(node, lambda: bool(heard), valve)
+    listed = [one for one in heard[-1].alarms if every or one.state != AlarmState.NORMAL]
+    if not listed:
+        print(f"{valve}: no alarms")
+        return 0
+    for one in listed:
+        words = [f"{one.code:4}  {one.name}", AlarmState(one.state).name.lower().replace("_", " ")]
+        words += [f"cause {one.cause.replace('_', ' ')}"] if one.cause else []
+        words += [f"raised {_clock(one.raised_at)}"] if one.raised_at.sec else []
+        words += [f"acknowledged by {one.acknowledged_by}"] if one.acknowledged_by else []
+        print(", ".join(words))
+        if one.message:
+            print(f"      {one.message}")
+    return 1 if any(one.state in _WAITING for one in listed) else 0
+
+
+def acknowledge(valve: str, alarm: str, who: str, comment: str) -> None:
+    """Say that somebody has seen it."""
+    request = AcknowledgeAlarm.Request(alarm=alarm, who=_who(who), comment=comment)
+    _ask(valve, AcknowledgeAlarm, "acknowledge_alarm", request)
+
+
+def shelve(valve: str, alarm: str, minutes: float, who: str, comment: str, *, back: bool) -> None:
+    """Put it aside for a time, or take it back."""
+    request = ShelveAlarm.Request(
+        alarm=alarm, shelved=not back, duration=60.0 * minutes, who=_who(who), comment=comment
+    )
+    _ask(valve, ShelveAlarm, "shelve_alarm", request)
+
+
+def suppress(valve: str, alarm: str, who: str, comment: str, *, service: bool, back: bool) -> None:
+    """Put it aside by the plant's logic or for maintenance, or take it back."""
+    request = SuppressAlarm.Request(alarm=alarm, suppressed=not back, who=_who(who), comment=comment)
+    request.way = request.OUT_OF_SERVICE if service else request.BY_DESIGN
+    _ask(valve, SuppressAlarm, "suppress_alarm", request)
+
+
+def reset(valve: str, alarm: str, who: str, comment: str) -> None:
+    """Let go of latched alarms."""
+    _ask(valve, ResetAlarms, "reset_alarms", ResetAlarms.Request(alarm=alarm, who=_who(who), comment=comment))
+
+
+def _who(given: str) -> str:
+    """Return the name given, else the one that the user is logged in by."""
+    try:
+        return given or getpass.getuser()
+    except (OSError, KeyError) as error:
+        raise InputError("--who: say who does this") from error
+
+
+def _clock(at: Time) -> str:
+    return datetime.fromtimestamp(at.sec, timezone.utc).strftime("%Y-%m-%d %H:%M:%S UTC")
+
+
+def _ask(valve: str, kind: Any, service: str, request: Any) -> None:
+    """Call a service of the valve's monitor and say what changed.
+
+    Raises:
+        InputError: no monitor answers, or it refuses; its reason is given.
+
+    """
+    with _node(valve) as node:
+        client = node.create_client(kind, f"/{valve}/monitor/{service}")
+        _meet(node, valve)
+        _until(node, client.service_is_ready, valve)
+        future = client.call_async(request)
+        _until(node, future.done, valve)
+        answer = future.result()
+    if not answer.success:
+        raise InputError(f"{valve}: {answer.reason}")
+    print(f"{valve}: {', '.join(answer.changed)}")
+
+
+def _meet(node: Node, valve: str) -> None:
+    """Ask for its state until the monitor answers: it drops answers to clients that it does not know yet.
+
+    Clients become known in the order they were made, so it knows all earlier ones then.
+    """
+    client = node.create_client(GetState, f"/{valve}/monitor/get_state")
+    futures: list[Any] = []
+    due = 0.0
+
+    def answered() -> bool:
+        nonlocal due
+        if time.monotonic() >= due and client.service_is_ready():
+            futures.append(client.call_async(GetState.Request()))
+            due = time.monotonic() + 1.0
+        return any(future.done() for future in futures)
+
+    _until(node, answered, valve)
+
+
+def _until(node: Node, met: Callable[[], object], valve: str) -> None:
+    end = time.monotonic() + PATIENCE
+    while not met():
+        if time.monotonic() > end:
+            raise InputError(
+                f"{valve}: no active monitor answers in /{valve}: is it running, with the same ROS_DOMAIN_ID?"
+            )
+        rclpy.spin_once(node, timeout_sec=0.05)
+
+
+@contextmanager
+def _node(valve: str) -> Iterator[Node]:
+    check_valve(valve)
+    rclpy.init()
+    node = Node("spool_alarm")
+    try:
+        yield node
+    finally:
+        node.destroy_node()
+        rclpy.shutdown()

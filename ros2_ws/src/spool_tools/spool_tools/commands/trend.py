@@ -1,0 +1,235 @@
+"""What a valve did in the past: the monitor's history as a picture, a page or numbers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+from typing import Any
+
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+from matplotlib.figure import Figure
+from rich.console import Console
+from rich.table import Table
+from spool_bag.names import check_valve
+from spool_monitor.history.state_file import default_folder, valve_folder
+from spool_monitor.history.trend import KEPT, Span, TrendStore, finest, own_file
+from spool_monitor.history.valve_state import TRENDS
+from spool_stream.errors import InputError
+from spool_stream.uncertainty import exact, number, unit_text
+
+from spool_tools.console.outputs import check_output, write_file
+from spool_tools.report.page import page, picture, table
+
+from .bag_commands import write_json
+
+_UNITS = {"m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}
+_LINE, _BAND = "#0072B2", "#56B4E9"
+
+
+def show_trend(
+    valve: str,
+    state_folder: Path | None,
+    parameters: Sequence[str],
+    since: str | None,
+    out: Path | None,
+    json: Path | None,
+) -> None:
+    """Show the history of ``valve``; write it as PNG or HTML (``out``) and as JSON.
+
+    Raises:
+        InputError: there is none, or an option is wrong; what there is, is named.
+
+    """
+    check_valve(valve)
+    if out is not None and out.suffix not in (".png", ".html"):
+        raise InputError(f"--out {out}: name a file that ends in .png or .html")
+    check_output(out, "--out")
+    begin = _since(since)
+    base = (state_folder or default_folder()).expanduser()
+    path = own_file(valve_folder(base, valve) / TRENDS)
+    if not path.is_file():
+        there = sorted(str(one.parent.parent.relative_to(base)) for one in base.glob(f"**/{TRENDS}"))
+        raise InputError(
+            f"{valve}: no trends in {base}; there are trends of: {', '.join(there) or 'no valve'}. "
+            "A monitor keeps them while it runs; name its state_folder with --state-folder"
+        )
+    store = TrendStore(path, read_only=True)
+    try:
+        result = _read(store, valve, parameters, begin)
+    finally:
+        store.close()
+    if json is not None:
+        write_json(json, _as_json(result))
+    shown = for_people(result)
+    if out is not None:
+        _write(out, shown)
+    _print(shown, out)
+
+
+def _read(store: TrendStore, valve: str, wanted: Sequence[str], since: int) -> dict[str, Any]:
+    units = store.units()
+    for name in wanted:
+        if name not in units:
+            raise InputError(f"--parameter {name}: {valve} has: {', '.join(units)}")
+    chosen = list(wanted) or list(units)
+    hours = [span for name in chosen for span in store.spans(name, 3600, since - since % 3600)]
+    if not hours:
+        raise InputError(f"{valve}: nothing was kept since then: leave --since out")
+    seconds = finest(KEPT, max(span.start for span in hours) + 3600 - min(span.start for span in hours))
+    return {
+        "valve": valve,
+        "seconds": seconds,
+        "counters": {name: (value, units[name]) for name, value in store.counters().items()},
+        "parameters": {
+            name: (units[name], store.spans(name, seconds, since - since % seconds)) for name in chosen
+        },
+    }
+
+
+def _since(text: str | None) -> int:
+    """Return s since 1970 of ``text``: a time, or how long ago, like 6h; 0 for all."""
+    if text is None:
+        return 0
+    ago = re.fullmatch(r"(\d+(?:\.\d+)?)([mhdw])", text)
+    if ago:
+        length = timedelta(seconds=float(ago[1]) * _UNITS[ago[2]])
+        try:
+            return max(0, round((datetime.now(timezone.utc) - length).timestamp()))
+        except OverflowError:
+            return 0
+    try:
+        time = datetime.fromisoformat(text.replace("Z", "+00:00"))
+    except ValueError as error:
+        raise InputError(
+            f"--since {text!r}: write it like 90m, 6h, 7d or 2w, or like 2025-01-31T12:00:00 (UTC)"
+        ) from error
+    return max(0, round((time if time.tzinfo else time.replace(tzinfo=timezone.utc)).timestamp()))
+
+
+def _as_json(result: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "valve": result["valve"],
+        "span_s": result["seconds"],
+        "counters": {
+            name: {"value": value, "unit": unit} for name, (value, unit) in result["counters"].items()
+        },
+        "parameters": {
+            name: {
+                "unit": unit,
+                "start_s": [span.start for span in spans],
+                "count": [span.count for span in spans],
+                "minimum": [span.minimum for span in spans],
+                "mean": [span.mean for span in spans],
+                "maximum": [span.maximum for span in spans],
+            }
+            for name, (unit, spans) in result["parameters"].items()
+        },
+    }
+
+
+def for_people(result: dict[str, Any]) -> dict[str, Any]:
+    """Return a history in units that are read easily: lengths below 1 m in mm; JSON keeps SI units."""
+    parameters = {name: _in_mm(unit, spans) for name, (unit, spans) in result["parameters"].items()}
+    return {**result, "parameters": parameters}
+
+
+def _in_mm(unit: str, spans: Sequence[Span]) -> tuple[str, Sequence[Span]]:
+    if unit != "m" or any(max(abs(span.minimum), abs(span.maximum)) >= 1.0 for span in spans):
+        return unit, spans
+    return "mm", [
+        replace(span, minimum=1e3 * span.minimum, mean=1e3 * span.mean, maximum=1e3 * span.maximum)
+        for span in spans
+    ]
+
+
+def draw(result: dict[str, Any]) -> Figure:
+    """Return the history as one axis per parameter: mean as a line, from minimum to maximum as a band."""
+    shown = {name: entry for name, entry in result["parameters"].items() if entry[1]}
+    figure = Figure(figsize=(10.0, 0.6 + 1.7 * len(shown)), layout="constrained")
+    axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)
+    for axis, (name, (unit, spans)) in zip(axes[:, 0], shown.items(), strict=True):
+        times, low, mean, high = _steps(spans, result["seconds"])
+        axis.fill_between(times, low, high, color=_BAND, alpha=0.4, lw=0.0)
+        axis.plot(times, mean, color=_LINE, lw=1.2, marker="." if len(spans) < 30 else None)
+        axis.set_ylabel(f"{name.replace('_', ' ')}\n({unit})", fontsize=8)
+        axis.grid(alpha=0.3)
+    last = axes[-1, 0]
+    locator = AutoDateLocator()
+    last.xaxis.set_major_locator(locator)
+    last.xaxis.set_major_formatter(ConciseDateFormatter(locator))
+    last.set_xlabel("time (UTC)")
+    return figure
+
+
+def _steps(
+    spans: Sequence[Span], seconds: int
+) -> tuple[list[datetime], list[float], list[float], list[float]]:
+    """Return middle, minimum, mean and maximum of each span; NaN where spans are missing, so lines break."""
+    rows: list[tuple[float, float, float, float]] = []
+    for span in spans:
+        middle = span.start + 0.5 * seconds
+        if rows and middle - rows[-1][0] > 1.5 * seconds:
+            rows.append((middle - seconds, *(float("nan"),) * 3))
+        rows.append((middle, span.minimum, span.mean, span.maximum))
+    times = [datetime.fromtimestamp(row[0], timezone.utc) for row in rows]
+    return times, [row[1] for row in rows], [row[2] for row in rows], [row[3] for row in rows]
+
+
+def _write(out: Path, result: dict[str, Any]) -> None:
+    image, content = picture(draw(result), _seen(result))
+    if out.suffix == ".png":
+        write_file(out, content, "--out")
+        return
+    rows = _rows(result)
+    sections = [image, table(list(rows[0]), rows)]
+    write_file(out, page(f"History of {result['valve']}", sections), "--out")
+
+
+def _seen(result: dict[str, Any]) -> str:
+    """Return what the picture shows, in words."""
+    parts = [
+        f"{name.replace('_', ' ')} from {number(min(span.minimum for span in spans))} to "
+        f"{number(max(span.maximum for span in spans))} {unit}"
+        for name, (unit, spans) in result["parameters"].items()
+        if spans
+    ]
+    return f"History of {result['valve']}: {'; '.join(parts)}."
+
+
+def _rows(result: dict[str, Any]) -> list[dict[str, object]]:
+    rows: list[dict[str, object]] = []
+    for name, (unit, spans) in result["parameters"].items():
+        if not spans:
+            continue
+        count = sum(span.count for span in spans)
+        rows.append(
+            {
+                "parameter": name.replace("_", " "),
+                "unit": unit,
+                "minimum": min(span.minimum for span in spans),
+                "mean": sum(span.mean * span.count for span in spans) / count,
+                "maximum": max(span.maximum for span in spans),
+                "values": str(count),
+            }
+        )
+    return rows
+
+
+def _print(result: dict[str, Any], out: Path | None) -> None:
+    console = Console()
+    length = {60: "minutes", 3600: "hours", 86400: "days"}[result["seconds"]]
+    console.print(
+        f"{result['valve']}: history in {length}" + (f", see {out}" if out else ""), highlight=False
+    )
+    rows = _rows(result)
+    shown = Table(*rows[0], box=None, pad_edge=False)
+    for row in rows:
+        shown.add_row(
+            *(number(value, 5) if isinstance(value, float) else str(value) for value in row.values())
+        )
+    console.print(shown)
+    for name, (value, unit) in result["counters"].items():
+        console.print(f"{name} in all: {exact(value)}{unit_text(unit)}", highlight=False)

@@ -1,0 +1,1 @@
+"""The terminal: options, progress, output files."""

@@ -1,0 +1,213 @@
+"""The report of a recording: a page of pictures and tables that stands by itself."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from spool_bag.reading.reader import BagReader
+from spool_stream.block_gate import malformed
+from spool_stream.uncertainty import LEGEND, PLUS_MINUS, Z_95, Shown, interval
+
+from spool_tools.report.page import page, paragraph
+from spool_tools.report.provenance import sources
+
+Array = NDArray[np.float64]
+
+#: Okabe and Ito's colours: apart for the colour-blind and in print.
+BODY, SPOOL, ESTIMATE, EVENT = "#0072B2", "#D55E00", "#009E73", "#E69F00"
+
+
+def write_report(folder: Path, reader: BagReader, analysis: dict[str, Any]) -> Path:
+    """Write ``report.html`` and one PNG per valve into ``folder``; return the page's path.
+
+    ``analysis`` is what ``replay --json`` writes for the bag of ``reader``.
+    """
+    sections = []
+    peaks = {name: _peaks(reader, name) for name in analysis["valves"]}
+    start = min((float(table[0, 0]) for table in peaks.values() if table.size), default=0.0)
+    for name, valve in analysis["valves"].items():
+        figure = draw_valve(reader, name, peaks[name], start, valve["events"])
+        picture = io.BytesIO()
+        figure.savefig(picture, format="png", dpi=150)
+        plt.close(figure)
+        (folder / f"{name.replace('/', '_')}.png").write_bytes(picture.getvalue())
+        sections.append(_section(name, valve, picture.getvalue()))
+    lost = sum(valve["lost_blocks"] for valve in analysis["valves"].values())
+    summary = (
+        f"{len(analysis['valves'])} valves, {analysis['duration_s'] or 0.0:.0f} s, {lost} blocks lost. "
+        f"{LEGEND}; bands around curves are the same intervals. Shaded stretches are events."
+    )
+    text = page(
+        "Spool valves: what the recording shows", [paragraph(summary), *sections],
+        [*sources([reader.path]), *_valves(analysis)],
+    )  # fmt: skip
+    path = folder / "report.html"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def _valves(analysis: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return label and value of each valve's description, for the foot of the page."""
+    return [
+        ("valve", f"{name}: {valve['valve']['sentence']}")
+        for name, valve in analysis["valves"].items()
+        if "valve" in valve
+    ]
+
+
+def draw_valve(
+    reader: BagReader, name: str, peaks: Array, start: float, events: list[dict[str, Any]]
+) -> Figure:
+    """Return the picture of one valve: accelerations, frequencies, friction over time, events shaded.
+
+    ``peaks`` has the columns time (s) and peak accelerations of body and spool; ``start`` (s) is where the
+    time axis and the events of all valves count from.
+    """
+    time, body, spool = peaks.T
+    estimates = list(reader.messages(f"/{name}/estimate")) if f"/{name}/estimate" in reader.topics else []
+    health = list(reader.messages(f"/{name}/health")) if f"/{name}/health" in reader.topics else []
+    figure: Figure
+    figure, axes = plt.subplots(4, 1, figsize=(9, 9.5), sharex=True, layout="constrained")
+    relative = time - start
+    axes[0].fill_between(relative, -spool, spool, color=SPOOL, alpha=0.7, lw=0, label="spool")
+    axes[0].fill_between(relative, -body, body, color=BODY, alpha=0.8, lw=0, label="body")
+    axes[0].set_ylabel("peak acceleration\nm/s²")
+    at = _stamps(health) - start
+    # What a monitor says before the first block is stamped by its own clock and comes from its settings.
+    health = [message for message, seconds in zip(health, at, strict=True) if seconds > 0.0]
+    at = at[at > 0.0]
+    axes[1].plot(at, _values(health, "dominant_frequency"), color=BODY, label="body shakes at")
+    axes[1].plot(at, _values(health, "natural_frequency"), color=ESTIMATE, ls="--", label="natural frequency")
+    axes[1].set_ylabel("frequency\nHz")
+    at = _stamps(estimates) - start
+    _band(axes[2], at, estimates, "viscous_coefficient", "viscous coefficient\nN·s/m")
+    _band(axes[3], at, estimates, "coulomb_force", "Coulomb force\nN")
+    axes[3].set_xlabel("time, s")
+    axes[3].set_xlim(0.0, float(relative[-1]) if relative.size else None)
+    for axis in axes:
+        axis.grid(alpha=0.3)
+        _shade(axis, events, float(relative[-1]) if relative.size else 0.0)
+    for axis in axes[:2]:
+        axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, borderpad=0.0)
+    _name_events(axes[0], events)
+    figure.suptitle(name)
+    return figure
+
+
+def _peaks(reader: BagReader, name: str) -> Array:
+    """Return time (s) and peak accelerations of body and spool by well-formed block, shape (n, 3)."""
+    peaks = [
+        (block.stamp * 1e-9, float(np.abs(block.body).max()), float(np.abs(block.spool).max()))
+        for block in reader.blocks(name)
+        if malformed(block) is None
+    ]
+    return np.array(peaks).reshape(-1, 3)
+
+
+def _stamps(messages: list[Any]) -> Array:
+    return np.array([message.header.stamp.sec + message.header.stamp.nanosec * 1e-9 for message in messages])
+
+
+def _values(messages: list[Any], name: str) -> Array:
+    return np.array([getattr(message, name).value for message in messages])
+
+
+def _band(axis: Axes, at: Array, estimates: list[Any], name: str, label: str) -> None:
+    rows = []
+    for estimate in estimates:
+        found = [quantity for quantity in estimate.parameters if quantity.name == name]
+        known = bool(found) and found[0].validity in (1, 2)
+        rows.append((found[0].value, found[0].standard_deviation) if known else (np.nan, np.nan))
+    table = np.array(rows).reshape(-1, 2)
+    axis.plot(at, table[:, 0], color=ESTIMATE, marker=".", ms=4)
+    low, high = table[:, 0] - Z_95 * table[:, 1], table[:, 0] + Z_95 * table[:, 1]
+    axis.fill_between(at, low, high, color=ESTIMATE, alpha=0.25, lw=0)
+    axis.set_ylabel(label)
+
+
+def _spans(events: list[dict[str, Any]], end: float) -> list[tuple[str, float, float]]:
+    """Return kind, begin and end (s) of each event; those that go on last to the end."""
+    spans = []
+    begun: dict[tuple[str, str | None], float] = {}
+    for event in events:
+        key = (event["kind"], event["cause"])
+        if event["state"] == "raised":
+            begun.setdefault(key, event["t_s"])
+        elif key in begun:
+            spans.append((_label(*key), begun.pop(key), event["t_s"]))
+    return spans + [(_label(*key), since, end) for key, since in begun.items()]
+
+
+def _label(kind: str, cause: str | None) -> str:
+    return (kind + (f": {cause}" if cause else "")).replace("_", " ")
+
+
+def _shade(axis: Axes, events: list[dict[str, Any]], end: float) -> None:
+    for _, begin, until in _spans(events, end):
+        axis.axvspan(begin, until, color=EVENT, alpha=0.18, lw=0)
+
+
+def _name_events(axis: Axes, events: list[dict[str, Any]]) -> None:
+    for number, (label, begin, _) in enumerate(sorted(_spans(events, 0.0), key=lambda span: span[1])):
+        # Two heights in turn, so that neighbours stay apart.
+        axis.annotate(
+            label, (begin, 0.02 + 0.13 * (number % 2)), xycoords=("data", "axes fraction"), fontsize=8,
+            va="bottom", xytext=(2, 0), textcoords="offset points",
+        )  # fmt: skip
+
+
+def _section(name: str, valve: dict[str, Any], picture: bytes) -> str:
+    encoded = base64.b64encode(picture).decode()
+    parameters = "".join(
+        f"<tr><td>{html.escape(key.replace('_', ' '))}</td><td class=n>{shown.value}</td>"
+        f"<td class=n>{shown.half_width}</td><td>{html.escape(value['unit'])}</td></tr>"
+        for key, value in valve["estimate"]["parameters"].items()
+        for shown in (_interval(value),)
+    )
+    events = "".join(
+        f"<tr><td class=n>{event['t_s']:.1f} s</td><td>{html.escape(event['kind'].replace('_', ' '))}</td>"
+        f"<td>{html.escape((event['cause'] or '').replace('_', ' '))}</td>"
+        f"<td>{html.escape(event['severity'])}</td><td>{html.escape(event['state'])}</td>"
+        f"<td class=t>{html.escape(event['message'])}</td></tr>"
+        for event in valve["events"]
+    )
+    seen = html.escape(_seen(name, valve), quote=True)
+    return (
+        f"<h2>{html.escape(name)}</h2>"
+        f"<div class=wide><img alt='{seen}' src='data:image/png;base64,{encoded}'></div>"
+        "<div class=wide><table><tr><th>parameter</th><th>at the end</th>"
+        f"<th>{PLUS_MINUS}</th><th>unit</th></tr>"
+        f"{parameters}</table></div>"
+        "<div class=wide><table><tr><th>time</th><th>event</th><th>most likely cause</th><th>severity</th>"
+        "<th>state</th><th>what was seen</th></tr>"
+        f"{events}</table></div>"
+    )
+
+
+def _seen(name: str, valve: dict[str, Any]) -> str:
+    """Return what the picture of a valve shows, in words."""
+    raised = [event for event in valve["events"] if event["state"] == "raised"]
+    events = ", ".join(f"{_label(one['kind'], one['cause'])} at {one['t_s']:.0f} s" for one in raised)
+    return (
+        f"{name} over time: peak acceleration of body and spool, the frequency that the body shakes at "
+        "beside the natural frequency, viscous coefficient, Coulomb force. "
+        f"Events: {events or 'none'}."
+    )
+
+
+def _interval(value: dict[str, Any]) -> Shown:
+    """Return what is shown of an entry of ``replay --json``, in which null is what is not known."""
+    number, deviation = (float("nan") if value[key] is None else value[key] for key in ("value", "std"))
+    return interval(number, deviation)

@@ -1,0 +1,1 @@
+"""Input of the commands: records, valve files, excitations."""

@@ -1,0 +1,276 @@
+"""Records for offline work: bags and CSV files, as stretches without gaps, and the valve they are of."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_bag.reading.reader import BagReader
+from spool_bag.tables.csv_import import start_of
+from spool_bag.tables.csv_record import BODY, OIL_TEMPERATURE, SPOOL, CsvRecord, read_csv
+from spool_identification.record import Record, records_from_blocks
+from spool_identification.record_parts import PartKeeper
+from spool_sim.valve.description import Valve, find_valve, shipped_valves
+from spool_stream.block import Block
+from spool_stream.errors import InputError
+
+from .bag_valve import recorded_valve
+from .csv_blocks import CsvSource
+
+#: What a replay reads.
+Source = BagReader | CsvSource
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """One bag or CSV file of one valve.
+
+    Attributes:
+        path: where it is.
+        stretches: without gaps each, in order of time.
+        described: the valve's description in the bag, ``None`` without one.
+    """
+
+    path: Path
+    stretches: tuple[Record, ...]
+    described: Valve | None
+
+    @property
+    def duration(self) -> float:
+        """Of all stretches together, s."""
+        return sum(stretch.duration for stretch in self.stretches)
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """What to take of each record.
+
+    Attributes:
+        name: namespace of the valve, needed where a bag holds several.
+        columns: a CSV file's names by contract name, ``None`` where they are the contract's.
+        start, stop: s since the record's first sample; all of it by default.
+        longest: samples of a bag that are held at most, parts of a longer one; ``None``: all.
+        described: look for the valve's description in a bag.
+    """
+
+    name: str | None = None
+    columns: Mapping[str, str] | None = None
+    start: float = 0.0
+    stop: float = math.inf
+    longest: int | None = None
+    described: bool = True
+
+    def __post_init__(self) -> None:
+        """Raises InputError where no time is left between ``start`` and ``stop``."""
+        if not 0.0 <= self.start < self.stop:
+            raise InputError(
+                f"--start {self.start:g} s, --stop {self.stop:g} s: use 0 <= start < stop, "
+                "counted from the record's first sample"
+            )
+
+
+def selection(name: str | None, columns: str | None, start: float, stop: float | None) -> Selection:
+    """Return what the options ``--name``, ``--columns``, ``--start`` and ``--stop`` ask for."""
+    return Selection(name, parse_columns(columns), start, math.inf if stop is None else stop)
+
+
+def parse_columns(text: str | None) -> Mapping[str, str] | None:
+    """Return a CSV file's names by contract name from ``--columns``.
+
+    Raises:
+        InputError: not written as ``name=own,name=own``.
+    """
+    if text is None:
+        return None
+    pairs = [pair.partition("=") for pair in text.split(",")]
+    for wanted, mark, found in pairs:
+        if not (wanted and mark and found):
+            raise InputError(f"--columns {text!r}: write it like time_s=t,body_m_s2=ch1,spool_m_s2=ch2")
+    return {wanted.strip(): found.strip() for wanted, _, found in pairs}
+
+
+def open_source(path: Path, columns: str | None = None) -> Source:
+    """Return the record at ``path``, a bag or a CSV file with ``columns`` as of ``--columns``.
+
+    Raises:
+        InputError: there is none, or it cannot be read.
+    """
+    if is_csv(path):
+        return CsvSource(path, parse_columns(columns))
+    if columns is not None:
+        raise InputError(f"--columns: {path} is no CSV file: leave it out")
+    return BagReader(path)
+
+
+def split_name(text: str) -> tuple[str, str]:
+    """Return namespace and file of ``NAME=FILE``; the name is empty where there is only a file."""
+    name, mark, file = text.partition("=")
+    if not mark or Path(text).exists():
+        return "", text
+    return name.strip().strip("/"), file.strip()
+
+
+def is_csv(path: Path) -> bool:
+    """Return whether ``path`` is named like a CSV record."""
+    return path.name.endswith((".csv", ".csv.gz"))
+
+
+def load_recording(path: Path, selection: Selection | None = None) -> Recording:
+    """Return what ``path`` (rosbag2 directory, .mcap, .csv or .csv.gz) holds of one valve.
+
+    Raises:
+        InputError: unreadable, no such valve, several and none named, or no samples in the chosen time.
+    """
+    chosen = selection or Selection()
+    described = None
+    if is_csv(path):
+        stretches = _from_csv(path, chosen.columns)
+    else:
+        reader = BagReader(path)
+        name = _valve_in(reader, chosen.name)
+        if chosen.longest is None:
+            stretches = records_from_blocks(reader.blocks(name), str(path), reader.temperatures(name))
+        else:
+            keeper = PartKeeper(chosen.longest)
+            for block in _blocks_between(reader.blocks(name), chosen.start, chosen.stop):
+                keeper.take(block)
+            stretches = keeper.records(str(path), reader.temperatures(name))
+        described = recorded_valve(reader, name) if chosen.described else None
+    if not stretches:
+        raise InputError(f"{path}: no sample in it that can be used")
+    kept = _between(stretches, chosen.start, chosen.stop)
+    if not kept:
+        last = stretches[-1]
+        ends = (last.start - stretches[0].start) * 1e-9 + last.duration
+        raise InputError(f"{path}: no sample from --start {chosen.start:g} s on: it is {ends:.1f} s long")
+    return Recording(path, tuple(kept), described)
+
+
+def load_recordings(
+    paths: Sequence[Path], valve: str | None, selection: Selection | None = None
+) -> tuple[list[Recording], Valve]:
+    """Return the records and the valve that all of them are of.
+
+    Args:
+        paths: bags and CSV files, in any mixture.
+        valve: a valve file, a shipped valve's name, or the namespace of a valve that the bags describe;
+            ``None`` takes the bags' description.
+        selection: what to take of each.
+
+    Raises:
+        InputError: as ``load_recording``; no description of the valve, or bags that describe different ones.
+    """
+    chosen = selection or Selection()
+    given = None
+    if valve is not None:
+        given, name = _valve_or_name(valve, paths, chosen.name)
+        chosen = replace(chosen, name=name, described=given is None)
+    recordings = [load_recording(path, chosen) for path in paths]
+    if given is not None:
+        return recordings, given
+    described = {
+        recording.described: recording.path for recording in recordings if recording.described is not None
+    }
+    if not described:
+        raise InputError(
+            f"{paths[0]}: it does not describe its valve: name a valve file with --valve, or one of "
+            f"{', '.join(shipped_valves())}"
+        )
+    if len(described) > 1:
+        first, second = list(described.values())[:2]
+        raise InputError(f"{first} and {second} describe different valves: say which with --valve")
+    return recordings, next(iter(described))
+
+
+def stretches_of(recordings: Sequence[Recording]) -> list[Record]:
+    """Return the stretches of all ``recordings``."""
+    return [stretch for recording in recordings for stretch in recording.stretches]
+
+
+def _blocks_between(blocks: Iterable[Block], start: float, stop: float) -> Iterator[Block]:
+    """Yield the first block, from which time counts, and those from ``start`` to ``stop`` s after it."""
+    first: int | None = None
+    for block in blocks:
+        first = block.stamp if first is None else first
+        inside = (block.end - first) * 1e-9 >= start and (block.stamp - first) * 1e-9 < stop
+        if inside or block.stamp == first:
+            yield block
+
+
+def _valve_or_name(valve: str, paths: Sequence[Path], name: str | None) -> tuple[Valve | None, str | None]:
+    """Return the valve that ``valve`` describes, or the namespace that it is in a bag.
+
+    ``NAME=FILE`` gives both.
+    """
+    own, file = split_name(valve)
+    if own:
+        if name is not None and name.strip("/") != own:
+            raise InputError(f"--valve {valve}: --name says {name}: leave one of them out")
+        return find_valve(file), own
+    if valve not in shipped_valves() and not Path(valve).exists() and name is None:
+        held = {entry for path in paths if not is_csv(path) for entry in BagReader(path).valves}
+        if valve.strip("/") in held:
+            return None, valve
+    return find_valve(valve), name
+
+
+def _valve_in(reader: BagReader, name: str | None) -> str:
+    known = reader.valves
+    if not known:
+        raise InputError(f"{reader.path}: no acceleration topic in it")
+    if name is not None:
+        if name.strip("/") not in known:
+            raise InputError(f"{reader.path}: no valve {name!r}: the bag has {', '.join(known)}")
+        return name.strip("/")
+    if len(known) > 1:
+        raise InputError(f"{reader.path}: it holds {', '.join(known)}: say which with --name")
+    return known[0]
+
+
+def _from_csv(path: Path, columns: Mapping[str, str] | None) -> list[Record]:
+    record = read_csv(path, columns=columns)
+    oil = _without_holes(record)
+    start = start_of(record)
+    origin = start + round(float(record.time[0]) * 1e9)
+    return [
+        Record(
+            str(path),
+            start + round(float(record.time[begin]) * 1e9),
+            record.period,
+            record.columns[BODY][begin:end],
+            record.columns[SPOOL][begin:end],
+            None if oil is None else oil[begin:end],
+            origin,
+        )
+        for begin, end in pairwise([0, *record.gaps.tolist(), record.time.size])
+    ]
+
+
+def _without_holes(record: CsvRecord) -> Array | None:
+    """Return the oil temperature, empty cells filled along straight lines."""
+    oil = record.columns.get(OIL_TEMPERATURE)
+    if oil is None:
+        return None
+    known = np.isfinite(oil)
+    return np.interp(record.time, record.time[known], oil[known]) if known.any() else None
+
+
+def _between(stretches: Sequence[Record], start: float, stop: float) -> list[Record]:
+    """Return what lies between ``start`` and ``stop``, s since the first sample."""
+    kept = []
+    for stretch in stretches:
+        begins = (stretch.start - stretches[0].start) * 1e-9
+        first = max(0, math.ceil((start - begins) / stretch.sample_period - 1e-6))
+        end = (stop - begins) / stretch.sample_period
+        last = stretch.body.size if end >= stretch.body.size else math.ceil(end - 1e-6)
+        if first < last:
+            whole = first == 0 and last == stretch.body.size
+            kept.append(stretch if whole else stretch.part(first, last))
+    return kept

@@ -1,0 +1,278 @@
+"""What the pictures of a fit show, as arrays: waveforms, friction over velocity, spectra."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+from spool_identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, Fit
+from spool_identification.free_run import FreeRun, Response
+from spool_identification.record import Record
+from spool_identification.zero_phase import ZeroPhase, relative_motion
+from spool_sim.valve.description import Valve
+
+Array = NDArray[np.float64]
+
+#: s of data that pictures are made from at most.
+LONGEST = 60.0
+#: Hz, of the conditioning.
+LOW_CUT = 3.0
+#: Hz, the frequency of the paper's figure 13.
+PAPER_FREQUENCY = 60.0
+#: Periods shown of a waveform, and s over which a frequency is looked for.
+PERIODS, LOOK = 4.0, 0.5
+#: Share of the body's power around a frequency that makes a stretch one of that frequency.
+ONE_FREQUENCY = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """Samples worth looking at.
+
+    Attributes:
+        title: why.
+        window: number of the free run's window.
+        first, stop: samples in it, ``stop`` exclusive.
+        start: s since the first sample of the recording.
+    """
+
+    title: str
+    window: int
+    first: int
+    stop: int
+    start: float
+
+
+@dataclass(frozen=True, slots=True)
+class Friction:
+    """What of the balance of forces is neither inertia nor spring, over the relative velocity.
+
+    Measured: - m a_spool - k z with the fitted k, from both accelerations without phase; the law passed the
+    same filter, so that like is compared with like.
+
+    Attributes:
+        velocity, force: a sample of the measured points, m/s and N, shape (n,).
+        centres: of the bins of velocity, m/s, shape (b,).
+        measured, low, high: median and quartiles of the measured force in each bin, N, shape (b,).
+        law: median of the model's force in each bin, N, shape (b,).
+    """
+
+    velocity: Array
+    force: Array
+    centres: Array
+    measured: Array
+    low: Array
+    high: Array
+    law: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Overlay:
+    """Measured and simulated spool acceleration in the windows of a free run, m/s^2."""
+
+    run: FreeRun
+    responses: tuple[Response, ...]
+
+    def measured(self, stretch: Stretch) -> Array:
+        """Return the accelerometer's reading, shape (n,)."""
+        return self.run.windows[stretch.window].measured[stretch.first : stretch.stop]
+
+    def simulated(self, stretch: Stretch) -> Array:
+        """Return the free run, shape (n,)."""
+        return np.asarray(self.responses[stretch.window].acceleration[0, stretch.first : stretch.stop])
+
+
+def overlay(records: Sequence[Record], fit: Fit, valve: Valve, *, window: float = 4.0) -> Overlay:
+    """Return the free run of a fitted model over ``records``, in windows of ``window`` s.
+
+    Raises:
+        InputError: no record is long enough.
+    """
+    run = FreeRun(records, fit.model, valve, window=window, low_cut=LOW_CUT, longest=LONGEST)
+    run.choose_substeps(fit.values)
+    gain, delay = fit.sensor.get(SPOOL_GAIN, 0.0), fit.sensor.get(SPOOL_DELAY, 0.0)
+    return Overlay(run, tuple(run.responses(run.sets(fit.values), np.array([gain]), np.array([delay]))))
+
+
+def stretches(run: FreeRun) -> list[Stretch]:
+    """Return the stretch with the largest motion, and one at 60 Hz or else at the record's main frequency."""
+    largest = _largest_motion(run)
+    frequency, window, centre = _near(run, PAPER_FREQUENCY)
+    if frequency is None:
+        frequency = _main_frequency(run)
+        window, centre = _strongest(run, frequency)
+        title = f"main frequency, {frequency:.0f} Hz"
+    else:
+        title = f"at {PAPER_FREQUENCY:.0f} Hz"
+    return [largest, _around(run, title, window, centre, frequency)]
+
+
+def highest_frequency(run: FreeRun) -> float:
+    """Return up to which frequency, Hz, amplitudes are worth comparing: a little beyond the excitation."""
+    return 1.2 * max(100.0, *run.highest_frequency)
+
+
+def friction(
+    records: Sequence[Record], fit: Fit, valve: Valve, *, bins: int = 41, points: int = 4000
+) -> Friction:
+    """Return measured and fitted friction over velocity.
+
+    Raises:
+        InputError: no record is long enough.
+    """
+    run = FreeRun(records, fit.model, valve, low_cut=LOW_CUT)
+    stiffness, mass = fit.values["spring_stiffness"], fit.values["mass"]
+    velocity, force, law = [], [], []
+    left = LONGEST
+    for entry, highest in zip(run.records, run.highest_frequency, strict=True):
+        some = entry.part(0, min(entry.body.size, round(left / entry.sample_period)))
+        both = ZeroPhase(some.sample_period, LOW_CUT, 1.5 * max(highest, 30.0))
+        if left <= 0.0 or some.body.size < 5 * both.settling:
+            continue
+        left -= some.duration
+        motion = relative_motion(some.body, some.spool, ZeroPhase(some.sample_period, LOW_CUT))
+        model = run.motion.forces(
+            motion.displacement, motion.velocity, run.sets(fit.values),
+            sample_period=some.sample_period, first_sample=some.first_sample,
+        )[0]  # fmt: skip
+        inside = slice(2 * both.settling, some.body.size - 2 * both.settling)
+        spring = stiffness * both.apply(motion.displacement)
+        velocity.append(motion.velocity[inside])
+        force.append((-mass * both.apply(motion.spool) - spring)[inside])
+        law.append((both.apply(model) - spring)[inside])
+    return _binned(np.concatenate(velocity), np.concatenate(force), np.concatenate(law), bins, points)
+
+
+def spectra(records: Sequence[Record]) -> tuple[Array, Array, float]:
+    """Return frequency (Hz), power density of the spool's acceleration, (m/s^2)^2/Hz, and its noise floor.
+
+    The floor is the lower quartile of the upper half of the spectrum, taken as medians over time: what passes
+    a frequency now and then, as a sweep's harmonics do, is not noise. It is an upper bound.
+    """
+    period = min(entry.sample_period for entry in records)
+    rows = [entry.spool for entry in records if entry.sample_period == period]
+    piece = min(*(row.size for row in rows), max(16, round(1.0 / period)))
+    weights = [row.size for row in rows]
+    frequency, mean = _density(rows, period, piece, "mean", weights)
+    _, middle = _density(rows, period, min(piece, max(16, round(0.2 / period))), "median", weights)
+    return frequency, mean, float(np.quantile(middle[middle.size // 2 :], 0.25))
+
+
+def sensor_noise(records: Sequence[Record]) -> float:
+    """Return an upper bound of the rms noise of the spool's accelerometer, m/s^2."""
+    _, _, floor = spectra(records)
+    return float(np.sqrt(0.5 * floor / min(entry.sample_period for entry in records)))
+
+
+def _density(
+    rows: Sequence[Array], period: float, piece: int, average: str, weights: Sequence[int]
+) -> tuple[Array, Array]:
+    found = [signal.welch(row, 1.0 / period, "hann", piece, detrend=False, average=average) for row in rows]
+    return np.asarray(found[0][0]), np.asarray(np.average([d for _, d in found], axis=0, weights=weights))
+
+
+def _binned(velocity: Array, force: Array, law: Array, bins: int, points: int) -> Friction:
+    reach = float(np.quantile(np.abs(velocity), 0.998))
+    # Finer where friction changes: around reversal.
+    edges = reach * np.sinh(np.linspace(-3.0, 3.0, bins + 1)) / np.sinh(3.0)
+    place = np.digitize(velocity, edges) - 1
+    rows = []
+    for number in range(bins):
+        own = place == number
+        if np.count_nonzero(own) >= 10:
+            low, middle, high = np.quantile(force[own], (0.25, 0.5, 0.75)).tolist()
+            centre = 0.5 * float(edges[number] + edges[number + 1])
+            rows.append((centre, middle, low, high, float(np.median(law[own]))))
+    table = np.array(rows).reshape(-1, 5)
+    chosen = np.random.default_rng(0).permutation(velocity.size)[:points]
+    return Friction(velocity[chosen], force[chosen], *table.T)
+
+
+def _largest_motion(run: FreeRun) -> Stretch:
+    best = (-1.0, 0, 0)
+    for number, entry in enumerate(run.records):
+        motion = relative_motion(entry.body, entry.spool, ZeroPhase(entry.sample_period, LOW_CUT))
+        size = np.abs(motion.displacement)
+        size[size.size - motion.settling :] = 0.0  # mirror images reach there
+        for place, window in enumerate(run.windows):
+            if window.record == number:
+                part = size[window.start : window.stop]
+                at = int(np.argmax(part))
+                best = max(best, (float(part[at]), place, at))
+    size_there, window_number, centre = best
+    frequency = _local_frequency(run, window_number, centre)
+    title = f"largest motion, {1e3 * size_there:.2g} mm"
+    return _around(run, title, window_number, centre, frequency)
+
+
+def _around(run: FreeRun, title: str, number: int, centre: int, frequency: float) -> Stretch:
+    window = run.windows[number]
+    entry = run.records[window.record]
+    length = min(window.measured.size, max(16, round(PERIODS / frequency / entry.sample_period)))
+    first = min(max(0, centre - length // 2), window.measured.size - length)
+    origin = entry.start if entry.origin is None else entry.origin
+    start = (entry.start - origin) * 1e-9 + (window.start + first) * entry.sample_period
+    return Stretch(title, number, first, first + length, start)
+
+
+def _pieces(run: FreeRun) -> list[tuple[int, int, Array, Array]]:
+    """Return window, central sample, frequencies (Hz) and power of pieces of the body's acceleration."""
+    pieces = []
+    for number, window in enumerate(run.windows):
+        entry = run.records[window.record]
+        length = min(window.measured.size, max(16, round(LOOK / entry.sample_period)))
+        frequency = np.fft.rfftfreq(length, entry.sample_period)
+        taper = np.hanning(length + 2)[1:-1]
+        body = entry.body[window.start : window.stop]
+        for first in range(0, body.size - length + 1, max(1, length // 2)):
+            power = np.abs(np.fft.rfft(body[first : first + length] * taper)) ** 2
+            pieces.append((number, first + length // 2, np.asarray(frequency), np.asarray(power)))
+    return pieces
+
+
+def _near(run: FreeRun, wanted: float) -> tuple[float | None, int, int]:
+    """Return ``wanted`` (Hz) and where the body shakes at little else, or ``None`` where it never does."""
+    best = (0.0, 0, 0)
+    pieces = _pieces(run)
+    strongest = max((float(power[1:].sum()) for *_, power in pieces), default=0.0)
+    for number, centre, frequency, power in pieces:
+        total = float(power[1:].sum())
+        inside = float(power[np.abs(frequency - wanted) <= 5.0].sum())
+        if total > 1e-3 * strongest:
+            best = max(best, (inside / total, number, centre))
+    return (wanted if best[0] >= ONE_FREQUENCY else None), best[1], best[2]
+
+
+def _main_frequency(run: FreeRun) -> float:
+    frequency: Array = np.zeros(1)
+    power: Array = np.zeros(1)
+    for *_, own, piece in _pieces(run):
+        if own.size > frequency.size:
+            frequency, power = own, np.zeros(own.size)
+        if own.size == frequency.size:
+            power = power + piece
+    return max(float(frequency[1 + int(np.argmax(power[1:]))]), 1.0) if power.size > 1 else 1.0
+
+
+def _strongest(run: FreeRun, wanted: float) -> tuple[int, int]:
+    """Return window and sample where the body shakes most at ``wanted`` Hz."""
+    found = max(
+        (
+            (float(power[np.abs(frequency - wanted) <= 2.5].sum()), number, centre)
+            for number, centre, frequency, power in _pieces(run)
+        ),
+        default=(0.0, 0, 0),
+    )
+    return found[1], found[2]
+
+
+def _local_frequency(run: FreeRun, number: int, centre: int) -> float:
+    """Return the strongest frequency, Hz, of the body around a sample."""
+    own = [piece for piece in _pieces(run) if piece[0] == number]
+    if not own:
+        return PAPER_FREQUENCY
+    _, _, frequency, power = min(own, key=lambda piece: abs(piece[1] - centre))
+    return max(float(frequency[1 + int(np.argmax(power[1:]))]), 1.0)

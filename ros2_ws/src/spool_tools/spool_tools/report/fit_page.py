@@ -1,0 +1,126 @@
+"""The page of one fit: what it says, and pictures of how well it holds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from spool_stream.uncertainty import LEGEND
+
+from spool_tools.console.outputs import write_file
+
+from . import fit_curves as curves
+from . import fit_pictures as pictures
+from . import page as html
+from .fit_results import Judged, correlated, parameter_rows, quality_rows
+from .provenance import sources
+
+WAVEFORM = (
+    "Spool acceleration, measured and simulated from the measured body acceleration alone; below, what is "
+    "left over."
+)
+RATIO = (
+    "Amplitude of the simulated over the measured spool acceleration in bands of 5 Hz; 1 is right, "
+    "grey is what the paper's measuring chain may be off by."
+)
+FRICTION = (
+    "What of the balance of forces is neither inertia nor spring, from both accelerometers, and the model's "
+    "law through the same filter."
+)
+SPECTRUM = (
+    "What the model leaves over, by frequency. The best that any model can do is the noise of both sensors."
+)
+
+
+def fit_page(judged: Judged) -> str:
+    """Return the page of a fit that has a result."""
+    found = judged.fit
+    agreement = found.agreement
+    assert agreement is not None
+    title = f"{found.model.name.replace('_', ' ')} fitted to {judged.data.name}"
+    rows = parameter_rows(found)
+    quality = quality_rows(judged)
+    sections = [
+        html.verdict(summary(judged)),
+        html.heading("Parameters"),
+        html.table(list(rows[0]), rows),
+        html.paragraph(
+            f"{LEGEND}; the true value lies within it in 95 of 100 such records, if the model is right."
+        ),
+        *([html.listing(correlations(judged))] if correlated(found) else []),
+        *([html.listing(found.warnings)] if found.warnings else []),
+        *_doubts(judged),
+        html.heading("How well it holds"),
+        html.table(["what", "value"], quality),
+    ]
+    shown = curves.overlay(judged.data.fitted, found, judged.data.valve)
+    name = found.model.name
+    friction = curves.friction(judged.data.fitted, found, judged.data.valve)
+    sections += [
+        html.drawing(
+            pictures.waveform_figure({name: shown}, curves.stretches(shown.run)), WAVEFORM, seen([judged])
+        ),
+        html.drawing(
+            pictures.ratio_figure({name: agreement}, curves.highest_frequency(shown.run)),
+            RATIO,
+            ratio_seen([judged]),
+        ),
+        html.drawing(pictures.friction_figure({name: friction}), FRICTION, f"Law of {name} over velocity."),
+        html.drawing(
+            pictures.spectrum_figure({name: agreement}, curves.spectra(judged.data.fitted)),
+            SPECTRUM,
+            seen([judged]),
+        ),
+    ]
+    records = (*judged.data.paths, *judged.data.held_paths)
+    return html.page(title, sections, sources(records, judged.data.valve))
+
+
+def seen(judged: Sequence[Judged]) -> str:
+    """Return what a picture of waveforms or of what is left over shows, in numbers."""
+    parts = [f"{one.name.replace('_', ' ')} leaves {100.0 * one.training_error:.2g} %" for one in judged]
+    return f"Of the measured rms {', '.join(parts)}." if parts else ""
+
+
+def ratio_seen(judged: Sequence[Judged]) -> str:
+    """Return what a picture of amplitude ratios shows, in numbers."""
+    ratios = [(one.name.replace("_", " "), one.fit.agreement) for one in judged]
+    parts = [f"{name} {found.amplitude_ratio:.3f}" for name, found in ratios if found is not None]
+    return f"Mean amplitude ratio: {', '.join(parts)}." if parts else ""
+
+
+def _doubts(judged: Judged) -> list[str]:
+    """Return what speaks against the valve file, as a list; nothing where nothing does."""
+    return [html.listing([f"Warning: {doubt}" for doubt in judged.data.doubts])] if judged.data.doubts else []
+
+
+def summary(judged: Judged) -> str:
+    """Return in one sentence how much of the motion the model explains."""
+    found = judged.fit
+    error = judged.held_out_error
+    where = "data that it has not seen"
+    if not np.isfinite(error):
+        error, where = judged.training_error, "the data it was fitted to"
+    state = "" if found.converged else " The descent did not converge: distrust the numbers."
+    return (
+        f"With these parameters {found.model.name.replace('_', ' ')} gives the spool's acceleration on "
+        f"{where} to within {100.0 * error:.2g} % of its rms.{state}"
+    )
+
+
+def correlations(judged: Judged) -> list[str]:
+    """Return a line for each pair of parameters that is hardly told apart."""
+    return [
+        f"{first} and {second} are correlated by {value:+.3f}".replace("_", " ")
+        for first, second, value in correlated(judged.fit)
+    ]
+
+
+def write_page(path: Path, text: str) -> None:
+    """Write a page.
+
+    Raises:
+        InputError: it cannot be written, or is there already.
+    """
+    write_file(path, text, "--report")

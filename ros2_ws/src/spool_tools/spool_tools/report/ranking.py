@@ -1,0 +1,294 @@
+"""Which model the data prefer, by how much, and which they cannot tell apart.
+
+Models are compared where sampling lets them be: a jump of dry friction between two samples, behind the
+anti-aliasing filter of a data logger, rings for a few samples, and a model with a smaller jump than the truth
+would seem better there. Those samples are left out, the same ones for every model.
+
+With many samples almost any further term is significant without mattering. So a term must earn its place: of
+the models whose error is about the least, the one with the fewest parameters is preferred.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_identification.record import Record
+from spool_stream.errors import InputError
+
+from spool_tools.input.fit_data import Data
+
+from .fit_curves import Overlay, overlay, sensor_noise
+from .fit_results import Judged
+
+Array = NDArray[np.float64]
+
+#: Samples on each side of a jump of the friction that are left out.
+RINGING = 4
+#: By how much a larger model must cut the error, 1.
+WORTH = 0.03
+#: How many times the sensor's noise is more than noise: the body's sensor shakes the model as well.
+UNEXPLAINED = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """One set of data and every model fitted to it."""
+
+    data: Data
+    judged: tuple[Judged, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Error:
+    """What a model leaves over away from jumps: squared sum (m^2/s^4) and number of samples."""
+
+    squares: float
+    samples: int
+
+    @property
+    def rms(self) -> float:
+        """m/s^2, NaN without samples."""
+        return math.sqrt(self.squares / self.samples) if self.samples else math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Rank:
+    """A model over all series.
+
+    Attributes:
+        model: name.
+        parameters: fitted in one series.
+        criterion: the fits' information criterion, summed over the series; NaN where one has no result.
+        error: what is left over away from jumps, rms, m/s^2: on held-out data where there are any.
+        excess: ``error`` over the least of all models, less 1.
+        objective: the paper's (33), mean over the series.
+        amplitude_ratio: a_est/a_pom, mean over the series.
+        training_error, held_out_error: nrmse with every sample, mean over the series; NaN where not known.
+        reason: why there is no result, ``None`` where there is one in every series.
+    """
+
+    model: str
+    parameters: int
+    criterion: float
+    error: float
+    excess: float
+    objective: float
+    amplitude_ratio: float
+    training_error: float
+    held_out_error: float
+    reason: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Ranking:
+    """All models, best first.
+
+    Attributes:
+        ranks: first those that do equally well, fewest parameters first, then the next that do, and so on.
+        preferred: name of the best, ``None`` where no model has a result.
+        equal: names of those that do as well with as many parameters or more.
+        sentences: the outcome in words.
+    """
+
+    ranks: tuple[Rank, ...]
+    preferred: str | None
+    equal: tuple[str, ...]
+    sentences: tuple[str, ...]
+
+
+def rank(series: Sequence[Series]) -> Ranking:
+    """Return the ranking of models, each fitted to every one of ``series``."""
+    trained = [_errors(one, one.data.fitted) for one in series]
+    unseen = [_errors(one, one.data.held_out) for one in series]
+    held = all(any(error is not None and error.samples for error in errors) for errors in unseen)
+    judged = unseen if held else trained
+    found = []
+    for place, first in enumerate(series[0].judged):
+        own = [one.judged[place] for one in series]
+        reason = next((entry.fit.reason for entry in own if entry.fit.reason is not None), None)
+        agreements = [entry.fit.agreement for entry in own]
+        found.append(
+            Rank(
+                first.name,
+                len(first.fit.parameters),
+                sum(entry.fit.information_criterion for entry in own),
+                _together([errors[place] for errors in judged]),
+                math.nan,
+                _mean([math.nan if entry is None else entry.objective for entry in agreements]),
+                _mean([math.nan if entry is None else entry.amplitude_ratio for entry in agreements]),
+                _mean([entry.training_error for entry in own]),
+                _mean([entry.held_out_error for entry in own]),
+                reason,
+            )
+        )
+    noise = max((sensor_noise(one.data.fitted) for one in series), default=math.nan)
+    unsure = {
+        judged.name
+        for one in series
+        for judged in one.judged
+        if judged.fit.reason is None and not judged.fit.converged
+    }
+    return ordered(found, noise, unsure)
+
+
+def ordered(found: Sequence[Rank], noise: float = math.nan, unsure: Collection[str] = ()) -> Ranking:
+    """Return ``found`` in order, with ``excess`` filled in.
+
+    Args:
+        found: in any order.
+        noise: rms of the spool's accelerometer at most, m/s^2, NaN where it is not known.
+        unsure: names of models whose descent did not converge.
+    """
+    least = min((entry.error for entry in found if math.isfinite(entry.error)), default=math.nan)
+    known = [replace(entry, excess=entry.error / least - 1.0) for entry in found]
+    lost = [entry for entry in known if math.isnan(entry.excess)]
+    left = [entry for entry in known if not math.isnan(entry.excess)]
+    groups: list[list[Rank]] = []
+    while left:
+        limit = (1.0 + WORTH) * min(entry.error for entry in left)
+        alike = sorted(
+            (entry for entry in left if entry.error <= limit), key=lambda one: (one.parameters, one.error)
+        )
+        groups.append(alike)
+        left = [entry for entry in left if entry.error > limit]
+    ranks = (*(entry for group in groups for entry in group), *lost)
+    if not groups:
+        return Ranking(ranks, None, (), ("No model has a result on these data.",))
+    equal, worse = groups[0], [entry for group in groups[1:] for entry in group]
+    return Ranking(
+        ranks,
+        ranks[0].model,
+        tuple(entry.model for entry in equal[1:]),
+        _sentences(equal, worse, lost, noise, unsure),
+    )
+
+
+def _sentences(
+    equal: Sequence[Rank], worse: Sequence[Rank], lost: Sequence[Rank], noise: float, unsure: Collection[str]
+) -> tuple[str, ...]:
+    best = equal[0]
+    said = []
+    twins = [entry for entry in equal[1:] if entry.parameters == best.parameters]
+    larger = [entry for entry in equal[1:] if entry.parameters > best.parameters]
+    if twins:
+        said.append(
+            f"{_names([best, *twins])} cannot be told apart on these data: the same number of parameters, "
+            f"and errors within {100.0 * WORTH:g} %."
+        )
+    elif worse:
+        said.append(
+            f"{_said(best)} is preferred: {_said(worse[0])}, the next that differs, leaves "
+            f"{_more(worse[0].error / best.error)} over."
+        )
+    else:
+        said.append(f"{_said(best)} is preferred: no other does better, and it has the fewest parameters.")
+    if larger:
+        verb = "does" if len(larger) == 1 else "do"
+        few, most = (
+            extreme(entry.parameters for entry in larger) - best.parameters for extreme in (min, max)
+        )
+        said.append(
+            f"{_names(larger)} {verb} as well with {few if few == most else f'{few} to {most}'} more "
+            f"parameter{'s' if most > 1 else ''}: nothing in the data asks for them."
+        )
+    certain = min((e for e in equal if math.isfinite(e.criterion)), key=lambda e: e.criterion, default=best)
+    if certain is not best and certain.parameters > best.parameters:
+        cut = 1.0 - certain.error / best.error
+        said.append(
+            f"By the information criterion alone {_said(certain)} would be ahead by "
+            f"{best.criterion - certain.criterion:.0f}: what it adds is there, or mends a fault of sampling, "
+            + (
+                f"but cuts the error by only {100.0 * cut:.1f} %."
+                if cut > 0.0
+                else "but does not cut the error."
+            )
+        )
+    if best.error > UNEXPLAINED * noise:
+        said.append(
+            f"Even {_said(best)} leaves {best.error / noise:.1f} times the noise of the spool's sensor over: "
+            "something is missing in all of these models; ./spool gap looks for it."
+        )
+    doubtful = [entry for entry in (*equal, *worse) if entry.model in unsure]
+    if doubtful:
+        said.append(f"{_names(doubtful)} did not converge: might do better.")
+    said += [f"{_said(entry)} has no result: {entry.reason}." for entry in lost]
+    return tuple(said)
+
+
+def _more(ratio: float) -> str:
+    return f"{ratio:.1f} times as much" if ratio >= 2.0 else f"{100.0 * (ratio - 1.0):.0f} % more"
+
+
+def _said(entry: Rank) -> str:
+    return entry.model.replace("_", " ")
+
+
+def _names(entries: Sequence[Rank]) -> str:
+    names = [_said(entry) for entry in entries]
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def _mean(values: Sequence[float]) -> float:
+    return sum(values) / len(values)
+
+
+def _together(errors: Sequence[Error | None]) -> float:
+    if any(error is None for error in errors):
+        return math.nan
+    return Error(
+        sum(error.squares for error in errors if error), sum(error.samples for error in errors if error)
+    ).rms
+
+
+def _runs(series: Series, records: Sequence[Record]) -> list[Overlay | None]:
+    runs: list[Overlay | None] = []
+    for judged in series.judged:
+        try:
+            usable = judged.fit.reason is None
+            runs.append(overlay(records, judged.fit, series.data.valve) if usable and records else None)
+        except InputError:  # too short for the model's run-in
+            runs.append(None)
+    return runs
+
+
+def _errors(series: Series, records: Sequence[Record]) -> list[Error | None]:
+    """Return what each model leaves over in ``records``, away from the jumps of the one that leaves least."""
+    runs = _runs(series, records)
+    kept = away_from_jumps(runs)
+    return [
+        None if run is None else Error(
+            float(sum(np.sum(row[keep] ** 2) for row, keep in zip(residuals(run), kept, strict=True))),
+            int(sum(np.count_nonzero(keep) for keep in kept)),
+        )
+        for run in runs
+    ]  # fmt: skip
+
+
+def residuals(run: Overlay) -> list[Array]:
+    """Return model - measured in each window, m/s^2."""
+    return [
+        response.acceleration[0] - window.measured
+        for response, window in zip(run.responses, run.run.windows, strict=True)
+    ]
+
+
+def away_from_jumps(runs: Sequence[Overlay | None]) -> list[NDArray[np.bool_]]:
+    """Return by window which samples lie away from the friction's jumps in the run that leaves least."""
+    known = [run for run in runs if run is not None]
+    if not known:
+        return []
+    best = min(known, key=lambda run: sum(float(np.sum(row**2)) for row in residuals(run)))
+    dry = any({"sliding_law", "memory_law"} & set(term.laws) for term in best.run.model.terms)
+    kept = []
+    for response in best.responses:
+        jumps = response.jumps[0] if dry else np.zeros(response.jumps.shape[1])
+        near = np.convolve(jumps, np.ones(2 * RINGING + 2))[RINGING : RINGING + jumps.size] > 0.0
+        kept.append(~near)
+    total = sum(keep.size for keep in kept)
+    if sum(int(np.count_nonzero(keep)) for keep in kept) < 0.1 * total:
+        return [np.ones(keep.size, dtype=np.bool_) for keep in kept]
+    return kept

@@ -1,0 +1,339 @@
+"""`fit` and `compare` on records that another simulator made, see bags/README.md, and on simulated ones."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Callable, Mapping
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import BaseModel, ConfigDict
+from spool_sim.model import load_model
+from spool_sim.valve.description import find_valve
+from spool_stream.errors import InputError
+from spool_tools.cli import main
+from spool_tools.commands.fit_command import fit_settings
+
+BAGS = Path(__file__).resolve().parents[4] / "bags"
+SOFT = ("--valve", "4weh10_soft")
+MakeBag = Callable[[Path, Mapping[str, Any]], Path]
+
+
+class Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class Number(Strict):
+    value: float | None
+    std: float | None
+    unit: str
+
+
+class Held(Strict):
+    value: float
+    unit: str
+
+
+class Correlation(Strict):
+    parameters: list[str]
+    matrix: list[list[float]]
+
+
+class Ratios(Strict):
+    frequency_Hz: list[float]  # noqa: N815
+    ratio: list[float | None]
+
+
+class FitResult(Strict):
+    records: list[str]
+    held_out_records: list[str]
+    valve: str
+    model: str
+    terms: list[str]
+    converged: bool
+    reason: str | None
+    warnings: list[str]
+    parameters: dict[str, Number]
+    combinations: dict[str, Number]
+    not_observable: list[str]
+    at_bound: list[str]
+    held: dict[str, Held]
+    correlation: Correlation
+    objective: float | None
+    nrmse: float | None
+    nrmse_held_out: float | None
+    amplitude_ratio: float | None
+    amplitude_ratios: Ratios
+    natural_frequency_Hz: float | None  # noqa: N815
+    damping_ratio: float | None
+    information_criterion: float | None
+    effective_samples: float | None
+    seconds: float | None
+    seconds_held_out: float
+    samples: int
+
+
+class Left(Strict):
+    value: float | None
+    unit: str
+
+
+class Place(Strict):
+    model: str
+    parameters: int
+    error: Left
+    error_over_least: float | None
+    information_criterion: float | None
+    information_criterion_behind: float | None
+    objective: float | None
+    amplitude_ratio: float | None
+    nrmse: float | None
+    nrmse_held_out: float | None
+    reason: str | None
+
+
+class OneSeries(Strict):
+    records: list[str]
+    held_out_records: list[str]
+    valve: str
+    models: dict[str, FitResult]
+
+
+class Comparison(Strict):
+    preferred: str | None
+    equal: list[str]
+    verdict: str
+    ranking: list[Place]
+    series: list[OneSeries]
+
+
+def read(path: Path) -> Any:
+    """Return the JSON, which must not hold NaN or infinity."""
+    return json.loads(path.read_text(), parse_constant=pytest.fail)
+
+
+class Page(HTMLParser):
+    """Collects pictures, and addresses that a page would have to load."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.pictures: list[str] = []
+        self.loaded: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = dict(attrs)
+        if tag == "img":
+            self.pictures.append(given["src"] or "")
+        self.loaded += [
+            value
+            for key, value in attrs
+            if key in ("src", "href") and value and not value.startswith("data:")
+        ]
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a fit of Coulomb friction to the record that was made with it."""
+    folder = tmp_path_factory.mktemp("fit") / "out"
+    assert main(["fit", str(BAGS / "practice_03"), *SOFT, "--model", "coulomb", "--out", str(folder)]) == 0
+    return folder
+
+
+# One model.
+
+
+def test_the_truth_lies_within_two_standard_deviations(fitted: Path) -> None:
+    found = FitResult.model_validate(read(fitted / "fit.json"))
+    assert found.converged
+    for name, true in (("spring_stiffness", 1632.0), ("viscous_coefficient", 4.0), ("coulomb_force", 0.5)):
+        number = found.parameters[name]
+        assert number.value is not None
+        assert number.std is not None
+        assert abs(number.value - true) < 2.0 * number.std
+        assert number.std < 0.01 * true
+    assert found.held["mass"] == Held(value=0.18, unit="kg")
+    assert found.natural_frequency_Hz == pytest.approx(15.15, abs=0.01)
+    assert found.amplitude_ratio == pytest.approx(1.0, abs=0.02)
+
+
+def test_the_json_is_of_one_piece(fitted: Path) -> None:
+    found = FitResult.model_validate(read(fitted / "fit.json"))
+    matrix = np.array(found.correlation.matrix)
+    assert matrix.shape == (len(found.correlation.parameters),) * 2
+    np.testing.assert_allclose(np.diag(matrix), 1.0)
+    np.testing.assert_allclose(matrix, matrix.T, atol=1e-9)
+    assert len(found.amplitude_ratios.frequency_Hz) == len(found.amplitude_ratios.ratio)
+    assert found.seconds is not None
+    assert 0.2 < found.seconds_held_out / (found.seconds + found.seconds_held_out) < 0.3
+
+
+def test_the_saved_model_moves_the_spool_as_the_record_says(fitted: Path, tmp_path: Path) -> None:
+    found = FitResult.model_validate(read(fitted / "fit.json"))
+    model = load_model(fitted / "model.yaml")
+    assert {name: model.values[name] for name in found.parameters} == {
+        name: number.value for name, number in found.parameters.items()
+    }
+    drive = ("--excitation", str(BAGS / "practice_03"), "--seconds", "12", "--noise", "0")
+    arguments = ["simulate", "--model", str(fitted / "model.yaml"), *drive, "--out", str(tmp_path / "again")]
+    assert main(arguments) == 0
+    assert main(["fit", str(tmp_path / "again"), "--model", "coulomb", "--json", str(tmp_path / "j")]) == 0
+    again = FitResult.model_validate(read(tmp_path / "j"))
+    for name, number in found.parameters.items():
+        assert again.parameters[name].value == pytest.approx(number.value, rel=5e-3)
+
+
+def test_the_page_stands_by_itself(fitted: Path) -> None:
+    text = (fitted / "fit.html").read_text()
+    page = Page(text)
+    assert len(page.pictures) == 4
+    assert all(picture.startswith("data:image/svg+xml;base64,") for picture in page.pictures)
+    assert not page.loaded
+    assert "spring stiffness" in text
+    assert "nan" not in re.sub(r"base64,[^']+", "", text).lower().split()
+
+
+def test_the_terminal_shows_value_deviation_and_unit(capfd: pytest.CaptureFixture[str]) -> None:
+    arguments = ["fit", str(BAGS / "practice_01"), *SOFT, "--model", "fluid", "--stop", "12"]
+    assert main(arguments) == 0
+    shown = capfd.readouterr()
+    assert re.search(r"spring stiffness +16\d\d\.\d+ +\d\.\d+ +N/m", shown.out)
+    assert re.search(r"mass +0\.18 +kg +held", shown.out)
+    assert "error on held-out data, nrmse" in shown.out
+    assert shown.err == ""
+
+
+def test_a_parameter_that_is_held_is_not_fitted(tmp_path: Path) -> None:
+    options = [
+        "--model",
+        "coulomb",
+        "--fix",
+        "coulomb_force=0",
+        "--stop",
+        "12",
+        "--json",
+        str(tmp_path / "j"),
+    ]
+    assert main(["fit", str(BAGS / "practice_01"), *SOFT, *options]) == 0
+    found = FitResult.model_validate(read(tmp_path / "j"))
+    assert sorted(found.parameters) == ["spring_stiffness", "viscous_coefficient"]
+    assert found.held["coulomb_force"].value == 0.0
+    assert found.parameters["viscous_coefficient"].value == pytest.approx(4.0, rel=0.01)
+
+
+def test_what_to_hold_and_to_free_is_checked() -> None:
+    model, valve = load_model("mixed"), find_valve("4weh10_soft")
+    settings = fit_settings(model, valve, ["normal_load=2"], ["mixed_velocity", "mixed_root_coefficient=0"])
+    assert settings.held == {"mixed_velocity": 0.01, "mixed_root_coefficient": 0.0}
+    assert settings.free == ("normal_load",)
+    assert settings.start == {"normal_load": 2.0}
+    for free, fixed, said in (
+        (["mass"], ["mass=1"], "mass: given to --free and to --fix"),
+        ([], ["mas=1"], "--fix: mas: unknown parameter of model 'mixed', known are mass"),
+        ([], ["mass=heavy"], "--fix mass=heavy: 'heavy' is not a number: write mass=1.5"),
+        ([], ["mass=-1"], "--fix: mass: -1 kg is out of range"),
+    ):
+        with pytest.raises(InputError, match=re.escape(said)):
+            fit_settings(model, valve, free, fixed)
+
+
+# Wrong input: one line, exit code 2.
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("practice_03",), "does not describe its valve: name a valve file with --valve"),
+        (("practice_03", *SOFT, "--model", "coulom"), "coulom: no such model; give one of fluid"),
+        (("practice_03", *SOFT, "--stop", "1"), "has 1.00 s: a fit needs 2 s at least"),
+        (("practice_03", *SOFT, "--start", "60"), "no sample from --start 60 s on: it is 40.0 s long"),
+        (("practice_99", *SOFT), "practice_99: no such bag"),
+        (("practice_03", *SOFT, "--name", "valve_7"), "no valve 'valve_7': the bag has valve_1"),
+    ],
+)
+@pytest.mark.parametrize("command", ["fit", "compare"])
+def test_wrong_input_is_one_line(
+    command: str, arguments: tuple[str, ...], said: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    record, *options = arguments
+    if command == "compare":
+        options = ["--models" if option == "--model" else option for option in options]
+    assert main([command, str(BAGS / record), *options]) == 2
+    shown = capfd.readouterr()
+    assert said in shown.err
+    assert shown.err.count("\n") == 1
+    assert shown.out == ""
+
+
+def test_a_record_of_noise_is_refused(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    bag = str(tmp_path / "still")
+    (tmp_path / "still.yaml").write_text("kind: standstill\n")
+    excitation = ("--excitation", str(tmp_path / "still.yaml"))
+    assert main(["simulate", *excitation, "--seconds", "5", "--out", bag]) == 0
+    capfd.readouterr()
+    assert main(["fit", bag]) == 2
+    assert "nothing but noise in both accelerations: without excitation" in capfd.readouterr().err
+
+
+# Models side by side.
+
+
+@pytest.mark.parametrize(("name", "preferred"), [("practice_01", "fluid"), ("practice_03", "coulomb")])
+def test_the_model_that_a_record_was_made_with_is_preferred(
+    name: str, preferred: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    models = ("--models", "coulomb_hydrodynamic,coulomb,fluid")
+    assert main(["compare", str(BAGS / name), *SOFT, *models, "--out", str(out)]) == 0
+    found = Comparison.model_validate(read(out / "compare.json"))
+    assert found.preferred == preferred
+    assert found.ranking[0].model == preferred
+    assert f"{preferred} is preferred" in capfd.readouterr().out
+    if preferred == "coulomb":
+        last = found.ranking[-1]
+        assert last.model == "fluid"
+        assert last.error_over_least is not None
+        assert last.error_over_least > 10.0
+    page = Page((out / "compare.html").read_text())
+    assert len(page.pictures) == 5
+    assert not page.loaded
+
+
+def test_every_record_is_a_series_and_the_ranking_is_over_all(tmp_path: Path) -> None:
+    records = [str(BAGS / "practice_03"), str(BAGS / "practice_04")]
+    valves = (*SOFT, "--valve", "4weh10_stiff")
+    options = ("--models", "fluid,coulomb", "--stop", "16", "--json", str(tmp_path / "j"))
+    assert main(["compare", *records, *valves, *options]) == 0
+    found = Comparison.model_validate(read(tmp_path / "j"))
+    assert found.preferred == "coulomb"
+    assert [one.valve for one in found.series] == ["4weh10_soft", "4weh10_stiff"]
+    forces = [one.models["coulomb"].parameters["coulomb_force"].value for one in found.series]
+    assert forces == pytest.approx([0.5, 0.3], rel=0.01)
+    means = {place.model: place.objective for place in found.ranking}
+    objectives = [one.models["fluid"].objective or math.nan for one in found.series]
+    assert means["fluid"] == pytest.approx(sum(objectives) / 2.0)
+
+
+def test_a_short_record_is_judged_by_what_was_fitted(tmp_path: Path) -> None:
+    options = ("--models", "fluid,coulomb", "--start", "8", "--stop", "14", "--json", str(tmp_path / "j"))
+    assert main(["compare", str(BAGS / "practice_03"), *SOFT, *options]) == 0
+    found = Comparison.model_validate(read(tmp_path / "j"))
+    assert found.preferred == "coulomb"
+    assert [place.nrmse_held_out for place in found.ranking] == [None, None]
+    assert all(place.error.value for place in found.ranking)
+    assert found.series[0].models["coulomb"].seconds_held_out == 0.0
+
+
+def test_valves_and_models_must_fit(make_bag: MakeBag, recorded: Any, tmp_path: Path) -> None:
+    records = [str(BAGS / "practice_03"), str(BAGS / "practice_04"), str(BAGS / "practice_01")]
+    assert main(["compare", *records, *SOFT, *SOFT]) == 2
+    assert main(["compare", records[0], *SOFT, "--models", "fluid,fluid"]) == 2
+    assert main(["compare", *records, *SOFT, "--holdout", records[0]]) == 2
+    two = make_bag(tmp_path / "two", {"left": recorded(seconds=3.0), "right": recorded(seconds=3.0)})
+    assert main(["compare", str(two)]) == 2
+    assert main(["fit", str(two), "--model", "fluid", "--valve", "left"]) == 0

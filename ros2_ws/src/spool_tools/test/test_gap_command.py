@@ -1,0 +1,184 @@
+"""`./spool gap`: records of a driven mass by command, and the model it saves."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from spool_gap.registry import EFFECTS
+from spool_sim.integration.composed_motion import ComposedMotion, MotionState
+from spool_sim.integration.motion import half_step_times
+from spool_sim.model import MODELS, Model, load_model
+from spool_sim.terms import term
+from spool_sim.valve.description import find_valve
+from spool_stream.quantity import Quantity, Validity
+from spool_tools.cli import main
+from spool_tools.commands.gap_command import save_model
+
+Array = NDArray[np.float64]
+
+SOFT = find_valve("4weh10_soft")
+RATE, SUBSTEPS = 1000.0, 8
+NAMES = "time_s,displacement_m,force_N"
+PLANTS: dict[str, tuple[str, dict[str, float]]] = {
+    "coulomb_friction": ("stribeck_friction", {"coulomb_force": 0.5, "static_force": 0.5}),
+    "stribeck_friction": ("stribeck_friction", {"coulomb_force": 0.4, "static_force": 0.9}),
+    "spring_backlash": ("spring_backlash", {"backlash": 4e-4}),
+}
+
+
+def driven(hidden: str, seconds: float = 30.0) -> tuple[Array, Array, Array]:
+    """Return time, displacement and the force that drives the mass of ``SOFT`` with ``hidden`` in it.
+
+    In a body that is accelerated the spool moves as one that -m w'' drives.
+    """
+    time = half_step_times(0, round(seconds * RATE), RATE, SUBSTEPS)
+    draw = np.random.default_rng(1)
+    force = np.zeros(time.size)
+    for frequency in (0.7, 1.9, 4.3, 7.1, 11.3, 17.9):
+        force += draw.uniform(2.0, 4.0) * np.sin(2.0 * np.pi * frequency * time + draw.uniform(0.0, 6.28))
+    force *= 0.6 + 0.4 * np.sin(2.0 * np.pi * time / 7.3)
+    name, values = PLANTS[hidden]
+    motion = ComposedMotion((*MODELS["fluid"].terms, term(name)))
+    known = {
+        "mass": SOFT.moving_mass,
+        "spring_stiffness": 1632.0,
+        "viscous_coefficient": 8.0,
+        "stribeck_velocity": 0.02,
+        "stribeck_exponent": 2.0,
+        **values,
+    }
+    table = motion.table({entry: known[entry] for entry in motion.names}, 1)
+    moved, _ = motion.advance(
+        MotionState(), -force / SOFT.moving_mass, table, sample_period=1.0 / RATE, substeps=SUBSTEPS
+    )
+    place = moved.displacement + 1e-6 * draw.standard_normal(moved.displacement.size)
+    measured = force[:: 2 * SUBSTEPS][: place.size]
+    measured = measured + 0.02 * draw.standard_normal(place.size)
+    return np.arange(place.size) / RATE, place, measured
+
+
+def write(path: Path, *rows: Array, names: str = NAMES) -> Path:
+    np.savetxt(path, np.transpose(rows), fmt="%.9g", delimiter=",", header=names, comments="")
+    return path
+
+
+def gap(folder: Path, *arguments: object) -> dict[str, Any]:
+    file = folder / "gap.json"
+    assert main(["gap", *map(str, arguments), "--json", str(file)]) == 0
+    found: dict[str, Any] = json.loads(file.read_text())
+    return found
+
+
+@pytest.fixture(scope="module", name="rubbing")
+def _rubbing() -> tuple[Array, Array, Array]:
+    return driven("coulomb_friction")
+
+
+@pytest.mark.parametrize("hidden", PLANTS)
+def test_what_a_driven_mass_lacks_is_named_with_its_size(hidden: str, tmp_path: Path) -> None:
+    record = write(tmp_path / "rig.csv", *driven(hidden))
+    result = gap(tmp_path, record, "--kind", "driven")
+    assert result["verdict"] == hidden
+    assert result["kind"] == "driven"
+    found = {name: value["value"] for name, value in result["effects"][0]["parameters"].items()}
+    # The static force acts for a moment only, as the spool breaks away.
+    wanted = {name: value for name, value in PLANTS[hidden][1].items() if name != "static_force"}
+    assert {name: found[name] for name in wanted} == pytest.approx(wanted, rel=0.03)
+    assert result["gap"]["after"]["nrmse"] < 0.4 * result["gap"]["before"]["nrmse"]
+
+
+def test_columns_of_other_names_and_a_known_mass_are_taken(
+    tmp_path: Path, rubbing: tuple[Array, Array, Array]
+) -> None:
+    record = write(tmp_path / "own.csv", *rubbing, names="t,x,f")
+    columns = "time_s=t,displacement_m=x,force_N=f"
+    saved = tmp_path / "found.yaml"
+    result = gap(
+        tmp_path, record, "--kind", "driven", "--columns", columns, "--valve", "4weh10_soft",
+        "--save-model", saved,
+    )  # fmt: skip
+    assert result["verdict"] == "coulomb_friction"
+    model = load_model(saved)
+    assert model.values["mass"] == SOFT.moving_mass
+    assert model.values["spring_stiffness"] == pytest.approx(1632.0, rel=0.02)
+    assert model.values["coulomb_force"] == pytest.approx(0.5, rel=0.03)
+
+
+def test_a_reader_who_ends_early_has_the_files_all_the_same(
+    tmp_path: Path, rubbing: tuple[Array, Array, Array]
+) -> None:
+    """As `| head` does."""
+    record, model, page = (tmp_path / name for name in ("rig.csv", "found.yaml", "page.html"))
+    write(record, *rubbing)
+    arguments = ["gap", record, "--kind", "driven", "--save-model", model, "--report", page]
+    program = f"from spool_tools.cli import main; main({[str(word) for word in arguments]})"
+    reading, writing = os.pipe()
+    os.close(reading)
+    subprocess.run([sys.executable, "-c", program], stdout=writing, stderr=subprocess.DEVNULL, check=False)
+    os.close(writing)
+    assert load_model(model).values["coulomb_force"] == pytest.approx(0.5, rel=0.03)
+    assert "coulomb" in page.read_text()
+
+
+@pytest.mark.parametrize(
+    ("place", "force", "said"),
+    [
+        (1e3, 1.0, "is it in mm instead of m"),
+        (0.0, 1.0, "displacement_m does not change"),
+        (1.0, 0.0, "force_N does not change"),
+        (1.0, 1e3, "the valve's description says 0.18 kg"),
+    ],
+)
+def test_a_driven_record_that_cannot_be_is_refused_in_one_line(
+    place: float, force: float, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    rubbing: tuple[Array, Array, Array],
+) -> None:  # fmt: skip
+    record = write(tmp_path / "rig.csv", rubbing[0], place * rubbing[1], force * rubbing[2])
+    assert main(["gap", str(record), "--kind", "driven", "--valve", "4weh10_soft"]) == 2
+    told = capsys.readouterr().err
+    assert said in told
+    assert len(told.splitlines()) == 1
+
+
+def test_noise_is_not_taken_for_motion(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], rubbing: tuple[Array, Array, Array]
+) -> None:
+    noise = 1e-6 * np.random.default_rng(0).standard_normal(rubbing[0].size)
+    record = write(tmp_path / "rig.csv", rubbing[0], noise, rubbing[2])
+    assert main(["gap", str(record), "--kind", "driven"]) == 2
+    assert "hardly more than noise" in capsys.readouterr().err
+
+
+def test_an_imposed_motion_is_not_taken_for_a_driven_mass(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], rubbing: tuple[Array, Array, Array]
+) -> None:
+    time, place, _ = rubbing
+    reaction = 900.0 * np.gradient(place, time) - 2.0 * np.gradient(np.gradient(place, time), time)
+    record = write(tmp_path / "rig.csv", time, place, reaction)
+    assert main(["gap", str(record), "--kind", "driven"]) == 2
+    assert "--kind imposed" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", [name for name, effect in EFFECTS.items() if effect.terms])
+def test_a_saved_model_is_read_back_as_it_was(name: str, tmp_path: Path) -> None:
+    """Small numbers too: YAML reads 1e-05 as text."""
+    terms = (*MODELS["fluid"].terms, *(term(entry) for entry in EFFECTS[name].terms))
+    values = {
+        parameter.name: min(max(parameter.low, parameter.start_for(SOFT) / 3.0), parameter.high)
+        for parameter in Model("fluid", terms).parameters
+    }
+    file = tmp_path / "found.yaml"
+    fitted = [Quantity("spring_stiffness", "N/m", 1.0, 0.5, Validity.VALID)]
+    save_model(file, Model("fluid", terms, values), fitted, "two\nlines")
+    read = load_model(file)
+    assert dict(read.values) == values
+    assert [entry.name for entry in read.terms] == [entry.name for entry in terms]
+    assert read.values_for(SOFT) == values

@@ -1,0 +1,116 @@
+"""Implausible input to the commands: wrong units, the wrong valve, records that show nothing."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+from spool_sim.valve.description import shipped_valves
+from spool_tools.cli import main
+
+RATE = 1000.0
+
+
+def written(path: Path, columns: str, rows: list[tuple[float, ...]]) -> str:
+    path.write_text("\n".join([columns, *(",".join(f"{value:.9g}" for value in row) for row in rows)]) + "\n")
+    return str(path)
+
+
+def shaken(path: Path, unit: float = 1.0) -> str:
+    """Write 10 s of a 30 Hz sine; ``unit`` is what a second counts in the file."""
+    turn = 2.0 * math.pi * 30.0 / RATE
+    rows = [
+        (number / RATE * unit, 10.0 * math.sin(turn * number), 4.0 * math.sin(turn * number + 2.0))
+        for number in range(int(10.0 * RATE))
+    ]
+    return written(path, "time_s,body_m_s2,spool_m_s2", rows)
+
+
+def forced(path: Path, displacement: float = 1e-3, force: float = 5.0) -> str:
+    rows = [
+        (number / RATE, displacement * math.sin(0.05 * number), 3.0 + force * math.sin(0.05 * number + 0.1))
+        for number in range(4000)
+    ]
+    return written(path, "time_s,displacement_m,force_N", rows)
+
+
+def refusal(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    """Return the one line that a command refuses with."""
+    assert main(arguments) == 2
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("spool: ")]
+    assert len(lines) == 1
+    return lines[0]
+
+
+@pytest.mark.parametrize("command", ["replay", "fit", "compare"])
+def test_milliseconds_taken_for_seconds_are_refused(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record = shaken(tmp_path / "record.csv", unit=1e3)
+    assert "milliseconds" in refusal([command, record, "--valve", "4weh10_soft"], capsys)
+
+
+@pytest.mark.parametrize("command", ["replay", "fit", "compare", "gap"])
+def test_a_record_that_is_too_slow_for_its_valve_is_refused(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record = shaken(tmp_path / "record.csv", unit=25.0)
+    said = refusal([command, record, "--valve", "4weh10_soft"], capsys)
+    assert "40 Hz is too slow for " in said
+    assert "sample at " in said
+
+
+@pytest.mark.parametrize("kind", ["driven", "imposed"])
+@pytest.mark.parametrize(
+    ("still", "name"), [({"force": 0.0}, "force_N"), ({"displacement": 0.0}, "displacement_m")]
+)
+def test_a_held_out_record_that_does_not_vary_is_refused(
+    kind: str, still: dict[str, float], name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    moving, held = forced(tmp_path / "moving.csv"), forced(tmp_path / "held.csv", **still)
+    said = refusal(["gap", moving, "--kind", kind, "--holdout", held], capsys)
+    assert f"held.csv: {name} does not change" in said
+
+
+@pytest.mark.parametrize("command", ["replay", "fit", "compare", "gap", "simulate"])
+def test_masses_in_grams_are_refused_by_every_command(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = shipped_valves()["4weh10_soft"].read_text(encoding="utf-8")
+    grams = tmp_path / "grams.yaml"
+    grams.write_text(text.replace("0.18 ", "180").replace("0.172 ", "172"))
+    record = [] if command == "simulate" else [shaken(tmp_path / "record.csv")]
+    out = ["--out", str(tmp_path / "bag")] if command == "simulate" else []
+    said = refusal([command, *record, "--valve", str(grams), *out], capsys)
+    assert "moving_mass: 180 kg" in said
+    assert "did you write g?" in said
+    assert not (tmp_path / "bag").exists()
+
+
+def test_the_wrong_valve_is_warned_of_on_the_terminal_in_json_and_on_the_page(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag, json_file, page = (str(tmp_path / name) for name in ("bag", "fit.json", "fit.html"))
+    assert main(["simulate", "--seconds", "12", "--excitation", "multisine", "--out", bag]) == 0
+    arguments = ["fit", bag, "--valve", "4weh10_stiff", "--json", json_file, "--report", page]
+    assert main(arguments) == 0
+    said = "says 28.7 Hz, the record shows 15.2 Hz"
+    assert said in " ".join(capsys.readouterr().err.split())
+    assert any(said in warning for warning in json.loads(Path(json_file).read_text())["warnings"])
+    assert said in Path(page).read_text(encoding="utf-8")
+
+
+def test_a_doubted_valve_file_caps_the_confidence_of_a_gap_analysis(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record = tmp_path / "record"
+    words = ["--coulomb-force", "0.5", "--excitation", "multisine", "--seconds", "16"]
+    assert main(["simulate", *words, "--out", str(record)]) == 0
+    out = tmp_path / "gap.json"
+    assert main(["gap", str(record), "--valve", "4weh10_stiff", "--json", str(out)]) == 0
+    result = json.loads(out.read_text())
+    assert result["verdict"] == "coulomb_friction"
+    assert result["confidence"] == 0.5
+    assert "the record shows 15.2 Hz" in capsys.readouterr().err

@@ -1,0 +1,252 @@
+from __future__ import annotations
+
+import json
+import math
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from spool_bag.reading.reader import BagReader
+from spool_bag.recording.writer import BagWriter
+from spool_sim.valve.description import find_valve
+from spool_stream.errors import InputError
+from spool_tools.cli import main
+from spool_tools.commands.bag_commands import write_json
+from spool_tools.commands.replay_command import replay_bag, replay_valve
+
+if TYPE_CHECKING:
+    from .conftest import MakeBag, Recorded
+
+PRACTICE = Path(__file__).resolve().parents[4] / "bags" / "practice_01"
+#: ns, in the middle of that record.
+MIDDLE = 1_735_689_620_000_000_000
+
+SOFT, STIFF = (find_valve(name) for name in ("4weh10_soft", "4weh10_stiff"))
+
+
+def stiffness(result: dict[str, Any], valve: str) -> float:
+    return float(result["valves"][valve]["estimate"]["parameters"]["spring_stiffness"]["value"])
+
+
+def test_the_result_has_the_keys_that_scripts_rely_on(
+    tmp_path: Path, make_bag: MakeBag, recorded: type[Recorded]
+) -> None:
+    bag = make_bag(tmp_path / "bag", {"valve_1": recorded(seconds=6.0, lost=(50, 51))})
+    file = tmp_path / "result.json"
+    write_json(file, replay_bag(bag, []))
+    result = json.loads(file.read_text())
+    assert set(result) == {"bag", "duration_s", "valves", "warnings"}
+    assert result["bag"] == str(bag)
+    assert result["duration_s"] == pytest.approx(6.0)
+    valve = result["valves"]["valve_1"]
+    assert set(valve) >= {"blocks", "lost_blocks", "samples", "estimate", "events"}
+    assert valve["valve"]["id"] == "4weh10_soft"
+    assert valve["valve"]["source"] == "recorded"
+    assert valve["warnings"] == []
+    assert valve["health"]["baseline"] == "learning"
+    assert valve["health"]["judgements"]["friction_drift"] == "learning"
+    assert (valve["blocks"], valve["lost_blocks"], valve["samples"]) == (298, 2, 298 * 40)
+    estimate = valve["estimate"]
+    # "state" is said beyond what was agreed on.
+    assert set(estimate) - {"state"} == {
+        "model",
+        "parameters",
+        "natural_frequency_Hz",
+        "damping_ratio",
+        "nrmse",
+    }
+    assert estimate["model"] == "coulomb"
+    parameters = estimate["parameters"]
+    assert {name: parameter["unit"] for name, parameter in parameters.items()} == {
+        "spring_stiffness": "N/m",
+        "viscous_coefficient": "N s/m",
+        "coulomb_force": "N",
+    }
+    for parameter in parameters.values():
+        assert set(parameter) == {"value", "std", "unit"}
+        assert parameter["std"] > 0.0
+    assert parameters["coulomb_force"]["value"] == pytest.approx(0.3, rel=0.1)
+    assert estimate["natural_frequency_Hz"] == pytest.approx(SOFT.natural_frequency, rel=0.02)
+    assert 0.0 < estimate["nrmse"] < 0.1
+    event = valve["events"][0]
+    assert set(event) == {"t_s", "kind", "state", "severity", "cause", "value", "unit", "message"}
+    assert (event["kind"], event["state"], event["severity"]) == ("data_fault", "raised", "warning")
+    assert event["t_s"] == pytest.approx(52 * 0.02)
+
+
+def test_the_valves_description_is_taken_from_the_bag(
+    tmp_path: Path, make_bag: MakeBag, recorded: type[Recorded]
+) -> None:
+    """The moving mass of the description sets the scale, so a wrong one shows."""
+    bag = make_bag(tmp_path / "bag", {"a": recorded(), "b": recorded("4weh10_stiff")})
+    result = replay_bag(bag, [])
+    assert stiffness(result, "a") == pytest.approx(SOFT.spring_stiffness, rel=0.02)
+    assert stiffness(result, "b") == pytest.approx(STIFF.spring_stiffness, rel=0.02)
+
+
+def heavier(folder: Path, name: str, factor: float) -> str:
+    """Write a description whose mass is ``factor`` times the soft valve's; return its path."""
+    path = folder / f"{name}.yaml"
+    described = SOFT.model_dump(exclude_none=True) | {"id": name, "moving_mass": factor * SOFT.moving_mass}
+    path.write_text("".join(f"{key}: {value}\n" for key, value in described.items()))
+    return str(path)
+
+
+@pytest.mark.parametrize(("factors", "expected"), [((2.0,), (2.0, 2.0)), ((2.0, 3.0), (2.0, 3.0))])
+def test_valves_are_given_once_for_all_or_once_for_each_in_order_of_name(
+    tmp_path: Path,
+    make_bag: MakeBag,
+    recorded: type[Recorded],
+    factors: tuple[float, ...],
+    expected: tuple[float, float],
+) -> None:
+    bag = make_bag(tmp_path / "bag", {"b": recorded(), "a": recorded()})
+    files = [heavier(tmp_path, f"file_{factor:g}", factor) for factor in factors]
+    result = replay_bag(bag, files)
+    assert list(result["valves"]) == ["a", "b"]
+    for name, factor in zip("ab", expected, strict=True):
+        assert stiffness(result, name) == pytest.approx(factor * SOFT.spring_stiffness, rel=0.02)
+
+
+def test_another_number_of_valves_is_refused_with_the_bags_valves(
+    tmp_path: Path, make_bag: MakeBag, recorded: type[Recorded]
+) -> None:
+    bag = make_bag(tmp_path / "bag", {"a": recorded(seconds=0.1), "b": recorded(seconds=0.1)})
+    with pytest.raises(InputError, match=r"given 3 times, the bag holds a, b: give it once for all, or NAME"):
+        replay_bag(bag, ["4weh10_soft"] * 3)
+    with pytest.raises(InputError, match="no_such_valve"):
+        replay_bag(bag, ["no_such_valve"])
+
+
+def test_valves_are_given_by_their_namespaces(
+    tmp_path: Path, make_bag: MakeBag, recorded: type[Recorded]
+) -> None:
+    bag = make_bag(tmp_path / "bag", {"a": recorded(), "b": recorded()})
+    result = replay_bag(bag, [f"b={heavier(tmp_path, 'heavy', 2.0)}"])
+    assert stiffness(result, "a") == pytest.approx(SOFT.spring_stiffness, rel=0.02)
+    assert stiffness(result, "b") == pytest.approx(2.0 * SOFT.spring_stiffness, rel=0.02)
+    sources = {name: valve["valve"]["source"] for name, valve in result["valves"].items()}
+    assert sources == {"a": "recorded", "b": "given"}
+    for given, said in (
+        (["c=4weh10_soft"], "has no valve c: it has a, b"),
+        (["a=4weh10_soft", "a=4weh10_stiff"], "stands there twice"),
+        (["a=4weh10_soft", "4weh10_stiff"], "write NAME=4weh10_stiff"),
+        (["a=4weh10_sof"], "did you mean 4weh10_soft"),
+    ):
+        with pytest.raises(InputError, match=re.escape(said)):
+            replay_bag(bag, given)
+
+
+def test_a_valve_that_nobody_described_is_assumed_aloud(
+    tmp_path: Path, make_bag: MakeBag, recorded: type[Recorded], capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = make_bag(tmp_path / "bag", {"a": recorded(seconds=1.0, described=False)})
+    assert main(["replay", str(bag)]) == 0
+    shown = capsys.readouterr()
+    assert "warning: a: the record does not describe its valve" in shown.err
+    assert "ASSUMED to be 4weh10_soft" in shown.out
+
+
+def test_the_wrong_valve_file_is_told_by_replay(
+    tmp_path: Path, make_bag: MakeBag, recorded: type[Recorded], capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = make_bag(tmp_path / "bag", {"a": recorded(seconds=10.0)})
+    assert main(["replay", str(bag), "--valve", "4weh10_stiff"]) == 0
+    assert "says 28.7 Hz, the record shows 15.2 Hz" in capsys.readouterr().err
+    assert main(["replay", str(bag), "--valve", "4weh10_soft"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_a_csv_file_replays_as_the_bag_that_it_becomes(
+    tmp_path: Path, make_bag: MakeBag, recorded: type[Recorded]
+) -> None:
+    bag = make_bag(tmp_path / "bag", {"valve_1": recorded(seconds=6.0)})
+    table = tmp_path / "record.csv"
+    assert main(["export", str(bag), "--out", str(table)]) == 0
+    assert main(["import", str(table), "--out", str(tmp_path / "again")]) == 0
+    results = [replay_bag(path, ["4weh10_soft"])["valves"] for path in (table, tmp_path / "again")]
+    assert results[0] == results[1]
+    assert main(["info", str(table)]) == 0
+
+
+def test_without_any_description_the_default_valve_is_taken(
+    tmp_path: Path, make_bag: MakeBag, recorded: type[Recorded]
+) -> None:
+    described = make_bag(tmp_path / "one", {"a": recorded()})
+    bare = make_bag(tmp_path / "two", {"a": recorded(described=False)})
+    results = [replay_bag(bag, [])["valves"]["a"]["estimate"] for bag in (bare, described)]
+    assert results[0] == results[1]
+
+
+def test_times_of_all_valves_count_from_the_bags_first_stamp(
+    tmp_path: Path, make_bag: MakeBag, recorded: type[Recorded]
+) -> None:
+    bag = make_bag(
+        tmp_path / "bag", {"a": recorded(begin=3.0, seconds=1.0, lost=(10,)), "b": recorded(seconds=2.0)}
+    )
+    result = replay_bag(bag, [])
+    assert result["duration_s"] == pytest.approx(4.0)
+    assert result["valves"]["a"]["events"][0]["t_s"] == pytest.approx(3.0 + 11 * 0.02)
+
+
+def test_too_little_data_give_unknowns_and_no_numbers(
+    tmp_path: Path, make_bag: MakeBag, recorded: type[Recorded]
+) -> None:
+    bag = make_bag(tmp_path / "bag", {"a": recorded(seconds=0.4)})
+    file = tmp_path / "result.json"
+    write_json(file, replay_bag(bag, []))
+    estimate = json.loads(file.read_text())["valves"]["a"]["estimate"]
+    assert estimate["natural_frequency_Hz"] is None
+    assert estimate["nrmse"] is None
+    assert all(one["value"] is None for one in estimate["parameters"].values())
+
+
+def test_a_bag_without_accelerations_is_refused(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/valve_1/health", "spool_msgs/msg/ValveHealth")
+    with pytest.raises(InputError, match=r"bag: no acceleration topic in it"):
+        replay_bag(tmp_path / "bag", [])
+
+
+def test_the_time_of_the_baseline_reaches_the_monitor(
+    tmp_path: Path, make_bag: MakeBag, recorded: type[Recorded]
+) -> None:
+    reader = BagReader(make_bag(tmp_path / "bag", {"a": recorded(seconds=8.0)}))
+    short, long = (replay_valve(reader, "a", SOFT, baseline_time=time) for time in (3.0, None))
+    assert short.monitor.detection.parameters["coulomb_force"].baseline.frozen
+    assert not long.monitor.detection.parameters["coulomb_force"].baseline.frozen
+    assert math.isfinite(short.monitor.health.viscous_drift.value)
+
+
+def test_a_replay_counts_time_on_where_the_clock_was_set_and_says_so(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "set") as writer:
+        channel = None
+        for topic, record in BagReader(PRACTICE).records():
+            if channel is None:
+                channel = writer.add_topic(topic.name, topic.type)
+            data = bytearray(record.data)
+            seconds = int.from_bytes(data[4:8], "little") - (3600 if record.log_time > MIDDLE else 0)
+            data[4:8] = seconds.to_bytes(4, "little")
+            writer.write(channel, record.log_time, bytes(data))
+    whole = replay_bag(PRACTICE, ["4weh10_soft"])
+    result = replay_bag(tmp_path / "set", ["4weh10_soft"])
+    assert result["duration_s"] == pytest.approx(whole["duration_s"], abs=0.1)
+    (warning,) = result["warnings"]
+    assert "goes back by 3600.000 s" in warning
+    times = [event["t_s"] for event in result["valves"]["valve_1"]["events"]]
+    assert all(0.0 <= time <= result["duration_s"] + 1.0 for time in times)
+
+
+def test_a_message_that_cannot_be_decoded_is_left_out_of_a_replay_and_told(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        channel = None
+        for number, (topic, record) in enumerate(BagReader(PRACTICE).records()):
+            if channel is None:
+                channel = writer.add_topic(topic.name, topic.type)
+            writer.write(channel, record.log_time, record.data[:20] if number == 30 else record.data)
+    result = replay_bag(tmp_path / "bag", ["4weh10_soft"])
+    (warning,) = result["warnings"]
+    assert "/valve_1/acceleration: 1 messages are not what their type says" in warning
+    assert "spool recover" in warning
+    assert result["valves"]["valve_1"]["lost_blocks"] == 1
