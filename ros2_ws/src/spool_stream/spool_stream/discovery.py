@@ -1,11 +1,14 @@
-"""Finds the classes that the modules of a package define: adding one takes a new file and nothing else."""
+"""Discovery of what the modules of a package define: adding one takes a new file and nothing else."""
 
 from __future__ import annotations
 
 import importlib
 import inspect
 import pkgutil
-from typing import Any
+from types import ModuleType
+from typing import Any, TypeVar
+
+Found = TypeVar("Found")
 
 
 def classes_in(package: str, base: type[Any]) -> list[type[Any]]:
@@ -14,18 +17,29 @@ def classes_in(package: str, base: type[Any]) -> list[type[Any]]:
     They come in the order of the modules' names. The modules ``base`` and ``registry`` are left out: they may
     be the ones that ask.
     """
-    found: list[type[Any]] = []
+    return [
+        entry
+        for module in _modules(package)
+        for entry in vars(module).values()
+        if isinstance(entry, type)
+        and issubclass(entry, base)
+        and entry.__module__ == module.__name__
+        and not inspect.isabstract(entry)
+    ]
+
+
+def objects_in(package: str, kind: type[Found]) -> list[Found]:
+    """Return the objects of ``kind`` that the modules of ``package`` declare; order as of ``classes_in``.
+
+    One that several modules import comes once.
+    """
+    found = [
+        entry for module in _modules(package) for entry in vars(module).values() if isinstance(entry, kind)
+    ]
+    return list({id(entry): entry for entry in found}.values())
+
+
+def _modules(package: str) -> list[ModuleType]:
     folder = importlib.import_module(package).__path__
-    for name in sorted(module.name for module in pkgutil.iter_modules(folder)):
-        if name in ("base", "registry"):
-            continue
-        module = importlib.import_module(f"{package}.{name}")
-        found += [
-            entry
-            for entry in vars(module).values()
-            if isinstance(entry, type)
-            and issubclass(entry, base)
-            and entry.__module__ == module.__name__
-            and not inspect.isabstract(entry)
-        ]
-    return found
+    names = {module.name for module in pkgutil.iter_modules(folder)} - {"base", "registry"}
+    return [importlib.import_module(f"{package}.{name}") for name in sorted(names)]
