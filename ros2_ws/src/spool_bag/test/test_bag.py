@@ -344,9 +344,9 @@ def test_information_counts_losses_and_refusals(tmp_path: Path, block: MakeBlock
 
 FILL = """
 import resource, sys
-from spool_bag.cdr import encode_block
-from spool_bag.definitions import ACCELERATION_BLOCK
-from spool_bag.writer import BagWriter, RecordingError
+from spool_bag.reading.cdr import encode_block
+from spool_bag.reading.definitions import ACCELERATION_BLOCK
+from spool_bag.recording.writer import BagWriter, RecordingError
 from spool_stream.block import Block
 import numpy as np
 resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))

@@ -32,7 +32,7 @@ MakeBlock = Callable[..., Block]
 
 DESCRIBE = """
 import sys
-from spool_bag.information import describe
+from spool_bag.reading.information import describe
 found = describe(sys.argv[1])
 print(len(found.damages), found.damages[0].reason if found.damages else "")
 # Not ru_maxrss, which a process takes over from the one that started it.

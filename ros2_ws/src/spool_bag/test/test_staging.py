@@ -18,9 +18,9 @@ from spool_stream.errors import InputError
 
 WRITE = """
 import sys
-from spool_bag.cdr import encode_block
-from spool_bag.definitions import ACCELERATION_BLOCK
-from spool_bag.writer import BagWriter
+from spool_bag.reading.cdr import encode_block
+from spool_bag.reading.definitions import ACCELERATION_BLOCK
+from spool_bag.recording.writer import BagWriter
 from spool_stream.block import Block
 import numpy as np
 samples = np.zeros(40, np.float32)

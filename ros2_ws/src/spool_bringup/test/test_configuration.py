@@ -74,7 +74,7 @@ def test_the_manual_holds_these_nodes_and_no_others() -> None:
 START_NODES = """
 import json, sys
 import rclpy
-from spool_bag.recorder_node import RecorderNode
+from spool_bag.recording.recorder_node import RecorderNode
 from spool_estimator.estimator_node import EstimatorNode
 from spool_monitor.monitor_node import MonitorNode
 from spool_sim.simulator_node import SimulatorNode

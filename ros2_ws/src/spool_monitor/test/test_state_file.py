@@ -174,7 +174,7 @@ def test_what_json_cannot_hold_leaves_the_state_as_it_was(tmp_path: Path) -> Non
 WRITER = """
 import sys
 from pathlib import Path
-from spool_monitor.state_file import StateFile
+from spool_monitor.history.state_file import StateFile
 file = StateFile(Path(sys.argv[1]))
 first = (file.load() or {"count": 0})["count"]
 for count in range(first + 1, first + 1000000):

@@ -252,7 +252,7 @@ def test_a_value_of_the_wrong_kind_is_damage(tmp_path: Path) -> None:
 WRITER = """
 import sys
 from pathlib import Path
-from spool_monitor.trend import Sums, TrendStore
+from spool_monitor.history.trend import Sums, TrendStore
 store = TrendStore(Path(sys.argv[1]))
 while True:
     sums = Sums()

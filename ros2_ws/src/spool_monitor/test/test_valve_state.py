@@ -33,10 +33,10 @@ def stuck(state: EventState, stamp: int) -> Event:
 WORKER = """
 import sys
 from pathlib import Path
-from spool_monitor.alarm import Operator
-from spool_monitor.event import Event, EventState, Severity
+from spool_monitor.alarms.alarm import Operator
+from spool_monitor.alarms.event import Event, EventState, Severity
 from spool_monitor.monitor import Monitor
-from spool_monitor.valve_state import ValveState
+from spool_monitor.history.valve_state import ValveState
 from spool_stream.quantity import Quantity
 
 state = ValveState(Monitor(), Path(sys.argv[1]), print)

@@ -15,10 +15,10 @@ import array
 import numpy as np
 from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.monitor import Monitor
-from spool_monitor.travel import TravelCounter
-from spool_sim.presets import PRESETS
+from spool_monitor.signals.travel import TravelCounter
+from spool_sim.excitation.presets import PRESETS
 from spool_sim.simulator import Simulator
-from spool_sim.valve import find_valve
+from spool_sim.valve.description import find_valve
 from spool_stream.block import Block
 
 valve = find_valve("4weh10_soft")
@@ -39,7 +39,7 @@ for coulomb_force, seconds in ((0.0, 0.5), (0.3, 6.0)):
 #: Least that compiles anything: for a process without what the set-up left.
 USE_LITTLE = """
 import numpy as np
-from spool_monitor.travel import TravelCounter
+from spool_monitor.signals.travel import TravelCounter
 from spool_stream.block import Block
 
 samples = np.ones(16, dtype=np.float32)

@@ -262,7 +262,7 @@ def test_shapes_that_do_not_fit_are_refused() -> None:
 LOAD = """
 import numpy, numba
 from spool_sim.model import MODELS
-from spool_sim.composed_motion import ComposedMotion
+from spool_sim.integration.composed_motion import ComposedMotion
 motion = ComposedMotion(MODELS["mixed"].terms)
 motion.warm_up()
 found = motion._kernel.advance_batch_kernel.stats
@@ -311,7 +311,7 @@ def test_a_cache_folder_that_cannot_be_written_costs_only_time(tmp_path: Path) -
 
 
 NEW_TERM = '''
-from spool_stream.compiled import compiled
+from spool_stream.kernels.compiled import compiled
 from spool_sim.terms.base import Parameter, Term
 
 @compiled
@@ -337,7 +337,7 @@ from spool_sim.terms import registry
 from spool_stream.discovery import classes_in
 registry.TERMS.update((entry.name, entry()) for entry in classes_in(terms.__name__, terms.Term))
 from spool_sim.model import model_from_mapping
-from spool_sim.composed_motion import ComposedMotion, MotionState
+from spool_sim.integration.composed_motion import ComposedMotion, MotionState
 import numpy as np
 model = model_from_mapping({{"name": "m", "terms": ["inertia", "spring", "magnet"]}})
 motion = ComposedMotion(model.terms)

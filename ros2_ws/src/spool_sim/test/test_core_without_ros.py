@@ -43,9 +43,9 @@ def test_the_core_imports_no_ros() -> None:
 def test_without_numba_the_kernel_gives_the_same_and_says_what_it_costs() -> None:
     code = """
 import numpy as np
-from spool_stream.compiled import COMPILED, notice
-from spool_sim.excitation import SteadySine
-from spool_sim.motion import MotionState, advance, half_step_times
+from spool_stream.kernels.compiled import COMPILED, notice
+from spool_sim.excitation.kinds import SteadySine
+from spool_sim.integration.motion import MotionState, advance, half_step_times
 t = half_step_times(0, 300, 2000.0, 2)
 body = SteadySine(frequency=20.0, amplitude=12.0, soft_start=0.0).acceleration(t)
 z, end = advance(MotionState(), body, sample_period=5e-4, substeps=2, mass=0.18,
