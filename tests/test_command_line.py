@@ -1,4 +1,4 @@
-"""The command line through the door: what scripts rely on."""
+"""The command line through `./spool`: what scripts rely on."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from spool_tools.cli import app
 from typer.main import get_command
 from typer.testing import CliRunner
 
-from door.main import COMMANDS
+from setup.main import COMMANDS
 
 if TYPE_CHECKING:
     from .conftest import System
@@ -153,7 +153,7 @@ def test_every_command_shows_an_example() -> None:
 
 
 @pytest.mark.parametrize("command", ["doctor", "info"])
-def test_help_comes_through_the_door(command: str) -> None:
+def test_help_is_had_by_the_launcher(command: str) -> None:
     done = spool(command, "--help")
     assert done.returncode == 0, done.stderr
     assert f"./spool {command}" in done.stdout

@@ -11,15 +11,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
-from door import mend, packages, workspace
-from door.dds import left_behind, network_problem
-from door.errors import DoorError
-from door.fingerprint import package_fingerprints
-from door.interpreter import inspect, missing_tools, require_tools, this_interpreter
-from door.layout import Layout
-from door.process import ask
-from door.requirements import NEEDED_BYTES, check_ros, stale
-from door.state import State
+from setup import packages, patches, workspace
+from setup.dds import left_behind, network_problem
+from setup.errors import SetupError
+from setup.fingerprint import package_fingerprints
+from setup.interpreter import inspect, missing_tools, require_tools, this_interpreter
+from setup.layout import Layout
+from setup.process import ask
+from setup.requirements import NEEDED_BYTES, check_ros, stale
+from setup.state import SetupState
 
 SHARED_MEMORY = Path("/dev/shm")
 SHARED_MEMORY_BYTES = 64_000_000
@@ -33,7 +33,7 @@ Example: ./spool doctor
 
 
 @dataclass(frozen=True)
-class Finding:
+class CheckResult:
     """One line of the doctor's report.
 
     Attributes:
@@ -45,29 +45,29 @@ class Finding:
     text: str
 
 
-def doctor(layout: Layout, done: State, environment: Mapping[str, str], arguments: list[str]) -> int:
+def doctor(layout: Layout, done: SetupState, environment: Mapping[str, str], arguments: list[str]) -> int:
     """Print the report.
 
     Returns:
         0, or 1 where there is a problem.
 
     Raises:
-        DoorError: there are arguments.
+        SetupError: there are arguments.
     """
     if arguments in (["--help"], ["-h"]):
         print(HELP, end="")
         return 0
     if arguments:
-        raise DoorError(f"doctor takes no arguments, got {' '.join(arguments)}: call ./spool doctor")
-    findings = []
-    for finding in _examine(layout, done, environment):
-        print(f"{finding.level:8} {finding.text}", flush=True)
-        findings.append(finding.level)
-    return int("problem" in findings)
+        raise SetupError(f"doctor takes no arguments, got {' '.join(arguments)}: call ./spool doctor")
+    levels = []
+    for result in _examine(layout, done, environment):
+        print(f"{result.level:8} {result.text}", flush=True)
+        levels.append(result.level)
+    return int("problem" in levels)
 
 
-def _examine(layout: Layout, done: State, environment: Mapping[str, str]) -> Iterator[Finding]:
-    """All findings, machine first."""
+def _examine(layout: Layout, done: SetupState, environment: Mapping[str, str]) -> Iterator[CheckResult]:
+    """All results, machine first."""
     yield from _machine(layout, done, environment)
     yield from _ros_variables(environment)
     yield from _exposure(layout, environment)
@@ -75,92 +75,94 @@ def _examine(layout: Layout, done: State, environment: Mapping[str, str]) -> Ite
     yield from _installation(layout, done, environment)
 
 
-def _machine(layout: Layout, done: State, environment: Mapping[str, str]) -> Iterator[Finding]:
+def _machine(layout: Layout, done: SetupState, environment: Mapping[str, str]) -> Iterator[CheckResult]:
     """Python, compiler, make, disk, memory."""
     try:
         python = inspect(this_interpreter(), environment)
         require_tools(python, layout.underlay.is_wheels, environment.get("PATH"))
         version = ".".join(map(str, python.version))
-        yield Finding("ok", f"Python {version} at {python.executable}, with headers")
-        yield Finding("ok", "compiler and make")
-    except DoorError as error:
+        yield CheckResult("ok", f"Python {version} at {python.executable}, with headers")
+        yield CheckResult("ok", "compiler and make")
+    except SetupError as error:
         # What is built already runs without a compiler.
-        yield Finding(
+        yield CheckResult(
             "warning" if done.environment and missing_tools(environment.get("PATH")) else "problem",
             str(error),
         )
     free = shutil.disk_usage(layout.root).free
     enough = bool(done.lock) or free >= NEEDED_BYTES
     advice = "" if enough else f": the set-up takes {NEEDED_BYTES / 1e9:.0f} GB, free some space"
-    yield Finding("ok" if enough else "problem", f"disk: {free / 1e9:.1f} GB free at {layout.root}{advice}")
+    yield CheckResult(
+        "ok" if enough else "problem", f"disk: {free / 1e9:.1f} GB free at {layout.root}{advice}"
+    )
     try:
         shared = shutil.disk_usage(SHARED_MEMORY).free
     except OSError:
-        yield Finding(
+        yield CheckResult(
             "warning", f"{SHARED_MEMORY} is not there: Fast DDS falls back to UDP; mount a tmpfs there"
         )
         return
     if shared < SHARED_MEMORY_BYTES:
-        yield Finding(
+        yield CheckResult(
             "warning",
             f"{SHARED_MEMORY} has {shared / 1e6:.0f} MB free: Fast DDS wants "
             f"{SHARED_MEMORY_BYTES / 1e6:.0f} MB (docker: --shm-size=256m)",
         )
     else:
-        yield Finding("ok", f"shared memory: {shared / 1e6:.0f} MB free in {SHARED_MEMORY}")
+        yield CheckResult("ok", f"shared memory: {shared / 1e6:.0f} MB free in {SHARED_MEMORY}")
 
 
-def _ros_variables(environment: Mapping[str, str]) -> Iterator[Finding]:
+def _ros_variables(environment: Mapping[str, str]) -> Iterator[CheckResult]:
     """Variables that steer discovery."""
     if environment.get("ROS_LOCALHOST_ONLY", "0") not in ("", "0"):
-        yield Finding(
+        yield CheckResult(
             "problem",
             "ROS_LOCALHOST_ONLY is set: it is deprecated and newer ROS 2 ignores it silently; "
             "unset it and set ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST",
         )
     reach = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "")
     if reach not in ("", "SUBNET", "LOCALHOST", "OFF", "SYSTEM_DEFAULT"):
-        yield Finding(
+        yield CheckResult(
             "problem",
             f"ROS_AUTOMATIC_DISCOVERY_RANGE={reach} is none of "
             "SUBNET, LOCALHOST, OFF, SYSTEM_DEFAULT: set one",
         )
     elif reach == "OFF":
-        yield Finding(
+        yield CheckResult(
             "problem", "ROS_AUTOMATIC_DISCOVERY_RANGE=OFF: nodes will not find each other; set LOCALHOST"
         )
     elif reach == "LOCALHOST":
-        yield Finding("ok", "discovery range LOCALHOST: nodes find each other on this machine only")
+        yield CheckResult("ok", "discovery range LOCALHOST: nodes find each other on this machine only")
     middleware = environment.get("RMW_IMPLEMENTATION", "")
     if middleware not in ("", "rmw_fastrtps_cpp"):
-        yield Finding(
+        yield CheckResult(
             "warning", f"RMW_IMPLEMENTATION={middleware}: the suite is tested with rmw_fastrtps_cpp"
         )
 
 
-def _exposure(layout: Layout, environment: Mapping[str, str]) -> Iterator[Finding]:
+def _exposure(layout: Layout, environment: Mapping[str, str]) -> Iterator[CheckResult]:
     """Who else can reach the nodes, and change the code that they load."""
     exposure = _module(layout, "spool_node", "exposure")
     kernels = _module(layout, "spool_stream", "kernel_folder")
     seen = {**environment, **({exposure.WHEELS: "1"} if layout.underlay.is_wheels else {})}
     said = exposure.network_warnings(seen)
-    yield from (Finding("warning", text) for text in said)
+    yield from (CheckResult("warning", text) for text in said)
     if not any(name.startswith("ROS_SECURITY_") for name in environment):
-        yield Finding(
+        yield CheckResult(
             "ok", "no ROS_SECURITY_ variable is set: messages are sent and recorded in clear, as is usual"
         )
     elif not any("ROS_SECURITY_" in text for text in said):
-        yield Finding("ok", "DDS security is enforced")
+        yield CheckResult("ok", "DDS security is enforced")
     try:
         folder = kernels.wanted_kernel_folder(environment)
     except RuntimeError:
-        yield Finding("warning", "there is no home folder: set NUMBA_CACHE_DIR for compiled kernels")
+        yield CheckResult("warning", "there is no home folder: set NUMBA_CACHE_DIR for compiled kernels")
         return
     reason = kernels.refusal(folder)
     if reason is None:
-        yield Finding("ok", f"compiled kernels are kept in {folder}, which nobody else can write")
+        yield CheckResult("ok", f"compiled kernels are kept in {folder}, which nobody else can write")
     else:
-        yield Finding(
+        yield CheckResult(
             "warning",
             f"compiled kernels are not kept in {folder}: {reason}; they go to a temporary folder and are "
             "compiled anew after each boot: set NUMBA_CACHE_DIR to a folder of your own",
@@ -175,52 +177,54 @@ def _module(layout: Layout, package: str, name: str) -> ModuleType:
     return importlib.import_module(f"{package}.{name}")
 
 
-def _dds(environment: Mapping[str, str]) -> Iterator[Finding]:
+def _dds(environment: Mapping[str, str]) -> Iterator[CheckResult]:
     """Ports and shared memory of Fast DDS."""
     domain = environment.get("ROS_DOMAIN_ID", "") or "0"
     if not domain.isdecimal() or int(domain) > 232:
-        yield Finding(
+        yield CheckResult(
             "problem", f"ROS_DOMAIN_ID={domain} is no whole number from 0 to 232: set one, 0 to 101 is safe"
         )
         return
     trouble = network_problem(int(domain))
-    yield Finding("problem" if trouble else "ok", trouble or f"UDP ports of ROS domain {domain} can be used")
+    yield CheckResult(
+        "problem" if trouble else "ok", trouble or f"UDP ports of ROS domain {domain} can be used"
+    )
     count = left_behind(SHARED_MEMORY)
     if count:
-        yield Finding(
+        yield CheckResult(
             "warning",
             f"{count} shared-memory files of Fast DDS are left of processes that are gone: "
             f"with no ROS 2 running, rm {SHARED_MEMORY}/*fastrtps* {SHARED_MEMORY}/fast_datasharing*",
         )
 
 
-def _installation(layout: Layout, done: State, environment: Mapping[str, str]) -> Iterator[Finding]:
+def _installation(layout: Layout, done: SetupState, environment: Mapping[str, str]) -> Iterator[CheckResult]:
     """Environment and workspace."""
-    yield Finding("ok", f"stands on {layout.underlay}")
+    yield CheckResult("ok", f"stands on {layout.underlay}")
     if not layout.underlay.is_wheels:
         try:
             check_ros(layout, done.base_python or this_interpreter(), environment)
-        except DoorError as error:
-            yield Finding("problem", str(error))
+        except SetupError as error:
+            yield CheckResult("problem", str(error))
             return
     if not done.python_version:
-        yield Finding("warning", "not set up yet: ./spool demo does it")
+        yield CheckResult("warning", "not set up yet: ./spool demo does it")
         return
     reason = stale(layout, done, f"{sys.version_info[0]}.{sys.version_info[1]}")
     if reason:
-        yield Finding("warning", f"{reason}: the next call sets up anew")
+        yield CheckResult("warning", f"{reason}: the next call sets up anew")
         return
     if not done.lock:
-        yield Finding("warning", "the set-up is half finished: the next call goes on with it")
+        yield CheckResult("warning", "the set-up is half finished: the next call goes on with it")
         return
     yield from _packages(layout, done)
     if not done.environment:
-        yield Finding("warning", "the workspace is not built yet: the next call does it")
+        yield CheckResult("warning", "the workspace is not built yet: the next call does it")
         return
     yield from _workspace(layout, done, environment)
 
 
-def _packages(layout: Layout, done: State) -> Iterator[Finding]:
+def _packages(layout: Layout, done: SetupState) -> Iterator[CheckResult]:
     """The environment against its lock."""
     folder = packages.site_packages(layout)
     found = packages.installed([folder] if folder else [])
@@ -229,53 +233,55 @@ def _packages(layout: Layout, done: State) -> Iterator[Finding]:
              if found.get(name) != version]  # fmt: skip
     if wrong and layout.underlay.is_wheels:
         shown = ", ".join(wrong[:3]) + (f" and {len(wrong) - 3} more" if len(wrong) > 3 else "")
-        yield Finding(
+        yield CheckResult(
             "problem",
             f"{layout.venv} differs from the lock ({shown}): delete {layout.venv} and call ./spool demo",
         )
     else:
-        yield Finding(
+        yield CheckResult(
             "ok", f"{len(wanted)} packages as locked in {layout.requirements.relative_to(layout.root)}"
         )
     if layout.underlay.is_wheels:
-        foreign = mend.foreign_files(layout)
-        yield Finding(
+        foreign = patches.foreign_files(layout)
+        yield CheckResult(
             "problem" if foreign else "ok",
             f"{len(foreign)} CMake files name another machine's folders: delete {layout.venv}, call again"
             if foreign
             else "CMake files of the wheels name this machine's folders",
         )
     if "numba" not in found:
-        yield Finding("warning", "numba is missing: the kernels run uncompiled, many times slower")
+        yield CheckResult("warning", "numba is missing: the kernels run uncompiled, many times slower")
 
 
-def _workspace(layout: Layout, done: State, environment: Mapping[str, str]) -> Iterator[Finding]:
+def _workspace(layout: Layout, done: SetupState, environment: Mapping[str, str]) -> Iterator[CheckResult]:
     """The built packages."""
     wanted = package_fingerprints(layout.workspace / "src")
     changed = sorted(
         name for name in wanted.keys() | done.packages.keys() if wanted.get(name) != done.packages.get(name)
     )
     if changed:
-        yield Finding("warning", f"{', '.join(changed)} changed since the last build: the next call builds")
+        yield CheckResult(
+            "warning", f"{', '.join(changed)} changed since the last build: the next call builds"
+        )
     else:
-        yield Finding("ok", f"{len(wanted)} packages of the workspace built and up to date")
+        yield CheckResult("ok", f"{len(wanted)} packages of the workspace built and up to date")
     answer = ask([layout.python, "-c", IMPORTS], workspace.run_environment(layout, done, environment))
     if answer.returncode:
         reason = (answer.stderr.strip().splitlines() or ["no message"])[-1]
-        yield Finding(
+        yield CheckResult(
             "problem",
             f"rclpy and spool_msgs cannot be imported ({reason}): delete {layout.install} and call again",
         )
     else:
-        yield Finding("ok", "rclpy and spool_msgs can be imported")
+        yield CheckResult("ok", "rclpy and spool_msgs can be imported")
     missing = [name for name in wanted if not _executables_there(layout, name)]
     if missing:
-        yield Finding(
+        yield CheckResult(
             "problem",
             f"no executables of {', '.join(missing)} in {layout.install}: delete that folder and call again",
         )
     else:
-        yield Finding("ok", "the nodes' executables are there")
+        yield CheckResult("ok", "the nodes' executables are there")
 
 
 def _executables_there(layout: Layout, package: str) -> bool:

@@ -1,4 +1,4 @@
-"""Runs the tools of a set-up: output to a log, their end when the door ends."""
+"""Subprocesses of a set-up: output to a log, ended when the set-up ends."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Runner:
 
     Attributes:
         logs: folder of the logs.
-        keep_open: descriptor of the set-up's lock: a tool that outlives a killed door goes on holding it.
+        keep_open: descriptor of the set-up's lock: a tool that outlives a killed set-up goes on holding it.
         on_line: called with every line of a tool's output as it comes.
     """
 

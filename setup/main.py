@@ -1,4 +1,4 @@
-"""The door's own main: sets up what is missing and hands over to the command line of the suite."""
+"""Main program of `./spool`: sets up what is missing and hands over to the command line of the suite."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import sys
 from pathlib import Path
 from types import FrameType
 
-from door import state, workspace
-from door.errors import DoorError
-from door.layout import Layout, find_underlay
-from door.steps import say
+from setup import state, workspace
+from setup.errors import SetupError
+from setup.layout import Layout, find_underlay
+from setup.steps import say
 
 ROOT = Path(__file__).resolve().parent.parent
 LOCAL_BY_DEFAULT = ("demo", "test", "bench", "run")
@@ -52,7 +52,7 @@ COMMANDS = re.findall(r"^  (\w+)  ", HELP, re.MULTILINE)
 
 
 def main(arguments: list[str]) -> int:
-    """Run one call of the door; does not return where another program takes over.
+    """Run one call of `./spool`; does not return where another program takes over.
 
     Args:
         arguments: of the command line, without the program.
@@ -67,7 +67,7 @@ def main(arguments: list[str]) -> int:
     except BrokenPipeError:  # the reader of the output has ended
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return 141
-    except DoorError as error:
+    except SetupError as error:
         say(str(error))
         return error.exit_code
     except KeyboardInterrupt:
@@ -92,14 +92,14 @@ def _run(arguments: list[str]) -> int:
     environment = dict(os.environ)
     environment.pop("__PYVENV_LAUNCHER__", None)
     if not re.fullmatch(r"[A-Za-z0-9_-]*", environment.get("ROS_DISTRO", "")):
-        raise DoorError("ROS_DISTRO is no name of a ROS distribution: unset it, or source a ROS 2")
+        raise SetupError("ROS_DISTRO is no name of a ROS distribution: unset it, or source a ROS 2")
     layout = Layout(ROOT, find_underlay(ROOT, environment))
     done = state.load(layout)
     command = arguments[0] if arguments else "--help"
     if COMPLETION in environment and not done.environment:
         return 0  # Tab must not set anything up
     if command == "doctor":
-        from door.doctor import doctor  # noqa: PLC0415  (a later call has to start at once)
+        from setup.doctor import doctor  # noqa: PLC0415  (a later call has to start immediately)
 
         return doctor(layout, done, environment, arguments[1:])
 
@@ -110,11 +110,11 @@ def _run(arguments: list[str]) -> int:
         if command not in (*COMMANDS, *OPTIONS):
             near = difflib.get_close_matches(command, COMMANDS, n=1)
             meant = f", did you mean {near[0]}?" if near else ":"
-            raise DoorError(f"no command {command}{meant} ./spool --help lists them")
+            raise SetupError(f"no command {command}{meant} ./spool --help lists them")
     _warn_localhost_only(environment)
     series = f"{sys.version_info[0]}.{sys.version_info[1]}"
 
-    from door.setup import ensure, is_current  # noqa: PLC0415
+    from setup.installation import ensure, is_current  # noqa: PLC0415
 
     if not is_current(layout, done, series):
         done = ensure(layout, environment, series)
@@ -122,7 +122,9 @@ def _run(arguments: list[str]) -> int:
     return 0
 
 
-def _hand_over(layout: Layout, done: state.State, environment: dict[str, str], arguments: list[str]) -> None:
+def _hand_over(
+    layout: Layout, done: state.SetupState, environment: dict[str, str], arguments: list[str]
+) -> None:
     """Become the program that does the work."""
     run = workspace.run_environment(layout, done, environment)
     if arguments[0] in LOCAL_BY_DEFAULT:

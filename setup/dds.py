@@ -1,4 +1,4 @@
-"""What Fast DDS finds on this machine: UDP ports and shared memory."""
+"""Fast DDS on this machine: UDP ports and shared memory."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def left_behind(folder: Path) -> int:
         folder: where the system keeps shared memory.
     """
     segments = {str(path) for pattern in SEGMENT_PATTERNS for path in folder.glob(pattern)}
-    # Lock files beside the segments are never mapped.
+    # Lock files next to the segments are never mapped.
     segments = {name for name in segments if not name.endswith("_el") and "_port" not in name}
     for maps in Path("/proc").glob("[0-9]*/maps") if segments else ():
         try:

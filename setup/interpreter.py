@@ -1,4 +1,4 @@
-"""What a Python on this machine is and can do."""
+"""Python interpreters and build tools of this machine: what they are and can do."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from door.errors import DoorError
-from door.process import ask
+from setup.errors import SetupError
+from setup.process import ask
 
 QUESTION = """
 import json, os, platform, sys, sysconfig
@@ -59,7 +59,7 @@ def inspect(executable: str | Path, environment: Mapping[str, str]) -> Interpret
     """Ask an interpreter about itself.
 
     Raises:
-        DoorError: it does not run.
+        SetupError: it does not run.
     """
     try:
         answer = ask(
@@ -67,13 +67,13 @@ def inspect(executable: str | Path, environment: Mapping[str, str]) -> Interpret
         )
         data = json.loads(answer.stdout)
     except (OSError, ValueError) as error:
-        raise DoorError(f"{executable} does not run: name a Python 3.10 to 3.13 in SPOOL_PYTHON") from error
+        raise SetupError(f"{executable} does not run: name a Python 3.10 to 3.13 in SPOOL_PYTHON") from error
     data["version"] = tuple(data["version"])
     return Interpreter(**data)
 
 
 def this_interpreter() -> str:
-    """The interpreter that runs the door."""
+    """The interpreter that runs the set-up."""
     return sys.executable
 
 
@@ -97,29 +97,29 @@ def require_tools(python: Interpreter, wheels: bool, path: str | None) -> None:
     """Refuse to begin a set-up that cannot end well.
 
     Raises:
-        DoorError: names what is missing and how to get it.
+        SetupError: names what is missing and how to get it.
     """
     if not (3, 10) <= python.version[:2] <= (3, 13):
-        raise DoorError(
+        raise SetupError(
             f"Python {python.series} at {python.executable} is not 3.10 to 3.13: name another in SPOOL_PYTHON"
         )
     if wheels and python.platform != WHEELS_PLATFORM:
-        raise DoorError(
+        raise SetupError(
             f"there are ROS 2 wheels for Linux x86-64 only, this is {python.platform}: "
             "install ROS 2 Jazzy from its packages, source it and call again"
         )
     if not python.has_pip:
-        raise DoorError(
+        raise SetupError(
             f"Python {python.series} at {python.executable} cannot make virtual environments (no ensurepip): "
             f"Debian, Ubuntu: apt install python{python.series}-venv"
         )
     missing = missing_tools(path)
     if missing:
-        raise DoorError(
+        raise SetupError(
             f"not found on PATH: {' and '.join(missing)}: Debian, Ubuntu: apt install build-essential"
         )
     if not python.has_headers:
-        raise DoorError(
+        raise SetupError(
             f"Python.h is not in {python.include}: the messages cannot be compiled without it; "
             f"Debian, Ubuntu: apt install python{python.series}-dev, or name another Python in SPOOL_PYTHON"
         )

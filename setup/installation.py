@@ -1,4 +1,4 @@
-"""The set-up: what is missing is done, step by step, each step remembered."""
+"""Steps of the set-up: what is missing is done, and each step remembered."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import fcntl
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
-from door import mend, packages, requirements, state, workspace
-from door.fingerprint import cmake_dependents, package_fingerprints
-from door.interpreter import Interpreter
-from door.layout import Layout
-from door.process import Runner
-from door.state import State
-from door.steps import Steps, say
+from setup import packages, patches, requirements, state, workspace
+from setup.fingerprint import cmake_dependents, package_fingerprints
+from setup.interpreter import Interpreter
+from setup.layout import Layout
+from setup.process import Runner
+from setup.state import SetupState
+from setup.steps import Steps, say
 
 WARM_UP = "spool_monitor.warm_up"
 
 
-def is_current(layout: Layout, done: State, running_series: str) -> bool:
+def is_current(layout: Layout, done: SetupState, running_series: str) -> bool:
     """Whether nothing has to be done.
 
     Args:
@@ -32,27 +32,27 @@ def is_current(layout: Layout, done: State, running_series: str) -> bool:
     )
 
 
-def ensure(layout: Layout, environment: Mapping[str, str], running_series: str) -> State:
+def ensure(layout: Layout, environment: Mapping[str, str], running_series: str) -> SetupState:
     """Do what is missing of the set-up.
 
     Returns:
         The stamp, complete.
 
     Raises:
-        DoorError: one line that says what went wrong.
+        SetupError: one line that says what went wrong.
     """
     try:
         layout.notes.mkdir(parents=True, exist_ok=True)
         with _alone(layout) as keep_open:
             done = state.load(layout)
             if not is_current(layout, done, running_series):
-                SetUp(layout, environment, done, keep_open).run(running_series)
+                Installation(layout, environment, done, keep_open).run(running_series)
             return done
     except OSError as error:
         raise requirements.cannot_write(layout, error) from error
 
 
-class SetUp:
+class Installation:
     """One set-up; what is done is kept in `done`, which is saved after every step.
 
     Args:
@@ -62,7 +62,9 @@ class SetUp:
         keep_open: descriptor of the set-up's lock.
     """
 
-    def __init__(self, layout: Layout, environment: Mapping[str, str], done: State, keep_open: int) -> None:
+    def __init__(
+        self, layout: Layout, environment: Mapping[str, str], done: SetupState, keep_open: int
+    ) -> None:
         self._layout = layout
         self._environment = environment
         self._done = done
@@ -74,7 +76,7 @@ class SetUp:
         """Do the steps that are missing.
 
         Raises:
-            DoorError: a step failed, or something it needs is missing.
+            SetupError: a step failed, or something it needs is missing.
         """
         layout, done = self._layout, self._done
         stale = requirements.stale(layout, done, running_series)
@@ -85,18 +87,18 @@ class SetUp:
         if fresh:
             requirements.check_space(layout)
             # Nothing of the old is trusted from here on, whenever the set-up is interrupted.
-            state.save(layout, State())
-            done.__dict__.update(State().__dict__)
-        mending = layout.underlay.is_wheels and not done.mended
-        building = mending or not done.lock or _has_to_build(layout, done, self._wanted)
+            state.save(layout, SetupState())
+            done.__dict__.update(SetupState().__dict__)
+        patching = layout.underlay.is_wheels and not done.patched
+        building = patching or not done.lock or _has_to_build(layout, done, self._wanted)
         warming = not done.warmed and self._can_warm_up()
-        self._steps.total = fresh + (not done.lock) + mending + building + warming
+        self._steps.total = fresh + (not done.lock) + patching + building + warming
         if fresh:
             self._make_venv(base)
         if not done.lock:
             self._install(base)
-        if mending:
-            self._mend()
+        if patching:
+            self._patch()
         if building:
             self._build()
         if warming:
@@ -130,10 +132,10 @@ class SetUp:
         self._done.lock = lock
         state.save(self._layout, self._done)
 
-    def _mend(self) -> None:
-        with self._steps.step("mending the CMake files of the ROS 2 wheels"):
-            mend.mend(self._layout, self._tools())
-        self._done.mended = True
+    def _patch(self) -> None:
+        with self._steps.step("patching the CMake files of the ROS 2 wheels"):
+            patches.apply(self._layout, self._tools())
+        self._done.patched = True
         state.save(self._layout, self._done)
 
     def _build(self) -> None:
@@ -179,7 +181,7 @@ class SetUp:
         state.save(self._layout, self._done)
 
 
-def _has_to_build(layout: Layout, done: State, wanted: dict[str, str]) -> bool:
+def _has_to_build(layout: Layout, done: SetupState, wanted: dict[str, str]) -> bool:
     """Whether the built workspace is not what the sources want."""
     return (
         not done.environment or done.packages != wanted or not (layout.install / "local_setup.bash").exists()

@@ -1,4 +1,4 @@
-"""Builds the ROS 2 workspace with colcon, and learns what environment it wants."""
+"""Workspace: built with colcon, and the environment that it wants."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-from door.errors import DoorError
-from door.layout import Layout
-from door.packages import failure, site_packages
-from door.process import Runner, ask
-from door.state import State
+from setup.errors import SetupError
+from setup.layout import Layout
+from setup.packages import failure, site_packages
+from setup.process import Runner, ask
+from setup.state import SetupState
 
 TAIL_LINES = 40
 # Of the built workspace's environment only what differs from the surroundings is kept; these always do.
@@ -67,7 +67,7 @@ def build(layout: Layout, environment: Mapping[str, str], runner: Runner, names:
         names: packages; the others have to be built already.
 
     Raises:
-        DoorError: a package did not build; its output is on stderr.
+        SetupError: a package did not build; its output is on stderr.
     """
     command: list[str | Path] = [layout.python, "-m", "colcon", "--log-base", layout.output / "log", "build"]
     command += ["--symlink-install", "--base-paths", layout.workspace / "src"]
@@ -94,7 +94,7 @@ def learn_environment(layout: Layout, environment: Mapping[str, str]) -> dict[st
     """The path variables that the built workspace wants, without what the user's shell adds.
 
     Raises:
-        DoorError: the built workspace cannot be sourced.
+        SetupError: the built workspace cannot be sourced.
     """
     setup = layout.install / "local_setup.bash"
     clean = {
@@ -102,7 +102,7 @@ def learn_environment(layout: Layout, environment: Mapping[str, str]) -> dict[st
     }
     answer = ask(["bash", "--noprofile", "--norc", "-c", '. "$0" && env -0', setup], clean)
     if answer.returncode != 0:
-        raise DoorError(f"{setup} cannot be sourced: delete {layout.install} and call again")
+        raise SetupError(f"{setup} cannot be sourced: delete {layout.install} and call again")
     pairs = (entry.partition("=") for entry in answer.stdout.split("\0") if entry)
     found = {name: value for name, _, value in pairs if name not in (*SHELL_VARIABLES, "HOME", "LANG")}
     own_path = found.pop("PATH", "").split(os.pathsep)
@@ -113,7 +113,7 @@ def learn_environment(layout: Layout, environment: Mapping[str, str]) -> dict[st
     return found
 
 
-def run_environment(layout: Layout, state: State, environment: Mapping[str, str]) -> dict[str, str]:
+def run_environment(layout: Layout, state: SetupState, environment: Mapping[str, str]) -> dict[str, str]:
     """The environment in which the suite runs: the user's, with the workspace's variables in place."""
     result = base_environment(layout, environment)
     path = _before(*state.environment.get("PATH", "").split(os.pathsep), environment.get("PATH", os.defpath))

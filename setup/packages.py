@@ -1,4 +1,4 @@
-"""The environment's packages: made from the lock, resumed, compared with it."""
+"""Locked packages of the environment: installed, resumed, compared with the lock."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from collections.abc import Iterable, Mapping
 from importlib.metadata import distributions
 from pathlib import Path
 
-from door import uv
-from door.errors import DoorError
-from door.layout import Layout
-from door.process import Runner, ask
+from setup import uv
+from setup.errors import SetupError
+from setup.layout import Layout
+from setup.process import Runner, ask
 
 PIN = re.compile(r"^([A-Za-z0-9._-]+)==(\S+)(?: ; (.*?))? ?\\?$")
 NO_NETWORK = re.compile(
@@ -63,7 +63,7 @@ def make_venv(layout: Layout, base_python: str, environment: Mapping[str, str], 
     """Make the environment anew.
 
     Raises:
-        DoorError: it could not be made.
+        SetupError: it could not be made.
     """
     if layout.venv.is_symlink():
         layout.venv.unlink()
@@ -75,7 +75,7 @@ def make_venv(layout: Layout, base_python: str, environment: Mapping[str, str], 
     code, output = runner.run("venv", command, environment)
     if code != 0:
         if "ensurepip" in output and "No space left" not in output:
-            raise DoorError(
+            raise SetupError(
                 f"{base_python} cannot make a virtual environment: "
                 f"Debian, Ubuntu: apt install python3-venv; see {log}"
             )
@@ -104,7 +104,7 @@ def install(layout: Layout, environment: Mapping[str, str], runner: Runner) -> N
     """Install the lock with uv, or with pip where uv fails; what is there in the right version stays.
 
     Raises:
-        DoorError: names the cause: no network, a wrong hash, a full disk, or the log.
+        SetupError: names the cause: no network, a wrong hash, a full disk, or the log.
     """
     if uv.install(layout, environment, runner):
         return
@@ -116,31 +116,31 @@ def install(layout: Layout, environment: Mapping[str, str], runner: Runner) -> N
         raise failure("the packages could not be installed", output, runner.log("install"))
 
 
-def failure(what: str, output: str, log: Path) -> DoorError:
+def failure(what: str, output: str, log: Path) -> SetupError:
     """The line for a tool that failed, by the causes that users can do something about."""
     if "No space left on device" in output or "Disk quota exceeded" in output:
-        return DoorError(
+        return SetupError(
             f"{what}: the disk that holds {log.parent.parent.parent} or {_temporary()} is full: "
             "free some space and call again"
         )
     if "DO NOT MATCH THE HASHES" in output.upper():
         package = re.search(r"^ {4}(\S+) from ", output, re.MULTILINE)
         name = package[1] if package else "a package"
-        return DoorError(
+        return SetupError(
             f"{what}: {name} is not the file that the lock was made with: "
             f"empty pip's cache (pip cache purge) or ask who runs your package index; see {log}"
         )
     if NO_NETWORK.search(output):
-        return DoorError(
+        return SetupError(
             f"{what}: no connection to the package index: "
             f"check network and proxy, then call again to go on; see {log}"
         )
     errors = [line[7:] for line in output.splitlines() if line.startswith("ERROR: ")]
     if errors and "No matching distribution" in errors[-1]:
-        return DoorError(
+        return SetupError(
             f"{what}: {errors[-1].lower()} on your package index: check pip's configuration; see {log}"
         )
-    return DoorError(f"{what}: {errors[-1] if errors else 'the tool failed'}; see {log}")
+    return SetupError(f"{what}: {errors[-1] if errors else 'the tool failed'}; see {log}")
 
 
 def _temporary() -> str:

@@ -1,4 +1,4 @@
-"""uv, the installer that takes a tenth of pip's time, with the indexes that pip was told of."""
+"""Installation with uv, in a tenth of pip's time, from the indexes that pip is configured for."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from door.layout import Layout
-from door.process import Runner, ask
+from setup.layout import Layout
+from setup.process import Runner, ask
 
 #: Settings of pip that uv has no equal for: pip installs alone then.
 ONLY_PIP = {"client-cert", "keyring-provider"}

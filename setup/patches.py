@@ -1,4 +1,4 @@
-"""Mends the CMake files of the ROS 2 wheels, which name folders of the machine that built them."""
+"""Patches for the CMake files of the ROS 2 wheels, which name folders of the machine that built them."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from door.errors import DoorError
-from door.layout import Layout
-from door.process import ask
+from setup.errors import SetupError
+from setup.layout import Layout
+from setup.process import ask
 
 NUMPY = re.compile(rb"/opt/python/cp3\d+-cp3\d+t?/lib/python3\.\d+t?/site-packages/numpy/_?core/include")
 PYTHON = re.compile(rb"/opt/python/cp3\d+-cp3\d+t?/include/python3\.\d+t?")
@@ -22,19 +22,19 @@ def foreign_files(layout: Layout) -> list[Path]:
     return [path for path in files if PYTHON.search(path.read_bytes()) or NUMPY.search(path.read_bytes())]
 
 
-def mend(layout: Layout, environment: Mapping[str, str]) -> int:
+def apply(layout: Layout, environment: Mapping[str, str]) -> int:
     """Let the CMake files name this interpreter's headers and this NumPy's.
 
     Returns:
         How many files were changed.
 
     Raises:
-        DoorError: the environment does not tell its folders.
+        SetupError: the environment does not tell its folders.
     """
     answer = ask([layout.python, "-I", "-c", FOLDERS], environment)
     folders = answer.stdout.encode().splitlines()
     if answer.returncode != 0 or len(folders) != 2:
-        raise DoorError(
+        raise SetupError(
             f"the environment {layout.venv} is damaged (NumPy cannot be imported): "
             "delete that folder and call again"
         )
@@ -42,8 +42,8 @@ def mend(layout: Layout, environment: Mapping[str, str]) -> int:
     files = foreign_files(layout)
     for path in files:
         text = NUMPY.sub(lambda _: numpy_include, path.read_bytes())
-        beside = path.with_name(path.name + ".new")
-        beside.write_bytes(PYTHON.sub(lambda _: include, text))
+        patched = path.with_name(path.name + ".new")
+        patched.write_bytes(PYTHON.sub(lambda _: include, text))
         # A new file in its place: the old one may be a hard link into a cache that others use.
-        os.replace(beside, path)
+        os.replace(patched, path)
     return len(files)

@@ -1,7 +1,7 @@
-"""The error that ends the door with one line."""
+"""Error of the set-up: one line for the user."""
 
 
-class DoorError(Exception):
+class SetupError(Exception):
     """Something the user can put right; the message says what, where, and what to do.
 
     Args:

@@ -1,4 +1,4 @@
-"""What a set-up needs of the machine, and when an earlier one no longer holds."""
+"""Requirements on the machine, and when an earlier set-up no longer holds."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ import os
 import shutil
 from collections.abc import Mapping
 
-from door.errors import DoorError
-from door.interpreter import Interpreter, inspect, require_tools, this_interpreter
-from door.layout import Layout
-from door.process import ask
-from door.state import State
+from setup.errors import SetupError
+from setup.interpreter import Interpreter, inspect, require_tools, this_interpreter
+from setup.layout import Layout
+from setup.process import ask
+from setup.state import SetupState
 
 NEEDED_BYTES = 2_000_000_000
 
 
-def stale(layout: Layout, done: State, running_series: str) -> str | None:
+def stale(layout: Layout, done: SetupState, running_series: str) -> str | None:
     """Why the environment has to be made anew, None where it need not."""
     if not done.python_version:
         return "there is none yet"
@@ -33,14 +33,14 @@ def stale(layout: Layout, done: State, running_series: str) -> str | None:
     return None
 
 
-def check(layout: Layout, done: State, environment: Mapping[str, str]) -> Interpreter:
+def check(layout: Layout, done: SetupState, environment: Mapping[str, str]) -> Interpreter:
     """Check what the set-up needs.
 
     Returns:
         The interpreter to make the environment with: that of before, unless the user named one.
 
     Raises:
-        DoorError: something is missing; says how to get it.
+        SetupError: something is missing; says how to get it.
     """
     chosen = this_interpreter()
     if not environment.get("SPOOL_PYTHON") and os.access(done.base_python or os.devnull, os.X_OK):
@@ -56,16 +56,16 @@ def check_ros(layout: Layout, python: str, environment: Mapping[str, str]) -> No
     """Check that the sourced ROS 2 is really there and speaks with this Python.
 
     Raises:
-        DoorError: it is not, or does not.
+        SetupError: it is not, or does not.
     """
     name = layout.underlay.name
     if not any(os.path.isdir(prefix) for prefix in layout.underlay.prefixes):
-        raise DoorError(
+        raise SetupError(
             f"ROS_DISTRO={name} is set but AMENT_PREFIX_PATH names no folder that exists: "
             f"source /opt/ros/{name}/setup.bash, or unset ROS_DISTRO to use the wheels"
         )
     if ask([python, "-c", "import rclpy"], environment).returncode != 0:
-        raise DoorError(
+        raise SetupError(
             f"ROS 2 {name} is sourced but {python} cannot import rclpy: "
             "name the Python that this ROS 2 was built for in SPOOL_PYTHON, e.g. /usr/bin/python3"
         )
@@ -75,24 +75,24 @@ def check_space(layout: Layout) -> None:
     """Refuse to begin on a disk that will be full before the end.
 
     Raises:
-        DoorError: too little is free.
+        SetupError: too little is free.
     """
     free = shutil.disk_usage(layout.root).free
     if not layout.venv.exists() and free < NEEDED_BYTES:
-        raise DoorError(
+        raise SetupError(
             f"{layout.root} has {free / 1e9:.1f} GB free, the set-up takes {NEEDED_BYTES / 1e9:.0f} GB: "
             "free some space and call again"
         )
 
 
-def cannot_write(layout: Layout, error: OSError) -> DoorError:
+def cannot_write(layout: Layout, error: OSError) -> SetupError:
     """The line for a folder that cannot be written."""
     where = error.filename or layout.root
     if error.errno == errno.ENOSPC:
-        return DoorError(f"the disk that holds {where} is full: free some space and call again")
+        return SetupError(f"the disk that holds {where} is full: free some space and call again")
     if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
-        return DoorError(
+        return SetupError(
             f"{where} cannot be written, and something has to be set up there: "
             "make the folder writable, or copy the project to one that is"
         )
-    return DoorError(f"{where}: {error.strerror}")
+    return SetupError(f"{where}: {error.strerror}")

@@ -1,4 +1,4 @@
-"""Announces and times the steps of a set-up on stderr."""
+"""Progress of a set-up on stderr: its steps, announced and timed."""
 
 from __future__ import annotations
 

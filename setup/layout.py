@@ -1,4 +1,4 @@
-"""Where the project's files lie, and which ROS 2 it stands on."""
+"""Layout of the project: where its files lie, and which ROS 2 it stands on."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Underlay:
 
 @dataclass(frozen=True)
 class Layout:
-    """The folders and files that the door works on.
+    """The folders and files that the set-up works on.
 
     Attributes:
         root: the repository.
@@ -74,7 +74,7 @@ class Layout:
 
     @property
     def ready_file(self) -> Path:
-        """Tells the launcher that this environment's interpreter can be used at once."""
+        """Tells the launcher that this environment's interpreter is complete."""
         return self.venv / "spool-ready"
 
     @property

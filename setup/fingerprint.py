@@ -1,4 +1,4 @@
-"""Which packages of the workspace have to be built again."""
+"""Fingerprints of packages: which have to be built again."""
 
 from __future__ import annotations
 

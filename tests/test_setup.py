@@ -1,4 +1,4 @@
-"""The door by real calls of `./spool`: what goes wrong ends in one line, what was begun is gone on with."""
+"""Set-up by real calls of `./spool`: what goes wrong ends in one line, what was begun is gone on with."""
 
 import base64
 import fcntl
@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from door import uv
+from setup import uv
 
 ROOT = Path(__file__).resolve().parent.parent
 TOOLS = ("sh", "bash", "env", "readlink", "dirname", "cat", "mkdir", "rm", "uname")
@@ -97,7 +97,7 @@ def fresh(tmp_path: Path) -> Path:
     folder.mkdir()
     shutil.copy2(ROOT / "spool", folder)
     ignored = shutil.ignore_patterns("__pycache__", "*.egg-info")
-    for name in ("door", "requirements", "ros2_ws/src"):
+    for name in ("setup", "requirements", "ros2_ws/src"):
         shutil.copytree(ROOT / name, folder / name, ignore=ignored)
     return folder
 
@@ -330,7 +330,7 @@ def make_wheel(folder: Path) -> None:
 @pytest.fixture(scope="module")
 def set_up(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A fresh clone, set up by four calls: the first three are ended in the middle, each in another way."""
-    folder = tmp_path_factory.mktemp("door") / "clone"
+    folder = tmp_path_factory.mktemp("set_up") / "clone"
     subprocess.run(["git", "clone", "--quiet", ROOT, folder], check=True, capture_output=True)
 
     process = start(folder, "test", "--version")
@@ -368,7 +368,7 @@ def assert_ended_as_interrupted(process: subprocess.Popen[str]) -> None:
 
 
 def run_inside(folder: Path, code: str, **changes: str) -> str:
-    """What a piece of Python prints in the environment that the door hands over."""
+    """What a piece of Python prints in the environment that the set-up hands over."""
     probe = folder / "tests" / "test_probe.py"
     probe.write_text(f"def test_probe():\n    {code}\n")
     result = spool(folder, "test", "-q", "-s", "-p", "no:cacheprovider", str(probe), **changes)

@@ -1,0 +1,1 @@
+"""Set-up behind `./spool`: environment, build, hand-over. Standard library only."""
