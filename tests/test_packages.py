@@ -24,6 +24,7 @@ ROSDEP_NAMES = {
 ROSDEP_KEYS = {
     "mcap-ros2-support",
     "python3-hypothesis",
+    "python3-jinja2",
     "python3-matplotlib",
     "python3-numba",
     "python3-numpy",
