@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from spool_blind.case import Case, make
+from spool_blind.case import BlindCase, make
 from spool_blind.limit import limit_case
-from spool_blind.plant import Plant, move
+from spool_blind.simulator.plant import Plant, move
 from spool_blind.spoiling import SPOILINGS
 from spool_blind.writing import write, write_record
 from spool_evaluation.studies.gap import judge
@@ -47,7 +47,7 @@ def test_both_simulators_agree_on_the_motion_with_dry_friction():
 
 
 @lru_cache(maxsize=1)
-def good() -> Case:
+def good() -> BlindCase:
     return make(3, "coulomb_friction")
 
 

@@ -1,1 +1,1 @@
-"""Records in which something is hidden, made by a simulator that shares nothing with the one that ships."""
+"""Blind test records: an effect is hidden by a simulator that shares nothing with the one that ships."""

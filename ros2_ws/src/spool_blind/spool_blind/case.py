@@ -1,4 +1,4 @@
-"""One blind case: a record, what is hidden in it, and how visible that is."""
+"""Blind case: a record, what is hidden in it, and how visible that is."""
 
 from __future__ import annotations
 
@@ -9,30 +9,29 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from .channels import Channels
-from .condition import Condition, Scale, draw_condition
+from spool_blind.simulator.channels import Channels
+
+from .condition import ExperimentCondition, Scale, draw_condition
 from .effects import EFFECTS
 from .hidden import Hidden, Kind
-from .strangers import STRANGERS
-from .visibility import Visibility, apart, look, threshold
+from .out_of_catalogue import OUT_OF_CATALOGUE
+from .visibility import Visibility, look, noncentrality, threshold
 
 Array = NDArray[np.float64]
 
 NONE = "none"
-#: Seeds from here on belong to the published tables; below, nobody minds if something is tuned to them.
-PUBLISHED = 1000
-#: At clear size the remainder after the base is at least this many times the noise floor ...
+#: At clear size the remainder after the base is at least this many times the noise floor, rms over rms.
 CLEAR = 1.0
-#: (for a stranger even with a gain and a delay so many times out of tolerance: those have names) ...
-STRANGE = 10.0
-#: ... a test between it and a simpler effect that it contains, both known, has this noncentrality ...
+#: For out-of-catalogue effects gain and delay may be so many times out of tolerance: those have names.
+OUT_OF_CATALOGUE_TOLERANCE = 10.0
+#: Least noncentrality of a test between an effect and a simpler one that it contains: noise covers less.
 DISTINCT = 40.0
-#: ... and the spool still moves by this share of what it would without.
+#: The spool still moves by this share of what it would with nothing hidden: a locked one tells nothing.
 LEAST_TRAVEL = 0.2
 #: Two accelerometers see these only in how the motion sets in.
 FROM_REST = ("asymmetric_friction",)
 GROWTH, GROWTHS, DRAWS = 1.5, 3, 12
-#: Of 20 seeds in a row: so many with nothing hidden, one effect, two effects; the rest are strangers.
+#: Of 20 seeds in a row: so many with nothing hidden, one effect, two effects; the rest no catalogue lists.
 SHARES = (4, 10, 3)
 
 PAIRS: tuple[str, ...] = tuple(
@@ -44,12 +43,12 @@ PAIRS: tuple[str, ...] = tuple(
 
 
 @dataclass(frozen=True, slots=True)
-class Case:
-    """A record with its truth.
+class BlindCase:
+    """Blind case: a record with its truth.
 
     Attributes:
         seed: makes it again.
-        hidden: "none", an effect's id, two joined by "+", or a stranger's name.
+        hidden: "none", an effect's id, two joined by "+", or an out-of-catalogue effect's name.
         accepted: verdicts that are right.
         factor: size over the size that was drawn.
         condition: drawn.
@@ -64,7 +63,7 @@ class Case:
     hidden: str
     accepted: tuple[str, ...]
     factor: float
-    condition: Condition
+    condition: ExperimentCondition
     plant: Mapping[str, float]
     channels: Channels
     truth: Mapping[str, Mapping[str, float]]
@@ -75,22 +74,22 @@ class Case:
 
     @property
     def kind(self) -> str:
-        """none, effect, pair or stranger."""
+        """Kind of what is hidden, see ``kind_of``."""
         return kind_of(self.hidden)
 
     @property
     def threshold(self) -> float:
-        """Evidence at which a test that knows what is hidden would see it in half of the records."""
+        """Detection threshold: evidence at which a test that knows the effect sees half of the records."""
         return threshold(max(1, sum(len(values) for values in self.truth.values())))
 
 
 def kind_of(hidden: str) -> str:
-    """Return none, effect, pair or stranger."""
+    """Return none, effect, pair or out_of_catalogue."""
     if hidden == NONE:
         return NONE
     if "+" in hidden:
         return "pair"
-    return "effect" if hidden in EFFECTS else "stranger"
+    return "effect" if hidden in EFFECTS else "out_of_catalogue"
 
 
 def hidden_by(seed: int) -> str:
@@ -105,12 +104,12 @@ def hidden_by(seed: int) -> str:
     if place < none + single + pairs:
         return str(generator.choice(PAIRS))
     each = 20 - none - single - pairs
-    return sorted(STRANGERS)[(block * each + place - none - single - pairs) % len(STRANGERS)]
+    return sorted(OUT_OF_CATALOGUE)[(block * each + place - none - single - pairs) % len(OUT_OF_CATALOGUE)]
 
 
 def make(
     seed: int, hidden: str | None = None, *, factor: float | None = None, moderate: bool = False
-) -> Case:
+) -> BlindCase:
     """Make the case of ``seed``.
 
     Args:
@@ -125,7 +124,7 @@ def make(
     """
     hidden = hidden_by(seed) if hidden is None else hidden
     kinds = [] if hidden == NONE else [_kind(name) for name in hidden.split("+")]
-    tolerance = STRANGE if kind_of(hidden) == "stranger" else 1.0
+    tolerance = OUT_OF_CATALOGUE_TOLERANCE if kind_of(hidden) == "out_of_catalogue" else 1.0
     generator = np.random.default_rng(seed)
     for _ in range(DRAWS):
         from_rest = any(name in FROM_REST for name in hidden.split("+"))
@@ -136,14 +135,14 @@ def make(
         if not things or factor is not None:
             size = 1.0 if factor is None else factor
             return _record(
-                seed, hidden, Trial(condition, [thing.sized(size) for thing in things]), noise_seed, size
+                seed, hidden, BlindTrial(condition, [thing.sized(size) for thing in things]), noise_seed, size
             )
         for growth in range(GROWTHS + 1):
             size = GROWTH**growth
             grown = [thing.sized(size) for thing in things]
-            alone = [Trial(condition, [thing], tolerance) for thing in grown]
+            alone = [BlindTrial(condition, [thing], tolerance) for thing in grown]
             if all(trial.clear(scale) for trial in alone):
-                trial = alone[0] if len(alone) == 1 else Trial(condition, grown)
+                trial = alone[0] if len(alone) == 1 else BlindTrial(condition, grown)
                 # Friction may keep the spool from the stop, or its sensor from the rail, but for one hit.
                 if len(alone) == 1 or all(trial.differs(other) for other in alone):
                     return _record(seed, hidden, trial, noise_seed, size)
@@ -153,13 +152,13 @@ def make(
 
 
 def _kind(name: str) -> Kind:
-    return EFFECTS[name] if name in EFFECTS else STRANGERS[name]
+    return EFFECTS[name] if name in EFFECTS else OUT_OF_CATALOGUE[name]
 
 
-class Trial:
-    """A motion with something hidden, and how visible that is."""
+class BlindTrial:
+    """Trial of a size: the motion with something hidden, and how visible that is."""
 
-    def __init__(self, condition: Condition, things: list[Hidden], tolerance: float = 1.0) -> None:
+    def __init__(self, condition: ExperimentCondition, things: list[Hidden], tolerance: float = 1.0) -> None:
         plant = condition.base
         for thing in things:
             plant = plant.with_(**thing.plant)
@@ -183,7 +182,7 @@ class Trial:
         whole = np.arange(-before, t.size) / condition.sample_rate
         return look(
             condition.base.numbers,
-            condition.amplitude * condition.drive.at(whole),
+            condition.amplitude * condition.excitation.at(whole),
             self.spool,
             condition.sample_rate,
             first=before,
@@ -192,7 +191,7 @@ class Trial:
         )
 
     def clear(self, scale: Scale) -> bool:
-        """Return whether what is hidden can be seen and told from less, and the spool still moves."""
+        """Return whether what is hidden is seen, distinguished from less, and lets the spool move."""
         seen = self.visibility is None or self.visibility.over_noise >= CLEAR
         return seen and self.travel >= LEAST_TRAVEL * scale.travel and all(map(self._distinct, self.things))
 
@@ -201,11 +200,11 @@ class Trial:
             return True
         simpler = replace(thing, plant={**thing.plant, **thing.simpler}, simpler={})
         others = [simpler if entry is thing else entry for entry in self.things]
-        difference = self.spool - Trial(self.condition, others).spool
+        difference = self.spool - BlindTrial(self.condition, others).spool
         numbers, rate = self.condition.base.numbers, self.condition.sample_rate
-        return apart(difference, numbers, rate, self.channels.noise) >= DISTINCT
+        return noncentrality(difference, numbers, rate, self.channels.noise) >= DISTINCT
 
-    def differs(self, other: Trial) -> bool:
+    def differs(self, other: BlindTrial) -> bool:
         """Return whether the record without noise differs from ``other``, and not in one second only.
 
         Both in steps of one length: friction is sensitive to those.
@@ -219,19 +218,19 @@ class Trial:
         return float(np.sqrt(squares.mean())) >= CLEAR * self.channels.noise
 
 
-def sample_times(condition: Condition) -> Array:
+def sample_times(condition: ExperimentCondition) -> Array:
     """Return the instants of the record's samples, s, shape (n,)."""
     return np.arange(round(condition.duration * condition.sample_rate)) / condition.sample_rate
 
 
-def _record(seed: int, hidden: str, trial: Trial, noise_seed: int, factor: float) -> Case:
+def _record(seed: int, hidden: str, trial: BlindTrial, noise_seed: int, factor: float) -> BlindCase:
     t = sample_times(trial.condition)
     body, spool = trial.channels.read(trial.motion, t, np.random.default_rng(noise_seed))
     names = [] if hidden == NONE else hidden.split("+")
-    return Case(
+    return BlindCase(
         seed=seed,
         hidden=hidden,
-        accepted=STRANGERS[hidden].accepted if hidden in STRANGERS else (hidden,),
+        accepted=OUT_OF_CATALOGUE[hidden].accepted if hidden in OUT_OF_CATALOGUE else (hidden,),
         factor=factor,
         condition=trial.condition,
         plant=trial.plant.numbers,

@@ -1,4 +1,4 @@
-"""Under which condition a record is made: valve, oil, drive, sampling, noise, nuisances."""
+"""Experiment condition of a record: valve, oil, excitation, sampling, noise, nuisances."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .drives import KINDS, Drive, draw
-from .linear import respond
-from .plant import AFTER, Motion, Plant, move, steps
+from spool_blind.simulator.linear import respond
+from spool_blind.simulator.plant import AFTER, Plant, SpoolMotion, move, steps
+
+from .excitations import KINDS, DrawnExcitation, draw_excitation
 
 Array = NDArray[np.float64]
 
+#: N/m, the paper's springs; N s/m, kg and m/s^2, drawn around its oils, spool and shaker.
 SOFT, STIFF = 1632.0, 5846.0
 VISCOUS = (1.2, 8.5)
 MASS = (0.15, 0.22)
@@ -28,13 +30,13 @@ NUISANCE_USE = 0.9
 MODERATE_DURATION, MODERATE_RATE, MODERATE_NOISE = (15.0, 20.0), 2000.0, 0.01
 #: Hz at which the motion without effects is looked at.
 SCALE_RATE = 2000.0
-#: m, travel beyond which a drive is turned down: the valve's stroke.
+#: m, travel beyond which an excitation is turned down: the valve's stroke.
 LARGEST_TRAVEL = 5e-3
 
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """How the spool moves while nothing is hidden; sizes of effects are drawn in these terms.
+    """Scale of the motion while nothing is hidden; sizes of effects are drawn in these terms.
 
     Attributes:
         force: rms of mass times the body's acceleration, N.
@@ -52,13 +54,13 @@ class Scale:
 
 
 @dataclass(frozen=True, slots=True)
-class Condition:
-    """A condition that was drawn.
+class ExperimentCondition:
+    """Experiment condition, drawn.
 
     Attributes:
         base: the spool with nothing hidden.
         nominal_stiffness: what the valve's description says, N/m.
-        drive: of the body, to be multiplied with ``amplitude``.
+        excitation: of the body, to be multiplied with ``amplitude``.
         amplitude: m/s^2.
         sample_rate: Hz.
         duration: s.
@@ -69,7 +71,7 @@ class Condition:
 
     base: Plant
     nominal_stiffness: float
-    drive: Drive
+    excitation: DrawnExcitation
     amplitude: float
     sample_rate: float
     duration: float
@@ -78,16 +80,16 @@ class Condition:
     gain: float
     delay: float
 
-    def move(self, plant: Plant, like: Plant | None = None) -> Motion:
-        """Move ``plant`` under this condition's drive, in steps as short as ``like`` would need."""
+    def move(self, plant: Plant, like: Plant | None = None) -> SpoolMotion:
+        """Move ``plant`` under this condition's excitation, in steps as short as ``like`` would need."""
         longest = plant.longest_step if like is None else like.longest_step
         time, h = steps(self.duration, self.sample_rate, self.before, longest)
-        return move(plant, time, h, self.amplitude * self.drive.at(time))
+        return move(plant, time, h, self.amplitude * self.excitation.at(time))
 
     def scale(self) -> Scale:
         """Return how the base moves."""
         t: Array = np.arange(-self.before, self.duration, 1.0 / SCALE_RATE, dtype=np.float64)
-        body = self.amplitude * self.drive.at(t)
+        body = self.amplitude * self.excitation.at(t)
         numbers = self.base.numbers
         spool = respond(numbers, body, SCALE_RATE)
         z = respond(numbers, body, SCALE_RATE, travel=True)
@@ -104,7 +106,7 @@ class Condition:
 
 def draw_condition(
     generator: np.random.Generator, *, from_rest: bool = False, moderate: bool = False
-) -> Condition:
+) -> ExperimentCondition:
     """Draw a condition whose travel stays within the stroke wherever the least amplitude allows it.
 
     Args:
@@ -124,13 +126,13 @@ def draw_condition(
     duration = round(float(generator.uniform(*(MODERATE_DURATION if moderate else DURATION))))
     before = 0.0 if from_rest else float(generator.choice([0.0, 1.0]))
     kind = str(generator.choice(list(KINDS)))
-    drive = draw(generator, kind, resonance, -before, duration + AFTER)
+    excitation = draw_excitation(generator, kind, resonance, -before, duration + AFTER)
     nuisance = generator.random() < NUISANCE_SHARE and not moderate
     use = NUISANCE_USE if nuisance else 0.0
-    condition = Condition(
+    condition = ExperimentCondition(
         base=base,
         nominal_stiffness=nominal,
-        drive=drive,
+        excitation=excitation,
         amplitude=float(np.exp(generator.uniform(*np.log(AMPLITUDE)))),
         sample_rate=MODERATE_RATE if moderate else float(generator.choice(list(RATES))),
         duration=float(duration),

@@ -1,10 +1,10 @@
-"""Effects that the catalogue knows, at sizes that are clear for the condition; ids as in the catalogue."""
+"""Catalogue effects at sizes that are clear for the condition; ids as in the catalogue."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from .condition import Condition, Scale
+from .condition import ExperimentCondition, Scale
 from .hidden import Generator, Hidden, Kind, between, either_sign
 
 #: m/s^2: normal load of mixed friction is the spool's weight.
@@ -13,13 +13,13 @@ GRAVITY = 9.80665
 SPOOL_SHARE = 0.172 / 0.18
 
 
-def coulomb(generator: Generator, _: Condition, scale: Scale) -> Hidden:
+def coulomb(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
     """A constant force against the motion."""
     force = between(generator, 0.12, 0.4) * scale.force
     return Hidden({"coulomb_force": force}, {}, {"coulomb_force": force}, ("coulomb_force",))
 
 
-def stribeck(generator: Generator, _: Condition, scale: Scale) -> Hidden:
+def stribeck(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
     """Friction that falls with speed from a static value."""
     static = between(generator, 0.25, 0.5) * scale.force
     force = between(generator, 0.35, 0.65) * static
@@ -29,7 +29,7 @@ def stribeck(generator: Generator, _: Condition, scale: Scale) -> Hidden:
     return Hidden({**numbers, "stribeck_exponent": exponent}, {}, numbers, ("coulomb_force", "static_force"))
 
 
-def mixed(generator: Generator, condition: Condition, scale: Scale) -> Hidden:
+def mixed(generator: Generator, condition: ExperimentCondition, scale: Scale) -> Hidden:
     """Contacts that fall with speed and a root of the speed that rises."""
     rest = between(generator, 0.25, 0.5) * scale.force
     speed = between(generator, 0.005, 0.02)
@@ -47,7 +47,7 @@ def mixed(generator: Generator, condition: Condition, scale: Scale) -> Hidden:
     )
 
 
-def asymmetric(generator: Generator, _: Condition, scale: Scale) -> Hidden:
+def asymmetric(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
     """Another constant force in either direction."""
     force = between(generator, 0.15, 0.4) * scale.force
     excess = either_sign(generator, between(generator, 0.25, 0.6) * force)
@@ -60,7 +60,7 @@ def asymmetric(generator: Generator, _: Condition, scale: Scale) -> Hidden:
     )
 
 
-def presliding(generator: Generator, _: Condition, scale: Scale) -> Hidden:
+def presliding(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
     """Friction that builds up over a travel after each reversal (Dahl)."""
     force = between(generator, 0.15, 0.4) * scale.force
     stiffness = force / (between(generator, 0.03, 0.1) * scale.travel)
@@ -72,7 +72,7 @@ def presliding(generator: Generator, _: Condition, scale: Scale) -> Hidden:
     )
 
 
-def quadratic(generator: Generator, condition: Condition, scale: Scale) -> Hidden:
+def quadratic(generator: Generator, condition: ExperimentCondition, scale: Scale) -> Hidden:
     """Drag with the square of the speed."""
     value = between(generator, 0.4, 1.2) * condition.base.numbers["damping"] / scale.velocity
     return Hidden(
@@ -80,14 +80,14 @@ def quadratic(generator: Generator, condition: Condition, scale: Scale) -> Hidde
     )
 
 
-def cubic(generator: Generator, condition: Condition, scale: Scale) -> Hidden:
+def cubic(generator: Generator, condition: ExperimentCondition, scale: Scale) -> Hidden:
     """A spring that hardens, less often softens."""
     share = between(generator, 0.1, 0.35) if generator.random() < 0.8 else -between(generator, 0.08, 0.15)
     value = share * condition.base.numbers["stiffness"] / scale.travel_peak**2
     return Hidden({"cubic": value}, {}, {"cubic_coefficient": value}, ("cubic", "cubic_coefficient"))
 
 
-def end_stop(generator: Generator, _: Condition, scale: Scale) -> Hidden:
+def end_stop(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
     """Elastic stops with loss; larger is nearer to the centre."""
     gap = between(generator, 0.55, 0.85) * scale.travel_peak
     stiffness = float(np.exp(between(generator, *np.log([2e5, 1e6]))))
@@ -96,13 +96,13 @@ def end_stop(generator: Generator, _: Condition, scale: Scale) -> Hidden:
     return Hidden(numbers, {}, {"stop_gap": gap}, edges={"stop_gap": scale.travel_peak})
 
 
-def backlash(generator: Generator, _: Condition, scale: Scale) -> Hidden:
+def backlash(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
     """Play of the springs."""
     value = between(generator, 0.04, 0.12) * scale.travel_peak
     return Hidden({"backlash": value}, {}, {"backlash": value}, ("backlash",))
 
 
-def preload(generator: Generator, condition: Condition, scale: Scale) -> Hidden:
+def preload(generator: Generator, condition: ExperimentCondition, scale: Scale) -> Hidden:
     """Springs that hold the spool in the centre up to a force."""
     force = between(generator, 0.12, 0.35) * condition.base.numbers["stiffness"] * scale.travel
     travel = between(generator, 1e-5, 3e-5)
@@ -111,7 +111,7 @@ def preload(generator: Generator, condition: Condition, scale: Scale) -> Hidden:
     )
 
 
-def ripple(generator: Generator, _: Condition, scale: Scale) -> Hidden:
+def ripple(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
     """A sine of its own."""
     force = between(generator, 0.1, 0.3) * scale.force
     frequency = between(generator, 20.0, 110.0)
@@ -123,7 +123,7 @@ def ripple(generator: Generator, _: Condition, scale: Scale) -> Hidden:
     )
 
 
-def drift(generator: Generator, condition: Condition, _: Scale) -> Hidden:
+def drift(generator: Generator, condition: ExperimentCondition, _: Scale) -> Hidden:
     """Viscous drag that changes in proportion to time."""
     change = -between(generator, 0.25, 0.5) if generator.random() < 0.7 else between(generator, 0.3, 0.6)
     rate = change / condition.duration
@@ -132,19 +132,19 @@ def drift(generator: Generator, condition: Condition, _: Scale) -> Hidden:
     )
 
 
-def gain(generator: Generator, _: Condition, __: Scale) -> Hidden:
+def gain(generator: Generator, _: ExperimentCondition, __: Scale) -> Hidden:
     """A gain beyond the declared tolerance."""
     error = either_sign(generator, between(generator, 0.06, 0.12))
     return Hidden({}, {"gain": 1.0 + error}, {"gain_error": error}, ("gain_error",))
 
 
-def delay(generator: Generator, _: Condition, __: Scale) -> Hidden:
+def delay(generator: Generator, _: ExperimentCondition, __: Scale) -> Hidden:
     """A delay beyond the declared tolerance."""
     value = either_sign(generator, between(generator, 0.6e-3, 1.5e-3), 0.7)
     return Hidden({}, {"delay": value}, {"delay": value}, ("delay",))
 
 
-def saturation(generator: Generator, _: Condition, scale: Scale) -> Hidden:
+def saturation(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
     """A sensor that ends below the largest acceleration."""
     value = between(generator, 0.5, 0.8) * scale.acceleration_peak
     return Hidden(

@@ -1,4 +1,4 @@
-"""What can be hidden in a record: how large, and what it does to plant and channels."""
+"""Hidden effects: how large they are, and what they do to plant and channels."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from .condition import Condition, Scale
+from .condition import ExperimentCondition, Scale
 
 Generator = np.random.Generator
 #: A limit is not drawn further in than this share of the peak.
@@ -16,7 +16,7 @@ LEAST_EDGE = 0.3
 
 @dataclass(frozen=True, slots=True)
 class Hidden:
-    """Something hidden, at the size it was drawn with.
+    """Hidden effect at the size it was drawn with.
 
     Attributes:
         plant: numbers of the plant that it sets, see ``laws.NAMES``.
@@ -24,7 +24,7 @@ class Hidden:
         truth: values that a fit should find, by the names of the catalogue's parameters, SI.
         size: names in ``plant``, ``channel`` and ``truth`` that grow with its size.
         edges: names of limits, with the peak that they cut; larger is further below the peak.
-        simpler: numbers of the plant with which it is a simpler effect, which it must be told from.
+        simpler: numbers of the plant that make it a simpler effect, from which it must be distinguished.
     """
 
     plant: Mapping[str, float] = field(default_factory=dict)
@@ -52,18 +52,18 @@ class Hidden:
         return value * factor if name in self.size else value
 
 
-Draw = Callable[[Generator, Condition, Scale], Hidden]
+Draw = Callable[[Generator, ExperimentCondition, Scale], Hidden]
 
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """One kind of hidden thing.
+    """Kind of hidden effect.
 
     Attributes:
         draw: draws it at clear size for a condition and the motion it has without it.
         group: two of a pair come from different groups.
         accepted: verdicts that are right; for an effect of the catalogue its own id.
-        richer: a law of friction that contains the plain one.
+        richer: a law of friction that contains Coulomb friction.
     """
 
     draw: Draw

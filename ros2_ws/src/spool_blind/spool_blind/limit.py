@@ -1,11 +1,11 @@
-"""The limit of seeing: the size at which a test that knows what is hidden finds it in half of the records."""
+"""Detection limit: the size at which a test that knows what is hidden finds it in half of the records."""
 
 from __future__ import annotations
 
 import math
 
-from .case import Case, make
-from .plain import contains_plain_friction, over_plain_friction
+from .case import BlindCase, make
+from .nested_friction import contains_coulomb_friction, over_coulomb_friction
 
 #: Over the size that is drawn as clear.
 SMALLEST, LARGEST = 1e-4, 2.0
@@ -13,16 +13,16 @@ SMALLEST, LARGEST = 1e-4, 2.0
 CLOSE, MOST = 0.1, 14
 
 
-def limit_case(seed: int, hidden: str, *, moderate: bool = False) -> Case | None:
+def limit_case(seed: int, hidden: str, *, moderate: bool = False) -> BlindCase | None:
     """Return the case of ``seed`` at the size at which the evidence is at the threshold.
 
-    The test knows what is hidden and the noise, and base, gain and delay are refitted beside it: the most
+    The test knows what is hidden and the noise, and base, gain and delay are refitted with it: the most
     powerful one at its rate of false alarms (Neyman and Pearson 1933), as a mean over the noise. A single
     record may be named below it.
-    A law of friction that contains the plain one must be told from that, too.
+    A law of friction that contains Coulomb friction must be distinguished from that, too.
 
     Args:
-        seed: of the condition and of the size that ``Case.factor`` is relative to.
+        seed: of the condition and of the size that ``BlindCase.factor`` is relative to.
         hidden: an effect.
         moderate: under a moderate condition, see ``condition.draw_condition``.
 
@@ -52,9 +52,9 @@ def limit_case(seed: int, hidden: str, *, moderate: bool = False) -> Case | None
     return best
 
 
-def _over_threshold(case: Case) -> float:
+def _over_threshold(case: BlindCase) -> float:
     """Return the logarithm of the evidence over the threshold."""
     evidence = 0.0 if case.visibility is None else case.visibility.evidence
-    if evidence > case.threshold and contains_plain_friction(case):
-        evidence = min(evidence, over_plain_friction(case))
+    if evidence > case.threshold and contains_coulomb_friction(case):
+        evidence = min(evidence, over_coulomb_friction(case))
     return math.log(max(evidence, 1e-12) / case.threshold)

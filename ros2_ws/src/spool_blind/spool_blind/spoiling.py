@@ -1,4 +1,4 @@
-"""Records that something is wrong with: what happens at a rig, done to a good record."""
+"""Spoiled records: what goes wrong at a rig, done to a good record."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ STANDARD_GRAVITY = 9.80665
 
 @dataclass(frozen=True, slots=True)
 class Spoiling:
-    """One way to spoil a record.
+    """Way to spoil a record.
 
     Attributes:
         spoil: takes and returns (time s, body m/s^2, spool m/s^2), shape (n,) each.

@@ -1,4 +1,4 @@
-"""Can what is hidden be seen at all: what remains of it after the base has taken what it can.
+"""Visibility of what is hidden: what remains of it after the base has taken what it can.
 
 The base is mass, spring and viscous drag with a gain and a delay of the spool's channel inside the declared
 tolerances. It is fitted to the record without noise; what remains is weighed with the spectrum that noise of
@@ -16,17 +16,19 @@ from scipy.fft import rfft, rfftfreq
 from scipy.optimize import least_squares
 from scipy.stats import chi2, ncx2
 
+from spool_blind.simulator.linear import Padded, transmissibility
+
 from .condition import DELAY_TOLERANCE, GAIN_TOLERANCE
-from .linear import Padded, transmissibility
 
 Array = NDArray[np.float64]
 
+#: Rate of false alarms, and power at the threshold: half of the records.
 FALSE_ALARM, POWER = 0.01, 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class Visibility:
-    """How much of what is hidden remains.
+    """Visibility: how much of what is hidden remains.
 
     Attributes:
         nrmse: rms of the remainder over that of the spool's acceleration; the gap, without noise.
@@ -126,8 +128,8 @@ def look(
     )
 
 
-def apart(difference: Array, numbers: Mapping[str, float], rate: float, noise: float) -> float:
-    """Return the noncentrality of a test between two things hidden, of which both records are known.
+def noncentrality(difference: Array, numbers: Mapping[str, float], rate: float, noise: float) -> float:
+    """Return the noncentrality of a likelihood-ratio test between two hidden things whose records are known.
 
     Args:
         difference: of the records without noise, m/s^2, shape (n,).

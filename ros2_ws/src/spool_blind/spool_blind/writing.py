@@ -1,4 +1,4 @@
-"""A blind case as files: the record, the valve that is said to have made it, and the truth."""
+"""Files of a blind case: the record, the valve that is said to have made it, and the truth."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .case import Case
+from .case import BlindCase
 
 Array = NDArray[np.float64]
 
@@ -20,7 +20,7 @@ LAND_DIAMETER, LAND_LENGTH, RADIAL_CLEARANCE, VISCOSITY = 0.020, 0.032, 15.0e-6,
 SPOOL_SHARE = 0.172 / 0.18
 
 
-def valve_text(case: Case) -> str:
+def valve_text(case: BlindCase) -> str:
     """Return the valve's description, YAML: its mass is true, its spring is the maker's number."""
     mass = case.plant["mass"]
     return (
@@ -33,7 +33,7 @@ def valve_text(case: Case) -> str:
     )
 
 
-def truth_of(case: Case) -> dict[str, Any]:
+def truth_of(case: BlindCase) -> dict[str, Any]:
     """Return what is true of the case, for JSON, SI units."""
     condition, seen = case.condition, case.visibility
     return {
@@ -45,10 +45,10 @@ def truth_of(case: Case) -> dict[str, Any]:
         "effects": {name: dict(values) for name, values in case.truth.items()},
         "plant": dict(case.plant),
         "channels": {name: getattr(case.channels, name) for name in type(case.channels).__slots__},
-        "drive": condition.drive.kind,
+        "drive": condition.excitation.kind,
         "amplitude_m_s2": condition.amplitude,
-        "levels": list(condition.drive.levels),
-        "band_Hz": [condition.drive.low, condition.drive.high],
+        "levels": list(condition.excitation.levels),
+        "band_Hz": [condition.excitation.low, condition.excitation.high],
         "sample_rate_Hz": condition.sample_rate,
         "duration_s": condition.duration,
         "nominal_stiffness_N_m": condition.nominal_stiffness,
@@ -64,7 +64,7 @@ def truth_of(case: Case) -> dict[str, Any]:
     }
 
 
-def write(case: Case, folder: Path) -> Path:
+def write(case: BlindCase, folder: Path) -> Path:
     """Write ``record.csv.gz``, ``valve.yaml`` and ``truth.json`` into ``folder``; return the record."""
     folder.mkdir(parents=True, exist_ok=True)
     record = folder / "record.csv.gz"

@@ -34,8 +34,8 @@ def row(kind: str, hidden: str, verdict: str, **given: object) -> Row:
         ("effect", "end_stop", "refused", False),
         ("pair", "a+b", "b+a", True),
         ("pair", "a+b", "a", False),
-        ("stranger", "lugre_friction", "unexplained", True),
-        ("stranger", "lugre_friction", "stribeck_friction", False),
+        ("out_of_catalogue", "lugre_friction", "unexplained", True),
+        ("out_of_catalogue", "lugre_friction", "stribeck_friction", False),
     ],
 )
 def test_a_verdict_is_right_only_if_it_is_the_whole_truth(kind, hidden, verdict, right):
@@ -51,13 +51,13 @@ def test_shares_carry_wilsons_interval():
 
 def test_targets_are_met_only_by_what_was_found():
     good = [row("effect", "a", "a", truth={"a.x": 2.0}, found={"a.x": 2.1}, after=0.012, floor=0.01)]
-    bad = [row("effect", "a", "b"), row("none", "none", "a"), row("stranger", "s", "a")]
+    bad = [row("effect", "a", "b"), row("none", "none", "a"), row("out_of_catalogue", "s", "a")]
     assert all(target.met for target in targets(good) if target.share.of)
     assert {target.answer for target in targets(good) if not target.share.of} == {"unknown"}
     met = {target.name: target.met for target in targets(good + bad)}
     assert not met["one effect, named right"]
     assert not met["nothing hidden, a false name"]
-    assert not met["strangers not given a name alone"]
+    assert not met["out-of-catalogue effects not given a name alone"]
     assert met["parameters within 10 %"]
 
 
@@ -67,7 +67,7 @@ def test_every_case_is_in_the_confusion_matrix_once(tmp_path: Path):
         row("effect", "end_stop", "cubic_stiffness"),
         row("pair", "a+b", "b+a"),
         row("pair", "a+b", "b"),
-        row("stranger", "lugre_friction", "unexplained"),
+        row("out_of_catalogue", "lugre_friction", "unexplained"),
         row("effect", "end_stop", "refused", message="too short"),
     ]
     hidden, verdicts, counts = confusion(rows)

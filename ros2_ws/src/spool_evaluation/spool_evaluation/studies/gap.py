@@ -12,7 +12,7 @@ from typing import Any
 import yaml
 from rich.console import Console
 from rich.table import Table
-from spool_blind.case import Case, make
+from spool_blind.case import BlindCase, make
 from spool_blind.writing import truth_of, valve_text
 from spool_identification.record import Record
 from spool_sim.model import MODELS
@@ -79,7 +79,7 @@ def judge_seed(seed: int, hidden: str | None = None, factor: float | None = None
     return judge(make(seed, hidden, factor=factor))
 
 
-def judge(case: Case) -> Row:
+def judge(case: BlindCase) -> Row:
     """Return what the workflow says to ``case``; a crash is a row too, and counts as wrong."""
     from spool_gap.analyse import analyse  # noqa: PLC0415 - counting needs none of its kernels
 
@@ -106,14 +106,14 @@ class Clock:
         return time.perf_counter() - self._begin[0], time.process_time() - self._begin[1]
 
 
-def given(case: Case) -> tuple[Record, Valve]:
+def given(case: BlindCase) -> tuple[Record, Valve]:
     """Return what the workflow gets to see: the record and the valve's description."""
     valve = valve_from_mapping(yaml.safe_load(valve_text(case)), f"case {case.seed}")
     period = 1.0 / case.condition.sample_rate
     return Record(f"case {case.seed}", 0, period, case.body, case.spool), valve
 
 
-def row_of(case: Case, result: dict[str, Any], seconds: tuple[float, float], message: str = "") -> Row:
+def row_of(case: BlindCase, result: dict[str, Any], seconds: tuple[float, float], message: str = "") -> Row:
     """Return the row of ``case`` with ``result``, the workflow's own JSON."""
     truth = truth_of(case)
     wanted = {
@@ -150,8 +150,9 @@ def row_of(case: Case, result: dict[str, Any], seconds: tuple[float, float], mes
         evidence=None if visible is None else visible.evidence,
         threshold=None if visible is None else case.threshold,
         condition=(
-            f"{condition.drive.kind} {condition.amplitude:.3g} m/s², {condition.nominal_stiffness:.0f} N/m, "
-            f"c {case.plant['damping']:.2g}, {condition.sample_rate:.0f} Hz, {condition.duration:.0f} s, "
+            f"{condition.excitation.kind} {condition.amplitude:.3g} m/s², "
+            f"{condition.nominal_stiffness:.0f} N/m, c {case.plant['damping']:.2g}, "
+            f"{condition.sample_rate:.0f} Hz, {condition.duration:.0f} s, "
             f"noise {100.0 * condition.noise_share:.2g} %, gain {condition.gain:.3f}, "
             f"delay {1e3 * condition.delay:+.2f} ms"
         ),

@@ -61,9 +61,9 @@ class Row:
 
     @property
     def right(self) -> bool:
-        """Whether the verdict is one of those accepted; a stranger may end with a part unexplained."""
+        """Whether the verdict is one of those accepted; out of the catalogue a part may be unexplained."""
         said = frozenset(self.verdict.split("+"))
-        if self.kind == "stranger":
+        if self.kind == "out_of_catalogue":
             return "unexplained" in said
         return any(said == frozenset(one.split("+")) for one in self.accepted)
 
@@ -141,10 +141,10 @@ def targets(rows: Sequence[Row]) -> list[Target]:
 
     named = [row for row in rows if row.kind in ("effect", "pair") and row.right]
     errors = [error for row in named for error in row.errors.values()]
-    judged = [row for row in rows if row.right and row.kind != "stranger" and row.after and row.floor]
+    judged = [row for row in rows if row.right and row.kind != "out_of_catalogue" and row.after and row.floor]
     wrong = share_of(of("none"), lambda row: not row.right)
     single, pairs = share_of(of("effect"), lambda row: row.right), share_of(of("pair"), lambda row: row.right)
-    strangers = share_of(of("stranger"), lambda row: row.right)
+    outsiders = share_of(of("out_of_catalogue"), lambda row: row.right)
     recovered = Share(sum(abs(error) <= RECOVERED for error in errors), len(errors))
     closed = share_of(judged, lambda row: (row.after or 0.0) <= CLOSED * (row.floor or 0.0))
     return [
@@ -154,7 +154,10 @@ def targets(rows: Sequence[Row]) -> list[Target]:
             "two effects, both named and nothing else", "at least 95 %", pairs, (pairs.value or 0.0) >= 0.95
         ),
         Target(
-            "strangers not given a name alone", "at least 80 %", strangers, (strangers.value or 0.0) >= 0.80
+            "out-of-catalogue effects not given a name alone",
+            "at least 80 %",
+            outsiders,
+            (outsiders.value or 0.0) >= 0.80,
         ),
         Target("parameters within 10 %", "all", recovered, recovered.count == recovered.of),
         Target("gap after at most 1.3 times the floor", "all", closed, closed.count == closed.of),
@@ -179,9 +182,9 @@ def confusion(rows: Sequence[Row]) -> tuple[list[str], list[str], np.ndarray[Any
             )
         if len(said) == 1:
             return row.verdict
-        return "unexplained" if row.kind == "stranger" and row.right else "more than one"
+        return "unexplained" if row.kind == "out_of_catalogue" and row.right else "more than one"
 
-    order = {"none": 0, "effect": 1, "pair": 2, "stranger": 3}
+    order = {"none": 0, "effect": 1, "pair": 2, "out_of_catalogue": 3}
     names = sorted({(order[row.kind], hidden_of(row)) for row in rows})
     hidden = [name for _, name in names]
     last = ("more than one", "unexplained", "right pair", "part of it", "other", "refused", "failed")

@@ -1,4 +1,4 @@
-"""Forces on the spool, written a second time: nothing here is shared with the simulator that ships.
+"""Force laws, written a second time: nothing here is shared with the simulator that ships.
 
 Everything is a function of the displacement z (m) and the velocity v (m/s) relative to the body, the time t
 (s) and the numbers of a plant, an array in the order of :data:`NAMES`. An effect is absent where its

@@ -1,8 +1,8 @@
-"""A second way to step the spool: impulses over short steps of equal length, no Runge-Kutta, no root finding.
+"""Time stepping of Moreau and Jean with the midpoint rule: no Runge-Kutta, no root finding.
 
-The scheme of Moreau and Jean with the midpoint rule: half a step of drift, all impulses at once, half a
-step of drift. Within a step the forces are held; dry friction is set-valued, so that a step which would
-reverse the motion is split where the velocity vanishes and goes on, or rests, from there.
+Steps are short and of equal length: half a step of drift, all impulses together, half a step of drift.
+Within a step the forces are held; dry friction is set-valued, so that a step which would reverse the motion
+is split where the velocity vanishes and goes on, or rests, from there.
 """
 
 from __future__ import annotations
@@ -62,24 +62,24 @@ def kick(v: float, speed: float, pull: float, h: float, p: Array) -> float:
 
 
 @compiled
-def step_through(drive: Array, h: float, start: float, p: Array) -> tuple[Array, Array]:
+def step_through(excitation: Array, h: float, start: float, p: Array) -> tuple[Array, Array]:
     """Move a spool from rest and return (spool's acceleration m/s^2, displacement m), shapes (n,).
 
-    Both belong to the middles of the steps, as ``drive`` does.
+    Both belong to the middles of the steps, as ``excitation`` does.
 
     Args:
-        drive: acceleration of the body in the middle of each step, m/s^2, shape (n,).
+        excitation: acceleration of the body in the middle of each step, m/s^2, shape (n,).
         h: length of a step, s.
         start: time at the begin of the first step, s.
         p: numbers of the plant in the order of ``laws.NAMES``.
     """
-    count = drive.size
-    heard, place = np.empty(count), np.empty(count)
+    count = excitation.size
+    acceleration, displacement = np.empty(count), np.empty(count)
     mass = p[MASS]
     z, v, x, loose = 0.0, 0.0, 0.0, 0.0
     for n in range(count):
         t = start + (n + 0.5) * h
-        body = drive[n]
+        body = excitation[n]
         middle = z + 0.5 * h * v
         speed, after = v, v
         for _ in range(2):  # the second time with the velocity in the middle: second order
@@ -97,8 +97,8 @@ def step_through(drive: Array, h: float, start: float, p: Array) -> tuple[Array,
             x = bristle_after(x, speed, h, p)
         elif p[HYSTERESIS] > 0.0:
             x = hysteresis_after(x, speed, h, p)
-        heard[n] = (after - v) / h + body
-        place[n] = middle
+        acceleration[n] = (after - v) / h + body
+        displacement[n] = middle
         z = middle + 0.5 * h * after
         v = after
-    return heard, place
+    return acceleration, displacement

@@ -1,4 +1,4 @@
-"""The spool with nothing hidden, in closed form: mass, spring and viscous drag, in the frequency domain."""
+"""Transmissibility of mass, spring and viscous drag: the spool with nothing hidden, in closed form."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def transmissibility(numbers: Mapping[str, float], frequency: Array, *, travel: 
 
 
 class Padded:
-    """The spectrum of a signal that starts from rest, extended so that it ends at rest."""
+    """Spectrum of a signal that starts from rest, extended so that it ends at rest."""
 
     def __init__(self, signal: Array, rate: float) -> None:
         fade = round(FADE * rate)

@@ -1,14 +1,14 @@
-"""Effects that no catalogue lists: a name for them would be wrong."""
+"""Out-of-catalogue effects: no catalogue lists them, so a name for one would be wrong."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from .condition import Condition, Scale
+from .condition import ExperimentCondition, Scale
 from .hidden import Generator, Hidden, Kind, between, either_sign
 
 
-def lugre(generator: Generator, _: Condition, scale: Scale) -> Hidden:
+def lugre(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
     """LuGre's friction: bristles whose limit falls with speed, and a damping of their own."""
     static = between(generator, 0.25, 0.45) * scale.force
     stiffness = static / (between(generator, 0.03, 0.1) * scale.travel)
@@ -25,31 +25,31 @@ def lugre(generator: Generator, _: Condition, scale: Scale) -> Hidden:
     )
 
 
-def sensor_low_pass(generator: Generator, condition: Condition, _: Scale) -> Hidden:
-    """A low-pass in the spool's sensor alone; far above the drive it would be a delay and nothing else."""
-    return Hidden({}, {"low_pass": between(generator, 0.5, 1.4) * condition.drive.high})
+def sensor_low_pass(generator: Generator, condition: ExperimentCondition, _: Scale) -> Hidden:
+    """A low-pass in the spool's sensor alone; far above the excitation it would be a mere delay."""
+    return Hidden({}, {"low_pass": between(generator, 0.5, 1.4) * condition.excitation.high})
 
 
-def damping_by_position(generator: Generator, _: Condition, scale: Scale) -> Hidden:
+def damping_by_position(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
     """Drag that grows away from the centre: the overlap of the lands changes."""
     value = between(generator, 1.0, 3.0) / (2.0 * scale.travel) ** 2 * 2.0
     return Hidden({"damping_by_position": value}, size=("damping_by_position",))
 
 
-def stiffness_drift(generator: Generator, condition: Condition, _: Scale) -> Hidden:
+def stiffness_drift(generator: Generator, condition: ExperimentCondition, _: Scale) -> Hidden:
     """A spring that changes with its temperature over the record."""
     rate = either_sign(generator, between(generator, 0.06, 0.15)) / condition.duration
     return Hidden({"stiffness_rate": rate}, size=("stiffness_rate",))
 
 
-def bouc_wen(generator: Generator, _: Condition, scale: Scale) -> Hidden:
+def bouc_wen(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
     """Hysteresis after Bouc and Wen."""
     force = between(generator, 0.2, 0.45) * scale.force
     travel = between(generator, 0.15, 0.5) * scale.travel
     return Hidden({"hysteresis_force": force, "hysteresis_travel": travel}, size=("hysteresis_force",))
 
 
-def flow_force_step(generator: Generator, _: Condition, scale: Scale) -> Hidden:
+def flow_force_step(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
     """A force that sets in where a land opens."""
     force = between(generator, 0.2, 0.5) * scale.force
     place = either_sign(generator, between(generator, 0.3, 1.2) * scale.travel)
@@ -58,7 +58,7 @@ def flow_force_step(generator: Generator, _: Condition, scale: Scale) -> Hidden:
     )
 
 
-def fractional_drag(generator: Generator, _: Condition, scale: Scale) -> Hidden:
+def fractional_drag(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
     """Drag with the root of the speed, or a power near it."""
     exponent = between(generator, 0.35, 0.6)
     force = between(generator, 0.3, 0.6) * scale.force
@@ -67,12 +67,12 @@ def fractional_drag(generator: Generator, _: Condition, scale: Scale) -> Hidden:
     )
 
 
-def sampling_jitter(generator: Generator, condition: Condition, _: Scale) -> Hidden:
+def sampling_jitter(generator: Generator, condition: ExperimentCondition, _: Scale) -> Hidden:
     """A spool channel whose sampling instants scatter."""
     return Hidden({}, {"jitter": between(generator, 0.3, 0.6) / condition.sample_rate}, size=("jitter",))
 
 
-def slipping_mass(generator: Generator, condition: Condition, scale: Scale) -> Hidden:
+def slipping_mass(generator: Generator, condition: ExperimentCondition, scale: Scale) -> Hidden:
     """A part that rides on the spool by friction and slips when pulled hard."""
     share = between(generator, 0.15, 0.35)
     mass = share * condition.base.numbers["mass"]
@@ -80,12 +80,12 @@ def slipping_mass(generator: Generator, condition: Condition, scale: Scale) -> H
     return Hidden({"loose_mass": mass, "loose_friction": friction}, size=("loose_mass", "loose_friction"))
 
 
-def sensor_mounting(generator: Generator, _: Condition, __: Scale) -> Hidden:
+def sensor_mounting(generator: Generator, _: ExperimentCondition, __: Scale) -> Hidden:
     """A spool sensor on an elastic mounting."""
     return Hidden({}, {"mount_frequency": between(generator, 130.0, 220.0), "mount_damping": 0.05})
 
 
-def skew_spring(generator: Generator, condition: Condition, scale: Scale) -> Hidden:
+def skew_spring(generator: Generator, condition: ExperimentCondition, scale: Scale) -> Hidden:
     """A spring that is stiffer on one side."""
     value = either_sign(generator, between(generator, 0.12, 0.3))
     return Hidden(
@@ -94,8 +94,8 @@ def skew_spring(generator: Generator, condition: Condition, scale: Scale) -> Hid
     )
 
 
-STRANGERS: dict[str, Kind] = {
-    name: Kind(draw, "stranger", ("unexplained",))
+OUT_OF_CATALOGUE: dict[str, Kind] = {
+    name: Kind(draw, "out_of_catalogue", ("unexplained",))
     for name, draw in {
         "lugre_friction": lugre,
         "sensor_low_pass": sensor_low_pass,

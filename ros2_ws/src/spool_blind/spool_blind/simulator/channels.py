@@ -1,4 +1,4 @@
-"""What sensors and data channels make of the accelerations."""
+"""Measuring channels: what sensors and data channels make of the accelerations."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, lfilter, lfilter_zi
 
-from .plant import Motion
+from .plant import SpoolMotion
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class Channels:
-    """Errors of the two channels; the body's is the reference, so gain and delay are the spool's.
+    """Channel errors of body and spool; the body's is the reference, so gain and delay are the spool's.
 
     Attributes:
         gain: reading of the spool's sensor over the truth.
@@ -36,7 +36,7 @@ class Channels:
     mount_frequency: float = 0.0
     mount_damping: float = 0.05
 
-    def read(self, motion: Motion, t: Array, generator: np.random.Generator) -> tuple[Array, Array]:
+    def read(self, motion: SpoolMotion, t: Array, generator: np.random.Generator) -> tuple[Array, Array]:
         """Return the readings (body, spool), m/s^2, at the instants ``t`` (s, shape (n,))."""
         sensed = motion.spool
         rate = 1.0 / motion.step

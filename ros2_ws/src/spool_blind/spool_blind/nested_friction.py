@@ -1,4 +1,4 @@
-"""How far a law of friction is from the plain one that it contains, whatever force that and the base take.
+"""Nested friction laws: how far one is from the Coulomb friction that it contains, the base refitted.
 
 Where friction is small, its other laws are Coulomb friction to any record.
 """
@@ -12,31 +12,31 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from .case import Case, sample_times
+from .case import BlindCase, sample_times
 from .condition import DELAY_TOLERANCE, GAIN_TOLERANCE
 from .effects import EFFECTS
-from .visibility import apart
+from .visibility import noncentrality
 
 Array = NDArray[np.float64]
 
 #: Steps for slopes and room, in units of ``_SIZES``, and runs of the fit.
 STEP, ROOM, RUNS = 0.05, 200.0, 8
-#: Sizes of stiffness and damping (relative), gain, delay (of their tolerances), and force (of the drive's).
+#: Sizes of stiffness and damping (relative), gain, delay (of their tolerances), force (of inertia).
 _SIZES = np.array([0.002, 0.02, 0.05, 0.05, 0.02])
 
 
-def contains_plain_friction(case: Case) -> bool:
-    """Whether what is hidden is one law of friction that contains the plain one."""
+def contains_coulomb_friction(case: BlindCase) -> bool:
+    """Return whether what is hidden is one law of friction that contains Coulomb friction."""
     return case.hidden in EFFECTS and EFFECTS[case.hidden].richer
 
 
-def over_plain_friction(case: Case) -> float:
-    """Return the noncentrality of a test between ``case`` and plain friction, base, gain and delay refitted.
+def over_coulomb_friction(case: BlindCase) -> float:
+    """Return the noncentrality of a test between ``case`` and Coulomb friction; base, gain, delay refitted.
 
     Raises:
         ValueError: what is hidden does not contain Coulomb friction.
     """
-    if not contains_plain_friction(case):
+    if not contains_coulomb_friction(case):
         richer = ", ".join(name for name, kind in EFFECTS.items() if kind.richer)
         raise ValueError(f"{case.hidden} does not contain Coulomb friction; these do: {richer}")
     condition = case.condition
@@ -66,10 +66,10 @@ def over_plain_friction(case: Case) -> float:
         diff_step=STEP,
         max_nfev=RUNS,
     )
-    return apart(remainder(found.x), known, condition.sample_rate, case.channels.noise)
+    return noncentrality(remainder(found.x), known, condition.sample_rate, case.channels.noise)
 
 
-def _reading(case: Case, numbers: Mapping[str, float], gain: float, delay: float) -> Array:
+def _reading(case: BlindCase, numbers: Mapping[str, float], gain: float, delay: float) -> Array:
     """Return the spool's channel without noise, m/s^2, shape (n,)."""
     condition = case.condition
     plant = replace(condition.base, numbers=numbers)

@@ -1,4 +1,4 @@
-"""Vibration of the body: sweep, stepped sine, multisine, machine orders with broadband."""
+"""Excitation by the body: sweep, stepped sine, multisine, machine orders with broadband."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from scipy.interpolate import CubicSpline
 Array = NDArray[np.float64]
 
 KINDS = ("sweep", "stepped_sine", "multisine", "machine_orders")
-#: Hz at which a drive is worked out; a cubic spline through it errs by 1e-6 at 150 Hz.
+#: Hz at which an excitation is worked out; a cubic spline through it errs by 1e-6 at 150 Hz.
 GRID_RATE = 8000.0
-#: s over which a drive rises from rest.
+#: s over which an excitation rises from rest.
 RISE = 0.5
 #: s between two levels.
 FADE = 0.4
 
 
 @dataclass(frozen=True, slots=True)
-class Drive:
-    """A drive that was drawn.
+class DrawnExcitation:
+    """Excitation of the body, drawn.
 
     Attributes:
         kind: one of ``KINDS``.
@@ -44,14 +44,16 @@ class Drive:
         return np.asarray(self.spline(np.clip(t, self.start, self.end)), dtype=np.float64)
 
 
-def draw(generator: np.random.Generator, kind: str, resonance: float, start: float, end: float) -> Drive:
-    """Draw a drive of ``kind`` from rest at ``start`` on; its strongest sine or twice its rms is 1 m/s^2.
+def draw_excitation(
+    generator: np.random.Generator, kind: str, resonance: float, start: float, end: float
+) -> DrawnExcitation:
+    """Draw an excitation of ``kind`` from rest; its strongest sine or twice its rms is 1 m/s^2.
 
     Args:
         generator: drawn from.
         kind: one of ``KINDS``.
         resonance: natural frequency of the spool, Hz: the band begins below and ends above it.
-        start: s, not above 0.
+        start: s, not above 0; at rest there.
         end: s.
 
     Raises:
@@ -71,7 +73,7 @@ def draw(generator: np.random.Generator, kind: str, resonance: float, start: flo
     value = shape * _profile(t, max(start, 0.0), end, levels)
     rise = np.clip((t - start) / RISE, 0.0, 1.0)
     value *= 0.5 - 0.5 * np.cos(np.pi * rise)
-    return Drive(kind, float(low), high, levels, float(t[0]), float(t[-1]), CubicSpline(t, value))
+    return DrawnExcitation(kind, float(low), high, levels, float(t[0]), float(t[-1]), CubicSpline(t, value))
 
 
 def _levels(generator: np.random.Generator) -> tuple[float, ...]:

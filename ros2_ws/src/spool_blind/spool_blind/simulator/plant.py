@@ -1,4 +1,4 @@
-"""A spool with what acts on it, and how it moves."""
+"""Plant: a spool with what acts on it, and how it moves."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ AFTER = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Plant:
-    """Numbers of a plant by name, see ``laws.NAMES``; what is not named is absent."""
+    """Plant numbers by name, see ``laws.NAMES``; what is not named is absent."""
 
     numbers: Mapping[str, float]
 
@@ -55,8 +55,8 @@ class Plant:
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
-    """What a plant did: values in the middles of equal steps.
+class SpoolMotion:
+    """Motion of a plant: values in the middles of equal steps.
 
     Attributes:
         time: s since the record's start; negative before it, shape (n,).
@@ -72,10 +72,6 @@ class Motion:
     spool: Array
     displacement: Array
 
-    def velocity(self) -> Array:
-        """Return the relative velocity, m/s, shape (n,)."""
-        return np.asarray(np.gradient(self.displacement, self.step))
-
 
 def steps(duration: float, sample_rate: float, before: float, longest: float) -> tuple[Array, float]:
     """Return the middles of the steps (s) from ``before`` s ahead of the record's start to its end, and h.
@@ -89,7 +85,7 @@ def steps(duration: float, sample_rate: float, before: float, longest: float) ->
     return np.asarray((np.arange(first, last) + 0.5) * h, dtype=np.float64), h
 
 
-def move(plant: Plant, time: Array, h: float, body: Array) -> Motion:
+def move(plant: Plant, time: Array, h: float, body: Array) -> SpoolMotion:
     """Move ``plant`` from rest under ``body`` (m/s^2, in the middles ``time`` of steps of ``h`` s)."""
-    spool, place = step_through(body, h, float(time[0] - 0.5 * h), plant.array())
-    return Motion(time, h, body, spool, place)
+    spool, displacement = step_through(body, h, float(time[0] - 0.5 * h), plant.array())
+    return SpoolMotion(time, h, body, spool, displacement)
