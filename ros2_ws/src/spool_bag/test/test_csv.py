@@ -284,7 +284,7 @@ def test_columns_with_escapes_do_not_reach_the_terminal(tmp_path: Path) -> None:
 
 EXPAND = """
 import sys
-from spool_bag import csv_record
+from spool_bag.tables import csv_record
 from spool_bag.tables.csv_record import read_csv
 csv_record.MOST_SAMPLES //= 4
 from spool_stream.errors import InputError

@@ -54,7 +54,7 @@ def everything() -> tuple[ComposedMotion, dict[str, float]]:
 
 
 def test_the_laws_of_fluid_in_the_package_are_what_the_composer_writes() -> None:
-    text = (Path(spool_sim.__file__).parent / "fluid_laws.py").read_text(encoding="utf-8")
+    text = (Path(spool_sim.__file__).parent / "integration" / "fluid_laws.py").read_text(encoding="utf-8")
     assert text.endswith(laws_source(MODELS["fluid"].terms))
 
 
