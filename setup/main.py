@@ -20,7 +20,7 @@ LOCAL_BY_DEFAULT = ("demo", "test", "bench", "run")
 HELP = """Usage: ./spool COMMAND [arguments]       ./spool COMMAND --help says more, with an example
 
   demo      the main job, live: two valves simulated, estimated, monitored, recorded, reported
-  test      every test of the repository; takes pytest's arguments
+  test      the tests of the repository; takes pytest's arguments, -m '' adds the slow ones
   run       what `ros2 run` does: ./spool run PACKAGE EXECUTABLE [arguments]
   simulate  a bag from the simulator, faster than real time
   import    a data logger's CSV file to a bag
@@ -46,6 +46,8 @@ Example: ./spool demo --seconds 60 --out demo_output
 """
 #: What is asked for without a command, once the project is set up.
 OPTIONS = ("--version", "--install-completion", "--show-completion")
+#: The tests of a file stay together; the files of live nodes, which wait most, come first.
+SPREAD = ("-n", "auto", "--dist", "loadfile", "--no-loadscope-reorder")
 #: Set by a shell that completes a command line.
 COMPLETION = "_SPOOL_COMPLETE"
 COMMANDS = re.findall(r"^  (\w+)  ", HELP, re.MULTILINE)
@@ -132,7 +134,9 @@ def _hand_over(
     python = str(layout.python)
     if arguments[0] == "test":
         os.chdir(layout.root)
-        command = [python, "-m", "pytest", *arguments[1:]]
+        # Tests interrupt programs; what a call in the background ignores, its programs would ignore as well.
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        command = [python, "-m", "pytest", *SPREAD, *arguments[1:]]
     else:
         # From 3.11 on Python can be told not to import from the user's folder.
         safe = ["-P"] if sys.version_info >= (3, 11) else []
