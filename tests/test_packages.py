@@ -13,7 +13,6 @@ PACKAGES = sorted(path.parent for path in SOURCE.glob("*/package.xml"))
 # Import name -> rosdep's name, where it is not "python3-" and the import name.
 ROSDEP_NAMES = {
     "yaml": "yaml",
-    "ruamel": "ruamel.yaml",
     "mcap": "mcap-ros2-support",
     "zstandard": "mcap-ros2-support",  # a requirement of mcap
     "lz4": "mcap-ros2-support",
@@ -32,7 +31,6 @@ ROSDEP_KEYS = {
     "python3-pytest",
     "python3-rich",
     "python3-rosbags-pip",
-    "python3-ruamel.yaml",
     "python3-scipy",
     "python3-typer",
     "python3-yaml",

@@ -25,7 +25,7 @@ from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import Temperature
 from spool_bag.reading.reader import BagReader
-from spool_bag.reading.recovery import recover
+from spool_bag.recording.recovery import recover
 from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate
 from spool_node import qos
 from spool_node.messages import from_block

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from spool_bag.reading.cdr import encode_block
-from spool_bag.reading.definitions import ACCELERATION_BLOCK
+from spool_bag.format.cdr import encode_block
+from spool_bag.format.definitions import ACCELERATION_BLOCK
 from spool_bag.recording.writer import BagWriter
 from spool_stream.block import Block
 

@@ -10,16 +10,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
-from ruamel.yaml import YAML
-from spool_bag.reading.cdr import OilTemperature, encode_block, encode_temperature
-from spool_bag.reading.definitions import ACCELERATION_BLOCK, TEMPERATURE, typestore
+from spool_bag.format.cdr import OilTemperature, encode_block, encode_temperature
+from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE, typestore
 from spool_bag.reading.information import describe
 from spool_bag.reading.reader import WINDOW, BagReader
-from spool_bag.reading.recovery import recover
+from spool_bag.recording.recovery import recover
 from spool_bag.recording.writer import BagWriter
 from spool_stream.block import Block
 from spool_stream.errors import InputError
@@ -133,7 +133,7 @@ def test_an_unfinished_bag_is_read_and_said_to_be_one(unfinished: Path) -> None:
     assert "not finished" in reader.warnings[0]
     assert reader.topics == {TOPIC: (ACCELERATION_BLOCK, 20)}
     assert [block.sequence for block in reader.blocks("valve_1")] == list(range(20))
-    metadata = YAML(typ="safe").load(unfinished / "metadata.yaml")["rosbag2_bagfile_information"]
+    metadata = yaml.safe_load((unfinished / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     (told,) = metadata["topics_with_message_count"]
     assert (metadata["version"], told["topic_metadata"]["name"]) == (9, TOPIC)
     found = describe(unfinished)
@@ -344,8 +344,8 @@ def test_information_counts_losses_and_refusals(tmp_path: Path, block: MakeBlock
 
 FILL = """
 import resource, sys
-from spool_bag.reading.cdr import encode_block
-from spool_bag.reading.definitions import ACCELERATION_BLOCK
+from spool_bag.format.cdr import encode_block
+from spool_bag.format.definitions import ACCELERATION_BLOCK
 from spool_bag.recording.writer import BagWriter, RecordingError
 from spool_stream.block import Block
 import numpy as np

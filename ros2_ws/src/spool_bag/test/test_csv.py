@@ -12,8 +12,8 @@ import numpy as np
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pa_parquet
 import pytest
-from spool_bag.reading.cdr import encode_block
-from spool_bag.reading.definitions import ACCELERATION_BLOCK
+from spool_bag.format.cdr import encode_block
+from spool_bag.format.definitions import ACCELERATION_BLOCK
 from spool_bag.reading.information import describe
 from spool_bag.reading.reader import BagReader
 from spool_bag.recording.writer import BagWriter

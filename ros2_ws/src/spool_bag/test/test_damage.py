@@ -14,16 +14,16 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+import yaml
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
-from ruamel.yaml import YAML
+from spool_bag.format.cdr import OilTemperature, encode_block, encode_temperature
+from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE
 from spool_bag.mcap.mcap_record import FRAME, MAGIC
-from spool_bag.reading.cdr import OilTemperature, encode_block, encode_temperature
-from spool_bag.reading.definitions import ACCELERATION_BLOCK, TEMPERATURE
 from spool_bag.reading.information import describe
 from spool_bag.reading.reader import BagReader
-from spool_bag.reading.recovery import RecoveryResult, recover
+from spool_bag.recording.recovery import RecoveryResult, recover
 from spool_bag.recording.writer import BagWriter
 from spool_stream.block import Block
 from spool_stream.errors import InputError
@@ -235,7 +235,9 @@ def test_reading_an_unfinished_bag_names_the_way_out_and_promises_nothing(killed
 
 def test_an_unfinished_bag_is_recognisable_and_a_finished_one_has_no_mark(killed: Path, bag: Path) -> None:
     def custom(folder: Path) -> object:
-        return YAML(typ="safe").load(folder / "metadata.yaml")["rosbag2_bagfile_information"]["custom_data"]
+        return yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"][
+            "custom_data"
+        ]
 
     assert custom(killed) == {"recording": "not finished"}
     assert custom(bag) is None

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from spool_bag.reading.definitions import ACCELERATION_BLOCK, TEMPERATURE, definition, starts_with_header
+from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE, definition, starts_with_header
 from spool_stream.errors import InputError
 
 OURS = [
@@ -54,8 +54,8 @@ def test_works_without_rclpy() -> None:
     code = (
         "import sys; sys.modules['rclpy'] = None\n"
         "import spool_bag.tables.csv_import, spool_bag.reading.reader\n"
-        "import spool_bag.reading.recovery, spool_bag.reading.information\n"
-        "import spool_bag.tables.export, spool_bag.recording.recorder, spool_bag.reading.definitions as d\n"
+        "import spool_bag.recording.recovery, spool_bag.reading.information\n"
+        "import spool_bag.tables.export, spool_bag.recording.recorder, spool_bag.format.definitions as d\n"
         "print(d.definition(d.ACCELERATION_BLOCK).digest)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

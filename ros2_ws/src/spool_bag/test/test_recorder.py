@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from spool_bag.reading.cdr import encode_block
-from spool_bag.reading.definitions import ACCELERATION_BLOCK, TEMPERATURE
+from spool_bag.format.cdr import encode_block
+from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE
 from spool_bag.recording.recorder import TOPICS, LossCount, new_bag, select_topics, valve_namespaces
 from spool_stream.block import Block
 from spool_stream.errors import InputError

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from spool_bag.reading.cdr import encode_block
-from spool_bag.reading.definitions import ACCELERATION_BLOCK, typestore
+from spool_bag.format.cdr import encode_block
+from spool_bag.format.definitions import ACCELERATION_BLOCK, typestore
 from spool_bag.reading.information import describe
 from spool_bag.reading.reader import BagReader
 from spool_bag.recording.snapshot import (

@@ -9,17 +9,17 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 from mcap.reader import make_reader
-from ruamel.yaml import YAML
 from spool_bag.reading.reader import BagReader
-from spool_bag.recording.staging import leftovers, staged
 from spool_bag.recording.writer import BagWriter
 from spool_stream.errors import InputError
+from spool_stream.files.staging import leftovers, staged
 
 WRITE = """
 import sys
-from spool_bag.reading.cdr import encode_block
-from spool_bag.reading.definitions import ACCELERATION_BLOCK
+from spool_bag.format.cdr import encode_block
+from spool_bag.format.definitions import ACCELERATION_BLOCK
 from spool_bag.recording.writer import BagWriter
 from spool_stream.block import Block
 import numpy as np
@@ -107,7 +107,7 @@ def test_a_place_taken_meanwhile_is_kept(tmp_path: Path) -> None:
 def test_the_file_alone_tells_what_rosbag2_asks_of_it(bag: Path) -> None:
     with (bag / "whole_0.mcap").open("rb") as stream:
         (record,) = [one for one in make_reader(stream).iter_metadata() if one.name == "rosbag2"]
-    told = YAML(typ="safe").load(record.metadata["serialized_metadata"])
-    beside = YAML(typ="safe").load(bag / "metadata.yaml")["rosbag2_bagfile_information"]
-    assert told == beside
+    told = yaml.safe_load(record.metadata["serialized_metadata"])
+    beside_it = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert told == beside_it
     assert (told["ros_distro"], told["message_count"]) == ("jazzy", 200)

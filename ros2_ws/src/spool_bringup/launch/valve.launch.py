@@ -12,7 +12,7 @@ from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import LifecycleNode
 from launch_ros.parameter_descriptions import ParameterValue
-from spool_sim.files.yaml_file import read_yaml
+from spool_stream.files.yaml_file import read_yaml
 
 SHARE = Path(get_package_share_directory("spool_bringup"))
 

@@ -11,9 +11,9 @@ from spool_stream.block import Block
 from spool_stream.block_gate import BlockGate, Verdict
 from spool_stream.text.printable import printable
 
+from spool_bag.format.cdr import OilTemperature
 from spool_bag.mcap.mcap_walk import Damage
 
-from .cdr import OilTemperature
 from .reader import BagReader
 from .timeline import Timeline, duration_of, step_text
 

@@ -10,17 +10,17 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 from spool_stream.block import Block
 from spool_stream.errors import InputError
+from spool_stream.files.staging import leftovers
 from spool_stream.text.printable import printable
 
+from spool_bag.format.cdr import CdrError, OilTemperature, decode_block, decode_temperature
+from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE
+from spool_bag.format.metadata import storage_files
 from spool_bag.mcap.mcap_definitions import Topic
 from spool_bag.mcap.mcap_file import McapFile, Record
 from spool_bag.mcap.mcap_walk import Damage
-from spool_bag.recording.ordering import LARGEST_QUEUE, LONGEST_QUEUE, WINDOW, Keyed, Windows
-from spool_bag.recording.staging import leftovers
 
-from .cdr import CdrError, OilTemperature, decode_block, decode_temperature
-from .definitions import ACCELERATION_BLOCK, TEMPERATURE
-from .metadata import storage_files
+from .ordering import LARGEST_QUEUE, LONGEST_QUEUE, WINDOW, Keyed, Windows
 
 __all__ = ["LARGEST_QUEUE", "LONGEST_QUEUE", "WINDOW", "BagReader", "TopicInformation"]
 

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from spool_stream.errors import InputError
 
-from spool_bag.reading.cdr import CdrError, block_sequence, header_stamp
-from spool_bag.reading.definitions import ACCELERATION_BLOCK, TEMPERATURE
+from spool_bag.format.cdr import CdrError, block_sequence, header_stamp
+from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE
 
 DIAGNOSTICS = "/diagnostics"
 #: Changes of limits belong to what was judged by them.

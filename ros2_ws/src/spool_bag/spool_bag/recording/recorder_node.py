@@ -19,9 +19,9 @@ from spool_node.parameters import Parameter
 from spool_node.running import run
 from spool_stream.errors import InputError
 
+from spool_bag.format.cdr import CdrError, header_stamp
+from spool_bag.format.definitions import ACCELERATION_BLOCK, starts_with_header
 from spool_bag.names import check_valve
-from spool_bag.reading.cdr import CdrError, header_stamp
-from spool_bag.reading.definitions import ACCELERATION_BLOCK, starts_with_header
 
 from .monitoring_watch import Monitored, MonitoringWatch
 from .recorder import LATCHED, TOPICS, LossCount, free_space, new_bag, select_topics

@@ -11,8 +11,8 @@ from typing import Any
 
 from rosbags.serde import SerdeError
 
-from spool_bag.reading.cdr import CdrError, header_stamp
-from spool_bag.reading.definitions import ACCELERATION_BLOCK, typestore
+from spool_bag.format.cdr import CdrError, header_stamp
+from spool_bag.format.definitions import ACCELERATION_BLOCK, typestore
 
 from .recorder import LATCHED, MARKS
 from .writer import BagWriter

@@ -12,10 +12,10 @@ from types import TracebackType
 from mcap.writer import CompressionType, Writer
 from rosbags.interfaces import Qos
 from spool_stream.errors import InputError
+from spool_stream.files.staging import leftovers, partial_name, remove
 
-from spool_bag.mcap.repeating_chunks import repeat_definitions
-from spool_bag.reading.definitions import Definition, definition
-from spool_bag.reading.metadata import (
+from spool_bag.format.definitions import Definition, definition
+from spool_bag.format.metadata import (
     BagMetadata,
     TopicCount,
     metadata_text,
@@ -23,8 +23,7 @@ from spool_bag.reading.metadata import (
     sync_folder,
     write_metadata,
 )
-
-from .staging import leftovers, partial_name, remove
+from spool_bag.mcap.repeating_chunks import repeat_definitions
 
 #: B: what is written faster than it was recorded closes no chunk by time; this is 8 s of a valve at 2 kHz,
 #: which a damaged chunk then costs. A packed sample record takes no more room so than in chunks of 1 MiB.

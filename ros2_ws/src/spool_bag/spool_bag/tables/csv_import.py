@@ -12,9 +12,9 @@ import numpy as np
 from spool_stream.block import Block
 from spool_stream.errors import InputError
 
+from spool_bag.format.cdr import OilTemperature, encode_block, encode_temperature
+from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE
 from spool_bag.names import check_valve
-from spool_bag.reading.cdr import OilTemperature, encode_block, encode_temperature
-from spool_bag.reading.definitions import ACCELERATION_BLOCK, TEMPERATURE
 from spool_bag.recording.writer import BagWriter
 
 from .csv_record import BODY, OIL_TEMPERATURE, SPOOL, CsvRecord, read_csv

@@ -15,11 +15,11 @@ import pyarrow.parquet as pa_parquet
 from spool_stream.block import Block
 from spool_stream.block_gate import BlockGate, Verdict
 from spool_stream.errors import InputError
+from spool_stream.files.staging import staged
 from spool_stream.text.printable import printable
 
 from spool_bag.reading.reader import BagReader
 from spool_bag.reading.timeline import Timeline, step_text
-from spool_bag.recording.staging import staged
 
 from .csv_record import BODY, OIL_TEMPERATURE, SPOOL, TIME
 

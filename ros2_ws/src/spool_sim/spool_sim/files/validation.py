@@ -7,8 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, ValidationError
 from spool_stream.errors import InputError
-
-from .yaml_file import read_yaml
+from spool_stream.files.yaml_file import read_yaml
 
 #: Faults that one line of error names.
 MOST_FAULTS = 10

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from spool_bag.reading.definitions import typestore
+from spool_bag.format.definitions import typestore
 from spool_bag.reading.reader import BagReader
 from spool_sim.valve.description import Valve, valve_from_mapping
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
-from spool_bag.reading.cdr import OilTemperature
+from spool_bag.format.cdr import OilTemperature
 from spool_bag.reading.information import BagInformation, summarise
 from spool_bag.tables.csv_import import TEMPERATURE_INTERVAL, blocks_of, start_of
 from spool_bag.tables.csv_record import OIL_TEMPERATURE, read_csv

@@ -10,15 +10,15 @@ from rosbags.rosbag2.metadata import parse_qos
 from spool_stream.block import Block
 from spool_stream.block_gate import BlockGate
 from spool_stream.errors import InputError
+from spool_stream.files.yaml_file import load_yaml
 from spool_stream.text.printable import printable
 
+from spool_bag.format.definitions import Definition
 from spool_bag.mcap.mcap_definitions import Topic
 from spool_bag.mcap.mcap_walk import Damage
-from spool_bag.recording.writer import BagWriter
+from spool_bag.reading.reader import BagReader
 
-from .bounded_yaml import load_bounded
-from .definitions import Definition
-from .reader import BagReader
+from .writer import BagWriter
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +125,7 @@ def _channel(writer: BagWriter, topic: Topic, warnings: list[str]) -> int | None
         warnings.append(f"{name}: encoding {encoding!r} without a ROS 2 definition is left out")
         return None
     try:
-        qos = parse_qos(load_bounded(topic.qos) or [])
+        qos = parse_qos(load_yaml(topic.qos) or [])
     except Exception:  # rosbags and its YAML parser: whatever a foreign text brings
         qos = []
     described = Definition(topic.type, topic.schema, topic.digest, topic.schema_encoding)

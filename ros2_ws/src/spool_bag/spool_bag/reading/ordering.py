@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from spool_stream.block import Block
 
-from spool_bag.reading.cdr import OilTemperature
+from spool_bag.format.cdr import OilTemperature
 
 #: ns by which a message may be late and is still put in its place.
 WINDOW = 5_000_000_000

@@ -5,21 +5,22 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from io import StringIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import yaml
 from rosbags.interfaces import Qos
 from rosbags.rosbag2.metadata import dump_qos_v9
-from ruamel.yaml import YAML
 from spool_stream.errors import InputError
+from spool_stream.files.yaml_file import YamlError, load_yaml
 from spool_stream.text.printable import printable
-
-from .bounded_yaml import LARGEST, YamlError, load_bounded
 
 FILE_NAME = "metadata.yaml"
 ROOT = "rosbag2_bagfile_information"
 VERSION = 9
+#: Characters and values of it that are read: a topic and a file have some 400 B and 20 values each.
+LARGEST = 1 << 24
+MOST_VALUES = 1 << 20
 #: Missing files that are named one by one.
 MOST_MISSING = 10
 #: What ``custom_data`` says of a recording under way, or of one that was never finished.
@@ -48,17 +49,15 @@ class BagMetadata:
     finished: bool = True
 
 
-def _yaml() -> YAML:
-    yaml = YAML(typ="rt", pure=True)  # keeps the order of keys
-    yaml.default_flow_style = False
-    yaml.width = 4096
-    return yaml
+class _Dumper(yaml.SafeDumper):
+    """PyYAML's safe dumper with an empty value for ``None``."""
+
+
+_Dumper.add_representer(type(None), lambda dumper, _: dumper.represent_scalar("tag:yaml.org,2002:null", ""))
 
 
 def _text(value: object) -> str:
-    stream = StringIO()
-    _yaml().dump(value, stream)
-    return stream.getvalue()
+    return str(yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=4096))
 
 
 def qos_text(profiles: Sequence[Qos]) -> str:
@@ -177,7 +176,9 @@ def storage_files(folder: Path) -> Storage:
 def _told(path: Path) -> tuple[str, str, list[str], int]:
     """Return storage, compression, names of files and number of messages."""
     with path.open(encoding="utf-8") as stream:
-        info: dict[str, Any] = load_bounded(stream.read(LARGEST + 1))[ROOT]
+        info: dict[str, Any] = load_yaml(stream.read(LARGEST + 1), largest=LARGEST, most_values=MOST_VALUES)[
+            ROOT
+        ]
     names = [str(name) for name in info["relative_file_paths"]]
     unsound = [name for name in names if "\0" in name]
     if unsound:

@@ -1,0 +1,1 @@
+"""Format of a bag: message bytes, message definitions and ``metadata.yaml``."""

@@ -1,0 +1,26 @@
+"""A file of settings is read, or refused in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from spool_sim.valve.description import load_valve
+from spool_stream.errors import InputError
+
+
+@pytest.mark.parametrize("text", ["", "x", "- 1", "1: 2", "? [a]\n: 1", "id: [\n"])
+def test_what_is_no_mapping_of_keys_is_refused_in_one_line(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "a.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"a\.yaml: ") as caught:
+        load_valve(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_long_list_of_faults_is_cut(tmp_path: Path) -> None:
+    path = tmp_path / "a.yaml"
+    path.write_text("id: " + "x" * 10_000 + "\n" + "".join(f"key_{n}: 1\n" for n in range(1000)))
+    with pytest.raises(InputError, match=r"and 9\d\d more") as caught:
+        load_valve(path)
+    assert len(str(caught.value)) < 5000

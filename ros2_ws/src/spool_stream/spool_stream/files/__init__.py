@@ -1,0 +1,1 @@
+"""Files: bounded YAML, and writing that leaves nothing half done."""
