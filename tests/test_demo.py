@@ -17,8 +17,8 @@ from rosbags.highlevel import AnyReader
 from spool_bag.reading.reader import BagReader
 from spool_estimator.estimate import State
 from spool_msgs.msg import HealthEvent
-from spool_tools.commands.replay_command import replay_valve
 from spool_tools.input.bag_valve import recorded_valve
+from spool_tools.operations.record_replay import replay_valve
 
 if TYPE_CHECKING:
     from .conftest import System

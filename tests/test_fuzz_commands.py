@@ -90,15 +90,8 @@ def processes() -> Any:
         [
             "spool_tools.cli",
             *(
-                f"spool_tools.commands.{name}"
-                for name in (
-                    "bag_commands",
-                    "replay_command",
-                    "gap_command",
-                    "fit_command",
-                    "compare_command",
-                    "trend",
-                )
+                f"spool_tools.operations.{name}"
+                for name in ("simulation", "record_replay", "gap_run", "fit_run", "comparison", "valve_trend")
             ),
         ]
     )

@@ -11,7 +11,7 @@ from spool_estimator.messages import to_refit_message
 from spool_msgs.msg import ModelEstimate, WindowRefit
 from spool_node.messages import nanoseconds
 from spool_sim.valve.description import find_valve
-from spool_tools.commands.replay_command import RefitRequest, replay_valve
+from spool_tools.operations.record_replay import RefitRequest, replay_valve
 
 if TYPE_CHECKING:
     from .conftest import System

@@ -27,8 +27,8 @@ from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
 from spool_stream.block import Block
 from spool_stream.block_gate import Fault
-from spool_tools.commands.replay_command import replay_valve
 from spool_tools.input.bag_valve import recorded_valve
+from spool_tools.operations.record_replay import replay_valve
 
 if TYPE_CHECKING:
     from .conftest import System

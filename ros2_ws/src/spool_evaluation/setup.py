@@ -18,4 +18,5 @@ setup(
     maintainer_email="maintainers@spool-suite.org",
     description="Studies and benchmarks of the spool valve suite.",
     license="Apache-2.0",
+    entry_points={"spool.commands": ["spool_evaluation = spool_evaluation.commands"]},
 )

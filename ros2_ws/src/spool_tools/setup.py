@@ -18,4 +18,5 @@ setup(
     maintainer_email="maintainers@spool-suite.org",
     description="Command line of the spool valve suite.",
     license="Apache-2.0",
+    entry_points={"spool.commands": ["spool_tools = spool_tools.commands"]},
 )

@@ -9,8 +9,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 from spool_stream.errors import InputError
-from spool_tools.commands.bag_commands import write_json
-from spool_tools.console.outputs import check_output, write_file
+from spool_tools.console.outputs import check_output, write_file, write_json
 
 from spool_evaluation.benchmarks.timing import Timing
 

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import pytest
 from rclpy.serialization import serialize_message
-from spool_bag.reading.cdr import encode_block
-from spool_bag.reading.definitions import ACCELERATION_BLOCK
+from spool_bag.format.cdr import encode_block
+from spool_bag.format.definitions import ACCELERATION_BLOCK
 from spool_bag.recording.writer import BagWriter
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.messages import to_message
-from spool_monitor.messages import to_health_message
-from spool_monitor.monitor import Monitor, MonitorSettings
+from spool_monitor.detectors import MonitorSettings
+from spool_monitor.monitor import Monitor
+from spool_monitor.node.messages import to_health_message
 from spool_sim.excitation.presets import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator

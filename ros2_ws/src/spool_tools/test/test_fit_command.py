@@ -17,7 +17,7 @@ from spool_sim.model import load_model
 from spool_sim.valve.description import find_valve
 from spool_stream.errors import InputError
 from spool_tools.cli import main
-from spool_tools.commands.fit_command import fit_settings
+from spool_tools.operations.fit_run import fit_settings
 
 BAGS = Path(__file__).resolve().parents[4] / "bags"
 SOFT = ("--valve", "4weh10_soft")

@@ -20,7 +20,7 @@ from spool_sim.terms import term
 from spool_sim.valve.description import find_valve
 from spool_stream.quantity import Quantity, Validity
 from spool_tools.cli import main
-from spool_tools.commands.gap_command import save_model
+from spool_tools.operations.gap_run import save_model
 
 Array = NDArray[np.float64]
 

@@ -12,8 +12,8 @@ from spool_bag.recording.writer import BagWriter
 from spool_sim.valve.description import find_valve
 from spool_stream.errors import InputError
 from spool_tools.cli import main
-from spool_tools.commands.bag_commands import write_json
-from spool_tools.commands.replay_command import replay_bag, replay_valve
+from spool_tools.console.outputs import write_json
+from spool_tools.operations.record_replay import replay_bag, replay_valve
 
 if TYPE_CHECKING:
     from .conftest import MakeBag, Recorded

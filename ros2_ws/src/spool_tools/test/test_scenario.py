@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 from spool_estimator.estimator import Estimator, settings_for
-from spool_monitor.monitor import Monitor, MonitorSettings
+from spool_monitor.detectors import MonitorSettings
+from spool_monitor.monitor import Monitor
 from spool_monitor.replay import Replay
 from spool_sim.excitation.kinds import from_mapping
 from spool_sim.sensors import Sensor

@@ -11,9 +11,9 @@ import numpy as np
 from rosbags.highlevel import AnyReader
 from spool_bag.reading.reader import BagReader
 from spool_sim.valve.description import find_valve
-from spool_tools.commands.bag_commands import simulate
-from spool_tools.commands.replay_command import replay_valve
 from spool_tools.input.valve_choice import DEFAULT_VALVE
+from spool_tools.operations.record_replay import replay_valve
+from spool_tools.operations.simulation import simulate
 
 from .timing import Timing, best_of
 

@@ -24,10 +24,10 @@ from spool_estimator.refit import RefitSettings, WindowRefits, WindowTask, refit
 from spool_sim.model import MODELS
 from spool_sim.valve.description import find_valve
 from spool_stream.errors import InputError
-from spool_tools.commands.bag_commands import simulate
-from spool_tools.commands.replay_command import RefitRequest, replay_valve
 from spool_tools.demo.processes import Nodes
 from spool_tools.input.valve_choice import DEFAULT_VALVE
+from spool_tools.operations.record_replay import RefitRequest, replay_valve
+from spool_tools.operations.simulation import simulate
 
 from . import many_valves
 from .live_source import BLOCK_RATE, LiveSource

@@ -13,9 +13,9 @@ import numpy as np
 from spool_sim.sensors import PAPER_CHAIN
 from spool_stream.errors import InputError
 from spool_stream.kernels.processors import processors
-from spool_tools.commands.bag_commands import write_json
-from spool_tools.commands.valve_command import SPEED, friction_coefficient
+from spool_tools.console.outputs import write_json
 from spool_tools.console.progress import progress
+from spool_tools.operations.valve_quantities import SPEED, friction_coefficient
 from spool_tools.report import page as html
 
 from . import figures

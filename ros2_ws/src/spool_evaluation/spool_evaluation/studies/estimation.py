@@ -1,16 +1,15 @@
-"""Whether the standard deviations hold: fits of simulated records whose parameters are known.
+"""Coverage study of the standard deviations: fits of simulated records whose parameters are known.
 
-Each record is drawn by its number: one of five models, both springs and oils, three drives, noise of 0.5 to
-3 % of each channel; the truth is drawn around the valve's description. The simulated sensors sample at one
+Each record is drawn by its number: one of five models, both springs and oils, three excitations, noise of 0.5
+to 3 % of each channel; the truth is drawn around the valve's description. The simulated sensors sample at one
 instant and without a filter; that they sample at one instant is told to the fit (``timing`` 0).
 """
 
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -25,51 +24,25 @@ from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor, SensorChannel
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import Valve, find_valve
-from spool_tools.commands.bag_commands import write_json
+from spool_tools.console.outputs import write_json
 
-from .estimation_page import write_page
-from .estimation_summary import Estimated, summary
+from spool_evaluation.results.page import study_command
+from spool_evaluation.results.timing import Stopwatch
+
+from .estimation_page import write_study
+from .estimation_summary import Estimated, RecordFit, summary
 from .workers import spread
 
 MODEL_NAMES = ("fluid", "microwedge", "mixed", "coulomb_hydrodynamic", "coulomb")
 SPRINGS = ("4weh10_soft", "4weh10_stiff")
 #: Pa s: HL68 and Azolla ZS22 of the paper's table 2.
 VISCOSITIES = {"HL68": 0.0612, "Azolla ZS22": 0.0198}
-DRIVES = ("sweep", "stepped", "orders")
+EXCITATIONS = ("sweep", "stepped", "orders")
 SECONDS, SAMPLE_RATE = 20.0, 2000.0
 NOISE = (0.005, 0.03)
 
 
-@dataclass(frozen=True, slots=True)
-class Row:
-    """One record and its fit.
-
-    Attributes:
-        number: of the record; with the seed it gives everything.
-        model, spring, oil, drive, noise: what it is.
-        estimates: what the fit told of each quantity, beside the truth.
-        not_observable: parameters that the fit said it cannot tell.
-        reason: why there is no fit, or ``None``.
-        converged: the fit says so.
-        nrmse: of the free run.
-        seconds: the fit took.
-    """
-
-    number: int
-    model: str
-    spring: str
-    oil: str
-    drive: str
-    noise: float
-    estimates: tuple[Estimated, ...]
-    not_observable: tuple[str, ...]
-    reason: str | None
-    converged: bool
-    nrmse: float
-    seconds: float
-
-
-def run(records: int, seed: int, out: Path, workers: int | None = None) -> list[Row]:
+def run(records: int, seed: int, out: Path, workers: int | None = None) -> list[RecordFit]:
     """Fit ``records`` simulated records; write rows, table and picture into ``out``."""
     out.mkdir(parents=True, exist_ok=True)
     items = [(seed, number) for number in range(records)]
@@ -80,33 +53,33 @@ def run(records: int, seed: int, out: Path, workers: int | None = None) -> list[
     write_json(
         out / "estimation.json", {"rows": [asdict(row) for row in rows], "summary": summary(estimates)}
     )
-    page = write_page(rows, out, f"./spool study estimation --cases {records} --seed {seed}")
+    page = write_study(rows, out, study_command("estimation", records, seed))
     show(estimates)
     print(f"{page}: the same as a table, with a picture")
     return rows
 
 
-def judge(item: tuple[int, int]) -> Row:
+def judge(item: tuple[int, int]) -> RecordFit:
     """Simulate and fit the record that ``item``, seed and number, stands for."""
     seed, number = item
     generator = np.random.default_rng([seed, number])
     model = MODEL_NAMES[number % len(MODEL_NAMES)]
     cell = number // len(MODEL_NAMES)
-    drive = DRIVES[cell % len(DRIVES)]
-    spring = SPRINGS[cell // len(DRIVES) % len(SPRINGS)]
-    oil = list(VISCOSITIES)[cell // (len(DRIVES) * len(SPRINGS)) % len(VISCOSITIES)]
+    kind = EXCITATIONS[cell % len(EXCITATIONS)]
+    spring = SPRINGS[cell // len(EXCITATIONS) % len(SPRINGS)]
+    oil = list(VISCOSITIES)[cell // (len(EXCITATIONS) * len(SPRINGS)) % len(VISCOSITIES)]
     noise = float(np.exp(generator.uniform(math.log(NOISE[0]), math.log(NOISE[1]))))
     valve = find_valve(spring).model_copy(update={"oil": oil, "dynamic_viscosity": VISCOSITIES[oil]})
     truth = true_values(model, valve, generator)
-    record = simulated(model, valve, truth, excitation(drive, generator), noise, generator)
-    begun = time.perf_counter()
+    record = simulated(model, valve, truth, draw_excitation(kind, generator), noise, generator)
+    watch = Stopwatch()
     result = fit([record], MODELS[model], valve, FitSettings(timing=0.0))
-    return Row(
-        number, model, spring, oil, drive, noise,
-        tuple(estimated(result, {**MODELS[model].values_for(valve), **truth}, drive)),
+    return RecordFit(
+        number, model, spring, oil, kind, noise,
+        tuple(estimated(result, {**MODELS[model].values_for(valve), **truth})),
         result.not_observable, result.reason, result.converged,
         result.agreement.nrmse if result.agreement else math.nan,
-        time.perf_counter() - begun,
+        watch.read()[0],
     )  # fmt: skip
 
 
@@ -135,10 +108,10 @@ def true_values(model: str, valve: Valve, generator: np.random.Generator) -> dic
     return values
 
 
-def excitation(drive: str, generator: np.random.Generator) -> Excitation:
-    """Return one of the three drives, with an amplitude of its own."""
+def draw_excitation(kind: str, generator: np.random.Generator) -> Excitation:
+    """Return one of the three excitations, with an amplitude of its own."""
     amplitude = float(generator.uniform(6.0, 12.0))
-    if drive == "sweep":
+    if kind == "sweep":
         return SweptSine(
             start_frequency=8.0,
             stop_frequency=100.0,
@@ -146,7 +119,7 @@ def excitation(drive: str, generator: np.random.Generator) -> Excitation:
             amplitude=amplitude,
             soft_start=0.2,
         )
-    if drive == "stepped":
+    if kind == "stepped":
         return SteppedSine(
             start_frequency=10.0, stop_frequency=100.0, frequency_step=5.0, dwell=1.0,
             amplitude=amplitude, soft_start=0.2,
@@ -163,13 +136,13 @@ def simulated(
     model: str,
     valve: Valve,
     truth: Mapping[str, float],
-    drive: Excitation,
+    excitation: Excitation,
     noise: float,
     generator: np.random.Generator,
 ) -> Record:
     """Return a record; each sensor's white noise is ``noise`` times the rms of what it measures."""
     simulator = Simulator(
-        valve, drive, model=model, parameters=truth, sample_rate=SAMPLE_RATE, block_size=2000
+        valve, excitation, model=model, parameters=truth, sample_rate=SAMPLE_RATE, block_size=2000
     )
     blocks = list(simulator.records(SECONDS))
     rows = []
@@ -183,12 +156,11 @@ def simulated(
     return Record(f"{model}", blocks[0].stamp, 1.0 / SAMPLE_RATE, rows[0], rows[1])
 
 
-def estimated(result: Fit, truth: Mapping[str, float], drive: str) -> list[Estimated]:
-    """Return each known quantity of ``result`` beside its truth; combinations by evaluating their text."""
+def estimated(result: Fit, truth: Mapping[str, float]) -> list[Estimated]:
+    """Return each known quantity of ``result`` with its truth; combinations by evaluating their text."""
     return [
         Estimated(
             result.model.name,
-            drive,
             quantity.name,
             quantity.unit,
             float(eval(quantity.name, {"__builtins__": {}}, dict(truth))),  # names and arithmetic of our own
@@ -204,17 +176,12 @@ def show(estimates: Sequence[Estimated]) -> None:
     """Print the summary."""
     table = Table("model", "quantity", "fits", "covered", "bias", "scatter", box=None, pad_edge=False)
     for entry in summary(estimates):
-        table.add_row(*cells(entry))
+        table.add_row(
+            entry["model"],
+            entry["quantity"],
+            str(entry["fits"]),
+            f"{entry['covered']} ({100.0 * entry['coverage']:.0f} %)",
+            f"{100.0 * entry['bias']:+.2f} %",
+            f"{100.0 * entry['scatter']:.2f} %",
+        )
     Console().print(table)
-
-
-def cells(entry: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return a row of the summary as text."""
-    return (
-        entry["model"],
-        entry["quantity"],
-        str(entry["fits"]),
-        f"{entry['covered']} ({100.0 * entry['coverage']:.0f} %)",
-        f"{100.0 * entry['bias']:+.2f} %",
-        f"{100.0 * entry['scatter']:.2f} %",
-    )

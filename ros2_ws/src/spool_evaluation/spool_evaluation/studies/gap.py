@@ -1,9 +1,8 @@
-"""The gap workflow over blind cases: how often the missing effect is named right."""
+"""Blind study of the gap workflow: how often the missing effect is named right."""
 
 from __future__ import annotations
 
 import json
-import time
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,10 +17,13 @@ from spool_identification.record import Record
 from spool_sim.model import MODELS
 from spool_sim.valve.description import Valve, valve_from_mapping
 from spool_stream.errors import InputError
-from spool_tools.commands.bag_commands import write_json
+from spool_tools.console.outputs import write_json
 
-from .gap_page import write_page
-from .gap_summary import Row, targets
+from spool_evaluation.results.page import study_command
+from spool_evaluation.results.timing import Stopwatch
+
+from .gap_page import write_study
+from .gap_summary import BlindVerdict, targets
 from .workers import spread
 
 BASE = "fluid"
@@ -30,24 +32,24 @@ REFUSED, FAILED = "refused", "failed"
 CATALOGUE_NAMES = {"gain_error": "spool_gain_error", "delay": "spool_delay", "full_scale": "saturation_limit"}
 
 
-def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[Row]:
+def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[BlindVerdict]:
     """Analyse ``cases`` blind cases from ``seed`` on; write rows, confusion matrix and page into ``out``."""
     out.mkdir(parents=True, exist_ok=True)
-    rows: list[Row] = []
+    rows: list[BlindVerdict] = []
     with (out / "cases.jsonl").open("w") as file:
         for row in spread(judge_seed, range(seed, seed + cases), f"{cases} blind cases", workers):
             rows.append(row)
             file.write(json.dumps(row.to_dict()) + "\n")
             file.flush()
     rows.sort(key=lambda row: row.seed)
-    write_json(out / "confusion.json", summary(rows))
-    page = write_page(rows, out, f"./spool study gap --cases {cases} --seed {seed}")
+    write_json(out / "gap_study.json", summary(rows))
+    page = write_study(rows, out, study_command("gap", cases, seed))
     show(rows)
     print(f"{page}: every number, what went wrong and how to make it again")
     return rows
 
 
-def summary(rows: Sequence[Row]) -> dict[str, Any]:
+def summary(rows: Sequence[BlindVerdict]) -> dict[str, Any]:
     """Return everything the study found, for JSON."""
     return {
         "cases": len(rows),
@@ -66,7 +68,7 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
     }
 
 
-def show(rows: Sequence[Row]) -> None:
+def show(rows: Sequence[BlindVerdict]) -> None:
     """Print the study's questions with their answers."""
     table = Table("question", "target", "found (95 % interval)", "met", box=None, pad_edge=False)
     for target in targets(rows):
@@ -74,36 +76,25 @@ def show(rows: Sequence[Row]) -> None:
     Console(width=140).print(table)
 
 
-def judge_seed(seed: int, hidden: str | None = None, factor: float | None = None) -> Row:
+def judge_seed(seed: int, hidden: str | None = None, factor: float | None = None) -> BlindVerdict:
     """Make the case of ``seed`` and return what the workflow says to it."""
     return judge(make(seed, hidden, factor=factor))
 
 
-def judge(case: BlindCase) -> Row:
+def judge(case: BlindCase) -> BlindVerdict:
     """Return what the workflow says to ``case``; a crash is a row too, and counts as wrong."""
     from spool_gap.analyse import analyse  # noqa: PLC0415 - counting needs none of its kernels
 
     record, valve = given(case)
-    clock = Clock()
+    watch = Stopwatch()
     try:
         result = analyse([record], valve, MODELS[BASE]).to_dict()
     except InputError as error:
-        return row_of(case, {"verdict": REFUSED}, clock.read(), str(error))
+        return row_of(case, {"verdict": REFUSED}, watch.read(), str(error))
     except Exception:  # one crash must not end the study; its last lines are kept
         text = traceback.format_exc().strip().splitlines()
-        return row_of(case, {"verdict": FAILED}, clock.read(), " ".join(text[-3:]))
-    return row_of(case, result, clock.read())
-
-
-class Clock:
-    """Time since it was made."""
-
-    def __init__(self) -> None:
-        self._begin = time.perf_counter(), time.process_time()
-
-    def read(self) -> tuple[float, float]:
-        """Return (s, s of this process's computing)."""
-        return time.perf_counter() - self._begin[0], time.process_time() - self._begin[1]
+        return row_of(case, {"verdict": FAILED}, watch.read(), " ".join(text[-3:]))
+    return row_of(case, result, watch.read())
 
 
 def given(case: BlindCase) -> tuple[Record, Valve]:
@@ -113,7 +104,9 @@ def given(case: BlindCase) -> tuple[Record, Valve]:
     return Record(f"case {case.seed}", 0, period, case.body, case.spool), valve
 
 
-def row_of(case: BlindCase, result: dict[str, Any], seconds: tuple[float, float], message: str = "") -> Row:
+def row_of(
+    case: BlindCase, result: dict[str, Any], seconds: tuple[float, float], message: str = ""
+) -> BlindVerdict:
     """Return the row of ``case`` with ``result``, the workflow's own JSON."""
     truth = truth_of(case)
     wanted = {
@@ -130,7 +123,7 @@ def row_of(case: BlindCase, result: dict[str, Any], seconds: tuple[float, float]
     gap = result.get("gap", {})
     visible = case.visibility
     condition = case.condition
-    return Row(
+    return BlindVerdict(
         seed=case.seed,
         kind=case.kind,
         hidden=case.hidden,

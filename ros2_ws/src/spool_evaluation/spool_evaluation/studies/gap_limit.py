@@ -1,23 +1,26 @@
-"""How small an effect is still named, beside the limit of a likelihood-ratio test that knows the law."""
+"""Study of detection limits: how small an effect is named, against a likelihood-ratio test that knows it."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 from spool_blind.case import make
 from spool_blind.effects import EFFECTS
 from spool_blind.limit import limit_case
-from spool_tools.commands.bag_commands import write_json
+from spool_tools.console.outputs import write_json
+
+from spool_evaluation.results.page import study_command
 
 from .gap import judge
-from .gap_limit_page import write_page
+from .gap_limit_page import write_study
+from .gap_limit_summary import DetectionLimit
 from .workers import spread
 
-#: Sizes that are tried over the limit of seeing: powers of this, from the one to the other power.
+#: Sizes that are tried over the detection limit: powers of this, from the one to the other power.
 STEP, LOWEST, HIGHEST = math.sqrt(2.0), -1, 14
 #: The power that is tried first: twice the limit, the target.
 FIRST = 2
@@ -25,30 +28,9 @@ FIRST = 2
 LARGEST_FACTOR = 2.0
 
 
-@dataclass(frozen=True, slots=True)
-class Limit:
-    """One effect under one condition.
-
-    Attributes:
-        effect: id.
-        seed: of the condition.
-        parameter: by which the size is told.
-        visible: its value at the limit of seeing; ``None`` where no size is seen.
-        named: its value at the smallest size that was named right, ``None`` where none was.
-        ratio: of the sizes.
-    """
-
-    effect: str
-    seed: int
-    parameter: str
-    visible: float | None
-    named: float | None
-    ratio: float | None
-
-
 def run(
     cases: int, seed: int, out: Path, workers: int | None = None, effects: Sequence[str] = tuple(EFFECTS)
-) -> list[Limit]:
+) -> list[DetectionLimit]:
     """Look for the smallest size of each effect that is named, under ``cases`` conditions from ``seed`` on.
 
     ``out`` gets table and picture; what ``gap_limits.jsonl`` there holds already is not looked for again.
@@ -67,21 +49,21 @@ def run(
             file.flush()
     limits = [found[item] for item in wanted]
     write_json(out / "gap_limits.json", [asdict(limit) for limit in limits])
-    page = write_page(limits, out, f"./spool study gap-limit --cases {cases} --seed {seed} --out DIR")
+    page = write_study(limits, out, study_command("gap-limit", cases, seed))
     print(page.read_text())
     return limits
 
 
-def _kept(path: Path) -> list[Limit]:
+def _kept(path: Path) -> list[DetectionLimit]:
     if not path.exists():
         return []
     lines = path.read_text().splitlines()
     # The last line of a run that was ended may be half a line.
-    return [Limit(**json.loads(line)) for line in lines if line.endswith("}")]
+    return [DetectionLimit(**json.loads(line)) for line in lines if line.endswith("}")]
 
 
-def smallest_named(item: tuple[str, int]) -> Limit:
-    """Return the smallest size that is named right, by steps of half an octave over the limit of seeing.
+def smallest_named(item: tuple[str, int]) -> DetectionLimit:
+    """Return the smallest size that is named right, by steps of half an octave over the detection limit.
 
     A size above the smallest is taken to be named, too, one below the largest that is not taken not to be.
     """
@@ -89,7 +71,7 @@ def smallest_named(item: tuple[str, int]) -> Limit:
     seen = limit_case(seed, effect, moderate=True)
     if seen is None:
         parameter = next(iter(make(seed, effect, factor=1.0, moderate=True).truth[effect]))
-        return Limit(effect, seed, parameter, None, None, None)
+        return DetectionLimit(effect, seed, parameter, None, None, None)
     parameter, visible = next(iter(seen.truth[effect].items()))
     top = min(HIGHEST, math.floor(math.log(LARGEST_FACTOR / seen.factor, STEP)))
     values: dict[int, float] = {}
@@ -101,8 +83,8 @@ def smallest_named(item: tuple[str, int]) -> Limit:
 
     smallest = _smallest(named, top)
     if smallest is None:
-        return Limit(effect, seed, parameter, visible, None, None)
-    return Limit(effect, seed, parameter, visible, values[smallest], STEP**smallest)
+        return DetectionLimit(effect, seed, parameter, visible, None, None)
+    return DetectionLimit(effect, seed, parameter, visible, values[smallest], STEP**smallest)
 
 
 def _smallest(named: Callable[[int], bool], top: int) -> int | None:

@@ -1,39 +1,65 @@
-"""The monitor on scenarios whose truth is known: is everything found, in time, and nothing else raised?"""
+"""Study of the monitor on scenarios whose truth is known: events in time, and nothing else raised."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
-from spool_tools.commands.bag_commands import write_json
+from spool_tools.console.outputs import write_json
 
-from spool_evaluation.monitor_cases.case import Case
+from spool_evaluation.monitor_cases.scenario import Scenario
 from spool_evaluation.monitor_cases.draw import draw_cases
-from spool_evaluation.monitor_cases.run import Outcome, run_case
-from spool_evaluation.monitor_cases.table import markdown
+from spool_evaluation.monitor_cases.run import ScenarioOutcome, run_case
+from spool_evaluation.monitor_cases.table import table
+
+from spool_evaluation.results.page import study_command, write_page
 
 from .workers import spread
 
+ABOUT = (
+    "Scenarios of known truth, simulated and shown to estimator and monitor as the live nodes would see them. "
+    "Delays count from when the change is as large as it has to be found; one that is found earlier has a "
+    "negative one. What is drawn, what is asked, what falls short: "
+    "[how well](../methods/monitoring.md#how-well)."
+)
 
-def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[Outcome]:
-    """Replay ``cases`` scenarios, every kind in turn; ``out`` gets ``monitor.md`` and ``monitor.json``."""
-    return replay_all(draw_cases(cases, seed), "scenarios", out, "monitor", workers)
+
+def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[ScenarioOutcome]:
+    """Replay ``cases`` scenarios, every kind in turn; ``out`` gets ``monitor_study.md`` and ``.json``."""
+    page = MonitorPage(out / "monitor_study.md", "Scenarios of the monitor", study_command("monitor", cases, seed))
+    return replay_all(draw_cases(cases, seed), "scenarios", page, workers)
 
 
-def replay_all(cases: Sequence[Case], what: str, out: Path, name: str, workers: int | None) -> list[Outcome]:
+@dataclass(frozen=True, slots=True)
+class MonitorPage:
+    """Result page of a study of the monitor; the outcomes go into a JSON file of the same name."""
+
+    path: Path
+    title: str
+    command: str
+
+    def write(self, outcomes: Sequence[ScenarioOutcome]) -> None:
+        """Write the page and the file."""
+        write_json(self.path.with_suffix(".json"), [one.to_dict() for one in outcomes])
+        write_page(self.path, self.title, self.command, [ABOUT, table(outcomes)])
+
+
+def replay_all(
+    cases: Sequence[Scenario], what: str, page: MonitorPage, workers: int | None
+) -> list[ScenarioOutcome]:
     """Replay ``cases``; write what is done after each, for a study of hours may be ended at any time."""
-    out.mkdir(parents=True, exist_ok=True)
-    outcomes: list[Outcome] = []
+    page.path.parent.mkdir(parents=True, exist_ok=True)
+    outcomes: list[ScenarioOutcome] = []
     numbers = {case.seed: number for number, case in enumerate(cases)}
     for outcome in spread(run_case, cases, what, workers):
         outcomes.append(outcome)
         outcomes.sort(key=lambda one: numbers[one.seed])
-        write_json(out / f"{name}.json", [one.to_dict() for one in outcomes])
-        (out / f"{name}.md").write_text(markdown(outcomes), encoding="utf-8")
+        page.write(outcomes)
     console = Console(width=160)
-    console.print(markdown(outcomes), markup=False)
+    console.print(table(outcomes), markup=False)
     for one in outcomes:
         if one.false or any(math.isnan(delay) for delay in one.delays):
             console.print(

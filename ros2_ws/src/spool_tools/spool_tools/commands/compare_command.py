@@ -1,251 +1,76 @@
-"""`./spool compare`: all models side by side, on one set of data or on several series."""
+"""`./spool compare`: models side by side on records."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
+from typing import Annotated
 
-from rich.console import Console
-from rich.table import Table
-from spool_identification.fit_result import FitSettings
-from spool_sim.model import Model, load_model
-from spool_stream.errors import InputError
-from spool_stream.uncertainty import LEGEND, with_interval
+import typer
 
-from spool_tools.console.progress import progress
-from spool_tools.console.terminal import warn
-from spool_tools.input.fit_data import Data, load_data
-from spool_tools.input.record_loading import Selection
-from spool_tools.report.fit_results import Judged, fit_and_judge, to_dictionary
-from spool_tools.report.ranking import WORTH, Ranking, Series, rank
-
-from .bag_commands import write_json
-from .fit_command import Outputs
-
-#: The paper's four models and the two that dry friction is usually told by.
-DEFAULT_MODELS = ("fluid", "coulomb", "stribeck", "microwedge", "mixed", "coulomb_hydrodynamic")
-
-
-def run_compare(
-    records: Sequence[Path],
-    valves: Sequence[str],
-    models: Sequence[str],
-    selection: Selection,
-    outputs: Outputs,
-    *,
-    held_out: Sequence[Path] = (),
-    together: bool = False,
-    sensor_gain: bool = False,
-    sensor_delay: bool = False,
-) -> int:
-    """Fit every model to every record, and rank them; return 1 where none has a result.
-
-    Raises:
-        InputError: records, valves or models cannot be used.
-    """
-    chosen = [load_model(name) for name in models or DEFAULT_MODELS]
-    names = [model.name for model in chosen]
-    doubled = next((name for name in names if names.count(name) > 1), None)
-    if doubled is not None:
-        raise InputError(f"--models: '{doubled}' stands there {names.count(doubled)} times: give each once")
-    settings = FitSettings(fit_gain=sensor_gain, fit_delay=sensor_delay)
-    wanted = outputs.within("compare")
-    loaded = load_series(records, valves, selection, held_out, together=together)
-    for data in loaded:
-        for doubt in data.doubts:
-            warn(f"{data.name}: {doubt}")
-    series = fit_all(loaded, chosen, settings)
-    ranking = rank(series)
-    if wanted.json is not None:
-        write_json(wanted.json, comparison_dictionary(series, ranking))
-    print_comparison(series, ranking, Console())
-    if wanted.report is not None and ranking.preferred is not None:
-        from spool_tools.report.compare_page import compare_page  # noqa: PLC0415 - matplotlib is needed here only
-        from spool_tools.report.fit_page import write_page  # noqa: PLC0415
-
-        with progress("drawing"):
-            write_page(wanted.report, compare_page(series, ranking))
-        print(f"{wanted.report}: pictures and tables")
-    return 0 if ranking.preferred is not None else 1
-
-
-def load_series(
-    records: Sequence[Path],
-    valves: Sequence[str],
-    selection: Selection,
-    held_out: Sequence[Path] = (),
-    *,
-    together: bool = False,
-) -> list[Data]:
-    """Return each record as a series of its own, or all as one set of data.
-
-    Raises:
-        InputError: records cannot be used, or the number of valves fits neither one nor each.
-    """
-    if len(valves) > 1 and (together or len(valves) != len(records)):
-        raise InputError(
-            f"--valve was given {len(valves)} times for {len(records)} records: give it once for all"
-            + ("" if together else " or once for each")
-        )
-    if together or len(records) == 1:
-        return [load_data(records, valves[0] if valves else None, selection, held_out)]
-    if held_out:
-        raise InputError("--holdout: several records are series of their own: give --together, or one record")
-    given: Sequence[str | None] = valves if len(valves) == len(records) else [*valves[:1]] or [None]
-    given = given if len(given) == len(records) else [given[0]] * len(records)
-    return [load_data([path], valve, selection) for path, valve in zip(records, given, strict=True)]
-
-
-def fit_all(data: Sequence[Data], models: Sequence[Model], settings: FitSettings) -> list[Series]:
-    """Return every model fitted to every series."""
-    series = []
-    with progress("fitting", len(data) * len(models)) as advance:
-        for one in data:
-            judged = []
-            for model in models:
-                judged.append(fit_and_judge(one, model, settings))
-                advance(1.0)
-            series.append(Series(one, tuple(judged)))
-    return series
-
-
-def comparison_dictionary(series: Sequence[Series], ranking: Ranking) -> dict[str, Any]:
-    """Return what ``compare --json`` writes; NaN where something is not known."""
-    best = min(
-        (entry.criterion for entry in ranking.ranks if math.isfinite(entry.criterion)), default=math.nan
-    )
-    return {
-        "preferred": ranking.preferred,
-        "equal": list(ranking.equal),
-        "verdict": " ".join(ranking.sentences),
-        "ranking": [
-            {
-                "model": entry.model,
-                "parameters": entry.parameters,
-                "error": {"value": entry.error, "unit": "m/s^2"},
-                "error_over_least": entry.excess + 1.0,
-                "information_criterion": entry.criterion,
-                "information_criterion_behind": entry.criterion - best,
-                "objective": entry.objective,
-                "amplitude_ratio": entry.amplitude_ratio,
-                "nrmse": entry.training_error,
-                "nrmse_held_out": entry.held_out_error,
-                "reason": entry.reason,
-            }
-            for entry in ranking.ranks
-        ],
-        "series": [
-            {
-                "records": [str(path) for path in one.data.paths],
-                "held_out_records": [str(path) for path in one.data.held_paths],
-                "valve": one.data.valve.id,
-                "models": {judged.name: to_dictionary(judged) for judged in one.judged},
-            }
-            for one in series
-        ],
-    }
-
-
-def series_rows(one: Series) -> list[dict[str, str]]:
-    """Return a row of text for each model: how well it holds, as in the paper's tables 3 to 6."""
-    return [
-        {
-            "model": judged.name.replace("_", " "),
-            "objective (33)": _number(math.nan if agreement is None else agreement.objective, ".4g"),
-            "a_est/a_pom": _number(math.nan if agreement is None else agreement.amplitude_ratio, ".4f"),
-            "nrmse": _number(judged.training_error, ".4f"),
-            "held out": _number(judged.held_out_error, ".4f"),
-        }
-        for judged in one.judged
-        for agreement in (judged.fit.agreement,)
-    ]
-
-
-def parameter_lines(judged: Judged) -> list[str]:
-    """Return the fitted parameters, a line each; those that only act together as their combination."""
-    found = judged.fit
-    if found.reason is not None:
-        return [f"no result: {found.reason}"]
-    lines = []
-    for quantity in (*found.parameters, *found.combinations):
-        if math.isfinite(quantity.value):
-            value = with_interval(quantity.value, quantity.standard_deviation, quantity.unit)
-            bound = ", at its bound" if quantity.name in found.at_bound else ""
-            name = quantity.name.replace("_", " ")
-            lines.append(f"{name} {value}{bound}")
-    untold = [name.replace("_", " ") for name in found.not_observable]
-    if untold:
-        lines.append(f"not told: {', '.join(untold)}")
-    if not found.converged:
-        lines.append("NOT converged")
-    return lines
-
-
-def ranking_rows(ranking: Ranking) -> list[dict[str, str]]:
-    """Return a row of text for each model, best first; means over the series, as the paper's table 7."""
-    best = min(
-        (entry.criterion for entry in ranking.ranks if math.isfinite(entry.criterion)), default=math.nan
-    )
-    return [
-        {
-            "model": entry.model.replace("_", " "),
-            "par.": str(entry.parameters or ""),
-            "error": _number(entry.error, ".4g"),
-            "more": _more(entry.excess),
-            "BIC": _number(entry.criterion - best, "+.0f"),
-            "(33)": _number(entry.objective, ".3g"),
-            "ratio": _number(entry.amplitude_ratio, ".3f"),
-            "held out": _number(entry.held_out_error, ".4f"),
-        }
-        for entry in ranking.ranks
-    ]
-
-
-def print_comparison(series: Sequence[Series], ranking: Ranking, console: Console) -> None:
-    """Show parameters of each series, the ranking over all, and what it means."""
-    for one in series:
-        console.print(f"[bold]{one.data.name}[/bold] ({one.data.valve.id})", highlight=False)
-        for judged in one.judged:
-            text = f"  {judged.name.replace('_', ' ')}: {', '.join(parameter_lines(judged))}"
-            console.print(text, markup=False, highlight=False, soft_wrap=True)
-        _print(series_rows(one), console)
-    console.print(LEGEND, markup=False, highlight=False, soft_wrap=True)
-    console.print("[bold]Ranking[/bold]", highlight=False)
-    _print(ranking_rows(ranking), console)
-    for sentence in ranking.sentences:
-        console.print(sentence, markup=False, highlight=False, soft_wrap=True)
-
-
-#: What the columns of the ranking mean.
-COLUMNS = (
-    "par.: parameters that were fitted.",
-    "error: what the free run leaves over, rms, m/s², on held-out data where there are any. A few samples "
-    "around every jump of dry friction are left out, the same for all models.",
-    f"more: beyond the least error. Within {100.0 * WORTH:g} % models do equally well, and the one with the "
-    "fewest parameters comes first.",
-    "BIC: Bayesian information criterion on the fitted data (Whittle's likelihood, every sample), behind the "
-    "best.",
-    "(33), ratio, held out: the paper's objective and mean amplitude ratio a_est/a_pom, and the nrmse on "
-    "held-out data, every sample counted; means over the series.",
+from spool_tools.console.cli_options import (
+    ColumnsOption,
+    Force,
+    HoldoutOption,
+    JsonFile,
+    NameOption,
+    OutFolder,
+    RecordsArgument,
+    ReportFile,
+    SensorDelay,
+    SensorGain,
+    StartOption,
+    StopOption,
 )
+from spool_tools.console.command import Command
+from spool_tools.console.completion import valve_names
 
 
-def _more(excess: float) -> str:
-    if math.isnan(excess):
-        return ""
-    return f"{100.0 * excess:+.1f} %" if excess < 1.0 else f"x {1.0 + excess:.3g}"
+def compare(
+    records: RecordsArgument,
+    valve: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--valve", help="As of fit; once for all records, or once for each.", autocompletion=valve_names
+        ),
+    ] = None,
+    models: Annotated[
+        str | None,
+        typer.Option(
+            help="Names or YAML files with commas between; default: the paper's, coulomb, stribeck."
+        ),
+    ] = None,
+    together: Annotated[
+        bool, typer.Option("--together", help="All records are one set of data, not a series each.")
+    ] = False,
+    json: JsonFile = None,
+    report: ReportFile = None,
+    out: OutFolder = None,
+    _force: Force = False,
+    sensor_gain: SensorGain = False,
+    sensor_delay: SensorDelay = False,
+    holdout: HoldoutOption = None,
+    name: NameOption = None,
+    columns: ColumnsOption = None,
+    start: StartOption = 0.0,
+    stop: StopOption = None,
+) -> None:
+    """Fit several models to records and say which one the data prefer; exit 1 where none has a result.
+
+    Each record is a series of its own, as in the paper; the ranking is over all of them.
+
+    Example: ./spool compare bags/practice_03 --valve 4weh10_soft --report compare.html
+
+    Example: ./spool compare soft.csv stiff.csv --valve soft.yaml --valve stiff.yaml --models fluid,coulomb
+    """
+    from spool_tools.input.record_loading import selection  # noqa: PLC0415
+    from spool_tools.operations.comparison import run_compare  # noqa: PLC0415 - slow to load, as below
+    from spool_tools.operations.fit_run import Outputs  # noqa: PLC0415
+
+    code = run_compare(
+        records, valve or (), models.split(",") if models else (), selection(name, columns, start, stop),
+        Outputs(json, report, None, out), held_out=holdout or (), together=together,
+        sensor_gain=sensor_gain, sensor_delay=sensor_delay,
+    )  # fmt: skip
+    raise typer.Exit(code)
 
 
-def _print(rows: Sequence[dict[str, str]], console: Console) -> None:
-    table = Table(box=None, pad_edge=False)
-    for column in rows[0]:
-        table.add_column(column, justify="left" if column == "model" else "right", no_wrap=True)
-    for row in rows:
-        table.add_row(*row.values())
-    console.print(table)
-
-
-def _number(value: float, digits: str) -> str:
-    return f"{value:{digits}}" if math.isfinite(value) else "?"
+COMMAND = Command(compare, place=100, line="models side by side on records")

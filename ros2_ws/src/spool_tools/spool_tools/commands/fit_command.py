@@ -2,142 +2,70 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from typing import Annotated
 
-from rich.console import Console
-from spool_identification.fit_result import FitSettings
-from spool_sim.model import Model, load_model
-from spool_sim.valve.description import Valve
-from spool_stream.errors import InputError
+import typer
 
-from spool_tools.console.outputs import STANDARD_OUTPUT, check_output
-from spool_tools.console.progress import progress
-from spool_tools.console.terminal import warn
-from spool_tools.input.fit_data import load_data
-from spool_tools.input.record_loading import Selection
-from spool_tools.report.fit_results import fit_and_judge, print_fit, save_model, to_dictionary
-
-from .bag_commands import write_json
-
-
-@dataclass(frozen=True, slots=True)
-class Outputs:
-    """Files to write, ``None`` for those not wanted; ``folder`` gives those a place that are not named."""
-
-    json: Path | None = None
-    report: Path | None = None
-    model: Path | None = None
-    folder: Path | None = None
-
-    def within(self, stem: str, *, model: bool = False) -> Outputs:
-        """Return these with every file of ``folder`` named; the folder is made.
-
-        Raises:
-            InputError: the folder cannot be made, or a file in it is there already.
-        """
-        if self.folder is None:
-            return self
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"--out {self.folder}: cannot be made: {error.strerror}") from error
-        named = Outputs(
-            self.json or self.folder / f"{stem}.json",
-            self.report or self.folder / f"{stem}.html",
-            self.model or (self.folder / "model.yaml" if model else None),
-        )
-        for path in (named.json, named.report, named.model):
-            if path != STANDARD_OUTPUT:
-                check_output(path, "--out")
-        return named
+from spool_tools.console.cli_options import (
+    ColumnsOption,
+    FittedValve,
+    Force,
+    HoldoutOption,
+    JsonFile,
+    ModelFile,
+    ModelName,
+    NameOption,
+    OutFolder,
+    RecordsArgument,
+    ReportFile,
+    SensorDelay,
+    SensorGain,
+    StartOption,
+    StopOption,
+)
+from spool_tools.console.command import Command
 
 
-def run_fit(
-    records: Sequence[Path],
-    valve: str | None,
-    model_name: str,
-    selection: Selection,
-    outputs: Outputs,
-    *,
-    held_out: Sequence[Path] = (),
-    free: Sequence[str] = (),
-    fixed: Sequence[str] = (),
-    sensor_gain: bool = False,
-    sensor_delay: bool = False,
-) -> int:
-    """Fit a model and say what came out; return 1 where nothing did.
+def fit(
+    records: RecordsArgument,
+    valve: FittedValve = None,
+    model: ModelName = "coulomb",
+    json: JsonFile = None,
+    report: ReportFile = None,
+    save_model: ModelFile = None,
+    out: OutFolder = None,
+    _force: Force = False,
+    free: Annotated[
+        list[str] | None, typer.Option(help="Fit it though the valve file gives it; =VALUE to start from.")
+    ] = None,
+    fix: Annotated[
+        list[str] | None, typer.Option(help="Hold it: PARAMETER=VALUE, or as the valve file has it.")
+    ] = None,
+    sensor_gain: SensorGain = False,
+    sensor_delay: SensorDelay = False,
+    holdout: HoldoutOption = None,
+    name: NameOption = None,
+    columns: ColumnsOption = None,
+    start: StartOption = 0.0,
+    stop: StopOption = None,
+) -> None:
+    """Fit a model to records: parameters with standard deviations, objective, amplitude ratio.
 
-    Raises:
-        InputError: records, valve, model or parameters cannot be used.
+    Several records are one set of data. Exit 1 where there is no result.
+
+    Example: ./spool fit bags/practice_03 --valve 4weh10_soft --model coulomb --report fit.html
+
+    Example: ./spool fit record.csv --valve my_valve.yaml --model stribeck --fix coulomb_force=0.3
     """
-    model = load_model(model_name)
-    wanted = outputs.within("fit", model=True)
-    data = load_data(records, valve, selection, held_out)
-    settings = fit_settings(model, data.valve, free, fixed, gain=sensor_gain, delay=sensor_delay)
-    for doubt in data.doubts:
-        warn(doubt)
-    with progress(f"fitting {model.name}"):
-        judged = fit_and_judge(data, model, settings)
-    if wanted.json is not None:
-        write_json(wanted.json, to_dictionary(judged))
-    console = Console()
-    if judged.fit.reason is not None:
-        console.print(f"no result: {judged.fit.reason}", markup=False, highlight=False, soft_wrap=True)
-        return 1
-    print_fit(judged, console)
-    if wanted.model is not None:
-        save_model(wanted.model, judged.fit, ", ".join(map(str, data.paths)))
-        print(f"{wanted.model}: the fitted model")
-    if wanted.report is not None:
-        from spool_tools.report.fit_page import fit_page, write_page  # noqa: PLC0415 - matplotlib is needed here only
+    from spool_tools.input.record_loading import selection  # noqa: PLC0415 - slow to load, as below
+    from spool_tools.operations.fit_run import Outputs, run_fit  # noqa: PLC0415
 
-        with progress("drawing"):
-            write_page(wanted.report, fit_page(judged))
-        print(f"{wanted.report}: pictures and tables")
-    return 0
+    code = run_fit(
+        records, valve, model, selection(name, columns, start, stop), Outputs(json, report, save_model, out),
+        held_out=holdout or (), free=free or (), fixed=fix or (), sensor_gain=sensor_gain,
+        sensor_delay=sensor_delay,
+    )  # fmt: skip
+    raise typer.Exit(code)
 
 
-def fit_settings(
-    model: Model,
-    valve: Valve,
-    free: Sequence[str],
-    fixed: Sequence[str],
-    *,
-    gain: bool = False,
-    delay: bool = False,
-) -> FitSettings:
-    """Return the settings that ``--free`` and ``--fix`` ask for, each ``PARAMETER`` or ``PARAMETER=VALUE``.
-
-    Raises:
-        InputError: no such parameter, not a number, out of range, or both free and fixed.
-    """
-    released = _named(free, model, "--free")
-    held = _named(fixed, model, "--fix")
-    both = sorted(set(released) & set(held))
-    if both:
-        raise InputError(f"{both[0]}: given to --free and to --fix: use one of them")
-    usual = model.values_for(valve)
-    return FitSettings(
-        held={name: usual[name] if value is None else value for name, value in held.items()},
-        free=tuple(released),
-        start={name: value for name, value in released.items() if value is not None},
-        fit_gain=gain,
-        fit_delay=delay,
-    )
-
-
-def _named(given: Sequence[str], model: Model, option: str) -> dict[str, float | None]:
-    found: dict[str, float | None] = {}
-    for text in given:
-        name, mark, number = (part.strip() for part in text.partition("="))
-        parameter = model.parameter(name, option)
-        found[name] = None
-        if mark:
-            try:
-                value = float(number)
-            except ValueError:
-                raise InputError(f"{option} {text}: {number!r} is not a number: write {name}=1.5") from None
-            found[name] = parameter.check(value, option)
-    return found
+COMMAND = Command(fit, place=90, line="one model's parameters from records")

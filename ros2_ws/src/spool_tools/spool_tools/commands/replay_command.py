@@ -1,263 +1,86 @@
-"""Estimator and monitor over a bag: the cores of the live nodes, driven by the recorded blocks."""
+"""`./spool replay`: estimator and monitor over a record."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from collections.abc import Mapping
+from typing import Annotated, Any
 
-import numpy as np
-from spool_bag.reading.information import MOST_STEPS
-from spool_bag.reading.timeline import Timeline, duration_of, step_text
-from spool_estimator.estimate import Estimate
-from spool_estimator.estimator import phase_of, settings_for
-from spool_estimator.estimators import make_estimator
-from spool_estimator.plausibility import ValveCheck, check_rate
-from spool_estimator.refit import Refit, RefitSettings, WindowRefits
-from spool_monitor.alarms.event import Event
-from spool_monitor.detectors import JUDGEMENT_TEXTS
-from spool_monitor.monitor import Health, Monitor, MonitorSettings
-from spool_monitor.replay import Replay
-from spool_sim.model import load_model
-from spool_sim.valve.description import Valve
-from spool_stream.block import Block
-from spool_stream.errors import InputError
-from spool_stream.quantity import Quantity
+import typer
+from rich.console import Console
+from spool_stream.uncertainty import LEGEND, with_interval
 
-from spool_tools.console.progress import progress
-from spool_tools.input.csv_blocks import CsvSource
-from spool_tools.input.record_loading import Source, open_source
-from spool_tools.input.valve_choice import ChosenValve, choose_valves
-
-#: ns by which an event's stamp may lie before that of the one told before it.
-ORDER = 10_000_000_000
+from spool_tools.console.cli_options import ColumnsOption, Force, JsonFile, RecordArgument, in_range
+from spool_tools.console.command import Command
+from spool_tools.console.completion import model_names, valve_names
+from spool_tools.console.outputs import write_json
+from spool_tools.console.terminal import cell, warn
 
 
-@dataclass(frozen=True, slots=True)
-class RefitRequest:
-    """Refits that a replay is asked for: ``model`` by name or path, ``period`` and ``window`` in s."""
+def replay(
+    record: RecordArgument,
+    valve: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--valve",
+            help="YAML file of the valve, or a shipped one's name; of several valves NAME=FILE for each. "
+            "Default: what the bag says of its valves.",
+            autocompletion=valve_names,
+        ),
+    ] = None,
+    columns: ColumnsOption = None,
+    json: JsonFile = None,
+    _force: Force = False,
+    method: Annotated[str, typer.Option(help="Estimator: prediction, or equation.")] = "prediction",
+    refits: Annotated[bool, typer.Option("--refits", help="Refit the last 4 s again and again.")] = False,
+    refit_model: Annotated[
+        str, typer.Option(help="Model of the refits: name or YAML file.", autocompletion=model_names)
+    ] = "coulomb",
+    refit_period: Annotated[
+        float, typer.Option(help="Data time between refits, s.", callback=in_range(0.1, 3600.0))
+    ] = 5.0,
+) -> None:
+    """Run estimator and monitor over a record, as fast as the machine can.
 
-    model: str = "coulomb"
-    period: float = 5.0
-    window: float = 4.0
-
-    def for_valve(self, valve: Valve) -> WindowRefits:
-        """Return the collector of windows.
-
-        Raises:
-            InputError: no such model, or the times are out of range.
-        """
-        if not (0.1 <= self.period <= 3600.0):
-            raise InputError(f"refit period {self.period:g} s: use 0.1 to 3600 s")
-        model = load_model(self.model)
-        model.values_for(valve)
-        return WindowRefits(RefitSettings(valve, model, self.period, self.window))
-
-
-def replay_bag(
-    path: Path,
-    valve_files: Sequence[str],
-    *,
-    baseline_time: float | None = None,
-    refits: RefitRequest | None = None,
-    method: str = "prediction",
-    columns: str | None = None,
-) -> dict[str, Any]:
-    """Replay every valve of the record ``path``; return the contract's ``replay --json`` as a dictionary.
-
-    Args:
-        path: a bag or a CSV file.
-        valve_files: as in ``choose_valves``.
-        baseline_time: s; default: the monitor's.
-        refits: what to refit beside it.
-        method: of the estimator.
-        columns: a CSV file's names, as of ``--columns``.
-
-    Raises:
-        InputError: no valve in the record, or the valve files cannot be used.
+    Example: ./spool replay bags/practice_03 --valve 4weh10_soft --json result.json
     """
-    reader = open_source(path, columns)
-    names = reader.valves
-    if not names:
-        raise InputError(f"{path}: no acceleration topic in it, so there is nothing to replay")
-    valves = choose_valves(reader, names, valve_files)
-    result: dict[str, Any] = {"bag": str(path), "duration_s": None, "valves": {}}
-    times = {name: Timeline() for name in names}
-    for name in names:
-        result["valves"][name] = replay_valve(
-            reader, name, valves[name].valve,
-            baseline_time=baseline_time, refits=refits, method=method, timeline=times[name],
-        )  # fmt: skip
-    first = min((timeline.spans[0].first for timeline in times.values() if timeline.spans), default=0)
+    from spool_tools.operations.record_replay import RefitRequest, replay_bag  # noqa: PLC0415 - slow to load
+
+    request = RefitRequest(refit_model, refit_period) if refits else None
+    result = replay_bag(record, valve or [], refits=request, method=method, columns=columns)
+    if json is not None:
+        write_json(json, result)
+    for warning in result["warnings"]:
+        warn(warning)
     for name, one in result["valves"].items():
-        result["valves"][name] = {
-            **_valve_result(one, times[name], first),
-            "valve": _chosen(valves[name]),
-            "warnings": [text for text in (valves[name].warning(name), *_doubts(one)) if text],
-        }
-    result["duration_s"] = duration_of(list(times.values()))
-    result["warnings"] = _warnings(reader, times)
-    return result
+        for warning in one["warnings"]:
+            warn(warning)
+        _show(name, one, Console())
 
 
-def _warnings(reader: Source, times: Mapping[str, Timeline]) -> list[str]:
-    """Return what is not as it should be in the record itself, one line each."""
-    told = list(reader.warnings)
-    for name, timeline in times.items():
-        told += [step_text(name, step) for step in timeline.steps[:MOST_STEPS]]
-    left_out = {} if isinstance(reader, CsvSource) else reader.undecodable
-    told += [
-        f"{topic}: {count} messages are not what their type says and are left out: "
-        "`./spool recover` makes a bag without them"
-        for topic, count in left_out.items()
-    ]
-    return told
+def _show(name: str, valve: Mapping[str, Any], console: Console) -> None:
+    """Print what the replay of one valve gave."""
+    losses = f"{valve['lost_blocks']} lost" if valve["lost_blocks"] else "none lost"
+    text = f": {valve['blocks']} blocks, {losses}; {valve['valve']['sentence']}"
+    console.print(cell(name, "bold") + cell(text), soft_wrap=True)
+    state = str(valve["estimate"]["state"] or "no estimate").replace("_", " ")
+    console.print(f"  at the end ({state}), {LEGEND}:", highlight=False, soft_wrap=True)
+    for parameter, quantity in valve["estimate"]["parameters"].items():
+        console.print(f"  {parameter.replace('_', ' '):22} {_number(quantity)}", highlight=False)
+    for found in valve.get("refits", ()):
+        fitted = ", ".join(
+            f"{name.replace('_', ' ')} {_number(found['parameters'][name])}" for name in found["fitted"]
+        )
+        text = f"refit {found['state'].replace('_', ' ')}: {fitted or found['reason']}"
+        console.print(cell(f"  {found['t_s']:8.1f} s  {text}"), soft_wrap=True)
+    for event in valve["events"]:
+        cause = f" ({event['cause'].replace('_', ' ')})" if event["cause"] else ""
+        what = f"{event['kind'].replace('_', ' ')}{cause}: " if event["state"] == "raised" else ""
+        text = f"{event['severity']} {event['state']}: {what}{event['message']}"
+        console.print(cell(f"  {event['t_s']:8.1f} s  {text}"), soft_wrap=True)
 
 
-@dataclass(slots=True)
-class Clock:
-    """Time since the record's first stamp, across the steps of a clock that was set.
-
-    Attributes:
-        timeline: of the valve.
-        first: the record's first stamp, ns.
-    """
-
-    timeline: Timeline
-    first: int
-    _told: int = 0
-
-    def since(self, stamp: int) -> float:
-        """Return the time (s) of ``stamp`` (ns); stamps come in the order in which they were told."""
-        if not self.timeline.spans:
-            return (stamp - self.first) * 1e-9
-        passed = self.timeline.since(stamp, self._told)
-        self._told = max(self._told, passed - ORDER)
-        return (passed + self.timeline.spans[0].first - self.first) * 1e-9
+def _number(quantity: Mapping[str, Any]) -> str:
+    return with_interval(quantity["value"], quantity["std"], quantity["unit"])
 
 
-def replay_valve(
-    reader: Source,
-    name: str,
-    valve: Valve,
-    *,
-    baseline_time: float | None = None,
-    keep: bool = False,
-    refits: RefitRequest | None = None,
-    method: str = "prediction",
-    timeline: Timeline | None = None,
-) -> Replay:
-    """Replay one valve of a bag through fresh cores with the live nodes' default settings.
-
-    ``timeline`` is told the blocks.
-    """
-    settings = MonitorSettings(natural_frequency=valve.natural_frequency)
-    if baseline_time is not None:
-        settings = MonitorSettings(natural_frequency=valve.natural_frequency, baseline_time=baseline_time)
-    windows = refits.for_valve(valve) if refits is not None else None
-    estimator = make_estimator(method, settings_for(valve, phase=phase_of(name)))
-    one = Replay(estimator, Monitor(settings), keep=keep, refits=windows, check=ValveCheck(valve))
-    expected = reader.count if isinstance(reader, CsvSource) else reader.blocks_of(name)
-    with progress(f"replaying {name}", expected) as advance:
-        for item in reader.stream(name):
-            if isinstance(item, Block):
-                if one.samples == 0 and item.sample_period > 0.0:
-                    check_rate(f"{reader.path}: {name}", 1.0 / item.sample_period, valve)
-                if timeline is not None:
-                    timeline.take(item)
-                one.update(item)
-                advance(1)
-            else:
-                deviation = math.sqrt(item.variance) if item.variance > 0.0 else math.nan
-                one.update_temperature(item.stamp, item.celsius, deviation)
-    one.flush()
-    return one
-
-
-def _chosen(chosen: ChosenValve) -> dict[str, Any]:
-    """Return which valve a replay took."""
-    return {
-        "id": chosen.valve.id,
-        "source": chosen.source,
-        "file": chosen.file or None,
-        "moving_mass_kg": chosen.valve.moving_mass,
-        "natural_frequency_Hz": chosen.valve.natural_frequency,
-        "sentence": chosen.sentence(),
-    }
-
-
-def _doubts(one: Replay) -> list[str]:
-    """Return what speaks against the valve's description."""
-    return [] if one.check is None else one.check.doubts()
-
-
-def _valve_result(one: Replay, timeline: Timeline, first: int) -> dict[str, Any]:
-    gate = one.estimator.gate
-    events, refits = Clock(timeline, first), Clock(timeline, first)
-    return {
-        "blocks": gate.accepted,
-        "lost_blocks": gate.lost,
-        "samples": one.samples,
-        "estimate": _estimate(one.estimator.latest),
-        "health": _health(one.monitor.health),
-        "events": [_event(event, events) for event in one.events],
-        **({} if one.refits is None else {"refits": [_refit(found, refits) for found in one.refitted]}),
-    }
-
-
-def _refit(found: Refit, clock: Clock) -> dict[str, Any]:
-    return {
-        "t_s": clock.since(found.stamp),
-        "model": found.model,
-        "state": found.state.name.lower(),
-        "reason": found.reason,
-        "parameters": {quantity.name: _quantity(quantity) for quantity in found.parameters},
-        "fitted": list(found.fitted),
-        "correlations": np.reshape(found.correlations, (len(found.fitted),) * 2).tolist(),
-        "objective": found.objective.value,
-        "amplitude_ratio": found.amplitude_ratio.value,
-        "nrmse": found.nrmse.value,
-    }
-
-
-def _health(health: Health) -> dict[str, Any]:
-    """Return the last judgement; what could not be judged is said by detector."""
-    return {
-        "level": health.level.name.lower(),
-        "baseline": health.baseline.name.lower(),
-        "summary": health.summary,
-        "judgements": {name: JUDGEMENT_TEXTS[judgement] for name, judgement in health.judgements},
-    }
-
-
-def _estimate(estimate: Estimate | None) -> dict[str, Any]:
-    if estimate is None:
-        nothing = dict.fromkeys(("model", "state", "natural_frequency_Hz", "damping_ratio", "nrmse"))
-        return {**nothing, "parameters": {}}
-    return {
-        "model": estimate.model,
-        "state": estimate.state.name.lower(),
-        "parameters": {quantity.name: _quantity(quantity) for quantity in estimate.parameters},
-        "natural_frequency_Hz": estimate.natural_frequency.value,
-        "damping_ratio": estimate.damping_ratio.value,
-        "nrmse": estimate.residual.value,
-    }
-
-
-def _quantity(quantity: Quantity) -> dict[str, Any]:
-    return {"value": quantity.value, "std": quantity.standard_deviation, "unit": quantity.unit}
-
-
-def _event(event: Event, clock: Clock) -> dict[str, Any]:
-    return {
-        "t_s": clock.since(event.stamp),
-        "kind": event.kind,
-        "state": event.state.name.lower(),
-        "severity": event.severity.name.lower(),
-        "cause": event.cause or None,
-        "value": event.quantity.value,
-        "unit": event.quantity.unit,
-        "message": event.message,
-    }
+COMMAND = Command(replay, place=80, line="estimator and monitor over a recorded bag")

@@ -1,7 +1,8 @@
-"""Options that several commands share."""
+"""Options that several commands share, and ranges of numbers."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
@@ -23,6 +24,18 @@ def _json_target(path: Path | None) -> Path | None:
 def _target(option: str) -> Callable[[Path | None], Path | None]:
     """Return the callback that checks the file of ``option`` before any work is done."""
     return lambda path: check_output(path, option)
+
+
+def in_range(low: float, high: float = math.inf) -> Callable[[float | None], float | None]:
+    """Return the callback that refuses what is not a finite number from ``low`` to ``high``."""
+
+    def checked(value: float | None) -> float | None:
+        if value is not None and not (math.isfinite(value) and low <= value <= high):
+            most = f"{low:g} to {high:g}" if high < math.inf else f"at least {low:g}"
+            raise typer.BadParameter(f"{value:g} is out of range: use {most}.")
+        return value
+
+    return checked
 
 
 JsonFile = Annotated[
@@ -79,4 +92,35 @@ ColumnsOption = Annotated[
 BagArgument = Annotated[Path, typer.Argument(help="rosbag2 directory or .mcap file.", metavar="BAG")]
 RecordArgument = Annotated[
     Path, typer.Argument(help="rosbag2 directory, .mcap or CSV file.", metavar="RECORD")
+]
+NewBag = Annotated[Path, typer.Option("--out", help="Bag to be made.", metavar="BAG")]
+RecordsArgument = Annotated[
+    list[Path], typer.Argument(help="Bags or CSV files of one valve.", metavar="RECORD...")
+]
+OutFolder = Annotated[
+    Path | None, typer.Option("--out", help="Folder for all of these files.", metavar="DIR")
+]
+FittedValve = Annotated[
+    str | None,
+    typer.Option(
+        "--valve", help="YAML file of the valve, or a shipped one's name; default: the bag's own.",
+        autocompletion=valve_names,
+    ),
+]  # fmt: skip
+NameOption = Annotated[
+    str | None, typer.Option("--name", help="Which valve of a bag that holds several, e.g. valve_2.")
+]
+StartOption = Annotated[float, typer.Option(help="Use the record from here on, s since its first sample.")]
+StopOption = Annotated[float | None, typer.Option(help="Use the record up to here, s; default: its end.")]
+HoldoutOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        help="Record to judge the error by; default: a quarter of each record is held out.", metavar="RECORD"
+    ),
+]
+SensorGain = Annotated[
+    bool, typer.Option("--sensor-gain", help="Fit the gain error of the spool's sensor as well.")
+]
+SensorDelay = Annotated[
+    bool, typer.Option("--sensor-delay", help="Fit the delay of the spool's sensor as well.")
 ]

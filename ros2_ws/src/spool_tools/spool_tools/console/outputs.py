@@ -7,34 +7,45 @@ then; a file appears under its name when it is whole. ``-`` is standard output, 
 from __future__ import annotations
 
 import contextlib
+import json
+import math
 import os
 import secrets
+import shlex
 import shutil
 import stat
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextvars import ContextVar
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 from spool_stream.errors import InputError
 
 STANDARD_OUTPUT = Path("-")
 
 _force: ContextVar[bool] = ContextVar("force", default=False)
+_command_line: ContextVar[str] = ContextVar("command_line", default="")
 _stdout: ContextVar[TextIO | None] = ContextVar("stdout", default=None)
 
 
 @contextlib.contextmanager
-def one_command() -> Iterator[None]:
-    """Forget what one call of a command line chose: that files are replaced, that text goes to stderr."""
+def one_command(arguments: Sequence[str]) -> Iterator[None]:
+    """Forget at the end what one call chose: that files are replaced, that text goes to stderr."""
     force, kept, stdout = _force.set(False), _stdout.set(None), sys.stdout
+    line = _command_line.set(shlex.join(["./spool", *arguments]))
     try:
         yield
     finally:
+        _command_line.reset(line)
         _force.reset(force)
         _stdout.reset(kept)
         sys.stdout = stdout
+
+
+def command_line() -> str:
+    """Return the call that is under way as it was typed, empty where there is none."""
+    return _command_line.get()
 
 
 def replace_existing(wanted: bool) -> bool:
@@ -186,3 +197,26 @@ def write_standard_output(text: str) -> None:
     stream = _stdout.get() or sys.stdout
     stream.write(text)
     stream.flush()
+
+
+def write_json(path: Path, value: object) -> None:
+    """Write ``value`` as JSON with null for numbers that are not finite; ``-`` is standard output.
+
+    Raises:
+        InputError: the file can't be written, or is there already.
+    """
+    text = json.dumps(_finite(value), indent=1, allow_nan=False) + "\n"
+    if path == STANDARD_OUTPUT:
+        write_standard_output(text)
+    else:
+        write_file(path, text, "--json")
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _finite(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(entry) for entry in value]
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    return value

@@ -21,6 +21,7 @@ from spool_stream.errors import InputError
 
 from .bag_valve import recorded_valve
 from .csv_blocks import CsvSource
+from .record_names import is_csv, parse_columns, split_name
 
 #: What a replay reads.
 Source = BagReader | CsvSource
@@ -81,21 +82,6 @@ def selection(name: str | None, columns: str | None, start: float, stop: float |
     return Selection(name, parse_columns(columns), start, math.inf if stop is None else stop)
 
 
-def parse_columns(text: str | None) -> Mapping[str, str] | None:
-    """Return a CSV file's names by contract name from ``--columns``.
-
-    Raises:
-        InputError: not written as ``name=own,name=own``.
-    """
-    if text is None:
-        return None
-    pairs = [pair.partition("=") for pair in text.split(",")]
-    for wanted, mark, found in pairs:
-        if not (wanted and mark and found):
-            raise InputError(f"--columns {text!r}: write it like time_s=t,body_m_s2=ch1,spool_m_s2=ch2")
-    return {wanted.strip(): found.strip() for wanted, _, found in pairs}
-
-
 def open_source(path: Path, columns: str | None = None) -> Source:
     """Return the record at ``path``, a bag or a CSV file with ``columns`` as of ``--columns``.
 
@@ -107,19 +93,6 @@ def open_source(path: Path, columns: str | None = None) -> Source:
     if columns is not None:
         raise InputError(f"--columns: {path} is no CSV file: leave it out")
     return BagReader(path)
-
-
-def split_name(text: str) -> tuple[str, str]:
-    """Return namespace and file of ``NAME=FILE``; the name is empty where there is only a file."""
-    name, mark, file = text.partition("=")
-    if not mark or Path(text).exists():
-        return "", text
-    return name.strip().strip("/"), file.strip()
-
-
-def is_csv(path: Path) -> bool:
-    """Return whether ``path`` is named like a CSV record."""
-    return path.name.endswith((".csv", ".csv.gz"))
 
 
 def load_recording(path: Path, selection: Selection | None = None) -> Recording:

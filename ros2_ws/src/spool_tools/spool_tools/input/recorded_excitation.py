@@ -16,7 +16,7 @@ from spool_sim.files.validation import one_line, read_mapping
 from spool_stream.block_gate import BlockGate, Verdict
 from spool_stream.errors import InputError
 
-from .record_loading import is_csv
+from .record_names import is_csv
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,8 @@ from spool_stream.text.suggestion import did_you_mean
 
 from .bag_valve import recorded_valve
 from .csv_blocks import CsvSource
-from .record_loading import Source, split_name
+from .record_loading import Source
+from .record_names import split_name
 
 DEFAULT_VALVE = "4weh10_soft"
 

@@ -7,11 +7,10 @@ from collections.abc import Sequence
 
 from spool_stream.uncertainty import LEGEND
 
-from spool_tools.commands.compare_command import COLUMNS, parameter_lines, ranking_rows, series_rows
-
 from . import fit_curves as curves
 from . import fit_pictures as pictures
 from . import page as html
+from .comparison_tables import COLUMNS, parameter_lines, ranking_rows, series_rows
 from .fit_page import FRICTION, RATIO, SPECTRUM, WAVEFORM, ratio_seen, seen
 from .provenance import sources
 from .ranking import WORTH, Ranking, Series

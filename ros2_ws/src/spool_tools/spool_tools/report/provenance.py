@@ -3,32 +3,24 @@
 from __future__ import annotations
 
 import hashlib
-import shlex
 from collections.abc import Sequence
-from contextvars import ContextVar
 from datetime import datetime, timezone
 from pathlib import Path
 
 from spool_sim.valve.description import Valve
 
+from spool_tools.console.outputs import command_line
 from spool_tools.console.version import suite_version
 
 #: Files of one bag whose checksums are shown at most.
 MOST_FILES = 20
-
-_command: ContextVar[str] = ContextVar("command", default="")
-
-
-def remember_command(arguments: Sequence[str]) -> None:
-    """Keep the command line for the reports that it writes."""
-    _command.set(shlex.join(["./spool", *arguments]))
 
 
 def provenance() -> list[tuple[str, str]]:
     """Return label and value of what every report says: date, version, command."""
     now = datetime.now(timezone.utc).strftime("%Y-%m-%d %H:%M UTC")
     rows = [("written", now), ("by", f"spool {suite_version()}")]
-    return [*rows, ("command", _command.get())] if _command.get() else rows
+    return [*rows, ("command", command_line())] if command_line() else rows
 
 
 def sources(records: Sequence[Path], valve: Valve | None = None) -> list[tuple[str, str]]:

@@ -1,4 +1,4 @@
-"""What a valve did in the past: the monitor's history as a picture, a page or numbers."""
+"""Trend of a valve: the monitor's history as a picture, a page or numbers."""
 
 from __future__ import annotations
 
@@ -20,10 +20,8 @@ from spool_monitor.history.valve_state import TRENDS
 from spool_stream.errors import InputError
 from spool_stream.uncertainty import exact, number, unit_text
 
-from spool_tools.console.outputs import check_output, write_file
+from spool_tools.console.outputs import check_output, write_file, write_json
 from spool_tools.report.page import page, picture, table
-
-from .bag_commands import write_json
 
 _UNITS = {"m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}
 _LINE, _BAND = "#0072B2", "#56B4E9"

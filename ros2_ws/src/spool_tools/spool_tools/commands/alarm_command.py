@@ -1,10 +1,12 @@
-"""The command line of alarms: parsing only."""
+"""`./spool alarm`: the alarms of a running valve, and what an operator does about them."""
 
 from __future__ import annotations
 
 from typing import Annotated
 
 import typer
+
+from spool_tools.console.command import Command
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -27,7 +29,7 @@ def list_(
 
     Example: ./spool alarm list valve_1
     """
-    from spool_tools.commands.alarm import show_alarms  # noqa: PLC0415 - rclpy is needed here only
+    from spool_tools.operations.alarm_client import show_alarms  # noqa: PLC0415 - slow to load
 
     raise typer.Exit(show_alarms(valve, every=every))
 
@@ -38,7 +40,7 @@ def acknowledge(valve: Valve, alarm: Name = "", who: Who = "", comment: Comment 
 
     Example: ./spool alarm acknowledge valve_1 resonance --comment "speed reduced"
     """
-    from spool_tools.commands.alarm import acknowledge as do  # noqa: PLC0415
+    from spool_tools.operations.alarm_client import acknowledge as do  # noqa: PLC0415
 
     do(valve, alarm, who, comment)
 
@@ -56,7 +58,7 @@ def shelve(
 
     Example: ./spool alarm shelve valve_1 resonance --minutes 30
     """
-    from spool_tools.commands.alarm import shelve as do  # noqa: PLC0415
+    from spool_tools.operations.alarm_client import shelve as do  # noqa: PLC0415
 
     do(valve, alarm, minutes, who, comment, back=back)
 
@@ -74,7 +76,7 @@ def suppress(
 
     Example: ./spool alarm suppress valve_1 --maintenance --comment "pump is changed"
     """
-    from spool_tools.commands.alarm import suppress as do  # noqa: PLC0415
+    from spool_tools.operations.alarm_client import suppress as do  # noqa: PLC0415
 
     do(valve, alarm, who, comment, service=maintenance, back=back)
 
@@ -85,6 +87,9 @@ def reset(valve: Valve, alarm: Name = "", who: Who = "", comment: Comment = "") 
 
     Example: ./spool alarm reset valve_1 stuck_spool
     """
-    from spool_tools.commands.alarm import reset as do  # noqa: PLC0415
+    from spool_tools.operations.alarm_client import reset as do  # noqa: PLC0415
 
     do(valve, alarm, who, comment)
+
+
+COMMAND = Command(app, place=160, line="an operator's part: acknowledge, shelve, reset")

@@ -1,4 +1,4 @@
-"""What an operator does about a valve's alarms, from a terminal: the monitor's topic and services."""
+"""Client of a monitor's alarms: its topic and services, for an operator at a terminal."""
 
 from __future__ import annotations
 

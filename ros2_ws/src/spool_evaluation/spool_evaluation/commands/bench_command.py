@@ -1,0 +1,34 @@
+"""`./spool bench`: timings side by side with peers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from spool_tools.console.cli_options import Force, JsonFile
+from spool_tools.console.command import Command
+
+
+def bench(
+    what: Annotated[str | None, typer.Argument(help="Which one; default: all there are.")] = None,
+    json: JsonFile = None,
+    seed: Annotated[
+        int | None, typer.Option(help="gap, monitor: of the first record that is drawn.", min=0)
+    ] = None,
+    cases: Annotated[int | None, typer.Option(help="gap: records; monitor: of every kind.", min=1)] = None,
+    markdown: Annotated[
+        Path | None, typer.Option(help="Write the table as Markdown.", metavar="FILE")
+    ] = None,
+    _force: Force = False,
+) -> None:
+    """Time the suite side by side with its peers, on the same work in one run.
+
+    Example: ./spool bench bag --json bench.json
+    """
+    from spool_evaluation.bench import run_bench  # noqa: PLC0415 - slow to load
+
+    run_bench(what, json, seed, cases, markdown)
+
+
+COMMAND = Command(bench, place=170, line="timings against the peers")

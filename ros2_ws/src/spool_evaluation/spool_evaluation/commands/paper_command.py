@@ -1,0 +1,29 @@
+"""`./spool paper`: the paper's series, figures and tables on made data."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from spool_tools.console.cli_options import Force
+from spool_tools.console.command import Command
+from spool_tools.console.outputs import check_folder
+
+
+def paper(
+    out: Annotated[Path, typer.Option(help="Folder for page, pictures and tables.")] = Path("spool_paper"),
+    _force: Force = False,
+) -> None:
+    """Run the paper's four series and four models; write figures and tables beside the printed numbers.
+
+    The authors' measurements are not published: the data are made by a stated truth.
+
+    Example: ./spool paper --out my_paper
+    """
+    from spool_evaluation.paper.command import run_paper  # noqa: PLC0415 - slow to load
+
+    run_paper(check_folder(out))
+
+
+COMMAND = Command(paper, place=120, line="the paper's series, figures and tables, on made data")

@@ -1,0 +1,35 @@
+"""`./spool study`: how often the suite is right, over many blind records."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from spool_tools.console.command import Command
+
+
+def study(
+    what: Annotated[
+        str,
+        typer.Argument(
+            help="gap: effects named right? gap-limit: how small? estimation: do intervals hold? "
+            "records: is the truth of bags/ found? steps: what does a time step cost? "
+            "monitor: events found in time? monitor-hours: quiet over healthy hours?"
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for tables and pictures.")],
+    cases: Annotated[int, typer.Option(help="How many.", min=1)] = 200,
+    seed: Annotated[int, typer.Option(help="Of the first; below 1000 is for development.", min=0)] = 1000,
+    workers: Annotated[int | None, typer.Option(help="Processes; default: as many as cores.", min=1)] = None,
+) -> None:
+    """Count over many blind records how often the suite is right.
+
+    Example: ./spool study gap --cases 200 --seed 1000 --out study_gap
+    """
+    from spool_evaluation.study import run_study  # noqa: PLC0415 - slow to load
+
+    run_study(what, cases, seed, out, workers)
+
+
+COMMAND = Command(study, place=130, line="how often the suite is right, over many blind records")

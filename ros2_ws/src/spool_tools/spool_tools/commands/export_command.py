@@ -1,0 +1,40 @@
+"""`./spool export`: a bag's samples as a table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from spool_stream.text.printable import printable
+
+from spool_tools.console.cli_options import BagArgument, Force
+from spool_tools.console.command import Command
+from spool_tools.console.outputs import making_room
+from spool_tools.console.progress import progress
+from spool_tools.console.terminal import warn
+
+
+def export(
+    bag: BagArgument,
+    out: Annotated[Path, typer.Option(help="FILE.parquet, FILE.csv or FILE.csv.gz", metavar="FILE")],
+    name: Annotated[
+        list[str] | None,
+        typer.Option("--name", "--valve", help="Namespace of a valve in the bag; default: all."),
+    ] = None,
+    _force: Force = False,
+) -> None:
+    """Write a bag's samples as a table.
+
+    Example: ./spool export record_bag --out record.parquet
+    """
+    from spool_bag.tables.export import export_bag  # noqa: PLC0415 - slow to load
+
+    with making_room(out), progress("exporting") as advance:
+        result = export_bag(bag, out, valves=name, progress=advance)
+    for warning in result.warnings:
+        warn(warning)
+    print(f"{out}: {result.rows} rows of {printable(', '.join(result.valves))}")
+
+
+COMMAND = Command(export, place=50, line="a bag to Parquet or CSV")

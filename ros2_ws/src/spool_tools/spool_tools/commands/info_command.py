@@ -1,0 +1,83 @@
+"""`./spool info`: what is in a record, and what was lost on the way into it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from spool_tools.console.cli_options import ColumnsOption, Force, JsonFile, RecordArgument
+from spool_tools.console.command import Command
+from spool_tools.console.losses import damaged_places, lost_messages
+from spool_tools.console.outputs import write_json
+from spool_tools.console.progress import progress
+from spool_tools.console.terminal import cell, fail, warn
+
+if TYPE_CHECKING:
+    from spool_bag.reading.information import BagInformation
+
+
+def info(
+    record: RecordArgument, columns: ColumnsOption = None, json: JsonFile = None, _force: Force = False
+) -> None:
+    """Say what is in a record and what was lost on the way into it; exit 1 where something was.
+
+    Example: ./spool info record_bag
+    """
+    from spool_bag.format.definitions import ACCELERATION_BLOCK  # noqa: PLC0415 - slow to load, as below
+    from spool_bag.reading.information import describe  # noqa: PLC0415
+
+    from spool_tools.input.record_names import is_csv, parse_columns  # noqa: PLC0415
+
+    with progress("reading"):
+        if is_csv(record):
+            from spool_tools.input.csv_blocks import CsvSource  # noqa: PLC0415
+
+            found = CsvSource(record, parse_columns(columns)).describe()
+        else:
+            found = describe(record)
+    if json is not None:
+        write_json(json, found.to_dict())
+    _show(found)
+    if not found.valves:
+        held = ", ".join(f"{topic.name} ({topic.type})" for topic in found.topics[:5]) or "nothing"
+        text = f"no valve in it: it holds {held}; what is looked for is a topic NAME/acceleration of "
+        raise typer.Exit(fail(f"{record}: {text}{ACCELERATION_BLOCK}"))
+    broken = not found.closed or found.damages or found.undecodable
+    lost = any(valve.lost_blocks or valve.refused_blocks for valve in found.valves)
+    raise typer.Exit(1 if broken or lost else 0)
+
+
+def _show(found: BagInformation) -> None:
+    console = Console()
+    duration = "?" if found.duration is None else f"{found.duration:.1f} s"
+    state = "closed properly" if found.closed else "not closed properly: see ./spool recover"
+    text = f"{found.path}: {duration}, {found.size / 1e6:.1f} MB, {state}"
+    console.print(cell(text), soft_wrap=True)
+    topics = Table(box=None, pad_edge=False)
+    for column in ("topic", "type", "messages", "per second"):
+        # A name is never cut: where the terminal is too narrow it goes on in the next line.
+        topics.add_column(column, overflow="fold")
+    for topic in found.topics:
+        rate = "" if topic.rate is None else f"{topic.rate:.1f}"
+        topics.add_row(cell(topic.name), cell(topic.type), str(topic.messages), rate)
+    if found.topics:
+        console.print(topics)
+    valves = Table("valve", "blocks", "samples", "Hz", "lost", "refused", box=None, pad_edge=False)
+    for valve in found.valves:
+        rate = "?" if valve.sample_rate is None else f"{valve.sample_rate:g}"
+        cells = (valve.blocks, valve.samples, rate, valve.lost_blocks, valve.refused_blocks)
+        valves.add_row(cell(valve.name), *map(str, cells))
+    if found.valves:
+        console.print(valves)
+    if found.damages:
+        lost = lost_messages(found.lost_messages, estimated=found.lost_estimated)
+        text = f"{damaged_places(found.damages)}, {lost} messages lost: see ./spool recover"
+        console.print(cell(text), soft_wrap=True)
+    for warning in found.warnings:
+        warn(warning)
+
+
+COMMAND = Command(info, place=60, line="what is in a bag and what was lost")

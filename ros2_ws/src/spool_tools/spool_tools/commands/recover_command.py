@@ -1,0 +1,47 @@
+"""`./spool recover`: a damaged bag made readable."""
+
+from __future__ import annotations
+
+import typer
+from spool_stream.text.printable import printable
+
+from spool_tools.console.cli_options import BagArgument, Force, NewBag
+from spool_tools.console.command import Command
+from spool_tools.console.losses import damaged_places, lost_messages
+from spool_tools.console.outputs import making_room
+from spool_tools.console.progress import progress
+from spool_tools.console.terminal import warn
+
+#: Damaged places of a bag that are listed one by one.
+MOST_PLACES = 20
+
+
+def recover(bag: BagArgument, out: NewBag, _force: Force = False) -> None:
+    """Make a damaged bag readable and count what was saved; exit 1 where something was lost.
+
+    Example: ./spool recover killed_bag --out saved_bag
+    """
+    from spool_bag.recording.recovery import recover as copy_readable  # noqa: PLC0415 - slow to load
+
+    with making_room(out), progress("recovering"):
+        result = copy_readable(bag, out)
+    kept, bad = sum(result.messages.values()), sum(result.undecodable.values())
+    lost = lost_messages(result.lost, estimated=result.estimated)
+    damaged = damaged_places(result.damages)
+    print(f"{out}: {kept} messages saved, {lost} lost, {bad} not decodable, {damaged}")
+    for damage in result.damages[:MOST_PLACES]:
+        gone = "an unknown number of" if damage.lost is None else str(damage.lost)
+        place = f"at byte {damage.offset}, {damage.size} bytes: {printable(damage.reason)}"
+        print(f"  {place}; {gone} messages lost")
+    if len(result.damages) > MOST_PLACES:
+        print(f"  and {len(result.damages) - MOST_PLACES} more")
+    for valve, missing in result.missing.items():
+        print(f"  /{printable(valve)}: {missing} blocks are missing by their sequence numbers")
+    if not result.closed:
+        print("  the recording was not finished: what was not yet on the disk at its end is not counted")
+    for warning in result.warnings:
+        warn(warning)
+    raise typer.Exit(1 if result.lost or bad or result.damages else 0)
+
+
+COMMAND = Command(recover, place=70, line="a damaged bag made readable")

@@ -1,0 +1,35 @@
+"""`./spool run`: a node, as `ros2 run` starts it."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from spool_tools.console.command import Command
+
+
+def run(
+    context: typer.Context,
+    package: Annotated[str, typer.Argument(metavar="PACKAGE", help="e.g. spool_sim")],
+    executable: Annotated[str, typer.Argument(metavar="EXECUTABLE", help="e.g. simulator")],
+) -> None:
+    """Start a node as `ros2 run` does; what follows is passed on.
+
+    Example: ./spool run spool_sim simulator --ros-args -r __ns:=/valve_1 -p excitation:=sweep
+    """
+    from spool_tools.demo.processes import replace_by_node  # noqa: PLC0415
+
+    replace_by_node(package, executable, context.args)
+
+
+COMMAND = Command(
+    run,
+    place=20,
+    line="what `ros2 run` does: ./spool run PACKAGE EXECUTABLE [arguments]",
+    settings={
+        "allow_extra_args": True,
+        "ignore_unknown_options": True,
+        "allow_interspersed_args": False,  # what follows the node's name is the node's
+    },
+)

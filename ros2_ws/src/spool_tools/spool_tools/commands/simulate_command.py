@@ -1,0 +1,50 @@
+"""`./spool simulate`: a bag from the simulator."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from spool_tools.console.cli_options import ExcitationName, Force, ModelName, NewBag, ValveFile, in_range
+from spool_tools.console.command import Command
+
+
+def simulate(
+    out: NewBag,
+    valve: ValveFile = "4weh10_soft",
+    model: ModelName = "coulomb",
+    excitation: ExcitationName = "sweep",
+    seconds: Annotated[
+        float | None, typer.Option(help="Length, s; default: the recorded excitation's, else 40.")
+    ] = None,
+    sample_rate: Annotated[float, typer.Option(help="Hz")] = 2000.0,
+    block_rate: Annotated[float, typer.Option(help="Blocks a second.")] = 50.0,
+    coulomb_force: Annotated[float | None, typer.Option(help="N; default: the model's.")] = None,
+    noise: Annotated[float, typer.Option(help="Sensor noise, rms, m/s^2.", callback=in_range(0.0))] = 0.05,
+    sensors: Annotated[Path | None, typer.Option(help="YAML file of the sensors, replaces --noise.")] = None,
+    oil_temperature: Annotated[
+        str | None,
+        typer.Option(
+            help="deg C, or 20:60 for oil that warms; default: the valve file's. Sets the viscosity."
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of the noise.", min=0)] = 0,
+    name: Annotated[str, typer.Option(help="Namespace of the valve in the bag.")] = "valve_1",
+    _force: Force = False,
+) -> None:
+    """Write a bag from the simulator, faster than real time and without DDS.
+
+    Example: ./spool simulate --valve 4weh10_soft --excitation sweep --seconds 40 --out sweep_bag
+    """
+    from spool_tools.operations.simulation import simulate as write_bag  # noqa: PLC0415
+
+    write_bag(
+        out, valve, model, excitation, seconds,
+        sample_rate=sample_rate, block_rate=block_rate, coulomb_force=coulomb_force, noise=noise,
+        sensors=sensors, oil_temperature=oil_temperature, seed=seed, name=name,
+    )  # fmt: skip
+
+
+COMMAND = Command(simulate, place=30, line="a bag from the simulator, faster than real time")

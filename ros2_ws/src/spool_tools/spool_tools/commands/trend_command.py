@@ -1,0 +1,38 @@
+"""`./spool trend`: what the monitor kept of a valve."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from spool_tools.console.cli_options import Force, JsonFile
+from spool_tools.console.command import Command
+
+
+def trend(
+    valve: Annotated[str, typer.Argument(metavar="VALVE", help="Namespace of the valve, e.g. valve_1.")],
+    state_folder: Annotated[
+        Path | None, typer.Option(help="The monitors' state_folder; default: where they keep it by default.")
+    ] = None,
+    parameter: Annotated[
+        list[str] | None, typer.Option(help="Once for each, e.g. coulomb_force; default: all.")
+    ] = None,
+    since: Annotated[
+        str | None, typer.Option(help="How long ago, e.g. 6h, 7d, or a time (UTC); default: all.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Picture FILE.png or page FILE.html.")] = None,
+    json: JsonFile = None,
+    _force: Force = False,
+) -> None:
+    """Show what the monitor kept of a valve: minimum, mean, maximum per minute, hour or day, and counters.
+
+    Example: ./spool trend valve_1 --since 7d --out valve_1.html
+    """
+    from spool_tools.operations.valve_trend import show_trend  # noqa: PLC0415 - slow to load
+
+    show_trend(valve, state_folder, parameter or [], since, out, json)
+
+
+COMMAND = Command(trend, place=150, line="what the monitor kept of a valve, over hours and days")

@@ -1,0 +1,76 @@
+"""Group of commands that are found by entry points and loaded when one is called."""
+
+from __future__ import annotations
+
+import pkgutil
+from functools import cache
+from importlib import import_module
+from importlib.metadata import entry_points
+from typing import Any
+
+from spool_stream.errors import InputError
+from typer import Typer
+from typer.core import TyperGroup
+from typer.main import get_group
+
+from .command import Command
+
+#: Entry points of this group name packages that hold command modules.
+ENTRY_POINTS = "spool.commands"
+SUFFIX = "_command"
+#: Commands of packages that a machine does without.
+ELSEWHERE = {"bench": "spool_evaluation", "paper": "spool_evaluation", "study": "spool_evaluation"}
+
+
+@cache
+def command_modules() -> dict[str, str]:
+    """Return the full name of each command's module by the command's name."""
+    packages = {entry.value for entry in entry_points(group=ENTRY_POINTS)}
+    return {
+        found.name.removesuffix(SUFFIX): f"{package}.{found.name}"
+        for package in sorted(packages)
+        for found in pkgutil.iter_modules(import_module(package).__path__)
+        if found.name.endswith(SUFFIX)
+    }
+
+
+def declaration(name: str) -> Command:
+    """Return what the module of the command ``name`` declares."""
+    found: Command = import_module(command_modules()[name]).COMMAND
+    return found
+
+
+class CommandGroup(TyperGroup):
+    """Group whose commands are imported one by one, so that none pays for what others need."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of all commands in their places."""
+        names = sorted(command_modules(), key=lambda name: declaration(name).place)
+        for name in names:
+            self.get_command(ctx, name)
+        return names
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return the command, ``None`` where there is none.
+
+        Raises:
+            InputError: its package is not installed.
+        """
+        if cmd_name in command_modules():
+            if cmd_name not in self.commands:
+                self.commands[cmd_name] = _parser(cmd_name, declaration(cmd_name))
+        elif cmd_name in ELSEWHERE:
+            raise InputError(f"{cmd_name}: this command is of {ELSEWHERE[cmd_name]}: install that package")
+        else:
+            self.list_commands(ctx)  # names alike are suggested from what is loaded
+        return self.commands.get(cmd_name)
+
+
+def _parser(name: str, declared: Command) -> Any:
+    """Return what parses the arguments of a command."""
+    around = Typer(rich_markup_mode="rich")
+    if isinstance(declared.run, Typer):
+        around.add_typer(declared.run, name=name)
+    else:
+        around.command(name, context_settings=dict(declared.settings))(declared.run)
+    return get_group(around).commands[name]

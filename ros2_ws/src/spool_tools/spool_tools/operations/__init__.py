@@ -1,0 +1,1 @@
+"""Operations: what the commands do, with libraries that take long to load."""

@@ -1,0 +1,108 @@
+"""Comparison of models on one set of data or on several series."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from spool_identification.fit_result import FitSettings
+from spool_sim.model import Model, load_model
+from spool_stream.errors import InputError
+
+from spool_tools.console.outputs import write_json
+from spool_tools.console.progress import progress
+from spool_tools.console.terminal import warn
+from spool_tools.input.fit_data import Data, load_data
+from spool_tools.input.record_loading import Selection
+from spool_tools.report.comparison_tables import comparison_dictionary, print_comparison
+from spool_tools.report.fit_results import fit_and_judge
+from spool_tools.report.ranking import Series, rank
+
+from .fit_run import Outputs
+
+#: The paper's four models and the two that dry friction is usually told by.
+DEFAULT_MODELS = ("fluid", "coulomb", "stribeck", "microwedge", "mixed", "coulomb_hydrodynamic")
+
+
+def run_compare(
+    records: Sequence[Path],
+    valves: Sequence[str],
+    models: Sequence[str],
+    selection: Selection,
+    outputs: Outputs,
+    *,
+    held_out: Sequence[Path] = (),
+    together: bool = False,
+    sensor_gain: bool = False,
+    sensor_delay: bool = False,
+) -> int:
+    """Fit every model to every record, and rank them; return 1 where none has a result.
+
+    Raises:
+        InputError: records, valves or models cannot be used.
+    """
+    chosen = [load_model(name) for name in models or DEFAULT_MODELS]
+    names = [model.name for model in chosen]
+    doubled = next((name for name in names if names.count(name) > 1), None)
+    if doubled is not None:
+        raise InputError(f"--models: '{doubled}' stands there {names.count(doubled)} times: give each once")
+    settings = FitSettings(fit_gain=sensor_gain, fit_delay=sensor_delay)
+    wanted = outputs.within("compare")
+    loaded = load_series(records, valves, selection, held_out, together=together)
+    for data in loaded:
+        for doubt in data.doubts:
+            warn(f"{data.name}: {doubt}")
+    series = fit_all(loaded, chosen, settings)
+    ranking = rank(series)
+    if wanted.json is not None:
+        write_json(wanted.json, comparison_dictionary(series, ranking))
+    print_comparison(series, ranking, Console())
+    if wanted.report is not None and ranking.preferred is not None:
+        from spool_tools.report.compare_page import compare_page  # noqa: PLC0415 - matplotlib is needed here only
+        from spool_tools.report.fit_page import write_page  # noqa: PLC0415
+
+        with progress("drawing"):
+            write_page(wanted.report, compare_page(series, ranking))
+        print(f"{wanted.report}: pictures and tables")
+    return 0 if ranking.preferred is not None else 1
+
+
+def load_series(
+    records: Sequence[Path],
+    valves: Sequence[str],
+    selection: Selection,
+    held_out: Sequence[Path] = (),
+    *,
+    together: bool = False,
+) -> list[Data]:
+    """Return each record as a series of its own, or all as one set of data.
+
+    Raises:
+        InputError: records cannot be used, or the number of valves fits neither one nor each.
+    """
+    if len(valves) > 1 and (together or len(valves) != len(records)):
+        raise InputError(
+            f"--valve was given {len(valves)} times for {len(records)} records: give it once for all"
+            + ("" if together else " or once for each")
+        )
+    if together or len(records) == 1:
+        return [load_data(records, valves[0] if valves else None, selection, held_out)]
+    if held_out:
+        raise InputError("--holdout: several records are series of their own: give --together, or one record")
+    given: Sequence[str | None] = valves if len(valves) == len(records) else [*valves[:1]] or [None]
+    given = given if len(given) == len(records) else [given[0]] * len(records)
+    return [load_data([path], valve, selection) for path, valve in zip(records, given, strict=True)]
+
+
+def fit_all(data: Sequence[Data], models: Sequence[Model], settings: FitSettings) -> list[Series]:
+    """Return every model fitted to every series."""
+    series = []
+    with progress("fitting", len(data) * len(models)) as advance:
+        for one in data:
+            judged = []
+            for model in models:
+                judged.append(fit_and_judge(one, model, settings))
+                advance(1.0)
+            series.append(Series(one, tuple(judged)))
+    return series

@@ -1,0 +1,204 @@
+"""Gap analysis of records, with the files that come of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from spool_bag.tables.csv_record import DISPLACEMENT, FORCE, read_csv
+from spool_estimator.plausibility import check_records
+from spool_gap.analyse import analyse
+from spool_gap.force.force_analyse import analyse_forces
+from spool_gap.force.force_record import ForceRecord
+from spool_gap.result import COUNTED, GapResult, GapSettings
+from spool_identification.record_parts import LARGEST
+from spool_sim.model import Model, load_model
+from spool_sim.valve.description import Valve, find_valve
+from spool_stream.errors import InputError
+from spool_stream.quantity import Quantity
+from spool_stream.uncertainty import LEGEND, PLUS_MINUS, interval, width
+
+from spool_tools.console.outputs import write_file, write_json
+from spool_tools.console.progress import progress
+from spool_tools.console.terminal import warn
+from spool_tools.input.fit_data import check
+from spool_tools.input.record_loading import Selection, load_recordings, stretches_of
+from spool_tools.input.record_names import is_csv
+from spool_tools.report.provenance import sources
+
+#: Confidence at most where the record contradicts its valve file: its numbers are as likely wrong as right.
+DOUBTED_CONFIDENCE = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class GapOutputs:
+    """Files to write, ``None`` for those not wanted."""
+
+    json: Path | None = None
+    model: Path | None = None
+    report: Path | None = None
+
+
+def run_gap(
+    records: Sequence[Path],
+    valve: str | None,
+    base: str,
+    kind: str,
+    selection: Selection,
+    outputs: GapOutputs,
+    *,
+    holdout: Sequence[Path] = (),
+    gain_tolerance: float = 0.05,
+    delay_tolerance: float = 0.5e-3,
+) -> int:
+    """Find what ``base`` lacks in ``records`` and say it; return 0, whatever the verdict.
+
+    Raises:
+        InputError: records, valve or model cannot be used.
+    """
+    settings = GapSettings(gain_tolerance=gain_tolerance, delay_tolerance=delay_tolerance)
+    model = load_model(base)
+    done = 0.0
+    described: Valve | None = None
+    with progress("looking for the gap", 1.0) as advance:
+
+        def tell(_what: str, share: float) -> None:
+            nonlocal done
+            advance(max(0.0, share - done))
+            done = max(done, share)
+
+        if kind == "accelerations":
+            bounded = replace(selection, longest=LARGEST)
+            recordings, described = load_recordings(records, valve, bounded)
+            held = load_recordings(holdout, valve, bounded)[0] if holdout else []
+            for recording in held:
+                check(recording)
+            result = analyse(
+                stretches_of(recordings), described, model, holdout=stretches_of(held), settings=settings,
+                progress=tell,
+            )  # fmt: skip
+            result = doubted(result, check_records(described, stretches_of(recordings)))
+        else:
+            described = find_valve(valve) if valve is not None and kind == "driven" else None
+            known = None if described is None else described.moving_mass
+            forces, held_forces = (_force_records(paths, kind, selection) for paths in (records, holdout))
+            result = analyse_forces(
+                forces, model, kind, holdout=held_forces, mass=known, settings=settings, progress=tell
+            )
+    # Files first: who reads only the first lines of what is shown (`| head`) has them all the same.
+    written = []
+    if outputs.json is not None:
+        write_json(outputs.json, result.to_dict())
+    if outputs.report is not None:
+        from spool_tools.report.fit_page import write_page  # noqa: PLC0415 - matplotlib is needed here only
+        from spool_tools.report.gap_page import gap_page  # noqa: PLC0415
+
+        write_page(outputs.report, gap_page(result, sources([*records, *holdout], described)))
+        written.append(f"{outputs.report}: the report")
+    if outputs.model is not None:
+        found = f"{result.base_model} with what the gap analysis of {result.record} found: {result.verdict}"
+        save_model(outputs.model, result.model, result.parameters, found)
+        written.append(f"{outputs.model}: the model with what was found")
+    # Off a terminal names must not be cut to some width that nobody has.
+    console = Console()
+    show(result, console if console.is_terminal else Console(width=140))
+    for line in written:
+        print(line)
+    return 0
+
+
+def doubted(result: GapResult, doubts: Sequence[str]) -> GapResult:
+    """Return ``result`` with what speaks against its valve file said first, and its confidence capped."""
+    if not doubts:
+        return result
+    confidence = min(result.confidence, DOUBTED_CONFIDENCE)
+    return replace(result, warnings=(*doubts, *result.warnings), confidence=confidence)
+
+
+def _force_records(paths: Sequence[Path], kind: str, selection: Selection) -> list[ForceRecord]:
+    found = []
+    for path in paths:
+        if not is_csv(path):
+            raise InputError(f"{path}: a record of kind {kind} is a CSV file with displacement_m and force_N")
+        table = read_csv(path, kind, selection.columns, regular=False)
+        inside = (table.time - table.time[0] >= selection.start) & (
+            table.time - table.time[0] < selection.stop
+        )
+        for begin, end in pairwise([0, *table.gaps.tolist(), table.time.size]):
+            own = np.arange(begin, end)[inside[begin:end]]
+            if own.size < 30:
+                continue
+            time = table.time[own]
+            even = np.arange(time[0], time[-1] + 0.5 * table.period, table.period)
+            rows = (np.interp(even, time, table.columns[name][own]) for name in (DISPLACEMENT, FORCE))
+            found.append(ForceRecord(str(path), float(time[0]), table.period, *rows))
+    if paths and not found:
+        raise InputError(f"{paths[0]}: no stretch of 30 samples without a gap in it")
+    return found
+
+
+def show(result: GapResult, console: Console) -> None:
+    """Print the verdict, what was found and how the hypotheses rank."""
+    for warning in result.warnings:
+        warn(warning)
+    console.print(f"{result.verdict}  (confidence {result.confidence:.2f})", style="bold", highlight=False)
+    console.print(result.sentence, markup=False, highlight=False, soft_wrap=True)
+    console.print(f"Where it sat: {result.where.sentence}.", markup=False, highlight=False, soft_wrap=True)
+    if result.advice:
+        console.print(
+            f"What would tell more: {result.advice}.", markup=False, highlight=False, soft_wrap=True
+        )
+    numbers = Table("parameter", "value", PLUS_MINUS, "unit", box=None, pad_edge=False)
+    for quantity in result.parameters:
+        shown = interval(quantity.value, quantity.standard_deviation)
+        numbers.add_row(quantity.name, shown.value, shown.half_width, quantity.unit)
+    console.print(numbers)
+    if result.kind == "accelerations":
+        console.print(f"{LEGEND}; {COUNTED}", markup=False, highlight=False, soft_wrap=True)
+    else:
+        console.print(LEGEND, markup=False, highlight=False, soft_wrap=True)
+    table = Table(box=None, pad_edge=False)
+    for column in ("hypothesis", "beside", "error after", "evidence"):
+        table.add_column(column, no_wrap=True)
+    table.add_column("", overflow="fold")
+    for row in result.ranking[:10]:
+        note = "accepted" if row.accepted else row.reason
+        after = f"{100.0 * row.nrmse_after:.2f} %"
+        table.add_row(row.id, " + ".join(row.beside) or "the base", after, f"{row.evidence:.0f}", note)
+    if result.ranking:
+        console.print(table)
+
+
+def save_model(path: Path, model: Model, fitted: Sequence[Quantity], comment: str) -> None:
+    """Write ``model`` as YAML that simulator and estimator load.
+
+    Args:
+        path: to write.
+        model: its values are written as they are.
+        fitted: what was fitted; the deviations of these stand beside their values.
+        comment: first line, says where it comes from.
+
+    Raises:
+        InputError: the file cannot be written, or is there already.
+    """
+    known = {quantity.name: quantity for quantity in fitted}
+    lines = [
+        f"# {' '.join(comment.split())}",
+        f"name: {model.name[:93]}_gap",
+        f"terms: [{', '.join(term.name for term in model.terms)}]",
+        "parameters:",
+    ]
+    for parameter in model.parameters:
+        if parameter.name not in model.values:
+            continue
+        quantity = known.get(parameter.name)
+        note = "held" if quantity is None else width(quantity.value, quantity.standard_deviation)
+        lines.append(
+            f"  {parameter.name}: {float(model.values[parameter.name])!r}  # {parameter.unit}, {note}"
+        )
+    write_file(path, "\n".join(lines) + "\n", "--save-model")

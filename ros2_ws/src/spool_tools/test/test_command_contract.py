@@ -1,0 +1,76 @@
+"""Contract of every command, wherever its module lies."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from spool_tools.cli import app, main
+from spool_tools.console import command_group
+from spool_tools.console.command_group import command_modules, declaration
+from typer.main import get_command
+
+
+@pytest.fixture(scope="module", name="group")
+def _group() -> Any:
+    """The group of commands, with every command loaded."""
+    group: Any = get_command(app)
+    group.list_commands(None)
+    return group
+
+
+@pytest.mark.parametrize("name", command_modules())
+def test_help_shows_examples_that_are_parsed(name: str, group: Any) -> None:
+    examples = [line.strip() for line in group.commands[name].help.splitlines() if "Example:" in line]
+    assert examples
+    for example in examples:
+        words = example.removeprefix("Example: ./spool ").split()
+        assert words[0] == name
+        group.commands[name].make_context(name, words[1:])
+
+
+@pytest.mark.parametrize("name", command_modules())
+def test_nonsense_is_one_line_on_stderr_and_2(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    # Options behind a node's name are the node's: there nonsense is a package.
+    nonsense = ["no_such_package", "node"] if name == "run" else ["--no-such-option"]
+    assert main([name, *nonsense]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("spool: ")
+    assert said.err.count("\n") == 1
+
+
+def test_each_has_a_line_and_a_place_of_its_own() -> None:
+    declared = [declaration(name) for name in command_modules()]
+    assert all(one.line for one in declared)
+    assert len({one.place for one in declared}) == len(declared)
+
+
+def test_a_command_of_a_package_that_is_not_there_says_which_to_install(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = {name: module for name, module in command_modules().items() if module.startswith("spool_tools.")}
+    monkeypatch.setattr(command_group, "command_modules", lambda: own)
+    for name in command_group.ELSEWHERE:
+        assert main([name]) == 2
+        assert re.fullmatch(rf"spool: {name}: .*: install .*\n", capsys.readouterr().err)
+    assert main(["info", "--help"]) == 0
+
+
+def test_the_readme_shows_every_command_as_it_is_parsed(group: Any) -> None:
+    """The README's commands and the table below them name what there is, with options that exist."""
+    text = (Path(__file__).resolve().parent.parent / "README.md").read_text(encoding="utf-8")
+    lines = [line.split()[1:] for line in text.splitlines() if line.startswith("./spool ")]
+    assert {words[0] for words in lines} == {*group.commands, *command_group.ELSEWHERE}
+    for words in lines:
+        if words[0] in group.commands:
+            group.commands[words[0]].make_context(words[0], words[1:])
+    rows = [line.split(" | ") for line in text.splitlines() if line.startswith("| `") and "--" in line]
+    for row in rows:
+        name = re.split(r"[` ]", row[0].removeprefix("| `"))[0]
+        if name in group.commands:
+            parameters = group.commands[name].params
+            options = {option for one in parameters for option in one.opts if option.startswith("--")}
+            assert set(re.findall(r"--[a-z-]+", row[2])) == options
