@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from .description import Valve
+from typing import Any, Protocol
 
 #: kg/m^3, density of steel (EN 10088-1 gives 7700 to 8000 for stainless steels, plain steels lie in between).
 STEEL = 7850.0
@@ -33,7 +30,18 @@ _SLIPS: Mapping[str, tuple[tuple[str, float], ...]] = {
 }
 
 
-def implausible(valve: Valve) -> list[str]:
+class SpoolValve(Protocol):
+    """Numbers of a valve that are judged, in the units of its description."""
+
+    moving_mass: float
+    spool_mass: float
+    spring_stiffness: float
+    land_diameter: float
+    land_length: float
+    dynamic_viscosity: float
+
+
+def implausible(valve: SpoolValve) -> list[str]:
     """Return a sentence for each number that no spool valve has; empty where all can be.
 
     Bounds follow from the valve's own geometry, so that they hold for every size: the mass of a steel
