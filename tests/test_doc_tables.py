@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from spool_evaluation.bench import markdown_of
 from spool_evaluation.benchmarks.timing import Timing
-from spool_evaluation.monitor_cases.run import Outcome
+from spool_evaluation.monitor_cases.run import ScenarioOutcome
 from spool_evaluation.monitor_cases.table import markdown
 from spool_evaluation.studies import records, steps
 from spool_evaluation.studies.estimation import run as run_estimation
@@ -38,7 +38,7 @@ MADE = {
 }
 #: Tables that define or explain: names, meanings, settings, sources. Nothing in them was measured.
 EXPLAINING = {
-    "alarms.md": [("kind", "number"), ("file", "holds")],
+    "alarms.md": [("kind", "number"), ("number", "what it means"), ("file", "holds")],
     "architecture.md": [("package", "job"), ("topic", "offered")],
     "estimation.md": [("question", "answer")],
     "gap.md": [("verdict",), ("matter", "what happens")],
@@ -87,7 +87,7 @@ def test_the_tables_have_the_columns_that_their_commands_write(tmp_path: Path) -
     wanted = {
         "gap_study.md": [names for _, names in headers(study)],
         "gap_limits.md": [only_header(limits_text([limit], "x"))],
-        "monitoring.md": [only_header(markdown([Outcome("healthy", 1, 60.0, (), (), ())]))],
+        "monitoring.md": [only_header(markdown([ScenarioOutcome("healthy", 1, 60.0, (), (), ())]))],
         "physics.md": [only_header(steps.table({}))],
         "estimation.md": [only_header(records.table([]))],
         "benchmarks.md": [

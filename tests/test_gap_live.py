@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import pytest
 from spool_bag.reading.reader import BagReader
 from spool_estimator.estimator import Estimator, phase_of, settings_for
-from spool_monitor.messages import to_event_message
-from spool_monitor.monitor import Monitor, MonitorSettings
+from spool_monitor.detectors import MonitorSettings
+from spool_monitor.monitor import Monitor
+from spool_monitor.node.messages import to_event_message
 from spool_monitor.replay import Replay
 from spool_msgs.msg import GapAnalysis, HealthEvent, ModelEstimate, WindowRefit
 from spool_sim.model import load_model

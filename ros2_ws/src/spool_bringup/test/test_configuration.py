@@ -15,7 +15,7 @@ import pytest
 import yaml
 from spool_bag.recording.recorder_node import RecorderNode
 from spool_estimator.estimator_node import EstimatorNode
-from spool_monitor.monitor_node import MonitorNode
+from spool_monitor.node.monitor_node import MonitorNode
 from spool_node.managed_node import AUTOSTART, ManagedNode
 from spool_sim.simulator_node import SimulatorNode
 from spool_sim.valve.description import find_valve
@@ -76,7 +76,7 @@ import json, sys
 import rclpy
 from spool_bag.recording.recorder_node import RecorderNode
 from spool_estimator.estimator_node import EstimatorNode
-from spool_monitor.monitor_node import MonitorNode
+from spool_monitor.node.monitor_node import MonitorNode
 from spool_sim.simulator_node import SimulatorNode
 
 rclpy.init(args=["--ros-args", "-r", "__ns:=" + sys.argv[2], "--params-file", sys.argv[1]])

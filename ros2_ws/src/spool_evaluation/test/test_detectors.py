@@ -9,21 +9,21 @@ from itertools import islice
 import numpy as np
 import pytest
 from spool_estimator.estimator import Estimator, settings_for
-from spool_evaluation.monitor_cases.case import Case, ChannelFault
 from spool_evaluation.monitor_cases.draw import SCENARIOS, draw_cases
 from spool_evaluation.monitor_cases.healthy import healthy
 from spool_evaluation.monitor_cases.run import judge, replay, run_case, stream
+from spool_evaluation.monitor_cases.scenario import ChannelFault, Scenario
 from spool_evaluation.monitor_cases.table import markdown, rows
-from spool_monitor.alarms.event import EventState
-from spool_monitor.detectors import DETECTORS, LINE, Judgement, Moment
-from spool_monitor.monitor import Monitor, MonitorSettings
+from spool_monitor.detectors import DETECTORS, LINE, Judgement, Moment, MonitorSettings
+from spool_monitor.events.event import EventState
+from spool_monitor.monitor import Monitor
 from spool_monitor.replay import Replay
 from spool_monitor.signals.spectrum import Line
 from spool_sim.simulator import DEFAULT_START_STAMP
 from spool_stream.block import Block
 
 
-def short(seconds: float = 40.0, **changes: object) -> Case:
+def short(seconds: float = 40.0, **changes: object) -> Scenario:
     return replace(healthy(np.random.default_rng(4)), seconds=seconds, sample_rate=1000.0, **changes)
 
 
@@ -41,7 +41,7 @@ def test_a_moment_that_shows_nothing_of_what_a_detector_looks_at_tells_it_nothin
     detection = replay(short(20.0)).monitor.detection
     one = {detector.name: detector for detector in detection.detectors}[name]
     before = pickle.dumps(vars(one))
-    nothing = Moment(10**18, 15.0, detection.usual, detection.parameters, detection.learned)
+    nothing = Moment(10**18, 15.0, detection.reference, detection.parameters, detection.learned)
     window = Line(10**18, 15.0, 5.0, 9.0, 1.8, 1e-3, 0.9)
     unseen = nothing if LINE in one.looks_at else replace(nothing, line=window)
     assert one.update(unseen) is None
@@ -51,7 +51,7 @@ def test_a_moment_that_shows_nothing_of_what_a_detector_looks_at_tells_it_nothin
 def test_names_of_conditions_are_unique_and_sensors_come_first() -> None:
     conditions = Monitor().detection.conditions
     assert len({condition.name for condition in conditions.values()}) == len(DETECTORS)
-    kinds = [entry.kind for entry in DETECTORS.values()]
+    kinds = [entry.kind.name for entry in DETECTORS.values()]
     assert kinds == sorted(kinds, key=lambda kind: kind != "sensor_fault")
 
 

@@ -1,4 +1,4 @@
-"""All detectors of one valve, shown each moment of its data; their conditions make the events."""
+"""Detection: all detectors of one valve, shown each moment of its data; their conditions make the events."""
 
 from __future__ import annotations
 
@@ -8,24 +8,28 @@ from dataclasses import dataclass, field, replace
 from spool_estimator.estimate import Estimate
 from spool_stream.block import Block
 
-from spool_monitor.alarms.event import Condition, Event
+from spool_monitor.detectors import ESTIMATE, LINE, SIGNALS, Detector, Judgement, Moment, detectors
+from spool_monitor.detectors.settings import (
+    BASELINE_TIME,
+    FALSE_ALARM_HOURS,
+    MINIMUM_BODY,
+    NATURAL_FREQUENCY,
+    MonitorSettings,
+)
+from spool_monitor.drift.baseline import Baseline
+from spool_monitor.drift.parameter_drift import ParameterDrift
+from spool_monitor.events.condition import Condition
+from spool_monitor.events.event import Event
 from spool_monitor.signals.channel_signals import Signals, look
 from spool_monitor.signals.response import Response, ResponseTracker
 from spool_monitor.signals.spectrum import Line, find_line
 from spool_monitor.signals.window import WindowTracker
 
-from .detectors import ESTIMATE, LINE, SIGNALS, Detector, Finding, Judgement, Moment, detectors
-from .drift import Baseline, ParameterDrift
-from .settings import MonitorSettings
-
 #: s after the last suspicion before parameters are judged again, in memories of the estimator.
 WARY = 2.5
 
 #: Damping ratio that a valve is taken to have until it is known.
-USUAL_DAMPING = 0.25
-
-#: What the channels show of a healthy valve and sensors: names of the start values, and s for each.
-LEARNED = ("channel_gain", "body_mean", "spool_mean")
+ASSUMED_DAMPING = 0.25
 
 #: Change of stiffness that dry friction can feign, each in units of what matters.
 STICKING = 0.5
@@ -36,17 +40,18 @@ STICKS = 0.55
 #: Rank of what judges parameters.
 PARAMETERS = 9
 
-#: Windows that fit the usual response before it follows them, and by how much it does each.
+#: Windows that fit the reference response before it follows them, and by how much it does each.
 FOLLOWS = 0.1
 
 
 @dataclass(slots=True)
 class Detection:
-    """Show blocks and estimates to the detectors.
+    """Detection: shows blocks and estimates to the detectors.
 
     Attributes:
         parameters: tests of the estimated parameters, by name.
         learned: start values of what the channels show, by name.
+        units: of both, by name.
         conditions: delays and state of each detector's event, by the detector's name.
         doubt: why nothing that depends on time or frequency can be judged now, empty where it can.
 
@@ -55,10 +60,11 @@ class Detection:
     settings: MonitorSettings
     windows: WindowTracker = field(default_factory=WindowTracker)
     response: ResponseTracker = field(default_factory=ResponseTracker)
-    usual: Response = field(init=False)
+    reference: Response = field(init=False)
     detectors: tuple[Detector, ...] = field(init=False)
     parameters: dict[str, ParameterDrift] = field(init=False)
     learned: dict[str, Baseline] = field(init=False)
+    units: dict[str, str] = field(init=False)
     conditions: dict[str, Condition] = field(init=False)
     doubt: str = ""
     line: Line | None = field(default=None, init=False)
@@ -69,24 +75,25 @@ class Detection:
 
     def __post_init__(self) -> None:
         settings = self.settings
-        self.usual = configured(settings.natural_frequency)
+        self.reference = configured(settings[NATURAL_FREQUENCY])
         self.detectors = detectors(settings)
         self.conditions = {
             one.name: Condition(
-                one.kind, one.on_delay, one.off_delay, "" if one.name == one.kind else one.name
+                one.kind, one.on_delay, one.off_delay, "" if one.name == one.kind.name else one.name
             )
             for one in self.detectors
         }
-        run_length = settings.false_alarm_hours * 3600.0
-        self.parameters = {
-            name: ParameterDrift(name, matters, relative, Baseline(settings.baseline_time), run_length)
-            for name, matters, relative in (
-                ("viscous_coefficient", settings.viscous_change, True),
-                ("coulomb_force", settings.coulomb_change, False),
-                ("spring_stiffness", settings.stiffness_change, True),
-            )
-        }
-        self.learned = {name: Baseline(settings.baseline_time) for name in LEARNED}
+        duration = settings[BASELINE_TIME]
+        self.units = {name: unit for one in self.detectors for name, unit in one.learns.items()}
+        self.learned = {name: Baseline(duration) for name in self.units}
+        self.parameters = {}
+        for one in self.detectors:
+            for test in one.drifts:
+                relative = test.limit.unit == "1"
+                drift = ParameterDrift(test.parameter, settings[test.limit], relative, Baseline(duration))
+                self.parameters[test.parameter] = drift
+                self.units[test.parameter] = test.unit
+        self.set_limits(settings)
 
     @property
     def distrust(self) -> str:
@@ -101,24 +108,20 @@ class Detection:
     def configure(self, settings: MonitorSettings) -> None:
         """Take new settings, of which only the configured natural frequency differs."""
         self.settings = settings
-        if math.isnan(self.usual.misfit):
-            self.usual = configured(settings.natural_frequency)
+        if math.isnan(self.reference.misfit):
+            self.reference = configured(settings[NATURAL_FREQUENCY])
 
     def set_limits(self, settings: MonitorSettings) -> None:
         """Judge by other thresholds from now on; sums of changes whose size is another one start anew."""
         self.settings = settings
         for one in self.detectors:
             one.settings = settings
-        for name, matters in (
-            ("viscous_coefficient", settings.viscous_change),
-            ("coulomb_force", settings.coulomb_change),
-            ("spring_stiffness", settings.stiffness_change),
-        ):
-            parameter = self.parameters[name]
-            parameter.run_length = settings.false_alarm_hours * 3600.0
-            if parameter.matters != matters:
-                parameter.matters = matters
-                parameter.reset()
+            for test in one.drifts:
+                drift, matters = self.parameters[test.parameter], settings[test.limit]
+                drift.run_length = settings[FALSE_ALARM_HOURS] * 3600.0
+                if drift.matters != matters:
+                    drift.matters = matters
+                    drift.reset()
 
     def restart(self, period: float) -> None:
         """Take note that samples are missing, or of the first ones, ``period`` s apart."""
@@ -137,8 +140,7 @@ class Detection:
                 events += self._show_signals(look(window), natural_frequency)
             self.line = find_line(window)
             events += self._show(
-                LINE,
-                self._moment(window.stamp, natural_frequency, line=self.line, silent=self.line is None),
+                LINE, self._moment(window.stamp, natural_frequency, line=self.line, silent=self.line is None)
             )
         self._stamp = block.end
         return events
@@ -146,8 +148,8 @@ class Detection:
     def update_estimate(self, estimate: Estimate, natural_frequency: float) -> list[Event]:
         """Take an estimate; return what began or ended with it."""
         self._memory = estimate.memory
-        if self.usual.natural_frequency == 0.0 and estimate.natural_frequency.known:
-            self.usual = configured(estimate.natural_frequency.value)
+        if self.reference.natural_frequency == 0.0 and estimate.natural_frequency.known:
+            self.reference = configured(estimate.natural_frequency.value)
         self._stamp = max(self._stamp, estimate.stamp)
         distrust = bool(self.distrust)
         # A spool that sticks more of the time also looks as if it had another spring.
@@ -161,11 +163,11 @@ class Detection:
         return self._show(ESTIMATE, self._moment(estimate.stamp, natural_frequency, estimate=estimate))
 
     def _show_signals(self, signals: Signals, natural_frequency: float) -> list[Event]:
-        shaken = signals.body.rms >= self.settings.minimum_body
+        shaken = signals.body.rms >= self.settings[MINIMUM_BODY]
         if shaken:
             self._velocity = signals.relative_velocity
-        known = shaken and self.usual.natural_frequency > 0.0
-        response = self.response.update(signals, self.usual) if known else None
+        known = shaken and self.reference.natural_frequency > 0.0
+        response = self.response.update(signals, self.reference) if known else None
         if not shaken:
             self.response.restart()
         moment = self._moment(signals.stamp, natural_frequency, signals=signals, response=response)
@@ -175,12 +177,12 @@ class Detection:
         return events
 
     def _follow(self, response: Response) -> None:
-        """Let the usual response follow what was measured, slowly, and never beyond what a valve has."""
-        old, new = self.usual, response
+        """Let the reference response follow what was measured, slowly, and never beyond what a valve has."""
+        old, new = self.reference, response
         ratio = new.natural_frequency / old.natural_frequency
         if new.misfit > 0.5 or not 0.5 < ratio < 2.0:
             return
-        self.usual = replace(
+        self.reference = replace(
             old,
             natural_frequency=old.natural_frequency * ratio**FOLLOWS,
             damping=old.damping * min(2.0, max(0.5, new.damping / old.damping)) ** FOLLOWS,
@@ -199,7 +201,7 @@ class Detection:
         estimate: Estimate | None = None,
     ) -> Moment:
         return Moment(
-            stamp, natural_frequency, self.usual, self.parameters, self.learned,
+            stamp, natural_frequency, self.reference, self.parameters, self.learned,
             line, silent, signals, response, estimate, self._velocity,
         )  # fmt: skip
 
@@ -213,7 +215,7 @@ class Detection:
                 distrust = self._distrust(moment.stamp, one.rank)
                 finding = one.update(replace(moment, distrust=distrust) if distrust else moment)
                 if finding is not None:
-                    events += self._judge(one, finding)
+                    events += self.conditions[one.name].judge(finding)
             active = self.conditions[one.name].active is not None and one.judgement is not Judgement.JUDGED
             if one.suspicious or (active and one.rank < PARAMETERS):
                 reason = one.suspicious or f"{one.name.replace('_', ' ')} is active"
@@ -231,16 +233,6 @@ class Detection:
                 return reason
         return ""
 
-    def _judge(self, one: Detector, finding: Finding) -> list[Event]:
-        return self.conditions[one.name].judge(
-            finding.stamp,
-            finding.indicated,
-            released=finding.released,
-            cause=finding.cause,
-            quantity=finding.quantity,
-            message=finding.message,
-        )
-
 
 def _sticks(estimate: Estimate) -> bool:
     """Whether dry friction holds the spool for so long that little is seen of its spring."""
@@ -251,5 +243,5 @@ def _sticks(estimate: Estimate) -> bool:
 
 def configured(natural_frequency: float) -> Response:
     """Return the response of a valve of which only the natural frequency (Hz) is known."""
-    damping = 2.0 * USUAL_DAMPING * 2.0 * math.pi * natural_frequency
+    damping = 2.0 * ASSUMED_DAMPING * 2.0 * math.pi * natural_frequency
     return Response(natural_frequency, damping, 1.0, math.inf, math.nan)

@@ -1,4 +1,4 @@
-"""Estimator and monitor over recorded blocks: what the live nodes do, without ROS."""
+"""Replay of recorded blocks through estimator and monitor: what the live nodes do, without ROS."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ from spool_estimator.refit import Refit, WindowRefits, refit
 from spool_stream.block import Block
 from spool_stream.block_gate import BlockGate, SharedGate
 
-from spool_monitor.alarms.event import Event, EventState, gap_event
+from spool_monitor.detectors.model_gap import gap_event
+from spool_monitor.events.event import Event, EventState
 
 from .monitor import Monitor
 
 
 @dataclass(slots=True)
 class Replay:
-    """One valve's estimator and monitor, driven by its blocks in their order.
+    """Replay of one valve: estimator and monitor, driven by its blocks in their order.
 
     Blocks that follow each other to the nanosecond are taken together, up to the next estimate; that changes
     nothing. What was taken shows after ``flush``.

@@ -1,4 +1,4 @@
-"""Compile every kernel now, so that no node does it at its first sample.
+"""Warm-up: compile every kernel now, so that no node does it at its first sample.
 
 Run as ``python -m spool_monitor.warm_up``; the kernels of simulator and estimator come with it.
 """
@@ -9,10 +9,11 @@ import numpy as np
 from spool_estimator.warm_up import warm_up
 from spool_stream.block import Block
 
+from spool_monitor.detectors import MonitorSettings
 from spool_monitor.detectors.stuck_spool import due_power
 from spool_monitor.signals.travel import TravelCounter
 
-from .monitor import Monitor, MonitorSettings
+from .monitor import Monitor
 
 #: s of data after which every kernel has run.
 SECONDS = 3

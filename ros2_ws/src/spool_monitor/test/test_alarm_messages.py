@@ -5,10 +5,10 @@ from enum import IntEnum
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from spool_monitor.alarms.alarm import AlarmState, Operator
-from spool_monitor.alarms.alarm_code import Namur
-from spool_monitor.alarms.alarm_store import AlarmBook
-from spool_monitor.alarms.event import Event, EventState, Severity
-from spool_monitor.messages import to_alarm_list
+from spool_monitor.alarms.alarm_store import AlarmStore
+from spool_monitor.events.event import Event, EventState, Severity
+from spool_monitor.events.event_kind import Namur
+from spool_monitor.node.messages import to_alarm_list
 from spool_msgs.msg import Alarm, AlarmList, ValveHealth
 from spool_stream.quantity import Quantity
 
@@ -28,7 +28,7 @@ def test_numbers_are_those_of_the_message(enumeration: type[IntEnum], message: t
 
 
 def test_alarms_go_through_their_message_in_their_order() -> None:
-    book = AlarmBook()
+    book = AlarmStore()
     for number, kind in enumerate(("resonance", "friction_drift"), 1):
         quantity = Quantity("change", "N", 0.25)
         source = "coulomb_force" if kind == "friction_drift" else ""

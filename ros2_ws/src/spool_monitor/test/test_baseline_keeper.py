@@ -11,9 +11,10 @@ import pytest
 from spool_estimator.estimate import Estimate, State
 from spool_monitor.alarms.alarm import AlarmRefusedError, Operator
 from spool_monitor.detection import Detection
+from spool_monitor.detectors import MonitorSettings
+from spool_monitor.drift.baseline import HealthyValue
 from spool_monitor.history.baseline_keeper import KEPT, BaselineKeeper, healthy_values, relearn, take_up
-from spool_monitor.history.baseline_record import BaselineRecord, BaselineStage, HealthyValue
-from spool_monitor.settings import MonitorSettings
+from spool_monitor.history.baseline_record import BaselineRecord, BaselineStage
 from spool_stream.errors import InputError
 from spool_stream.quantity import Quantity, Validity
 

@@ -6,9 +6,11 @@ import re
 import pytest
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
-from spool_monitor.alarms.event import Event
-from spool_monitor.drift import Baseline, ParameterDrift
-from spool_monitor.monitor import Monitor, MonitorSettings
+from spool_monitor.detectors import MonitorSettings
+from spool_monitor.drift.baseline import Baseline
+from spool_monitor.drift.parameter_drift import ParameterDrift
+from spool_monitor.events.event import Event
+from spool_monitor.monitor import Monitor
 from spool_monitor.replay import Replay
 from spool_sim.excitation.presets import PRESETS
 from spool_sim.sensors import Sensor

@@ -7,8 +7,10 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from spool_monitor.alarms.event import EventState
-from spool_monitor.monitor import Monitor, MonitorSettings
+from spool_monitor.detectors import MonitorSettings
+from spool_monitor.detectors.settings import NATURAL_FREQUENCY
+from spool_monitor.events.event import EventState
+from spool_monitor.monitor import Monitor
 from spool_stream.block import Block
 from spool_stream.errors import InputError
 
@@ -42,7 +44,7 @@ def test_a_lowered_limit_finds_the_resonance_that_the_old_one_let_pass() -> None
         ("resonance", EventState.RAISED)
     ]
     # What was known of the valve stays.
-    assert monitor.settings.natural_frequency == 15.0
+    assert monitor.settings[NATURAL_FREQUENCY] == 15.0
 
 
 @pytest.mark.parametrize(("on", "off"), [(1.2, 1.9), (1.8, 1.8)])
@@ -50,4 +52,9 @@ def test_thresholds_in_the_wrong_order_are_refused(on: float, off: float) -> Non
     with pytest.raises(
         InputError, match=rf"amplification_off \({off}\) must lie below amplification_on \({on}\)"
     ):
-        MonitorSettings(amplification_on=on, amplification_off=off)
+        Monitor(MonitorSettings(amplification_on=on, amplification_off=off))
+
+
+def test_a_limit_that_there_is_not_is_refused_with_those_there_are() -> None:
+    with pytest.raises(InputError, match=r"no limit 'gain_chnge'; there are: .*gain_change"):
+        Monitor(MonitorSettings(gain_chnge=0.2))

@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 from spool_estimator.estimate import State
 from spool_estimator.estimator import Estimator, settings_for
-from spool_monitor.alarms.event import Event, EventState, Severity
-from spool_monitor.detectors import Judgement
-from spool_monitor.monitor import FIRST_BLOCK, FIRST_ESTIMATE, BaselineState, Level, Monitor, MonitorSettings
+from spool_monitor.detectors import Judgement, MonitorSettings
+from spool_monitor.detectors.stale import STALE_AFTER
+from spool_monitor.events.event import Event, EventState, Severity
+from spool_monitor.health import BaselineState, Level
+from spool_monitor.monitor import FIRST_BLOCK, FIRST_ESTIMATE, Monitor
 from spool_monitor.replay import Replay
 from spool_sim.excitation.kinds import Excitation, from_mapping
 from spool_sim.excitation.presets import PRESETS
@@ -455,7 +457,7 @@ def test_an_estimate_stands_in_for_a_missing_description() -> None:
 
 def test_a_valve_that_never_sent_is_stale_after_the_time_to_start() -> None:
     monitor = Monitor()
-    patience = monitor.settings.stale_after + FIRST_BLOCK
+    patience = monitor.settings[STALE_AFTER] + FIRST_BLOCK
     assert monitor.idle(patience, patience, now=START) == []
     health = monitor.health
     assert (health.level, health.baseline) == (Level.UNKNOWN, BaselineState.UNKNOWN)
@@ -508,7 +510,7 @@ def test_the_first_estimate_may_take_longer() -> None:
     monitor = Monitor()
     for block in blocks(0.5):
         monitor.update(block)
-    patience = monitor.settings.stale_after + FIRST_ESTIMATE
+    patience = monitor.settings[STALE_AFTER] + FIRST_ESTIMATE
     assert monitor.idle(0.0, patience) == []
     (event,) = monitor.idle(0.0, patience + 0.1)
     assert (event.kind, event.cause) == ("stale", "estimate")

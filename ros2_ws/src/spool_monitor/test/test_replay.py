@@ -12,8 +12,10 @@ from spool_estimator.estimate import Estimate
 from spool_estimator.estimator import settings_for
 from spool_estimator.estimators import ESTIMATORS, make_estimator
 from spool_estimator.gap_requests.gap_watch import GapWatch
-from spool_monitor.alarms.event import Event, EventState, gap_event
-from spool_monitor.monitor import Monitor, MonitorSettings
+from spool_monitor.detectors import MonitorSettings
+from spool_monitor.detectors.model_gap import gap_event
+from spool_monitor.events.event import Event, EventState
+from spool_monitor.monitor import Monitor
 from spool_monitor.replay import Replay
 from spool_sim.excitation.kinds import from_mapping, load_excitation
 from spool_sim.model import model_from_mapping

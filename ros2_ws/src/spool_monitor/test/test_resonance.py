@@ -4,11 +4,11 @@ import math
 from dataclasses import dataclass, field
 
 import pytest
-from spool_monitor.alarms.event import Condition, Event, EventState, Severity
 from spool_monitor.detection import Detection, configured
-from spool_monitor.detectors import Moment
-from spool_monitor.detectors.resonance import Resonance
-from spool_monitor.settings import MonitorSettings
+from spool_monitor.detectors import Moment, MonitorSettings
+from spool_monitor.detectors.resonance import KIND, Resonance
+from spool_monitor.events.condition import Condition
+from spool_monitor.events.event import Event, EventState, Severity
 from spool_monitor.signals.spectrum import Line
 
 NATURAL = 15.0
@@ -19,7 +19,7 @@ class Judge:
     """The detector with its condition."""
 
     detector: Resonance = field(default_factory=lambda: Resonance(MonitorSettings()))
-    condition: Condition = field(default_factory=lambda: Condition("resonance", 0.5, 1.0))
+    condition: Condition = field(default_factory=lambda: Condition(KIND, 0.5, 1.0))
     detection: Detection = field(default_factory=lambda: Detection(MonitorSettings()))
 
     def see(self, stamp: int, line: Line | None, natural: float = NATURAL, **more: object) -> list[Event]:
@@ -30,17 +30,14 @@ class Judge:
         )  # fmt: skip
         found = self.detector.update(moment)
         assert found is not None
-        return self.condition.judge(
-            found.stamp, found.indicated, released=found.released, cause=found.cause,
-            quantity=found.quantity, message=found.message,
-        )  # fmt: skip
+        return self.condition.judge(found)
 
 
 def line(seconds: float, frequency: float, amplification: float, body: float = 5.0) -> Line:
     return Line(round(seconds * 1e9), frequency, body, amplification * body, amplification, 1e-3, 0.9)
 
 
-def drive(judge: Judge, seconds: float, *arguments: float, start: float = 0.0) -> list[Event]:
+def shake(judge: Judge, seconds: float, *arguments: float, start: float = 0.0) -> list[Event]:
     """Show the same line four times a second."""
     events = []
     for number in range(round(4 * seconds)):
@@ -68,7 +65,7 @@ def test_near_and_amplified_and_strong(
     frequency: float, amplification: float, body: float, severity: Severity | None
 ) -> None:
     detector = Judge()
-    events = drive(detector, 5.0, frequency, amplification, body)
+    events = shake(detector, 5.0, frequency, amplification, body)
     assert [event.severity for event in events] == ([severity] if severity else [])
     for event in events:
         assert event.state is EventState.RAISED
@@ -89,8 +86,8 @@ def test_near_and_amplified_and_strong(
 )
 def test_release(frequency: float, amplification: float, body: float, clears: bool) -> None:
     detector = Judge()
-    assert len(drive(detector, 2.0, 15.0, 2.5)) == 1
-    events = drive(detector, 5.0, frequency, amplification, body, start=2.0)
+    assert len(shake(detector, 2.0, 15.0, 2.5)) == 1
+    events = shake(detector, 5.0, frequency, amplification, body, start=2.0)
     assert [event.state for event in events] == ([EventState.CLEARED] if clears else [])
     assert [event.stamp for event in events] == ([3_000_000_000] if clears else [])
 
@@ -105,10 +102,10 @@ def test_it_follows_the_natural_frequency() -> None:
 
 def test_the_message_tells_what_the_model_expects_and_how_long_it_lasts() -> None:
     judge = Judge()
-    (raised,) = drive(judge, 2.0, 15.0, 2.5)
+    (raised,) = shake(judge, 2.0, 15.0, 2.5)
     expected = abs(configured(NATURAL).transfer(15.0))
     assert f"({expected:.1f} expected)" in raised.message
-    (cleared,) = drive(judge, 3.0, 40.0, 0.5, start=2.0)
+    (cleared,) = shake(judge, 3.0, 40.0, 0.5, start=2.0)
     assert cleared.stamp == 3_000_000_000
     assert "1.00 mm" in raised.message
     assert "change the machine's speed" in raised.message
@@ -117,7 +114,7 @@ def test_the_message_tells_what_the_model_expects_and_how_long_it_lasts() -> Non
 def test_silence_ends_it_after_the_same_delay() -> None:
     judge = Judge()
     assert judge.see(0, None) == []
-    drive(judge, 2.0, 15.0, 2.5)
+    shake(judge, 2.0, 15.0, 2.5)
     events = [
         event for number in range(12) for event in judge.see(2_000_000_000 + number * 250_000_000, None)
     ]

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from spool_monitor.alarms.alarm import Operator
-from spool_monitor.alarms.event import Event, EventState, Severity
+from spool_monitor.events.event import Event, EventState, Severity
 from spool_monitor.history.state_file import StateFile
 from spool_monitor.history.valve_state import ALARMS, RETRY, ValveState
 from spool_monitor.monitor import Monitor
@@ -34,7 +34,7 @@ WORKER = """
 import sys
 from pathlib import Path
 from spool_monitor.alarms.alarm import Operator
-from spool_monitor.alarms.event import Event, EventState, Severity
+from spool_monitor.events.event import Event, EventState, Severity
 from spool_monitor.monitor import Monitor
 from spool_monitor.history.valve_state import ValveState
 from spool_stream.quantity import Quantity

@@ -16,9 +16,9 @@ import numpy as np
 from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.monitor import Monitor
 from spool_monitor.signals.travel import TravelCounter
-from spool_sim.excitation.presets import PRESETS
+from spool_sim.presets import PRESETS
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 from spool_stream.block import Block
 
 valve = find_valve("4weh10_soft")
@@ -53,7 +53,7 @@ import spool_estimator, spool_monitor, spool_sim, spool_stream
 hits = misses = 0
 for package in (spool_sim, spool_stream, spool_estimator, spool_monitor):
     for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
-        if module.name.endswith(("_node", "messages", "_desk", "__main__")):
+        if module.name.endswith(("_node", "messages", "_services", "_tasks", "__main__")):
             continue
         for kernel in vars(importlib.import_module(module.name)).values():
             if hasattr(kernel, "py_func"):

@@ -1,4 +1,4 @@
-"""Simulate a scenario and show it to estimator and monitor, second by second."""
+"""Run of a scenario: simulated, and shown to estimator and monitor second by second."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from typing import Any
 
 import numpy as np
 from spool_estimator.estimator import Estimator, settings_for
-from spool_monitor.alarms.event import Event, EventState
+from spool_monitor.detectors import MonitorSettings
+from spool_monitor.events.event import Event, EventState
 from spool_monitor.monitor import Monitor
 from spool_monitor.replay import Replay
-from spool_monitor.settings import MonitorSettings
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import DEFAULT_START_STAMP, Simulator
 from spool_stream.block import Block
 
-from .case import Case, ChannelFault
+from .scenario import ChannelFault, Scenario
 
 #: Blocks a second.
 BLOCK_RATE = 10
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
-    """What the monitor made of a case.
+class ScenarioOutcome:
+    """Outcome: what the monitor made of a scenario.
 
     Attributes:
         delays: s from when each expected event was due to when it was raised, NaN where it was not in time.
@@ -53,7 +53,7 @@ class Outcome:
         }
 
 
-def stream(case: Case) -> Iterator[Block | tuple[int, float]]:
+def stream(case: Scenario) -> Iterator[Block | tuple[int, float]]:
     """Yield the blocks of ``case`` and, once a second, (stamp in ns, oil temperature in deg C)."""
     simulator = Simulator(
         case.drawn_valve,
@@ -111,7 +111,7 @@ def _hurt(
     return replace(block, body=changed) if fault.channel == "body" else replace(block, spool=changed)
 
 
-def replay(case: Case, *, keep: bool = False, settings: MonitorSettings | None = None) -> Replay:
+def replay(case: Scenario, *, keep: bool = False, settings: MonitorSettings | None = None) -> Replay:
     """Return the cores after ``case``: those of the live nodes, with their default settings."""
     valve = case.drawn_valve
     chosen = settings or MonitorSettings(natural_frequency=valve.natural_frequency)
@@ -124,12 +124,12 @@ def replay(case: Case, *, keep: bool = False, settings: MonitorSettings | None =
     return one
 
 
-def run_case(case: Case) -> Outcome:
+def run_case(case: Scenario) -> ScenarioOutcome:
     """Replay ``case`` and compare the events with what was expected."""
     return judge(case, replay(case).events)
 
 
-def judge(case: Case, events: list[Event]) -> Outcome:
+def judge(case: Scenario, events: list[Event]) -> ScenarioOutcome:
     """Compare ``events`` with what ``case`` expects; a severity that grows is no event of its own."""
     raised = [
         ((event.stamp - DEFAULT_START_STAMP) * 1e-9, event.kind, event.cause)
@@ -148,7 +148,7 @@ def judge(case: Case, events: list[Event]) -> Outcome:
         first = min((event[0] for event in fitting), default=math.inf)
         delays.append(first - one.reached if first <= one.by else math.nan)
     false = [event for event in raised if event not in right and event[1] not in case.follows]
-    return Outcome(
+    return ScenarioOutcome(
         case.kind,
         case.seed,
         case.seconds,

@@ -1,1 +1,1 @@
-"""Alarms and events: their life cycle, codes, remedies and services."""
+"""Alarms: their life cycle after ISA-18.2, and all those of a valve."""

@@ -1,4 +1,4 @@
-"""One alarm and its transitions, after ISA-18.2 (IEC 62682) and OPC UA Part 9; no clock, no ROS."""
+"""Alarm and its transitions, after ISA-18.2 (IEC 62682) and OPC UA Part 9; no clock, no ROS."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 
 from spool_stream.errors import InputError
 
-from .alarm_code import Namur, code, namur
-from .event import Event, EventState, Severity, condition_name
+from spool_monitor.detectors import event_kind
+from spool_monitor.events.event import Event, EventState, Severity, condition_name
+from spool_monitor.events.event_kind import Namur
 
 
 class AlarmState(enum.IntEnum):
@@ -31,7 +32,7 @@ class AlarmState(enum.IntEnum):
 
 
 class Input(enum.Enum):
-    """What can happen to an alarm."""
+    """Input of an alarm's state machine: what can happen to it."""
 
     RAISE = "raise"
     CLEAR = "clear"
@@ -47,7 +48,7 @@ class Input(enum.Enum):
 
 
 class Action(enum.Enum):
-    """What an operator's display does about a transition."""
+    """Action of an operator's display about a transition."""
 
     ANNOUNCE = "announce"  # show it, sound the horn: somebody has to acknowledge
     SILENCE = "silence"  # it has been acknowledged
@@ -57,12 +58,12 @@ class Action(enum.Enum):
 
 
 class AlarmRefusedError(InputError):
-    """The alarm is in no state for that; the message says why."""
+    """Refusal: the alarm is in no state for that; the message says why."""
 
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """One condition of a valve as an operator sees it; times in ns, 0: never.
+    """Alarm: one condition of a valve as an operator sees it; times in ns, 0: never.
 
     ``active`` and ``severity`` follow the condition; ``occurrence`` counts how often it was announced.
     ``acknowledged_by`` and ``comment`` are the last operator's. ``shelved_until`` is 0 for a shelf that lasts
@@ -94,18 +95,18 @@ class Alarm:
 
     @property
     def name(self) -> str:
-        """What tells it from the valve's others, e.g. ``friction_drift/coulomb_force``."""
+        """Name that distinguishes it from the valve's others, e.g. ``friction_drift/coulomb_force``."""
         return condition_name(self.kind, self.source)
 
     @property
     def code(self) -> int:
         """Stable number of kind and cause."""
-        return code(self.kind, self.cause)
+        return event_kind(self.kind).cause(self.cause).code
 
     @property
     def namur(self) -> Namur:
         """Status after NE 107 that it gives the valve now."""
-        return namur(self.kind, self.cause) if self.active else Namur.NORMAL
+        return event_kind(self.kind).cause(self.cause).namur if self.active else Namur.NORMAL
 
     @property
     def hidden(self) -> bool:
@@ -134,7 +135,7 @@ class Alarm:
 
 @dataclass(frozen=True, slots=True)
 class Operator:
-    """Who does something to an alarm, when (ns), and what is said about it."""
+    """Operator who does something to an alarm, when (ns), and what is said about it."""
 
     who: str
     stamp: int
@@ -147,7 +148,7 @@ class Operator:
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """What an input made of an alarm."""
+    """Transition of an alarm by an input."""
 
     before: Alarm
     input: Input
@@ -207,7 +208,7 @@ def _clear(alarm: Alarm, event: Event) -> Transition:
     actions: tuple[Action, ...] = () if alarm.hidden else (Action.RETURN,)
     if alarm.shelved and not alarm.shelved_until:
         after = _unshelved(after)
-        actions = _uncovered(alarm, after)
+        actions = _cover_actions(alarm, after)
     return Transition(alarm, Input.CLEAR, after, actions)
 
 
@@ -267,7 +268,7 @@ def shelve(alarm: Alarm, operator: Operator, seconds: float) -> Transition:
         )
     until = operator.stamp + round(seconds * 1e9) if seconds else 0
     after = replace(alarm, shelved=True, shelved_at=operator.stamp, shelved_until=until)
-    return _operated(alarm, Input.SHELVE, operator, after, () if alarm.hidden else (Action.HIDE,))
+    return _covered(alarm, Input.SHELVE, operator, after)
 
 
 def unshelve(alarm: Alarm, operator: Operator) -> Transition:
@@ -279,8 +280,7 @@ def unshelve(alarm: Alarm, operator: Operator) -> Transition:
     """
     if not alarm.shelved:
         raise AlarmRefusedError(f"{alarm.name}: it is not shelved")
-    after = _unshelved(alarm)
-    return _operated(alarm, Input.UNSHELVE, operator, after, _uncovered(alarm, after))
+    return _covered(alarm, Input.UNSHELVE, operator, _unshelved(alarm))
 
 
 def expire(alarm: Alarm, stamp: int) -> Transition:
@@ -292,72 +292,50 @@ def expire(alarm: Alarm, stamp: int) -> Transition:
     if not timed or alarm.shelved_at <= stamp < alarm.shelved_until:
         return Transition(alarm, Input.EXPIRE, alarm)
     after = replace(_unshelved(alarm), changed_at=stamp)
-    return Transition(alarm, Input.EXPIRE, after, _uncovered(alarm, after))
+    return Transition(alarm, Input.EXPIRE, after, _cover_actions(alarm, after))
 
 
-def suppress(alarm: Alarm, operator: Operator) -> Transition:
-    """Put it aside because the plant's state makes it meaningless.
-
-    Raises:
-        AlarmRefusedError: it is suppressed already.
-
-    """
-    if alarm.suppressed:
-        raise AlarmRefusedError(f"{alarm.name}: it is suppressed already")
-    after = replace(alarm, suppressed=True)
-    return _operated(alarm, Input.SUPPRESS, operator, after, () if alarm.hidden else (Action.HIDE,))
-
-
-def unsuppress(alarm: Alarm, operator: Operator) -> Transition:
-    """End the suppression.
+def suppress(alarm: Alarm, operator: Operator, *, on: bool) -> Transition:
+    """Put it aside because the plant's state makes it meaningless, or take it back.
 
     Raises:
-        AlarmRefusedError: it is not suppressed.
+        AlarmRefusedError: it is so already.
 
     """
-    if not alarm.suppressed:
-        raise AlarmRefusedError(f"{alarm.name}: it is not suppressed")
-    after = replace(alarm, suppressed=False)
-    return _operated(alarm, Input.UNSUPPRESS, operator, after, _uncovered(alarm, after))
+    if alarm.suppressed is on:
+        raise AlarmRefusedError(f"{alarm.name}: it is {'suppressed already' if on else 'not suppressed'}")
+    what = Input.SUPPRESS if on else Input.UNSUPPRESS
+    return _covered(alarm, what, operator, replace(alarm, suppressed=on))
 
 
-def remove_from_service(alarm: Alarm, operator: Operator) -> Transition:
-    """Put it aside for maintenance.
+def maintain(alarm: Alarm, operator: Operator, *, on: bool) -> Transition:
+    """Put it aside for maintenance, or take it back.
 
     Raises:
-        AlarmRefusedError: it is out of service already.
+        AlarmRefusedError: it is so already.
 
     """
-    if alarm.out_of_service:
-        raise AlarmRefusedError(f"{alarm.name}: it is out of service already")
-    after = replace(alarm, out_of_service=True)
-    return _operated(
-        alarm, Input.REMOVE_FROM_SERVICE, operator, after, () if alarm.hidden else (Action.HIDE,)
-    )
-
-
-def return_to_service(alarm: Alarm, operator: Operator) -> Transition:
-    """End the maintenance.
-
-    Raises:
-        AlarmRefusedError: it is in service.
-
-    """
-    if not alarm.out_of_service:
-        raise AlarmRefusedError(f"{alarm.name}: it is in service")
-    after = replace(alarm, out_of_service=False)
-    return _operated(alarm, Input.RETURN_TO_SERVICE, operator, after, _uncovered(alarm, after))
+    if alarm.out_of_service is on:
+        raise AlarmRefusedError(f"{alarm.name}: it is {'out of service already' if on else 'in service'}")
+    what = Input.REMOVE_FROM_SERVICE if on else Input.RETURN_TO_SERVICE
+    return _covered(alarm, what, operator, replace(alarm, out_of_service=on))
 
 
 def _unshelved(alarm: Alarm) -> Alarm:
     return replace(alarm, shelved=False, shelved_at=0, shelved_until=0)
 
 
-def _uncovered(before: Alarm, after: Alarm) -> tuple[Action, ...]:
-    """Return what shows when a cover has been taken off: nothing where another one is left."""
-    if not before.hidden or after.hidden:
+def _cover_actions(before: Alarm, after: Alarm) -> tuple[Action, ...]:
+    """Return what shows when a cover is laid on or taken off: nothing where another one is there."""
+    if before.hidden == after.hidden:
         return ()
-    return (Action.SHOW, Action.ANNOUNCE) if not after.acknowledged else (Action.SHOW,)
+    if after.hidden:
+        return (Action.HIDE,)
+    return (Action.SHOW,) if after.acknowledged else (Action.SHOW, Action.ANNOUNCE)
+
+
+def _covered(before: Alarm, what: Input, operator: Operator, after: Alarm) -> Transition:
+    return _operated(before, what, operator, after, _cover_actions(before, after))
 
 
 def _operated(

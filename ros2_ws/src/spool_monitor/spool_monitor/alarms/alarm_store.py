@@ -1,4 +1,4 @@
-"""The alarms of one valve: what happened to them, what operators do, what is kept over a restart."""
+"""Alarm store of one valve: what happened to its alarms, what operators do, what is kept over a restart."""
 
 from __future__ import annotations
 
@@ -10,6 +10,11 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 from spool_stream.errors import InputError
 
+from spool_monitor.detectors import latching_kinds
+from spool_monitor.events.condition import Condition
+from spool_monitor.events.event import Event, condition_name
+from spool_monitor.events.event_kind import Namur
+
 from .alarm import (
     Alarm,
     AlarmRefusedError,
@@ -18,29 +23,25 @@ from .alarm import (
     acknowledge,
     expire,
     follow,
-    remove_from_service,
+    maintain,
     reset,
-    return_to_service,
     shelve,
     suppress,
     unshelve,
-    unsuppress,
 )
-from .alarm_code import LATCHING, Namur
-from .event import Condition, Event, condition_name
 
 _ALARM = TypeAdapter(Alarm)
 
 
 @dataclass(slots=True)
-class AlarmBook:
-    """Every alarm that a valve can have, by its name; fed with the monitor's events.
+class AlarmStore:
+    """Alarm store: every alarm that a valve can have, by its name; fed with the monitor's events.
 
     ``latching``: kinds that stay until somebody resets them. Stamps are in ns, those of operators and of
     :meth:`advance` from one clock.
     """
 
-    latching: tuple[str, ...] = LATCHING
+    latching: tuple[str, ...] = field(default_factory=latching_kinds)
     alarms: dict[str, Alarm] = field(default_factory=dict, init=False)
 
     def expect(self, conditions: Iterable[Condition]) -> None:
@@ -75,12 +76,11 @@ class AlarmBook:
 
     def suppress(self, which: str, operator: Operator, *, on: bool) -> list[Transition]:
         """Begin or end suppression."""
-        return self.operate(which, lambda alarm: (suppress if on else unsuppress)(alarm, operator))
+        return self.operate(which, lambda alarm: suppress(alarm, operator, on=on))
 
     def maintain(self, which: str, operator: Operator, *, on: bool) -> list[Transition]:
         """Take out of service for maintenance, or put back into it."""
-        change = remove_from_service if on else return_to_service
-        return self.operate(which, lambda alarm: change(alarm, operator))
+        return self.operate(which, lambda alarm: maintain(alarm, operator, on=on))
 
     def operate(self, which: str, change: Callable[[Alarm], Transition]) -> list[Transition]:
         """Change the alarm named ``which``, all of that kind, or all (empty) that can be changed so.
@@ -145,7 +145,7 @@ class AlarmBook:
         self._take(content, lambda _: True)
 
     def join(self, content: Any) -> None:
-        """Take up what another book dumped, where it was changed later than here.
+        """Take up what another store dumped, where it was changed later than here.
 
         Raises:
             InputError: as :meth:`load`.

@@ -1,19 +1,26 @@
-"""Detectors: one file, one class, one registry entry each."""
+"""Detectors: one file, one class, one registry entry each; with the event kinds and limits they declare."""
 
 from __future__ import annotations
 
-from .base import ESTIMATE, JUDGEMENT_TEXTS, LINE, SIGNALS, Detector, Finding, Judgement, Moment
-from .registry import DETECTORS, detectors
+from .base import ESTIMATE, JUDGEMENT_TEXTS, LINE, SIGNALS, Detector, Judgement, Moment
+from .registry import DETECTORS, KINDS, LIMITS, check_settings, detectors, event_kind, latching_kinds
+from .settings import MonitorLimit, MonitorSettings
 
 __all__ = [
     "DETECTORS",
     "ESTIMATE",
     "JUDGEMENT_TEXTS",
+    "KINDS",
+    "LIMITS",
     "LINE",
     "SIGNALS",
     "Detector",
-    "Finding",
     "Judgement",
     "Moment",
+    "MonitorLimit",
+    "MonitorSettings",
+    "check_settings",
     "detectors",
+    "event_kind",
+    "latching_kinds",
 ]

@@ -1,29 +1,33 @@
-"""What every detector has in common."""
+"""Detector: what all of them have in common, and the moment that they judge."""
 
 from __future__ import annotations
 
 import enum
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import ClassVar
 
 from spool_estimator.estimate import Estimate
-from spool_stream.quantity import Quantity
 
-from spool_monitor.alarms.event import Severity, Text
-from spool_monitor.drift import Baseline, ParameterDrift
-from spool_monitor.settings import MonitorSettings
+from spool_monitor.drift.baseline import Baseline
+from spool_monitor.drift.parameter_drift import ParameterDrift
+from spool_monitor.events.condition import Finding
+from spool_monitor.events.event_kind import EventKind
 from spool_monitor.signals.channel_signals import Signals
 from spool_monitor.signals.response import Response
 from spool_monitor.signals.spectrum import Line
+
+from .settings import MonitorLimit, MonitorSettings
 
 #: What a moment may show anew.
 SIGNALS, LINE, ESTIMATE = "signals", "line", "estimate"
 
 
 class Judgement(enum.IntEnum):
-    """How far a detector can judge now; the texts are those in ``spool_msgs/msg/ValveHealth``."""
+    """Judgement: how far a detector can judge now; the texts are those in ``spool_msgs/msg/ValveHealth``."""
 
     UNKNOWN = 0
     JUDGED = 1
@@ -43,29 +47,27 @@ JUDGEMENT_TEXTS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
-    """What a detector makes of a moment (``stamp``, ns); the condition's delays come on top.
+class DriftTest:
+    """Drift test that a detector asks for: a parameter of the estimate against its start value.
 
-    ``indicated`` is ``None`` where nothing is wrong; between ``indicated`` and ``released`` nothing changes.
+    ``limit`` is the change that must be found, relative to the start value where its unit is 1, else absolute
+    in ``unit``, the parameter's.
     """
 
-    stamp: int
-    indicated: Severity | None
-    released: bool
-    cause: str
-    quantity: Quantity
-    message: Text
+    parameter: str
+    unit: str
+    limit: MonitorLimit
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """What there is to judge at ``stamp`` (ns); what is not new is ``None``.
+    """Moment of a valve at ``stamp`` (ns): what there is to judge; what is not new is ``None``.
 
     Attributes:
         line: the strongest line of the body; ``silent`` where it was looked for and there is none.
         signals: both channels of the last second.
         response: the response that fits the last seconds.
-        usual: the last response that nothing spoke against, or the configured one.
+        reference: the last response that nothing spoke against, or the configured one.
         estimate: the estimator's parameters.
         natural_frequency: Hz, as estimated or as configured.
         velocity: of the spool in the body, m/s rms, last seen.
@@ -77,7 +79,7 @@ class Moment:
 
     stamp: int
     natural_frequency: float
-    usual: Response
+    reference: Response
     parameters: dict[str, ParameterDrift]
     learned: dict[str, Baseline]
     line: Line | None = None
@@ -91,24 +93,27 @@ class Moment:
     @property
     def described(self) -> bool:
         """Whether the valve's natural frequency is known, from its description or an estimate."""
-        return self.usual.natural_frequency > 0.0
+        return self.reference.natural_frequency > 0.0
 
 
 class Detector(ABC):
-    """Judge one kind of trouble of one valve from moment to moment; time comes from the stamps.
+    """Detector of one kind of trouble of one valve, moment by moment; time comes from the stamps.
 
-    ``name`` tells it from others of its ``kind``; ``looks_at`` says which moments it is shown. ``rank``
-    orders the detectors of one moment: what is judged first is doubted by nothing that comes later.
-    ``needs_valve``: it is shown nothing until the valve's natural frequency is known.
+    ``name`` distinguishes it from others of its ``kind``; ``looks_at`` says which moments it is shown.
+    ``rank`` orders the detectors of one moment: what is judged first is doubted by nothing that comes later.
+    ``needs_valve``: it is shown nothing until the valve's natural frequency is known. ``drifts`` are the
+    tests of parameters that it needs; ``learns`` names what of the channels needs a start value, with units.
     ``on_delay`` and ``off_delay`` are in s. ``suspicious`` says why detectors of a higher rank can't believe
     this moment, already before the event is raised; ``refuted`` that what it suspected was not so.
     """
 
     name: ClassVar[str]
-    kind: ClassVar[str]
+    kind: ClassVar[EventKind]
     looks_at: ClassVar[tuple[str, ...]]
     rank: ClassVar[int] = 9
     needs_valve: ClassVar[bool] = False
+    drifts: ClassVar[tuple[DriftTest, ...]] = ()
+    learns: ClassVar[Mapping[str, str]] = MappingProxyType({})
     on_delay: ClassVar[float] = 0.0
     off_delay: ClassVar[float] = 3.0
 
@@ -125,6 +130,16 @@ class Detector(ABC):
     def restart(self) -> None:
         """Take note that samples are missing before the next moment."""
         self.suspicious = ""
+
+    @classmethod
+    def check(cls, settings: MonitorSettings) -> None:
+        """Refuse limits that contradict each other.
+
+        Raises:
+            InputError: both are named.
+
+        """
+        del settings
 
 
 def judgement(moment: Moment, parameters: tuple[ParameterDrift, ...]) -> Judgement:

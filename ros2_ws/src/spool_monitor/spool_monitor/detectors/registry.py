@@ -1,19 +1,66 @@
-"""Finds every detector in this folder."""
+"""Registry of the detectors, event kinds and limits that the files of this folder declare."""
 
 from __future__ import annotations
 
-from spool_stream.discovery import classes_in
+from dataclasses import replace
 
-from spool_monitor.settings import MonitorSettings
+from spool_stream.discovery import classes_in, objects_in
+from spool_stream.errors import InputError
+
+from spool_monitor.events.event_kind import EventKind, Namur
 
 from .base import Detector
+from .settings import MonitorLimit, MonitorSettings
 
 DETECTORS: dict[str, type[Detector]] = {
     entry.name: entry
     for entry in sorted(classes_in(__package__, Detector), key=lambda entry: (entry.rank, entry.name))
 }
 
+LIMITS: dict[str, MonitorLimit] = {limit.name: limit for limit in objects_in(__package__, MonitorLimit)}
+
+
+def _kinds() -> dict[str, EventKind]:
+    """Return the kinds in the order of their numbers, each with the causes of all files that share it."""
+    kinds: dict[str, EventKind] = {}
+    for kind in sorted(objects_in(__package__, EventKind), key=lambda kind: kind.code):
+        known = kinds.get(kind.name, replace(kind, causes=()))
+        assert replace(known, causes=()) == replace(kind, causes=()), kind.name
+        causes = sorted((*known.causes, *kind.causes), key=lambda cause: cause.code)
+        kinds[kind.name] = replace(known, causes=tuple(causes))
+    return kinds
+
+
+KINDS: dict[str, EventKind] = _kinds()
+
+#: Number of a kind that is not listed.
+UNLISTED = 900
+
+
+def event_kind(name: str) -> EventKind:
+    """Return the kind called ``name``; one that a later version kept or sent is unlisted."""
+    return KINDS.get(name) or EventKind(name, UNLISTED, Namur.OUT_OF_SPECIFICATION)
+
+
+def latching_kinds() -> tuple[str, ...]:
+    """Return the names of the kinds whose alarms stay until they are reset."""
+    return tuple(kind.name for kind in KINDS.values() if kind.latching)
+
 
 def detectors(settings: MonitorSettings) -> tuple[Detector, ...]:
     """Return one of each, in the order in which a moment is shown to them."""
     return tuple(entry(settings) for entry in DETECTORS.values())
+
+
+def check_settings(settings: MonitorSettings) -> None:
+    """Refuse limits that do not exist or contradict each other.
+
+    Raises:
+        InputError: they are named.
+
+    """
+    unknown = [name for name in settings.given if name not in LIMITS]
+    if unknown:
+        raise InputError(f"no limit {unknown[0]!r}; there are: {', '.join(LIMITS)}")
+    for entry in DETECTORS.values():
+        entry.check(settings)

@@ -5,27 +5,46 @@ from __future__ import annotations
 import math
 from typing import ClassVar
 
+from spool_stream.errors import InputError
 from spool_stream.quantity import Quantity, Validity
 from spool_stream.text.sentence import Account
 
-from spool_monitor.alarms.event import Severity
-from spool_monitor.drift import ALLOWANCE
-from spool_monitor.settings import MonitorSettings
+from spool_monitor.drift.parameter_drift import ALLOWANCE
+from spool_monitor.events.condition import Finding
+from spool_monitor.events.event import Severity
+from spool_monitor.events.event_kind import EventKind, Namur
 from spool_monitor.signals.spectrum import Line
 
-from .base import LINE, Detector, Finding, Judgement, Moment
+from .base import LINE, Detector, Judgement, Moment
+from .settings import MINIMUM_BODY, MonitorLimit, MonitorSettings
+
+KIND = EventKind(
+    "resonance",
+    100,
+    Namur.OUT_OF_SPECIFICATION,
+    "The machine shakes the valve at the natural frequency of spool and springs.",
+    "change the machine's speed, damp or move the valve's mounting, or fit the other springs",
+)
+
+RESONANCE_BAND = MonitorLimit(
+    "resonance_band", 0.15, "Relative distance that counts as near resonance.", "1", 0.01, 1.0
+)
+AMPLIFICATION_ON = MonitorLimit(
+    "amplification_on", 1.8, "Spool over body that raises resonance.", "1", 1.0, 100.0
+)
+AMPLIFICATION_OFF = MonitorLimit(
+    "amplification_off", 1.5, "Spool over body that clears it, below amplification_on.", "1", 0.5, 100.0
+)
 
 
 class Resonance(Detector):
-    """Judge the dominant line against the natural frequency.
+    """Resonance: the dominant line near the natural frequency; at twice ``AMPLIFICATION_ON`` it is an alarm.
 
-    ``resonance_band``: relative distance of the line from the natural frequency that counts as near.
-    ``amplification_on`` and ``amplification_off``: spool over body acceleration that raises and clears; at
-    twice the raising value it is an alarm. ``minimum_body`` (m/s^2, peak): weaker lines are not judged.
+    Lines of the body that are weaker than ``MINIMUM_BODY`` are not judged.
     """
 
     name = "resonance"
-    kind = "resonance"
+    kind = KIND
     needs_valve = True
     looks_at = (LINE,)
     on_delay: ClassVar[float] = 0.5
@@ -35,6 +54,16 @@ class Resonance(Detector):
         super().__init__(settings)
         self.dwell = 0.0
         self._since: int | None = None
+
+    @classmethod
+    def check(cls, settings: MonitorSettings) -> None:
+        """Refuse thresholds in the wrong order; see the base class."""
+        on, off = settings[AMPLIFICATION_ON], settings[AMPLIFICATION_OFF]
+        if off >= on:
+            raise InputError(
+                f"amplification_off ({off:g}) must lie below amplification_on ({on:g}): "
+                "what is raised would be cleared at once"
+            )
 
     def update(self, moment: Moment) -> Finding | None:
         """Judge the line of ``moment``, if there is a new look."""
@@ -51,19 +80,16 @@ class Resonance(Detector):
 
     def _judge(self, moment: Moment, line: Line) -> Finding:
         settings, natural = self.settings, moment.natural_frequency
+        band, raises = settings[RESONANCE_BAND], settings[AMPLIFICATION_ON]
         distance = abs(line.frequency / natural - 1.0)
-        strong = line.body >= settings.minimum_body
+        strong = line.body >= settings[MINIMUM_BODY]
         self.judgement = Judgement.JUDGED if strong else Judgement.NOT_EXCITED
         indicated = None
-        near = distance <= settings.resonance_band and not self._softened(moment, line)
-        if strong and near and line.amplification >= settings.amplification_on:
-            alarm = line.amplification >= 2.0 * settings.amplification_on
-            indicated = Severity.ALARM if alarm else Severity.WARNING
-        released = (
-            not strong
-            or distance > 1.25 * settings.resonance_band
-            or line.amplification < settings.amplification_off
-        )
+        near = distance <= band and not self._softened(moment, line)
+        if strong and near and line.amplification >= raises:
+            indicated = Severity.ALARM if line.amplification >= 2.0 * raises else Severity.WARNING
+        weak = line.amplification < settings[AMPLIFICATION_OFF]
+        released = not strong or weak or distance > 1.25 * band
         if self._since is None or line.stamp < self._since or (released and self.dwell == 0.0):
             self._since = line.stamp
         if not released:
@@ -71,7 +97,7 @@ class Resonance(Detector):
         began = self.dwell
 
         def account() -> Account:
-            expected = abs(moment.usual.transfer(line.frequency))
+            expected = abs(moment.reference.transfer(line.frequency))
             return Account(
                 f"body shakes at {line.frequency:.1f} Hz, natural frequency {natural:.1f} Hz: "
                 f"spool amplifies {line.amplification:.1f} times ({expected:.1f} expected) and moves "
@@ -90,4 +116,4 @@ class Resonance(Detector):
         if abs(stiffness.share) < ALLOWANCE:
             return False
         healthy = moment.natural_frequency / math.sqrt(max(0.1, 1.0 + stiffness.share * stiffness.matters))
-        return abs(line.frequency / healthy - 1.0) > self.settings.resonance_band
+        return abs(line.frequency / healthy - 1.0) > self.settings[RESONANCE_BAND]

@@ -1,4 +1,4 @@
-"""A clipping channel: its tops are flat, at the same level again and again."""
+"""Clipping channel: its tops are flat, at the same level again and again."""
 
 from __future__ import annotations
 
@@ -7,10 +7,23 @@ from typing import ClassVar
 
 from spool_stream.quantity import Quantity, Validity
 
-from spool_monitor.alarms.event import Severity
-from spool_monitor.settings import MonitorSettings
+from spool_monitor.events.condition import Finding
+from spool_monitor.events.event import Severity
+from spool_monitor.events.event_kind import EventCause
 
-from .base import SIGNALS, Detector, Finding, Judgement, Moment
+from .base import SIGNALS, Detector, Judgement, Moment
+from .sensor_fault import sensor_fault
+from .settings import MINIMUM_BODY, MonitorSettings
+
+KIND = sensor_fault(
+    EventCause(
+        "clipping",
+        602,
+        "A channel is cut off at its full scale.",
+        "choose a larger range or a less sensitive accelerometer",
+    )
+)
+
 
 #: Windows that are looked back on, and how many of them must show a flat top.
 WINDOWS, FLAT = 6, 3
@@ -20,10 +33,10 @@ LEAST = 0.006
 
 
 class SensorClipping(Detector):
-    """Look for flat tops in each window; a machine does not clip at every moment."""
+    """Clipping channel: look for flat tops in each window; a machine does not clip at every moment."""
 
     name = "sensor_clipping"
-    kind = "sensor_fault"
+    kind = KIND
     looks_at = (SIGNALS,)
     rank = 1
     off_delay: ClassVar[float] = 15.0
@@ -39,7 +52,7 @@ class SensorClipping(Detector):
             return None
         channels = {"body": signals.body, "spool": signals.spool}
         name = max(channels, key=lambda one: channels[one].flat_top)
-        share, loud = channels[name].flat_top, channels[name].rms >= self.settings.minimum_body
+        share, loud = (channels[name].flat_top, channels[name].rms >= self.settings[MINIMUM_BODY])
         self.judgement = Judgement.JUDGED if loud else Judgement.NOT_EXCITED
         self._flat.append((name, share if loud else 0.0))
         flat = [(one, value) for one, value in self._flat if value >= LEAST]

@@ -1,4 +1,4 @@
-"""A dead channel: one accelerometer shows next to nothing though the other one does, or no sample changes."""
+"""Dead channel: one accelerometer shows next to nothing though the other one does, or no sample changes."""
 
 from __future__ import annotations
 
@@ -10,18 +10,31 @@ from spool_stream.quantity import Quantity, Validity
 from spool_stream.text.sentence import Account
 from spool_stream.uncertainty import number
 
-from spool_monitor.alarms.event import Severity
-from spool_monitor.settings import MonitorSettings
+from spool_monitor.events.condition import Finding
+from spool_monitor.events.event import Severity
+from spool_monitor.events.event_kind import EventCause
 from spool_monitor.signals.channel_signals import Channel, Signals
 from spool_monitor.signals.response import transfer
 from spool_monitor.signals.window import Array
 
-from .base import SIGNALS, Detector, Finding, Judgement, Moment
+from .base import SIGNALS, Detector, Judgement, Moment
+from .sensor_fault import sensor_fault
+from .settings import MINIMUM_BODY, MonitorSettings
+
+KIND = sensor_fault(
+    EventCause(
+        "dead",
+        601,
+        "A channel shows no vibration though the other one does, or its samples do not change at all.",
+        "check cable, plug and supply of the accelerometers and whether the acquisition runs",
+    )
+)
+
 
 #: Share of what is due below which a channel is dead, and above which it lives.
 DEAD, ALIVE = 0.12, 0.25
 
-#: Response below which a line of the spool says nothing of the body, and share of the usual damping from
+#: Response below which a line of the spool says nothing of the body, and share of the reference damping from
 #: which both channels have something in common: then neither is dead.
 FOLLOWS, COMMON = 0.3, 0.4
 
@@ -36,14 +49,14 @@ COARSE, SWINGS = 0.005, 3.0
 
 
 class SensorDead(Detector):
-    """Look for samples that do not change, and compare each channel's level with what the other makes due.
+    """Dead channel: samples that do not change, or a level far below what the other channel makes due.
 
     A machine at rest behind a coarse converter shows no change either: there a channel must have stopped in
     the midst of a motion.
     """
 
     name = "sensor_dead"
-    kind = "sensor_fault"
+    kind = KIND
     looks_at = (SIGNALS,)
     rank = 0
     on_delay: ClassVar[float] = 1.0
@@ -100,21 +113,27 @@ class SensorDead(Detector):
         return Finding(moment.stamp, dead, False, "dead", level, account)
 
     def _compare(self, moment: Moment, signals: Signals) -> Finding | None:
-        """Compare each channel's level with what the usual response makes of the other one."""
-        usual = moment.usual
+        """Compare each channel's level with what the reference response makes of the other one."""
+        reference = moment.reference
         shares: dict[str, float] = {}
         due = seen = dict.fromkeys(("spool", "body"), math.nan)
         if moment.described and not moment.distrust:
             due_spool, due_body, seen_body = due_powers(
-                signals.frequency, signals.body_power, signals.spool_power, usual.square, usual.damping
+                signals.frequency,
+                signals.body_power,
+                signals.spool_power,
+                reference.square,
+                reference.damping,
             )
             due = {"spool": math.sqrt(due_spool), "body": math.sqrt(due_body)}
             seen = {
                 "spool": 0.0 if signals.spool.constant else math.sqrt(float(signals.spool_power.sum())),
                 "body": 0.0 if signals.body.constant else math.sqrt(seen_body),
             }
-            shares = {name: seen[name] / due[name] for name in due if due[name] >= self.settings.minimum_body}
-            if abs(signals.dissipation) > COMMON * usual.damping:
+            shares = {
+                name: seen[name] / due[name] for name in due if due[name] >= self.settings[MINIMUM_BODY]
+            }
+            if abs(signals.dissipation) > COMMON * reference.damping:
                 shares = dict.fromkeys(shares, 1.0)
         self.judgement = Judgement.JUDGED if shares else Judgement.NOT_EXCITED
         if moment.distrust or not moment.described:
@@ -151,7 +170,7 @@ def _least(old: float, new: float) -> float:
 def due_powers(
     frequency: Array, body: Array, spool: Array, square: float, damping: float
 ) -> tuple[float, float, float]:
-    """Return what the usual response makes of the powers per line: due of the spool and of the body.
+    """Return what the reference response makes of the powers per line: due of the spool and of the body.
 
     And the body's as seen where the spool follows; elsewhere the spool's noise says nothing of the body.
     """

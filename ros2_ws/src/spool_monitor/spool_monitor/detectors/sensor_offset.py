@@ -1,28 +1,44 @@
-"""An offset: the mean of one channel moves against the other's, which no vibration does."""
+"""Offset: the mean of one channel moves against the other's, which no vibration does."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import ClassVar
 
 from spool_stream.quantity import Quantity, Validity
 
-from spool_monitor.alarms.event import Severity
-from spool_monitor.settings import MonitorSettings
+from spool_monitor.events.condition import Finding
+from spool_monitor.events.event import Severity
+from spool_monitor.events.event_kind import EventCause
 
-from .base import SIGNALS, Detector, Finding, Judgement, Moment
+from .base import SIGNALS, Detector, Judgement, Moment
+from .sensor_fault import sensor_fault
+from .settings import MonitorLimit, MonitorSettings
+
+KIND = sensor_fault(
+    EventCause(
+        "offset",
+        603,
+        "The mean of a channel has moved, which no vibration does.",
+        "check supply, temperature and mounting of that accelerometer",
+    )
+)
+
+OFFSET_CHANGE = MonitorLimit("offset_change", 0.5, "Change of a channel's mean.", "m/s^2", 0.01, 1e3)
 
 #: Windows that the mean is smoothed over.
 SMOOTHING = 4.0
 
 
 class SensorOffset(Detector):
-    """Compare the difference of the channels' means with what it was; a tilted machine moves both alike."""
+    """Offset: the difference of the channels' means against what it was; a tilt moves both alike."""
 
     name = "sensor_offset"
-    kind = "sensor_fault"
+    kind = KIND
     looks_at = (SIGNALS,)
     rank = 2
+    learns: ClassVar[Mapping[str, str]] = {"body_mean": "m/s^2", "spool_mean": "m/s^2"}
     on_delay: ClassVar[float] = 3.0
 
     def __init__(self, settings: MonitorSettings) -> None:
@@ -50,7 +66,7 @@ class SensorOffset(Detector):
         moved = {name: self._means[name] - starts[name].value for name in starts}
         apart = moved["spool"] - moved["body"]
         spread = math.hypot(*(start.spread for start in starts.values()))
-        limit = max(self.settings.offset_change, 8.0 * spread)
+        limit = max(self.settings[OFFSET_CHANGE], 8.0 * spread)
         name = max(moved, key=lambda one: abs(moved[one]))
         # A constant is filtered away before anything is estimated: parameters may still be judged.
         return Finding(

@@ -1,24 +1,39 @@
-"""A mis-scaled channel: the ratio of the sensitivities has changed."""
+"""Scale fault: the ratio of the sensitivities has changed."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
 from spool_estimator.estimate import Estimate, State
 from spool_stream.quantity import Quantity, Validity
 
-from spool_monitor.alarms.event import Severity
-from spool_monitor.settings import MonitorSettings
+from spool_monitor.events.condition import Finding
+from spool_monitor.events.event import Severity
+from spool_monitor.events.event_kind import EventCause
 from spool_monitor.signals.channel_signals import Signals
 from spool_monitor.signals.response import MEMORY, Response
 
-from .base import ESTIMATE, SIGNALS, Detector, Finding, Judgement, Moment
+from .base import ESTIMATE, SIGNALS, Detector, Judgement, Moment
+from .sensor_fault import sensor_fault
+from .settings import MINIMUM_BODY, MonitorLimit, MonitorSettings
 
-#: What the estimator's model leaves unexplained on top of the usual: least share, and over the usual share,
-#: from which no valve explains the channels any more.
-UNEXPLAINED, TIMES_USUAL = 0.07, 2.5
+KIND = sensor_fault(
+    EventCause(
+        "scale",
+        605,
+        "The ratio of the channels' sensitivities has changed.",
+        "check mounting and sensitivity setting of both accelerometers, calibrate them side by side",
+    )
+)
+
+GAIN_CHANGE = MonitorLimit("gain_change", 0.1, "Relative change of a channel's gain.", "1", 0.02, 1.0)
+
+#: What the estimator's model leaves unexplained on top of the reference: least share, and over the reference
+#: share, from which no valve explains the channels any more.
+UNEXPLAINED, TIMES_REFERENCE = 0.07, 2.5
 
 #: It jumps there from less than this share of it within two estimates: a valve that changes faster than the
 #: estimator follows leaves more and more. One that jumps itself is explained again by the second in a row.
@@ -27,7 +42,7 @@ BEFORE, IN_A_ROW = 0.35, 2
 #: Estimates in a row without any model, after there was one, that show the same.
 LOST = 4
 
-#: Windows or estimates over which the usual is followed, and the slow pace where the gain moved.
+#: Windows or estimates over which the reference is followed, and the slow pace where the gain moved.
 FOLLOWED, SLOWLY = 20.0, 100.0
 
 #: Standard deviation of the gain above which it says nothing.
@@ -42,7 +57,7 @@ MISFIT, SUSPICIOUS = 0.15, 0.6
 
 
 class SensorScale(Detector):
-    """Judge the gain that the response needs besides stiffness and damping, against what it was lately.
+    """Scale fault: the gain that the response needs besides stiffness and damping, against what it was.
 
     A change of the gain alone proves nothing: dry friction and the machine's speed bend a linear response.
     But where stiffness, damping and dry friction can't explain the channels any more either, it does. Above
@@ -50,15 +65,16 @@ class SensorScale(Detector):
     """
 
     name = "sensor_scale"
-    kind = "sensor_fault"
+    kind = KIND
     needs_valve = True
     looks_at = (SIGNALS, ESTIMATE)
     rank = 4
+    learns: ClassVar[Mapping[str, str]] = {"channel_gain": "1"}
     on_delay: ClassVar[float] = 2.0
 
     def __init__(self, settings: MonitorSettings) -> None:
         super().__init__(settings)
-        self._usual_residual = math.nan
+        self._reference_residual = math.nan
         self._recent = math.nan
         self._unexplained = self._lost = 0
         self._before = (0.0, 0.0)
@@ -76,13 +92,13 @@ class SensorScale(Detector):
             self._compare(moment.estimate)
         if moment.signals is None:
             return None
-        shaken = moment.signals.body.rms >= self.settings.minimum_body
+        shaken = moment.signals.body.rms >= self.settings[MINIMUM_BODY]
         response = moment.response
         told = response is not None and response.gain_deviation < IMPRECISE
-        if response is None or not told or not shaken or self._resonates(moment.signals, moment.usual):
+        if response is None or not told or not shaken or self._resonates(moment.signals, moment.reference):
             self.judgement, self.suspicious = Judgement.NOT_EXCITED, ""
             return None
-        if math.isnan(self._usual_residual):
+        if math.isnan(self._reference_residual):
             self.judgement, self.suspicious = Judgement.LEARNING, ""
             return None
         return self._judge(moment, response)
@@ -93,24 +109,24 @@ class SensorScale(Detector):
         self._unexplained = self._lost = 0
 
     def _compare(self, estimate: Estimate) -> None:
-        """Count the estimates in a row that leave more unexplained than usual."""
+        """Count the estimates in a row that leave more unexplained than the reference."""
         residual = estimate.residual.value
-        lost = estimate.state is State.LEARNING and not math.isnan(self._usual_residual)
+        lost = estimate.state is State.LEARNING and not math.isnan(self._reference_residual)
         self._lost = self._lost + 1 if lost else 0
         if estimate.state is not State.TRACKING or not math.isfinite(residual):
             return
-        usual = self._usual_residual
-        if math.isnan(usual):
-            self._usual_residual = residual
+        reference = self._reference_residual
+        if math.isnan(reference):
+            self._reference_residual = residual
             return
-        more = math.sqrt(max(0.0, residual**2 - usual**2))
-        limit = max(UNEXPLAINED, TIMES_USUAL * usual)
+        more = math.sqrt(max(0.0, residual**2 - reference**2))
+        limit = max(UNEXPLAINED, TIMES_REFERENCE * reference)
         jumps = min(self._before) < BEFORE * limit < limit < more
         if jumps or (self._unexplained > 0 and more > 0.5 * limit):
             self._unexplained += 1
         else:
             self._unexplained = 0
-            self._usual_residual += (min(residual, 2.0 * usual) - usual) / FOLLOWED
+            self._reference_residual += (min(residual, 2.0 * reference) - reference) / FOLLOWED
         self._before = (self._before[1], more)
 
     def _judge(self, moment: Moment, response: Response) -> Finding:
@@ -118,7 +134,7 @@ class SensorScale(Detector):
         if math.isnan(self._recent):
             self._recent = start.value if start.frozen else response.gain
         change = response.gain / self._recent - 1.0
-        limit = self.settings.gain_change + MISFIT * response.misfit
+        limit = self.settings[GAIN_CHANGE] + MISFIT * response.misfit
         proven = self._unexplained >= IN_A_ROW or self._lost >= LOST
         if proven and abs(change) > limit:
             self._found = True
@@ -142,13 +158,13 @@ class SensorScale(Detector):
             lambda: f"the spool's accelerometer reads {100.0 * change:+.0f} % against the body's",
         )
 
-    def _resonates(self, signals: Signals, usual: Response) -> bool:
+    def _resonates(self, signals: Signals, reference: Response) -> bool:
         """Whether the machine shakes the valve, or did until lately, near its natural frequency.
 
         There the height of the resonance can't be told from a gain, dry friction makes it bend, and a window
         does not resolve it.
         """
-        low, high = (usual.natural_frequency * (1.0 + side * NEAR) for side in (-1.0, 1.0))
+        low, high = (reference.natural_frequency * (1.0 + side * NEAR) for side in (-1.0, 1.0))
         near = slice(*np.searchsorted(signals.frequency, (low, high)))
         shaken = float(signals.body_power[near].sum()) > SHAKEN * float(signals.body_power.sum())
         if shaken and float(signals.spool_power[near].sum()) > ANSWERED * float(signals.spool_power.sum()):

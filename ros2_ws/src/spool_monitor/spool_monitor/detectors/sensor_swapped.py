@@ -7,19 +7,33 @@ from typing import ClassVar
 from spool_stream.quantity import Quantity, Validity
 from spool_stream.text.sentence import Account
 
-from spool_monitor.alarms.event import Severity
+from spool_monitor.events.condition import Finding
+from spool_monitor.events.event import Severity
+from spool_monitor.events.event_kind import EventCause
 
-from .base import SIGNALS, Detector, Finding, Judgement, Moment
+from .base import SIGNALS, Detector, Judgement, Moment
+from .sensor_fault import sensor_fault
+from .settings import MINIMUM_BODY
 
-#: Damping against the usual one below which the channels are exchanged, and above which they are not.
+KIND = sensor_fault(
+    EventCause(
+        "swapped",
+        604,
+        "The channels show a spool that drives its body; body and spool are exchanged, or one is turned.",
+        "check the wiring and the direction of both accelerometers",
+    )
+)
+
+
+#: Damping against the reference below which the channels are exchanged, and above which they are not.
 NEGATIVE, POSITIVE = -0.3, 0.0
 
 
 class SensorSwapped(Detector):
-    """Judge the sign of the power that the relative motion takes; exchanged channels turn it round."""
+    """Swapped channels: the sign of the power that the relative motion takes."""
 
     name = "sensor_swapped"
-    kind = "sensor_fault"
+    kind = KIND
     needs_valve = True
     looks_at = (SIGNALS,)
     rank = 3
@@ -32,13 +46,13 @@ class SensorSwapped(Detector):
         if moment.distrust:
             self.judgement, self.suspicious = Judgement.NOT_JUDGED, ""
             return None
-        moving = moment.signals.relative_rms >= self.settings.minimum_body
+        moving = moment.signals.relative_rms >= self.settings[MINIMUM_BODY]
         if not moving:
             self.judgement = Judgement.NOT_EXCITED
             self.suspicious = ""
             return None
         self.judgement = Judgement.JUDGED
-        share = moment.signals.dissipation / moment.usual.damping
+        share = moment.signals.dissipation / moment.reference.damping
         self.suspicious = "the relative motion gives energy away" if share < 0.5 * NEGATIVE else ""
         return Finding(
             moment.stamp,

@@ -7,15 +7,42 @@ from typing import ClassVar
 
 from spool_stream.text.sentence import Account
 
-from .base import ESTIMATE, Detector, Finding, Moment, judgement
+from spool_monitor.events.condition import Finding
+from spool_monitor.events.event_kind import EventCause, EventKind, Namur
+
+from .base import ESTIMATE, Detector, DriftTest, Moment, judgement
+from .settings import MonitorLimit
+
+KIND = EventKind(
+    "spring_change",
+    300,
+    Namur.MAINTENANCE_REQUIRED,
+    causes=(
+        EventCause(
+            "softer",
+            301,
+            "A centring spring has lost stiffness, or one of the pair is broken.",
+            "replace both springs",
+        ),
+        EventCause(
+            "stiffer",
+            302,
+            "The spool is held by more than its springs, or other springs were fitted.",
+            "check which springs are fitted and whether one is coil-bound or dirty",
+        ),
+    ),
+)
+
+STIFFNESS_CHANGE = MonitorLimit("stiffness_change", 0.1, "Relative change that warns.", "1", 0.001, 10.0)
 
 
 class SpringChange(Detector):
-    """Raise what the sequential test of the stiffness finds."""
+    """Spring change: what the sequential test of the stiffness finds."""
 
     name = "spring_change"
-    kind = "spring_change"
+    kind = KIND
     looks_at = (ESTIMATE,)
+    drifts = (DriftTest("spring_stiffness", "N/m", STIFFNESS_CHANGE),)
     on_delay: ClassVar[float] = 3.0
     off_delay: ClassVar[float] = 5.0
 

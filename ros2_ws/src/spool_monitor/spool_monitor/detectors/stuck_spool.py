@@ -1,4 +1,4 @@
-"""A stuck spool: the machine shakes and the spool moves with its body."""
+"""Stuck spool: the machine shakes and the spool moves with its body."""
 
 from __future__ import annotations
 
@@ -8,12 +8,23 @@ from typing import ClassVar
 from spool_stream.kernels.compiled import compiled
 from spool_stream.quantity import Quantity, Validity
 
-from spool_monitor.alarms.event import Severity
-from spool_monitor.settings import MonitorSettings
+from spool_monitor.events.condition import Finding
+from spool_monitor.events.event import Severity
+from spool_monitor.events.event_kind import EventKind, Namur
 from spool_monitor.signals.response import transfer
 from spool_monitor.signals.window import Array
 
-from .base import ESTIMATE, SIGNALS, Detector, Finding, Judgement, Moment
+from .base import ESTIMATE, SIGNALS, Detector, Judgement, Moment
+from .settings import MINIMUM_BODY, MonitorSettings
+
+KIND = EventKind(
+    "stuck_spool",
+    400,
+    Namur.FAILURE,
+    "The machine shakes and the spool does not move in its body.",
+    "stop the machine safely, move the spool by its manual override, dismount and clean it",
+    latching=True,
+)
 
 #: Share of the due relative motion below which the spool is stuck, and above which it moves.
 STUCK, MOVES = 0.2, 0.4
@@ -23,10 +34,10 @@ SLIDES = 1.5
 
 
 class StuckSpool(Detector):
-    """Compare the relative acceleration with what the usual response makes of the body's."""
+    """Stuck spool: the relative acceleration against what the reference response makes of the body's."""
 
     name = "stuck_spool"
-    kind = "stuck_spool"
+    kind = KIND
     needs_valve = True
     looks_at = (SIGNALS, ESTIMATE)
     rank = 5
@@ -46,11 +57,11 @@ class StuckSpool(Detector):
         if moment.distrust:
             self.judgement, self.suspicious = Judgement.NOT_JUDGED, ""
             return Finding(moment.stamp, None, False, "", Quantity("relative_motion", "1"), moment.distrust)
-        usual = moment.usual
-        due = math.sqrt(due_power(signals.frequency, signals.body_power, usual.square, usual.damping))
+        reference = moment.reference
+        due = math.sqrt(due_power(signals.frequency, signals.body_power, reference.square, reference.damping))
         body = math.sqrt(float(signals.body_power.sum()))
-        slides = body > max(self.settings.minimum_body, SLIDES * self._friction)
-        if not slides or due < max(self.settings.minimum_body, 0.1 * body):
+        slides = body > max(self.settings[MINIMUM_BODY], SLIDES * self._friction)
+        if not slides or due < max(self.settings[MINIMUM_BODY], 0.1 * body):
             self.judgement, self.suspicious = Judgement.NOT_EXCITED, ""
             return Finding(
                 moment.stamp, None, False, "", Quantity("relative_motion", "1"), "the body is at rest"
@@ -73,16 +84,16 @@ class StuckSpool(Detector):
     def _learn_friction(self, moment: Moment) -> None:
         """Take the dry friction per mass, m/s^2, of the healthy valve."""
         assert moment.estimate is not None
-        coulomb, stiffness = moment.parameters["coulomb_force"], moment.parameters["spring_stiffness"]
+        coulomb, stiffness = (moment.parameters["coulomb_force"], moment.parameters["spring_stiffness"])
         if coulomb.baseline.frozen and stiffness.baseline.frozen and self._friction == 0.0:
-            natural = 2.0 * math.pi * moment.usual.natural_frequency
+            natural = 2.0 * math.pi * moment.reference.natural_frequency
             mass = stiffness.baseline.value / natural**2
             self._friction = max(0.0, coulomb.baseline.value) / mass
 
 
 @compiled
 def due_power(frequency: Array, body: Array, square: float, damping: float) -> float:
-    """Return the power that the usual response makes of the body's, per line, in the relative motion."""
+    """Return the power that the reference response makes of the body's, per line, in the relative motion."""
     due = 0.0
     for i in range(frequency.size):
         due += body[i] * abs(transfer(frequency[i], square, damping) - 1.0) ** 2

@@ -1,4 +1,4 @@
-"""The baselines of one valve, version by version: learned, confirmed, taken up again after a restart."""
+"""Baselines of one valve, version by version: learned, confirmed, taken up again after a restart."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from spool_stream.errors import InputError
 
 from spool_monitor.alarms.alarm import AlarmRefusedError, Operator
 from spool_monitor.detection import Detection
+from spool_monitor.drift.baseline import Baseline, HealthyValue
 
-from .baseline_record import BaselineRecord, BaselineStage, HealthyValue
+from .baseline_record import BaselineRecord, BaselineStage
 
 #: Versions that are kept.
 KEPT = 10
@@ -21,19 +22,10 @@ KEPT = 10
 _RECORDS = TypeAdapter(list[BaselineRecord])
 _NOT_MEASURED = (math.nan, math.nan)
 
-UNITS = {
-    "viscous_coefficient": "N s/m",
-    "coulomb_force": "N",
-    "spring_stiffness": "N/m",
-    "channel_gain": "1",
-    "body_mean": "m/s^2",
-    "spool_mean": "m/s^2",
-}
-
 
 @dataclass(slots=True)
 class BaselineKeeper:
-    """Keep what the monitor's :class:`Detection` learned, and give it back to it.
+    """Keeper of the baselines: keeps what the monitor's :class:`Detection` learned, and give it back to it.
 
     Nothing is taken up or kept before the valve is known (:meth:`identify`), since a baseline belongs to one
     valve and its oil.
@@ -141,7 +133,7 @@ class BaselineKeeper:
 
     def dump(self) -> dict[str, Any]:
         """Return what :meth:`load` takes, as JSON can hold it."""
-        records = [_plain({**asdict(one), "stage": one.stage.value}) for one in self.records]
+        records = [_serialised({**asdict(one), "stage": one.stage.value}) for one in self.records]
         return {"anew": self.anew, "records": records}
 
     def load(self, content: Any) -> None:
@@ -175,24 +167,23 @@ def healthy_values(detection: Detection) -> tuple[HealthyValue, ...]:
     """Return what was learned so far, nothing before every parameter of the model is."""
     if not all(one.baseline.frozen for one in detection.parameters.values()):
         return ()
-    values = []
-    for name, drift in detection.parameters.items():
-        start = drift.baseline
-        values.append(
-            HealthyValue(
-                name, UNITS.get(name, "1"), start.value, start.spread, start.mean, start.deviation,
-                start.count, start.correlation, drift.referred, drift.temperature,
-            )
-        )  # fmt: skip
-    for name, start in detection.learned.items():
-        if start.frozen:
-            values.append(
-                HealthyValue(
-                    name, UNITS.get(name, "1"), start.value, start.spread, start.mean, start.deviation,
-                    start.count, start.correlation,
-                )
-            )  # fmt: skip
-    return tuple(values)
+    values = [
+        replace(
+            _healthy_value(detection, name, drift.baseline),
+            referred=drift.referred,
+            temperature=drift.temperature,
+        )
+        for name, drift in detection.parameters.items()
+    ]
+    learned = [(name, start) for name, start in detection.learned.items() if start.frozen]
+    return (*values, *(_healthy_value(detection, name, start) for name, start in learned))
+
+
+def _healthy_value(detection: Detection, name: str, start: Baseline) -> HealthyValue:
+    return HealthyValue(
+        name, detection.units[name], start.value, start.spread, start.mean, start.deviation, start.count,
+        start.correlation,
+    )  # fmt: skip
 
 
 def take_up(detection: Detection, values: tuple[HealthyValue, ...]) -> None:
@@ -217,10 +208,10 @@ def relearn(detection: Detection) -> None:
         start.restart()
 
 
-def _plain(value: Any) -> Any:
+def _serialised(value: Any) -> Any:
     """Return ``value`` as JSON can hold it; NaN becomes a word that a float is read from."""
     if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
+        return {key: _serialised(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
+        return [_serialised(item) for item in value]
     return "nan" if isinstance(value, float) and math.isnan(value) else value

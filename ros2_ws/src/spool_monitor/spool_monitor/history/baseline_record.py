@@ -1,4 +1,4 @@
-"""What a healthy valve looked like: the values to compare with, and what they are bound to."""
+"""Baseline record: the values of the healthy valve to compare with, and what they are bound to."""
 
 from __future__ import annotations
 
@@ -8,43 +8,23 @@ from dataclasses import dataclass, field
 
 from spool_stream.errors import InputError
 
+from spool_monitor.drift.baseline import HealthyValue
+
 
 class BaselineStage(enum.Enum):
-    """How far a baseline has come."""
+    """Stage of a baseline: how far it has come."""
 
     LEARNED = "learned"  # complete and used, but nobody has confirmed it
     FROZEN = "frozen"  # confirmed: replaced by a newer version only
 
 
 @dataclass(frozen=True, slots=True)
-class HealthyValue:
-    """One parameter of the healthy valve, in ``unit``.
-
-    ``value`` is what is compared with (the median), ``spread`` the robust standard deviation around it;
-    ``mean`` and ``standard_deviation`` are those of the ``count`` valid estimates. ``correlation`` is that of
-    neighbouring ones (NaN: not determined), without which no false-alarm rate can be stated. ``referred``
-    says that it holds at one oil temperature; at ``temperature`` (deg C, NaN: not measured) it was learned.
-    """
-
-    name: str
-    unit: str
-    value: float
-    spread: float
-    mean: float
-    standard_deviation: float
-    count: int
-    correlation: float = math.nan
-    referred: bool = False
-    temperature: float = math.nan
-
-
-@dataclass(frozen=True, slots=True)
 class BaselineRecord:
-    """A complete baseline.
+    """Baseline of a valve, complete.
 
     ``valve_id`` and ``oil`` (empty: not known) name what it was learned on, ``temperature`` the lowest and
     highest oil temperature met meanwhile (deg C, NaN: not measured), ``learned_at`` when (ns).
-    ``who`` and ``comment`` are of whoever froze it.
+    ``who`` and ``comment`` are of the operator who froze it.
     """
 
     valve_id: str

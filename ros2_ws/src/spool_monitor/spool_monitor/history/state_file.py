@@ -1,4 +1,4 @@
-"""Small state that survives a restart, the loss of power at any moment, and another version of the suite."""
+"""State file: survives a restart, the loss of power at any moment, and another version of the suite."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ NEW, LAST, DAMAGED = "new", "last", "damaged"
 
 
 class Found(NamedTuple):
-    """A state on the disk; ``sequence`` -1: of a later version whose checksum this one can't form."""
+    """State found on the disk; ``sequence`` -1: of a later version whose checksum this one can't form."""
 
     format: int
     sequence: int
@@ -33,7 +33,7 @@ class Found(NamedTuple):
 
 @dataclass(slots=True)
 class StateFile:
-    """A JSON file with a checksum, the last good copy beside it.
+    """State file: JSON with a checksum, the last good copy next to it.
 
     Saving writes ``NAME.new`` to the disk first, then renames the present file to ``NAME.last`` and the new
     one to ``NAME``: whatever a power loss interrupts, one whole state is there, and loading takes the newest.
@@ -135,7 +135,7 @@ class StateFile:
 
 
 class FolderLock:
-    """Sole right to write in a folder, held until it is let go of or the process ends.
+    """Lock of a folder: sole right to write in it, held until it is let go of or the process ends.
 
     Raises:
         OSError: the folder can't be made or written, or another process holds it (BlockingIOError).

@@ -21,7 +21,7 @@ MINUTE, HOUR, DAY = 60, 3600, 86400
 #: How many spans of each length (s) are kept of each parameter: a week, two years, twenty years.
 KEPT: MappingProxyType[int, int] = MappingProxyType({MINUTE: 7 * 1440, HOUR: 2 * 8766, DAY: 20 * 366})
 
-#: Of the estimate, beside the model's parameters.
+#: Of the estimate, besides the model's parameters.
 FOLLOWED = (
     "referred_viscous_coefficient", "oil_temperature", "natural_frequency", "damping_ratio", "residual",
     "excitation", "relative_displacement",

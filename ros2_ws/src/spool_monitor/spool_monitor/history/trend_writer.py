@@ -1,4 +1,4 @@
-"""Gather a valve's history and write it beside the work, so that a slow disk holds no message up."""
+"""Trend writer: a valve's history, written in a thread so that a slow disk holds no message up."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def _always() -> bool:
 
 
 class TrendWriter:
-    """Feed the trends of one valve from its accepted blocks and its estimates.
+    """Trend writer of one valve, fed from its accepted blocks and its estimates.
 
     What can't be written, since another program holds the file or the disk is full, is held (a day of minutes
     at most) and written as soon as that is possible; :attr:`trouble` says so meanwhile. ``warn`` is called
@@ -42,7 +42,7 @@ class TrendWriter:
     ) -> None:
         self.travel = TravelCounter()
         self.trouble = ""
-        self._path, self._warn, self._allowed, self._patience = path, warn, allowed, patience
+        self._path, self._warn, self._allowed, self._patience = (path, warn, allowed, patience)
         self._sums = Sums()
         self._returned = Sums()
         self._hand_back = threading.Lock()

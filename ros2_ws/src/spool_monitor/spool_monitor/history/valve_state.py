@@ -1,4 +1,4 @@
-"""What a monitor keeps of its valve over a restart: alarms and baselines, where a folder can be written."""
+"""State of a valve over a restart: alarms and baselines, where a folder can be written."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 from spool_stream.errors import InputError
 
-from spool_monitor.alarms.alarm_store import AlarmBook
+from spool_monitor.alarms.alarm_store import AlarmStore
 from spool_monitor.monitor import Monitor
 
 from .baseline_keeper import BaselineKeeper
@@ -23,7 +23,7 @@ RETRY = 10_000_000_000
 
 @dataclass(slots=True)
 class ValveState:
-    """Alarms and baselines of one valve's ``monitor``, kept in ``folder`` (``None``: not at all).
+    """State of one valve's ``monitor``: its alarms and baselines, kept in ``folder`` (``None``: not at all).
 
     ``warn`` is called with one line for people. A folder that can't be written is warned of once; the monitor
     goes on without it, and :meth:`retry` writes what is due as soon as that is possible again.
@@ -32,7 +32,7 @@ class ValveState:
     monitor: Monitor
     folder: Path | None
     warn: Callable[[str], None]
-    alarms: AlarmBook = field(default_factory=AlarmBook)
+    alarms: AlarmStore = field(default_factory=AlarmStore)
     baseline: BaselineKeeper = field(init=False)
     _files: dict[str, StateFile] = field(default_factory=dict, init=False)
     _lock: FolderLock | None = field(default=None, init=False)
@@ -79,7 +79,7 @@ class ValveState:
             return
         self._tried = now
         if not self.owned and self._take_lock():
-            # Whoever held the folder until now may have changed what it keeps.
+            # The monitor that held the folder until now may have changed what it keeps.
             self._read(ALARMS, self.alarms.join)
             if not self.baseline.records:
                 self._read(BASELINE, self.baseline.load)

@@ -1,4 +1,4 @@
-"""What operators do, as services of the monitor node, and the topic that shows them the alarms."""
+"""Alarm services of the monitor node: what operators do, and the topic that shows them the alarms."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from spool_node.messages import to_quantity
 from spool_stream.errors import InputError
 from spool_stream.quantity import Quantity, Validity
 
+from spool_monitor.alarms.alarm import Action, Alarm, AlarmRefusedError, AlarmState, Operator, Transition
+from spool_monitor.events.event import Event, Severity
+from spool_monitor.events.event_kind import Namur
 from spool_monitor.history.trend_writer import TrendWriter
 from spool_monitor.history.valve_state import ValveState
-from spool_monitor.messages import to_alarm_list
 
-from .alarm import Action, Alarm, AlarmRefusedError, AlarmState, Operator, Transition
-from .alarm_code import Namur
-from .event import Event, Severity
+from .messages import to_alarm_list
 
 
-class AlarmDesk:
-    """The operators' side of one monitor: services, the latched topic ``alarms``, and what is kept.
+class AlarmServices:
+    """Alarm services of one monitor: what operators do, the latched topic ``alarms``, and what is kept.
 
     A change is on the disk before it is published or answered.
     """

@@ -1,21 +1,21 @@
-"""From what moved together to the cause: ranked, each with its share and its evidence."""
+"""Causes of a friction drift, from what moved together: ranked, each with its share."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-from .drift import VISCOUS, ParameterDrift
+from .parameter_drift import VISCOUS, ParameterDrift
 
 COULOMB = "coulomb_force"
 
 
 @dataclass(frozen=True, slots=True)
-class Cause:
-    """One explanation of a change.
+class RankedCause:
+    """Cause of a change, one of several.
 
     Attributes:
-        name: as in ``causes.yaml``.
+        name: as the event kind declares it.
         share: among all explanations, 0 to 1.
         parameter: whose change it explains.
         condition: under what that changed, where it matters; empty otherwise.
@@ -34,7 +34,7 @@ VISCOSITY_SLOPE = (0.02, 0.09)
 
 def rank_friction(
     viscous: ParameterDrift, coulomb: ParameterDrift, velocity: float, warmer: float = math.nan
-) -> tuple[Cause, ...]:
+) -> tuple[RankedCause, ...]:
     """Return the causes of a change of friction, the most likely one first.
 
     Each change counts by its size in units of the one that must be found, and by the force that it makes at
@@ -65,11 +65,11 @@ def rank_friction(
         scores["oil_viscosity"] = (-shares[1] * drag * drag_weight, VISCOUS, at)
     total = sum(score for score, _, _ in scores.values())
     causes = [
-        Cause(name, score / total, parameter, condition)
+        RankedCause(name, score / total, parameter, condition)
         for name, (score, parameter, condition) in scores.items()
         if total > 0.0
     ]
-    return tuple(sorted(causes, key=lambda cause: -cause.share)) or (Cause("unknown", 1.0, COULOMB),)
+    return tuple(sorted(causes, key=lambda cause: -cause.share)) or (RankedCause("unknown", 1.0, COULOMB),)
 
 
 def _explains(warmer: float, change: float) -> bool:

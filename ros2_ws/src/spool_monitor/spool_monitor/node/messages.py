@@ -1,4 +1,4 @@
-"""Health, events and alarms as messages."""
+"""Messages of health, events and alarms."""
 
 from __future__ import annotations
 
@@ -9,19 +9,11 @@ from spool_msgs.msg import AlarmList, HealthEvent, ValveHealth
 from spool_node.messages import to_quantity, to_time
 
 from spool_monitor.alarms.alarm import Alarm
-from spool_monitor.alarms.alarm_code import code
-from spool_monitor.alarms.event import Event
+from spool_monitor.detectors import JUDGEMENT_TEXTS, event_kind
+from spool_monitor.events.event import Event
+from spool_monitor.health import Health
 
-from .detectors import JUDGEMENT_TEXTS
-from .monitor import Health
-
-_QUANTITIES = (
-    "dominant_frequency",
-    "amplification",
-    "natural_frequency",
-    "viscous_drift",
-    "coulomb_drift",
-)
+_QUANTITIES = ("dominant_frequency", "amplification", "natural_frequency", "viscous_drift", "coulomb_drift")
 
 _ALARM_FIELDS = (
     "name", "kind", "cause", "code", "occurrence", "value", "unit", "message", "acknowledged_by", "comment",
@@ -38,7 +30,7 @@ def to_event_message(event: Event, valve_id: str) -> HealthEvent:
         quantity=to_quantity(event.quantity),
         message=event.message,
         source=event.source,
-        code=code(event.kind, event.cause),
+        code=event_kind(event.kind).cause(event.cause).code,
     )
     message.header.frame_id = valve_id
     message.header.stamp = to_time(event.stamp)

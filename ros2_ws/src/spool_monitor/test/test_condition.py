@@ -5,8 +5,10 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from spool_monitor.alarms.event import Condition, Event, EventState, Severity
-from spool_monitor.alarms.remedy import advice, remedies
+from spool_monitor.detectors import KINDS, event_kind
+from spool_monitor.events.condition import Condition, Finding
+from spool_monitor.events.event import Event, EventState, Severity
+from spool_monitor.events.event_kind import EventCause, EventKind
 from spool_stream.quantity import Quantity
 from spool_stream.text.sentence import Account
 
@@ -23,13 +25,11 @@ def judge(
     condition: Condition, seconds: float, what: tuple[Severity | None, bool], cause: str = ""
 ) -> list[Event]:
     indicated, released = what
-    return condition.judge(
-        round(seconds * SECOND), indicated, released=released, cause=cause, quantity=NOTHING, message="m"
-    )
+    return condition.judge(Finding(round(seconds * SECOND), indicated, released, cause, NOTHING, "m"))
 
 
 def course(*steps: tuple[float, tuple[Severity | None, bool]]) -> list[tuple[float, EventState, Severity]]:
-    condition = Condition("resonance", on_delay=0.5, off_delay=1.0)
+    condition = Condition(event_kind("resonance"), on_delay=0.5, off_delay=1.0)
     events = [event for seconds, what in steps for event in judge(condition, seconds, what)]
     return [(event.stamp / SECOND, event.state, event.severity) for event in events]
 
@@ -100,7 +100,7 @@ def test_course(
 
 
 def test_without_delays_it_follows_at_once() -> None:
-    condition = Condition("stale", 0.0, 0.0)
+    condition = Condition(event_kind("stale"), 0.0, 0.0)
     (raised,) = judge(condition, 1.0, ALARMING, "acceleration")
     (cleared,) = judge(condition, 2.0, QUIET)
     assert (raised.kind, raised.state, raised.cause) == ("stale", RAISED, "acceleration")
@@ -108,7 +108,7 @@ def test_without_delays_it_follows_at_once() -> None:
 
 
 def test_clear_ends_what_is_active_and_only_that() -> None:
-    condition = Condition("stale", 0.0, 5.0)
+    condition = Condition(event_kind("stale"), 0.0, 5.0)
     assert condition.clear(0, NOTHING, "over") == []
     judge(condition, 1.0, WARN, "estimate")
     (event,) = condition.clear(2 * SECOND, NOTHING, "over")
@@ -119,47 +119,46 @@ def test_clear_ends_what_is_active_and_only_that() -> None:
 
 
 def test_the_event_carries_what_was_judged() -> None:
-    condition = Condition("friction_drift", 0.0, 0.0)
+    condition = Condition(event_kind("friction_drift"), 0.0, 0.0)
     quantity = Quantity("coulomb_force_change", "N", 0.3)
-    (event,) = condition.judge(
-        7, WARNING, released=False, cause="oil_contamination", quantity=quantity, message="text"
-    )
-    said = f"text; what to do: {advice('friction_drift', 'oil_contamination')}"
+    (event,) = condition.judge(Finding(7, WARNING, False, "oil_contamination", quantity, "text"))
+    said = f"text; what to do: {event_kind('friction_drift').cause('oil_contamination').remedy}"
     assert event == Event(7, "friction_drift", RAISED, WARNING, "oil_contamination", quantity, said)
     assert math.isnan(event.quantity.standard_deviation)
 
 
 @given(
-    name=st.sampled_from(sorted(remedies())),
+    advised=st.sampled_from([(kind, one) for kind in KINDS.values() for one in kind.causes]),
     lasted=st.integers(1, 10 * 86400),
     account=st.builds(Account, st.just("what is seen"), st.sampled_from(["", "it sticks"])),
 )
 def test_what_is_over_says_how_long_it_lasted_and_advises_nothing(
-    name: str, lasted: int, account: Account
+    advised: tuple[EventKind, EventCause], lasted: int, account: Account
 ) -> None:
-    kind, _, cause = name.partition("/")
+    kind, cause = advised
     condition = Condition(kind, 0.0, 0.0)
 
     def shown(seconds: int, indicated: Severity | None) -> str:
         (event,) = condition.judge(
-            seconds * SECOND, indicated, released=indicated is None, cause=cause, quantity=NOTHING,
-            message=lambda: account,
-        )  # fmt: skip
+            Finding(seconds * SECOND, indicated, indicated is None, cause.name, NOTHING, lambda: account)
+        )
         return event.message
 
     raised, cleared = shown(0, ALARM), shown(lasted, None)
-    remedy = advice(kind, cause)
+    remedy = kind.cause(cause.name).remedy
     assert raised.endswith(f"; what to do: {remedy}")
     assert remedy not in cleared
     assert "what to do" not in cleared
     assert "it sticks" not in cleared
-    number, unit = cleared.removeprefix(f"{kind.replace('_', ' ')} is over after ").split(":")[0].split(" ")
+    number, unit = (
+        cleared.removeprefix(f"{kind.name.replace('_', ' ')} is over after ").split(":")[0].split(" ")
+    )
     step, seconds = {"s": (0.1, 1), "min": (1, 60), "h": (1, 3600), "days": (1, 86400)}[unit]
     assert abs(float(number) * seconds - lasted) <= 0.5001 * step * seconds
 
 
 def test_what_was_raised_before_a_restart_is_over_after_a_time_that_nobody_knows() -> None:
-    condition = Condition("stale", 0.0, 0.0)
+    condition = Condition(event_kind("stale"), 0.0, 0.0)
     condition.restore(ALARM, "acceleration")
     (event,) = condition.clear(2 * SECOND, NOTHING, "acceleration arrives again")
     assert event.message == "stale is over: acceleration arrives again"
@@ -167,7 +166,7 @@ def test_what_was_raised_before_a_restart_is_over_after_a_time_that_nobody_knows
 
 @pytest.mark.parametrize("grows_after", [1, 30])
 def test_an_alarm_that_grew_tells_since_when_it_began(grows_after: int) -> None:
-    condition = Condition("resonance", on_delay=0.5, off_delay=1.0)
+    condition = Condition(event_kind("resonance"), on_delay=0.5, off_delay=1.0)
     judge(condition, 0.0, WARN)
     judge(condition, 0.5, WARN)
     (event,) = judge(condition, grows_after, ALARMING)
@@ -184,7 +183,7 @@ def test_an_alarm_that_grew_tells_since_when_it_began(grows_after: int) -> None:
 def test_raised_and_cleared_alternate_whatever_is_indicated(
     on_delay: float, off_delay: float, steps: list[tuple[float, tuple[Severity | None, bool]]]
 ) -> None:
-    condition = Condition("resonance", on_delay, off_delay)
+    condition = Condition(event_kind("resonance"), on_delay, off_delay)
     now, active, last_stamp = 0.0, None, -1
     indicated_since: float | None = None
     for wait, what in steps:
@@ -211,7 +210,7 @@ def test_raised_and_cleared_alternate_whatever_is_indicated(
 
 
 def test_after_a_clear_the_on_delay_starts_anew() -> None:
-    condition = Condition("resonance", 0.5, 1.0)
+    condition = Condition(event_kind("resonance"), 0.5, 1.0)
     judge(condition, 0.0, WARN)
     judge(condition, 0.5, WARN)
     judge(condition, 1.0, QUIET)

@@ -8,24 +8,26 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from spool_monitor.alarms.alarm import AlarmRefusedError, AlarmState, Operator
-from spool_monitor.alarms.alarm_code import Namur
-from spool_monitor.alarms.alarm_store import AlarmBook
-from spool_monitor.alarms.event import Condition, Event, EventState, Severity
+from spool_monitor.alarms.alarm_store import AlarmStore
+from spool_monitor.detectors import event_kind
+from spool_monitor.events.condition import Condition, Finding
+from spool_monitor.events.event import Event, EventState, Severity
+from spool_monitor.events.event_kind import Namur
 from spool_stream.errors import InputError
 from spool_stream.quantity import Quantity
 
 SECOND = 1_000_000_000
 CONDITIONS = (
-    Condition("resonance", 0.5, 1.0),
-    Condition("friction_drift", 2.0, 3.0, "viscous_coefficient"),
-    Condition("friction_drift", 2.0, 3.0, "coulomb_force"),
-    Condition("stuck_spool", 2.0, 3.0),
+    Condition(event_kind("resonance"), 0.5, 1.0),
+    Condition(event_kind("friction_drift"), 2.0, 3.0, "viscous_coefficient"),
+    Condition(event_kind("friction_drift"), 2.0, 3.0, "coulomb_force"),
+    Condition(event_kind("stuck_spool"), 2.0, 3.0),
 )
 RAISED, CLEARED = EventState.RAISED, EventState.CLEARED
 
 
-def book() -> AlarmBook:
-    made = AlarmBook()
+def store() -> AlarmStore:
+    made = AlarmStore()
     made.expect(CONDITIONS)
     return made
 
@@ -39,12 +41,12 @@ def eva(stamp: int = 5) -> Operator:
     return Operator("Eva", stamp)
 
 
-def states(of: AlarmBook) -> dict[str, AlarmState]:
+def states(of: AlarmStore) -> dict[str, AlarmState]:
     return {name: alarm.state for name, alarm in of.alarms.items() if alarm.state is not AlarmState.NORMAL}
 
 
 def test_two_conditions_of_a_kind_are_two_alarms() -> None:
-    alarms = book()
+    alarms = store()
     alarms.update(event("friction_drift/coulomb_force", RAISED))
     alarms.update(event("friction_drift/viscous_coefficient", RAISED))
     alarms.update(event("friction_drift/coulomb_force", CLEARED))
@@ -55,7 +57,7 @@ def test_two_conditions_of_a_kind_are_two_alarms() -> None:
 
 
 def test_one_a_kind_or_all_can_be_named() -> None:
-    alarms = book()
+    alarms = store()
     for name in alarms.alarms:
         alarms.update(event(name, RAISED))
     assert len(alarms.acknowledge("friction_drift/coulomb_force", eva())) == 1
@@ -69,18 +71,18 @@ def test_one_a_kind_or_all_can_be_named() -> None:
 
 def test_what_there_is_not_is_refused_with_what_there_is() -> None:
     with pytest.raises(AlarmRefusedError, match="no alarm 'wear'; there are: friction_drift/coulomb_force, "):
-        book().acknowledge("wear", eva())
+        store().acknowledge("wear", eva())
 
 
 def test_any_expected_alarm_can_be_put_aside_before_it_comes() -> None:
-    alarms = book()
+    alarms = store()
     alarms.suppress("resonance", eva(), on=True)
     assert alarms.update(event("resonance", RAISED)).actions == ()
     assert states(alarms) == {"resonance": AlarmState.SUPPRESSED}
 
 
 def test_time_ends_the_shelves_that_are_due() -> None:
-    alarms = book()
+    alarms = store()
     alarms.shelve("resonance", eva(), 10.0)
     alarms.shelve("friction_drift", eva(), 20.0)
     assert alarms.advance(5 + 10 * SECOND - 1) == []
@@ -90,7 +92,7 @@ def test_time_ends_the_shelves_that_are_due() -> None:
 
 
 def test_those_that_wait_for_an_operator_are_shown_first() -> None:
-    alarms = book()
+    alarms = store()
     for stamp, name in enumerate(alarms.alarms, 1):
         high = name.startswith("stuck")
         alarms.update(event(name, RAISED, stamp, Severity.ALARM if high else Severity.WARNING))
@@ -105,7 +107,7 @@ def test_those_that_wait_for_an_operator_are_shown_first() -> None:
 
 
 def test_the_worst_status_counts_and_maintenance_is_a_function_check() -> None:
-    alarms = book()
+    alarms = store()
     assert alarms.namur is Namur.NORMAL
     alarms.update(event("friction_drift/coulomb_force", RAISED))
     assert alarms.namur is Namur.MAINTENANCE_REQUIRED
@@ -118,18 +120,18 @@ def test_the_worst_status_counts_and_maintenance_is_a_function_check() -> None:
 
 
 def test_after_a_restart_a_condition_that_is_over_ends_its_alarm() -> None:
-    before = book()
+    before = store()
     before.update(event("resonance", RAISED, severity=Severity.ALARM))
-    after = book()
+    after = store()
     after.load(json.loads(json.dumps(before.dump(), allow_nan=False)))
-    condition = Condition("resonance", 0.5, 1.0)
+    condition = Condition(event_kind("resonance"), 0.5, 1.0)
     after.restore([condition])
     assert condition.active is Severity.ALARM
     nothing = Quantity("amplification", "1", 1.0)
     events = [
         one
         for stamp in (10 * SECOND, 11 * SECOND)
-        for one in condition.judge(stamp, None, released=True, cause="", quantity=nothing, message="")
+        for one in condition.judge(Finding(stamp, None, True, "", nothing, ""))
     ]
     for one in events:
         after.update(one)
@@ -140,7 +142,7 @@ def test_after_a_restart_a_condition_that_is_over_ends_its_alarm() -> None:
     "content", [None, 5, [{}], [{"kind": "resonance", "value": 1.0, "severity": 9}], [{"value": None}], ["x"]]
 )
 def test_what_cannot_be_read_is_refused_and_changes_nothing(content: object) -> None:
-    alarms = book()
+    alarms = store()
     before = dict(alarms.alarms)
     with pytest.raises(InputError, match="the kept alarms can't be read:"):
         alarms.load(content)
@@ -148,26 +150,26 @@ def test_what_cannot_be_read_is_refused_and_changes_nothing(content: object) -> 
 
 
 def test_one_unreadable_alarm_costs_no_other_its_latch() -> None:
-    before = book()
+    before = store()
     before.update(event("stuck_spool", RAISED))
     before.update(event("stuck_spool", CLEARED))
     content = [{"kind": "resonance", "value": 1.0, "severity": 9}, *before.dump()]
-    after = book()
+    after = store()
     with pytest.raises(InputError, match=r"1 of \d+ of the kept alarms can't be read"):
         after.load(content)
     assert after.alarms["stuck_spool"].latched
 
 
 def test_what_a_later_version_adds_to_an_alarm_is_left_out() -> None:
-    before = book()
+    before = store()
     before.update(event("stuck_spool", RAISED))
-    after = book()
+    after = store()
     after.load([{**entry, "colour": "red"} for entry in before.dump()])
     assert after.alarms["stuck_spool"].active
 
 
-def test_of_two_books_the_later_change_of_each_alarm_counts() -> None:
-    ours, theirs = book(), book()
+def test_of_two_stores_the_later_change_of_each_alarm_counts() -> None:
+    ours, theirs = store(), store()
     ours.update(replace(event("stuck_spool", RAISED), stamp=1 * SECOND))
     theirs.update(replace(event("stuck_spool", RAISED), stamp=1 * SECOND))
     theirs.acknowledge("stuck_spool", eva(2 * SECOND))
@@ -178,11 +180,11 @@ def test_of_two_books_the_later_change_of_each_alarm_counts() -> None:
 
 
 def test_a_kind_that_latches_no_more_is_let_go() -> None:
-    before = book()
+    before = store()
     before.update(event("stuck_spool", RAISED))
     before.update(event("stuck_spool", CLEARED))
     assert states(before) == {"stuck_spool": AlarmState.LATCHED_UNACKNOWLEDGED}
-    after = AlarmBook(latching=())
+    after = AlarmStore(latching=())
     after.load(before.dump())
     assert states(after) == {"stuck_spool": AlarmState.RETURNED_UNACKNOWLEDGED}
 
@@ -201,7 +203,7 @@ NAMES = [condition.name for condition in CONDITIONS]
     )
 )
 def test_whatever_happens_it_survives_a_restart_unchanged(steps: list[tuple[str, str, int]]) -> None:
-    alarms = book()
+    alarms = store()
     for what, name, stamp in steps:
         operator = eva(stamp * SECOND)
         name_of_one = name if name in NAMES else NAMES[0]
@@ -224,7 +226,7 @@ def test_whatever_happens_it_survives_a_restart_unchanged(steps: list[tuple[str,
         except AlarmRefusedError:
             continue
         alarms.advance(stamp * SECOND)
-    again = book()
+    again = store()
     again.load(json.loads(json.dumps(alarms.dump(), allow_nan=False)))
     assert list(again.alarms) == list(alarms.alarms)
     for name, alarm in alarms.alarms.items():

@@ -1,28 +1,24 @@
-"""Drift of a parameter against the value the valve had when it was healthy."""
+"""Drift of a parameter: sequential test against the value that it had when the valve was healthy."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
 from spool_estimator.estimate import Estimate, State
 from spool_stream.quantity import Quantity, Validity
 from spool_stream.text.sentence import change
 
-from spool_monitor.alarms.event import Severity
-from spool_monitor.history.baseline_record import HealthyValue
+from spool_monitor.events.event import Severity
 from spool_monitor.signals.sequential import CumulativeSum, threshold_for
+
+from .baseline import Baseline
 
 #: Standard deviations that a change must exceed before its size is judged at all.
 SIGNIFICANCE = 4.0
 
 #: The parameter that follows the oil's temperature.
 VISCOUS = "viscous_coefficient"
-
-#: s, estimates do not come closer; it bounds how many are kept for a start value.
-SHORTEST_PERIOD = 0.1
 
 #: Of the change that must be found: what is let pass for ever, what a single value counts for at most, below
 #: what it is over, and above what uncertainty nothing is judged.
@@ -39,70 +35,8 @@ LAW_ERROR = 0.002
 
 
 @dataclass(slots=True)
-class Baseline:
-    """Start value of one parameter: median of the valid estimates of ``duration`` s, three at least.
-
-    Each estimate counts for the shortest time between two, so that standstills do not count. ``value`` and
-    ``spread`` (robust standard deviation) are NaN while it is being learned, and so are ``mean`` and
-    ``deviation`` of the ``count`` estimates and ``correlation``, that of neighbours.
-    """
-
-    duration: float
-    value: float = field(default=math.nan, init=False)
-    spread: float = field(default=math.nan, init=False)
-    mean: float = field(default=math.nan, init=False)
-    deviation: float = field(default=math.nan, init=False)
-    correlation: float = field(default=math.nan, init=False)
-    count: int = field(default=0, init=False)
-    _seen: list[float] = field(default_factory=list, init=False)
-    _last: int | None = field(default=None, init=False)
-    _period: float = field(default=math.inf, init=False)
-
-    @property
-    def frozen(self) -> bool:
-        """Whether the start value is fixed."""
-        return not math.isnan(self.value)
-
-    def learn(self, stamp: int, value: float) -> None:
-        """Take the estimate at ``stamp`` (ns) in, until there are enough of them."""
-        if self.frozen:
-            return
-        if self._last is not None and stamp > self._last:
-            self._period = min(self._period, max(SHORTEST_PERIOD, (stamp - self._last) * 1e-9))
-        self._last = stamp
-        self._seen.append(value)
-        # Half a period less: stamps jitter.
-        if len(self._seen) >= 3 and (len(self._seen) + 0.5) * self._period >= self.duration:
-            self.value = float(np.median(self._seen))
-            # 1.4826: median absolute deviation to standard deviation of a normal distribution.
-            self.spread = 1.4826 * float(np.median(np.abs(np.array(self._seen) - self.value)))
-            self._describe(np.array(self._seen))
-            self._seen.clear()
-
-    def restart(self) -> None:
-        """Learn from here on; a fixed start value is forgotten."""
-        self.value = self.spread = self.mean = self.deviation = self.correlation = math.nan
-        self.count = 0
-        self._seen.clear()
-
-    def restore(self, kept: HealthyValue) -> None:
-        """Go on with a start value that was learned before."""
-        self.restart()
-        self.value, self.spread = kept.value, kept.spread
-        self.mean, self.deviation, self.correlation = kept.mean, kept.standard_deviation, kept.correlation
-        self.count = kept.count
-
-    def _describe(self, seen: NDArray[np.float64]) -> None:
-        self.count, self.mean = seen.size, float(seen.mean())
-        self.deviation = float(seen.std(ddof=1))
-        around = seen - self.mean
-        power = float(around @ around)
-        self.correlation = float(around[1:] @ around[:-1]) / power if power > 0.0 else math.nan
-
-
-@dataclass(slots=True)
 class ParameterDrift:
-    """Test one parameter of each estimate against its baseline.
+    """Drift test of one parameter: each estimate against its baseline.
 
     Where the estimates carry it, the viscous coefficient is compared as referred to one oil temperature; a
     start value learned so is never compared with one at any other. Not judged is what is held, what is too
@@ -224,7 +158,7 @@ class ParameterDrift:
             self.level = Severity.ALARM if abs(self._smoothed) >= 2.0 else Severity.WARNING
         self.released = abs(self._smoothed) < RELEASE
         if self.released and self.sum.size > 0.0:
-            # Otherwise a long drift that was mended would take as long to be forgotten.
+            # Otherwise a long drift that was repaired would take as long to be forgotten.
             self.sum.up = min(self.sum.up, SHORTEST_SUM)
             self.sum.down = min(self.sum.down, SHORTEST_SUM)
 

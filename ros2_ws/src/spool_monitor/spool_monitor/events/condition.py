@@ -1,76 +1,46 @@
-"""What begins and ends on a valve."""
+"""Condition of a valve: makes events of what detectors find."""
 
 from __future__ import annotations
 
-import enum
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
-from spool_estimator.gap_requests.gap_watch import MODEL_GAP, GapChange
 from spool_stream.quantity import Quantity
 from spool_stream.text.sentence import Account, over, raised
 
-from .remedy import advice
+from .event import Event, EventState, Severity, condition_name
+from .event_kind import EventKind
 
 #: What there is to tell, or what makes it: most of what is judged is never told. A string is what is seen.
 Told = str | Account
 Text = Told | Callable[[], Told]
 
 
-class EventState(enum.IntEnum):
-    """The numbers are those of ``spool_msgs/msg/HealthEvent``."""
-
-    UNKNOWN = 0
-    RAISED = 1
-    CLEARED = 2
-
-
-class Severity(enum.IntEnum):
-    """The numbers are those of ``spool_msgs/msg/HealthEvent``."""
-
-    UNKNOWN = 0
-    WARNING = 1
-    ALARM = 2
-
-
-def condition_name(kind: str, source: str) -> str:
-    """Return the name of a condition of a valve."""
-    return f"{kind}/{source}" if source else kind
-
-
 @dataclass(frozen=True, slots=True)
-class Event:
-    """Something began or ended at ``stamp`` (ns, acquisition time).
+class Finding:
+    """Finding of a detector at ``stamp`` (ns); the condition's delays come on top.
 
-    ``source`` says which one of a kind's conditions it is, e.g. ``coulomb_force``; empty where there is one.
+    ``indicated`` is ``None`` where nothing is wrong; between ``indicated`` and ``released`` nothing changes.
     """
 
     stamp: int
-    kind: str
-    state: EventState
-    severity: Severity
+    indicated: Severity | None
+    released: bool
     cause: str
     quantity: Quantity
-    message: str
-    source: str = ""
-
-
-def gap_event(change: GapChange) -> Event:
-    """Return the event that the estimator's node publishes for ``change``."""
-    state = EventState.RAISED if change.raised else EventState.CLEARED
-    return Event(change.stamp, MODEL_GAP, state, Severity.WARNING, "", change.residual, change.sentence)
+    message: Text
 
 
 @dataclass(slots=True)
 class Condition:
-    """Turn a wavering indication into one event on and one event off.
+    """Condition with delays and a deadband: turns a wavering indication into one event on and one event off.
 
     It is raised when the indication held for ``on_delay`` s, cleared when the release held for
-    ``off_delay`` s; between both (the deadband) nothing changes. A higher severity is reported at once.
+    ``off_delay`` s; between both (the deadband) nothing changes. A higher severity is reported immediately.
     """
 
-    kind: str
+    declared: EventKind
     on_delay: float
     off_delay: float
     source: str = ""
@@ -80,22 +50,14 @@ class Condition:
     _indicated: int | None = field(default=None, init=False)
     _raised: int | None = field(default=None, init=False)
 
-    def judge(
-        self,
-        stamp: int,
-        indicated: Severity | None,
-        *,
-        released: bool,
-        cause: str,
-        quantity: Quantity,
-        message: Text,
-    ) -> list[Event]:
-        """Return the event that follows, if any; where ``stamp`` (ns) goes back, the delay starts anew."""
-        wanted = indicated is not None if self.active is None else released
+    def judge(self, finding: Finding) -> list[Event]:
+        """Return the event that follows, if any; where the stamp goes back, the delay starts anew."""
+        stamp, indicated = finding.stamp, finding.indicated
+        wanted = indicated is not None if self.active is None else finding.released
         if self.active is not None and indicated is not None:
             self._since = None
             if indicated > self.active:
-                return self._raise(stamp, indicated, cause, quantity, message)
+                return self._raise(finding, indicated)
             return []
         if not wanted:
             self._since = None
@@ -108,34 +70,40 @@ class Condition:
             assert indicated is not None
             self._indicated = self._since
             self._since = None
-            return self._raise(stamp, indicated, cause, quantity, message)
-        return self.clear(stamp, quantity, message)
+            return self._raise(finding, indicated)
+        return self.clear(stamp, finding.quantity, finding.message)
 
     def clear(self, stamp: int, quantity: Quantity, message: Text) -> list[Event]:
-        """End the condition at once where it is active; ``message`` says what is seen now."""
+        """End the condition where it is active; ``message`` says what is seen now."""
         if self.active is None:
             return []
         # A clock that was set back makes no time negative.
         began = self._raised if self._raised is not None and self._raised <= stamp else None
         lasted = math.nan if began is None else 1e-9 * (stamp - began)
-        event = self._event(stamp, EventState.CLEARED, quantity, over(self.kind, _account(message), lasted))
+        text = over(self.kind, _account(message), lasted)
+        event = self._event(stamp, EventState.CLEARED, quantity, text)
         self.active, self.cause = None, ""
         self._since = self._indicated = self._raised = None
         return [event]
 
-    def _raise(
-        self, stamp: int, severity: Severity, cause: str, quantity: Quantity, message: Text
-    ) -> list[Event]:
+    def _raise(self, finding: Finding, severity: Severity) -> list[Event]:
+        stamp, cause = finding.stamp, finding.cause
         self.active, self.cause = severity, cause
         self._raised = stamp if self._raised is None else self._raised
-        account = _account(message)
+        account = _account(finding.message)
         if math.isnan(account.began) and self._indicated is not None:
             account = replace(account, began=1e-9 * (stamp - self._indicated))
-        return [self._event(stamp, EventState.RAISED, quantity, raised(account, advice(self.kind, cause)))]
+        text = raised(account, self.declared.cause(cause).remedy)
+        return [self._event(stamp, EventState.RAISED, finding.quantity, text)]
+
+    @property
+    def kind(self) -> str:
+        """Name of its events' kind."""
+        return self.declared.name
 
     @property
     def name(self) -> str:
-        """What tells this condition from the valve's others, e.g. ``friction_drift/coulomb_force``."""
+        """Name that distinguishes it from the valve's others, e.g. ``friction_drift/coulomb_force``."""
         return condition_name(self.kind, self.source)
 
     def restore(self, severity: Severity, cause: str) -> None:

@@ -1,0 +1,77 @@
+"""Stale: nothing arrives, neither from the source nor from the estimator."""
+
+from __future__ import annotations
+
+from spool_stream.quantity import Quantity, Validity
+
+from spool_monitor.events.condition import Condition, Finding
+from spool_monitor.events.event import Event, Severity
+from spool_monitor.events.event_kind import EventCause, EventKind, Namur
+
+from .settings import MonitorLimit
+
+#: Cause where no block has ever come.
+NEVER_SEEN = "never_seen"
+
+KIND = EventKind(
+    "stale",
+    800,
+    Namur.FAILURE,
+    "No data arrive.",
+    "check whether the source runs",
+    causes=(
+        EventCause("acceleration", 801),
+        EventCause("estimate", 802),
+        EventCause(
+            NEVER_SEEN,
+            803,
+            "No acceleration has ever arrived.",
+            "check the topic name, its type and quality of service, and whether the source runs",
+        ),
+    ),
+)
+
+STALE_AFTER = MonitorLimit("stale_after", 1.5, "Silence that is reported.", "s", 0.2, 60.0)
+
+
+class StaleWatch:
+    """Stale data of one valve: a condition for each of ``acceleration`` and ``estimate``."""
+
+    def __init__(self) -> None:
+        self.conditions = {
+            source: Condition(KIND, 0.0, 0.0, source) for source in ("acceleration", "estimate")
+        }
+
+    @property
+    def active(self) -> list[str]:
+        """Names of what does not arrive now."""
+        return [name for name, condition in self.conditions.items() if condition.active is not None]
+
+    @property
+    def never_seen(self) -> bool:
+        """Whether it was told that no block has ever come."""
+        return self.conditions["acceleration"].cause == NEVER_SEEN
+
+    def silent(self, source: str, stamp: int, seconds: float) -> list[Event]:
+        """Say that ``source`` is silent for ``seconds`` at ``stamp`` (ns)."""
+        return self._raise(source, source, stamp, seconds, f"no {source} for {seconds:.1f} s")
+
+    def nothing_ever(self, stamp: int, seconds: float, *, refused: bool) -> list[Event]:
+        """Say that no usable block came in ``seconds``; ``refused``: some came that were not."""
+        if refused:
+            text, cause = f"no usable acceleration in {seconds:.0f} s", "acceleration"
+        else:
+            text, cause = f"acceleration never seen in {seconds:.0f} s", NEVER_SEEN
+        return self._raise("acceleration", cause, stamp, seconds, text)
+
+    def arrived(self, source: str, stamp: int, text: str) -> list[Event]:
+        """Say that ``source`` is heard at ``stamp`` (ns)."""
+        return self.conditions[source].clear(stamp, _silence(0.0), text)
+
+    def _raise(self, source: str, cause: str, stamp: int, seconds: float, text: str) -> list[Event]:
+        finding = Finding(stamp, Severity.ALARM, False, cause, _silence(seconds), text)
+        return self.conditions[source].judge(finding)
+
+
+def _silence(seconds: float) -> Quantity:
+    return Quantity("silence", "s", seconds, validity=Validity.VALID)

@@ -1,0 +1,1 @@
+"""Drift of parameters: start values, sequential tests, and the causes of what moved together."""

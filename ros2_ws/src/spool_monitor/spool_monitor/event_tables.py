@@ -1,0 +1,53 @@
+"""Tables of the event kinds for docs/alarms.md; ``python -m spool_monitor.event_tables docs/alarms.md``."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+from spool_monitor.detectors import KINDS
+from spool_monitor.events.event_kind import EventKind
+
+
+def number_table() -> str:
+    """Return numbers, status after NE 107 and latch of every kind and cause, in Markdown."""
+    rows = ((f"`{kind.name}`", kind.code, kind.namur.letter, _causes(kind)) for kind in KINDS.values())
+    return _table(("kind", "number", "status", "causes"), rows)
+
+
+def meaning_table() -> str:
+    """Return what every kind and cause means on the machine and what to do, in Markdown."""
+    names = ((kind, [one.name for one in kind.causes] or [""]) for kind in KINDS.values())
+    causes = (kind.cause(name) for kind, listed in names for name in listed)
+    rows = ((cause.code, cause.meaning, cause.remedy) for cause in causes)
+    return _table(("number", "what it means", "what to do"), rows)
+
+
+def _causes(kind: EventKind) -> str:
+    """Return the causes; their status where it is not the kind's."""
+    listed = ", ".join(
+        f"{cause.code} `{cause.name}`" + (f" ({cause.namur.letter})" if cause.namur else "")
+        for cause in kind.causes
+    )
+    return "; ".join(part for part in (listed, "latches" if kind.latching else "") if part)
+
+
+def _table(header: tuple[str, ...], rows: Iterable[tuple[object, ...]]) -> str:
+    lines = [header, ("---",) * len(header), *rows]
+    return "".join(f"| {' | '.join(map(str, line))} |\n" for line in lines)
+
+
+def main(page: Path) -> None:
+    """Bring both tables of ``page`` up to date."""
+    text = page.read_text(encoding="utf-8")
+    for table in (number_table(), meaning_table()):
+        old = re.search(rf"{re.escape(table.splitlines()[0])}\n(\|.*\n)+", text)
+        if old is not None:
+            text = text.replace(old[0], table)
+    page.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,47 @@
+"""Health of one valve: what the monitor makes of it at a time."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+from spool_stream.quantity import Quantity
+
+from spool_monitor.detectors import Judgement
+from spool_monitor.events.event_kind import Namur
+
+
+class Level(enum.IntEnum):
+    """Level of a valve's health; the numbers are those of ``spool_msgs/msg/ValveHealth``."""
+
+    UNKNOWN = 0
+    OK = 1
+    WARNING = 2
+    ALARM = 3
+    STALE = 4
+
+
+class BaselineState(enum.IntEnum):
+    """State of the baseline; the numbers are those of ``spool_msgs/msg/ValveHealth``."""
+
+    UNKNOWN = 0
+    LEARNING = 1
+    FROZEN = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """Health of the valve at ``stamp`` (ns); fields as in ``ValveHealth``."""
+
+    stamp: int
+    level: Level
+    baseline: BaselineState
+    summary: str
+    active: tuple[str, ...]
+    dominant_frequency: Quantity
+    amplification: Quantity
+    natural_frequency: Quantity
+    viscous_drift: Quantity
+    coulomb_drift: Quantity
+    judgements: tuple[tuple[str, Judgement], ...]
+    namur: Namur = Namur.UNKNOWN

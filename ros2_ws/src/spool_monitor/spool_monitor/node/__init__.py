@@ -1,0 +1,1 @@
+"""Node ``monitor``: the ROS shell, its services and messages."""
