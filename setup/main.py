@@ -19,26 +19,7 @@ ROOT = Path(__file__).resolve().parent.parent
 LOCAL_BY_DEFAULT = ("demo", "test", "bench", "run")
 HELP = """Usage: ./spool COMMAND [arguments]       ./spool COMMAND --help says more, with an example
 
-  demo      the main job, live: two valves simulated, estimated, monitored, recorded, reported
-  test      the tests of the repository; takes pytest's arguments, -m '' adds the slow ones
-  run       what `ros2 run` does: ./spool run PACKAGE EXECUTABLE [arguments]
-  simulate  a bag from the simulator, faster than real time
-  import    a data logger's CSV file to a bag
-  export    a bag to Parquet or CSV
-  info      what is in a bag and what was lost
-  recover   a damaged bag made readable
-  replay    estimator and monitor over a recorded bag
-  fit       one model's parameters from records
-  compare   models side by side on records
-  gap       what the model lacks: named, added and measured again
-  paper     the paper's series, figures and tables, on made data
-  study     how often the suite is right, over many blind records
-  valve     what follows from a valve file, and what looks wrong in it
-  trend     what the monitor kept of a valve, over hours and days
-  alarm     an operator's part: acknowledge, shelve, reset
-  bench     timings against the peers
-  doctor    what is wrong with this machine or installation, and what to do
-
+{commands}
 The first call sets the project up (one to three minutes): it needs Linux x86-64, Python 3.10 to 3.13 with
 venv, a C++ compiler and make. Where a ROS 2 is sourced, it builds on that one.
 ./spool --version says which version this is; after ./spool --install-completion Tab completes in new shells.
@@ -50,7 +31,6 @@ OPTIONS = ("--version", "--install-completion", "--show-completion")
 SPREAD = ("-n", "auto", "--dist", "loadfile", "--no-loadscope-reorder")
 #: Set by a shell that completes a command line.
 COMPLETION = "_SPOOL_COMPLETE"
-COMMANDS = re.findall(r"^  (\w+)  ", HELP, re.MULTILINE)
 
 
 def main(arguments: list[str]) -> int:
@@ -106,11 +86,14 @@ def _run(arguments: list[str]) -> int:
         return doctor(layout, done, environment, arguments[1:])
 
     if not done.environment:
+        from setup.commands import commands, listing  # noqa: PLC0415  (a later call has to start at once)
+
         if command in ("--help", "-h", "help"):
-            print(HELP, end="")
+            print(HELP.format(commands=listing(ROOT)), end="")
             return 0
-        if command not in (*COMMANDS, *OPTIONS):
-            near = difflib.get_close_matches(command, COMMANDS, n=1)
+        known = list(commands(ROOT))
+        if command not in (*known, *OPTIONS):
+            near = difflib.get_close_matches(command, known, n=1)
             meant = f", did you mean {near[0]}?" if near else ":"
             raise SetupError(f"no command {command}{meant} ./spool --help lists them")
     _warn_localhost_only(environment)
