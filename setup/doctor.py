@@ -143,7 +143,7 @@ def _ros_variables(environment: Mapping[str, str]) -> Iterator[CheckResult]:
 def _exposure(layout: Layout, environment: Mapping[str, str]) -> Iterator[CheckResult]:
     """Who else can reach the nodes, and change the code that they load."""
     exposure = _module(layout, "spool_node", "exposure")
-    kernels = _module(layout, "spool_stream", "kernel_folder")
+    kernels = _module(layout, "spool_stream", "kernels.kernel_folder")
     seen = {**environment, **({exposure.WHEELS: "1"} if layout.underlay.is_wheels else {})}
     said = exposure.network_warnings(seen)
     yield from (CheckResult("warning", text) for text in said)
