@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 import yaml
 from spool_bag.recording.recorder_node import RecorderNode
-from spool_estimator.estimator_node import EstimatorNode
+from spool_estimator.node.estimator_node import EstimatorNode
 from spool_monitor.node.monitor_node import MonitorNode
 from spool_node.managed_node import AUTOSTART, ManagedNode
 from spool_sim.simulator_node import SimulatorNode
@@ -75,7 +75,7 @@ START_NODES = """
 import json, sys
 import rclpy
 from spool_bag.recording.recorder_node import RecorderNode
-from spool_estimator.estimator_node import EstimatorNode
+from spool_estimator.node.estimator_node import EstimatorNode
 from spool_monitor.node.monitor_node import MonitorNode
 from spool_sim.simulator_node import SimulatorNode
 

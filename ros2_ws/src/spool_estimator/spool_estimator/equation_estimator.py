@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from spool_identification.oil import OilReference
 from spool_stream.block import Block
 from spool_stream.block_gate import BlockGate, Fault, Verdict
+from spool_stream.kernels.standing import StandingWatch
 from spool_stream.quantity import Quantity, Validity
-from spool_stream.standing import StandingWatch
 
 from spool_estimator.recursion.conditioning import (
     BODY,

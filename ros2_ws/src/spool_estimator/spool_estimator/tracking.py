@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_stream.standing import StandingWatch
+from spool_stream.kernels.standing import StandingWatch
 
 from spool_estimator.motion.history import Descent, Fitter, History, told_apart
 from spool_estimator.motion.prediction import (

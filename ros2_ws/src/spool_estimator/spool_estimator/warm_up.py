@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from spool_sim.integration import motion
 from spool_sim.integration.motion import MotionState, advance
-from spool_stream.standing import StandingWatch
+from spool_stream.kernels.standing import StandingWatch
 
 from spool_estimator.motion.prediction import Prediction
 from spool_estimator.recursion.conditioning import COLUMNS, Conditioning

@@ -61,7 +61,7 @@ def test_the_core_works_with_ros_blocked() -> None:
 
 
 def test_the_blocker_blocks() -> None:
-    done = run("import spool_estimator.estimator_node", *ROS)
+    done = run("import spool_estimator.node.estimator_node", *ROS)
     assert done.returncode == 1
     assert "is blocked" in done.stderr
 

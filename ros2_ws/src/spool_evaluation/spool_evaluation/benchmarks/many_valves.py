@@ -1,4 +1,4 @@
-"""Estimator nodes of many valves in one process on one processor, and how late they are.
+"""Latency of the estimator nodes of many valves in one process on one processor.
 
 Run as ``python -m spool_evaluation.benchmarks.many_valves COUNT FILE``; on SIGINT it writes what it saw
 as JSON.
@@ -18,7 +18,7 @@ import numpy as np
 import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
-from spool_estimator.estimator_node import EstimatorNode
+from spool_estimator.node.estimator_node import EstimatorNode
 from spool_msgs.msg import AccelerationBlock
 from spool_node.messages import nanoseconds
 
@@ -29,7 +29,7 @@ LATE = 0.02
 
 
 class TimedEstimator(EstimatorNode):
-    """An estimator node that notes how old each block is when it is done with it."""
+    """Estimator node that notes how old each block is when it is done with it."""
 
     def __init__(self, namespace: str) -> None:
         super().__init__(namespace)

@@ -18,9 +18,8 @@ from spool_stream.quantity import Quantity, Validity
 from std_srvs.srv import Trigger
 
 from spool_estimator.estimate import Estimate
-
-from .gap_watch import MODEL_GAP, MODEL_GAP_CODE, GapChange, GapWatch
-from .gap_worker import GapAnswer, GapTask, GapWorker, RecentBlocks
+from spool_estimator.gap_requests.gap_watch import MODEL_GAP, MODEL_GAP_CODE, GapChange, GapWatch
+from spool_estimator.gap_requests.gap_worker import GapAnswer, GapTask, GapWorker, RecentBlocks
 
 #: Events that late joiners get.
 KEPT_EVENTS = 100

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 import time
 from typing import ClassVar
 
@@ -14,23 +13,22 @@ from spool_node.diagnostics import DiagnosticPublisher, Level, Status, block_fau
 from spool_node.managed_node import ManagedNode
 from spool_node.messages import nanoseconds, to_block
 from spool_node.parameters import Parameter
-from spool_node.running import run
 from spool_node.throttle import Throttle
 from spool_sim.model import load_model
 from spool_sim.valve.description import Valve, find_valve
 from std_srvs.srv import Trigger
 
-from spool_estimator.gap_requests.gap_service import GapService
+from spool_estimator.estimate import Estimate, State
+from spool_estimator.estimator import EXPONENTIAL, FORGETTING, phase_of, settings_for
+from spool_estimator.estimators import ESTIMATORS, StreamEstimator, make_estimator
+from spool_estimator.messages import to_message, to_refit_message
+from spool_estimator.plausibility import ValveCheck
+from spool_estimator.refit import RefitSettings, WindowRefits
+from spool_estimator.refit_worker import RefitWorker
+from spool_estimator.valve_messages import to_description
+from spool_estimator.warm_up import warm_up_estimator
 
-from .estimate import Estimate, State
-from .estimator import EXPONENTIAL, FORGETTING, phase_of, settings_for
-from .estimators import ESTIMATORS, StreamEstimator, make_estimator
-from .messages import to_message, to_refit_message
-from .plausibility import ValveCheck
-from .refit import RefitSettings, WindowRefits
-from .refit_worker import RefitWorker
-from .valve_messages import to_description
-from .warm_up import warm_up_estimator
+from .gap_service import GapService
 
 #: Names and units of what is told of an estimate, whether or not it is known yet.
 _TOLD = (
@@ -247,12 +245,3 @@ class EstimatorNode(ManagedNode):
         for name, unit in _TOLD:
             values[key(name, unit)] = told.get(name, math.nan)
         self._diagnostics.publish(Status("estimate", level, message, values))
-
-
-def main() -> int:
-    """Run the node."""
-    return run(EstimatorNode)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

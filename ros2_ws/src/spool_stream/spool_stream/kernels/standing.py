@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from spool_stream.kernels.compiled import compiled
+from spool_stream.block import Samples
 
-from .block import Samples
+from .compiled import compiled
 
 #: s for which both channels, or one of them, may stand still. A vibration of 5 Hz that a coarse converter
 #: reads stands at its tops for up to 30 ms; one channel alone may clip, at its tops as well.
