@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from spool_evaluation.benchmarks import sim, sim_compiled, sim_peer
-from spool_evaluation.benchmarks.sim import PLANT, SWEEP, Ours, Run
-from spool_evaluation.benchmarks.timing import Timing
+from spool_evaluation.benchmarks.sim import PLANT, SWEEP, Ours, TimedRun
+from spool_evaluation.results.timing import Timing
 from spool_sim.excitation.kinds import SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion
 from spool_sim.model import MODELS
@@ -63,10 +63,10 @@ def test_a_solver_that_needs_too_long_gives_up_and_says_so() -> None:
 
 
 def test_ours_is_never_held_against_a_peer_that_is_more_exact() -> None:
-    ours = Ours([Run(1.0, 1e-3), Run(2.0, 1e-6), Run(4.0, 1e-9)], np.zeros(1))
-    assert ours.beside(1e-2).seconds == 1.0
-    assert ours.beside(1e-5).seconds == 2.0
-    assert ours.beside(None).seconds == ours.beside(1e-12).seconds == 4.0
+    ours = Ours([TimedRun(1.0, 1e-3), TimedRun(2.0, 1e-6), TimedRun(4.0, 1e-9)], np.zeros(1))
+    assert ours.comparable(1e-2).seconds == 1.0
+    assert ours.comparable(1e-5).seconds == 2.0
+    assert ours.comparable(None).seconds == ours.comparable(1e-12).seconds == 4.0
 
 
 def test_a_ratio_is_the_product_of_compiling_and_scheme() -> None:

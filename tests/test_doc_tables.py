@@ -7,15 +7,15 @@ from pathlib import Path
 
 import pytest
 from spool_evaluation.bench import markdown_of
-from spool_evaluation.benchmarks.timing import Timing
 from spool_evaluation.monitor_cases.run import ScenarioOutcome
-from spool_evaluation.monitor_cases.table import markdown
+from spool_evaluation.monitor_cases.table import table
+from spool_evaluation.results.timing import Timing
 from spool_evaluation.studies import records, steps
 from spool_evaluation.studies.estimation import run as run_estimation
-from spool_evaluation.studies.gap_limit import Limit
-from spool_evaluation.studies.gap_limit_page import limits_text, sentence, within
-from spool_evaluation.studies.gap_page import write_page
-from spool_evaluation.studies.gap_summary import Row
+from spool_evaluation.studies.gap_limit_page import page_parts
+from spool_evaluation.studies.gap_limit_summary import DetectionLimit, sentence, within
+from spool_evaluation.studies.gap_page import write_study
+from spool_evaluation.studies.gap_summary import BlindVerdict
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -81,13 +81,16 @@ def test_above_each_measured_table_stands_the_command_that_made_it(page: str) ->
 def test_the_tables_have_the_columns_that_their_commands_write(tmp_path: Path) -> None:
     known = {"truth": {"a.x": 1.0}, "found": {"a.x": 1.0}, "before": 0.1, "after": 0.01, "floor": 0.01}
     case = {"kind": "effect", "hidden": "end_stop", "accepted": ("end_stop",), "factor": 1.0}
-    row, other = Row(seed=1, verdict="end_stop", **case, **known), Row(seed=2, verdict="none", **case)
-    study = write_page([row, other], tmp_path, "x").read_text(encoding="utf-8")
-    limit = Limit("coulomb_friction", 1, "coulomb_force", 0.001, 0.002, 2.0)
+    row, other = (
+        BlindVerdict(seed=1, verdict="end_stop", **case, **known),
+        BlindVerdict(seed=2, verdict="none", **case),
+    )
+    study = write_study([row, other], tmp_path, "x").read_text(encoding="utf-8")
+    limit = DetectionLimit("coulomb_friction", 1, "coulomb_force", 0.001, 0.002, 2.0)
     wanted = {
         "gap_study.md": [names for _, names in headers(study)],
-        "gap_limits.md": [only_header(limits_text([limit], "x"))],
-        "monitoring.md": [only_header(markdown([ScenarioOutcome("healthy", 1, 60.0, (), (), ())]))],
+        "gap_limits.md": [only_header(page_parts([limit])[-1])],
+        "monitoring.md": [only_header(table([ScenarioOutcome("healthy", 1, 60.0, (), (), ())]))],
         "physics.md": [only_header(steps.table({}))],
         "estimation.md": [only_header(records.table([]))],
         "benchmarks.md": [
@@ -146,7 +149,7 @@ def test_how_many_effects_reach_the_limit_follows_from_the_table_below() -> None
     place, names = measured("gap_limits.md")[0]
     ratios = [_names(line)[names.index("ratio")] for line in text[place:].splitlines()[2:] if line]
     limits = [
-        Limit("any", number, "x", 1.0, 1.0, None if ratio == "-" else float(ratio))
+        DetectionLimit("any", number, "x", 1.0, 1.0, None if ratio == "-" else float(ratio))
         for number, ratio in enumerate(ratios)
     ]
     met = sum(within([limit]) for limit in limits)

@@ -13,7 +13,7 @@ from spool_evaluation.monitor_cases.draw import SCENARIOS, draw_cases
 from spool_evaluation.monitor_cases.healthy import healthy
 from spool_evaluation.monitor_cases.run import judge, replay, run_case, stream
 from spool_evaluation.monitor_cases.scenario import ChannelFault, Scenario
-from spool_evaluation.monitor_cases.table import markdown, rows
+from spool_evaluation.monitor_cases.table import counts, table
 from spool_monitor.detectors import DETECTORS, LINE, Judgement, Moment, MonitorSettings
 from spool_monitor.events.event import EventState
 from spool_monitor.monitor import Monitor
@@ -145,7 +145,7 @@ def test_a_sample_of_the_study_is_found_in_time_and_nothing_else(number: int) ->
 def test_the_table_counts_what_was_missed_and_what_was_false() -> None:
     case = draw_cases(5, 1)[4]
     missed = judge(case, [])
-    row = rows([missed])[0]
+    row = counts([missed])[0]
     assert (row.expected, row.found, row.false_alarms) == (1, 0, 0)
-    assert "0/1" in markdown([missed])
+    assert "0/1" in table([missed])
     assert row.highest_false == pytest.approx(3.689 / row.hours, rel=1e-3)

@@ -1,1 +1,1 @@
-"""Ours beside the peers, on the same work in one run."""
+"""Benchmarks against peers, on the same work in one run. Each is a module with ``run``."""

@@ -1,4 +1,4 @@
-"""Reading a bag: ours beside rosbags, block for block; and replaying it beside real time."""
+"""Benchmark of bags: reading against rosbags, block for block, and replaying against real time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from spool_tools.input.valve_choice import DEFAULT_VALVE
 from spool_tools.operations.record_replay import replay_valve
 from spool_tools.operations.simulation import simulate
 
-from .timing import Timing, best_of
+from spool_evaluation.results.timing import Timing, best_of
 
 SECONDS = 120.0
 

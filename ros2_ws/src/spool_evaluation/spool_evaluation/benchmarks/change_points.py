@@ -1,4 +1,4 @@
-"""Bayesian online change point detection: a peer of the drift test.
+"""Bayesian online change point detection, a peer of the drift test.
 
 Adams and MacKay, Bayesian online changepoint detection, 2007 (arXiv:0710.3742): the posterior of the run
 length (values since the last change) by a recursion over all run lengths. Values of one
@@ -17,7 +17,7 @@ NEGLIGIBLE = 1e-12
 
 
 class ChangePoints:
-    """The posterior of run length and level.
+    """Posterior of run length and level.
 
     Args:
         hazard: probability of a change at any value.

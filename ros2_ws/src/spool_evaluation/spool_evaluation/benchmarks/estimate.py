@@ -1,4 +1,4 @@
-"""The estimation chain: recursion beside its peers, replay and refits beside real time, live nodes' delay."""
+"""Benchmark of estimation: recursive least squares against peers, replay and live nodes against real time."""
 
 from __future__ import annotations
 
@@ -29,11 +29,12 @@ from spool_tools.input.valve_choice import DEFAULT_VALVE
 from spool_tools.operations.record_replay import RefitRequest, replay_valve
 from spool_tools.operations.simulation import simulate
 
+from spool_evaluation.results.timing import Timing, best_of
+
 from . import many_valves
 from .live_source import BLOCK_RATE, LiveSource
 from .many_valves import LEARNING
 from .rls_peer import CompiledRls
-from .timing import Timing, best_of
 
 Array = NDArray[np.float64]
 
@@ -48,7 +49,7 @@ VALVES = 32
 
 
 class Recursion(Protocol):
-    """Recursive least squares."""
+    """Recursive least squares, ours or a peer's."""
 
     parameters: Array
 
@@ -132,7 +133,7 @@ def _take(fit: Recursion, rows: Array, target: Array, block: int) -> Array:
 
 
 def offline(folder: Path) -> Iterator[Timing]:
-    """Yield replay without and with refits beside real time, and the refit of one window."""
+    """Yield replay without and with refits against real time, and the refit of one window."""
     valve = find_valve(DEFAULT_VALVE)
     for seconds, name in ((SECONDS, "long"), (REFIT_SECONDS, "short")):
         simulate(
@@ -182,7 +183,7 @@ def many(folder: Path, valves: int, seconds: float) -> Timing:
         f"{valves} valves at 2 kHz on one core: {found['blocks']} blocks, {found['lost']} lost; "
         f"{found['late']} late (more than 20 ms), half within {1e3 * found['median_s']:.1f} ms, "
         f"all within {1e3 * found['worst_s']:.1f} ms; in the first {LEARNING / BLOCK_RATE:g} s, when all "
-        f"look for their models at once, {found['late_at_start']} late, "
+        f"look for their models together, {found['late_at_start']} late, "
         f"by {found['worst_at_start_s']:.2f} s at most"
     )
     work = f"{valves} valves at 2 kHz live, {seconds:g} s (error: blocks late or lost)"

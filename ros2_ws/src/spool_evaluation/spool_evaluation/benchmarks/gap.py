@@ -1,19 +1,18 @@
-"""Naming what is hidden in blind records: ours beside PySINDy."""
+"""Benchmark of naming what is hidden in blind records, against PySINDy."""
 
 from __future__ import annotations
 
-import time
 import warnings
 from collections.abc import Iterator
 from functools import partial
 
 from spool_blind.case import hidden_by, kind_of, make
 from spool_gap.registry import EFFECTS
-from spool_stream.errors import InputError
 
+from spool_evaluation.results.timing import Stopwatch, Timing
 from spool_evaluation.studies.gap import given, judge
 
-from .timing import Timing
+from .gap_peer import library, named
 
 CASES = 12
 #: Of the first record; no seed from here to 30999 was used for making the workflow or a published table.
@@ -25,14 +24,7 @@ def run(seed: int = FRESH, cases: int = CASES) -> Iterator[Timing]:
     """Yield per peer one row for the share not named right and one for false terms a record.
 
     The records are the first from ``seed`` on that hide nothing or what a library of terms can hold.
-
-    Raises:
-        InputError: PySINDy is not installed.
     """
-    try:
-        from .gap_peer import library, named  # noqa: PLC0415 - a peer of the benchmark only
-    except ImportError as error:
-        raise InputError(f"bench gap: {error}: call ./spool demo to set up what the lock names") from None
     ours_s, ours_wrong, ours_false = 0.0, 0, 0
     peer_s = dict.fromkeys(PEERS, 0.0)
     peer_wrong, peer_false = dict.fromkeys(PEERS, 0), dict.fromkeys(PEERS, 0)
@@ -46,11 +38,11 @@ def run(seed: int = FRESH, cases: int = CASES) -> Iterator[Timing]:
         ours_false += len(said - hidden)
         record, valve = given(case)
         for peer, ensemble in PEERS.items():
-            begin = time.perf_counter()
+            watch = Stopwatch()
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # it warns of every threshold that removes all columns
                 found = named(library(record, valve), ensemble=ensemble)
-            peer_s[peer] += time.perf_counter() - begin
+            peer_s[peer] += watch.read()[0]
             peer_wrong[peer] += found != hidden
             peer_false[peer] += len(found - hidden)
     for peer in PEERS:

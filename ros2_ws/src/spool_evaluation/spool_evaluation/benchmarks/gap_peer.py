@@ -1,4 +1,4 @@
-"""PySINDy asked the question of the gap workflow: the same conditioned signals, the same terms."""
+"""Sparse identification by PySINDy, asked the gap workflow's question: the same signals, the same terms."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ BASE = "base"
 
 @dataclass(frozen=True, slots=True)
 class Library:
-    """Columns for a regression.
+    """Library of columns for a regression.
 
     Attributes:
         target: inertia of the spool, N, shape (n,).

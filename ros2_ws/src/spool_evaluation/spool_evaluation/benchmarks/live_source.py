@@ -1,4 +1,4 @@
-"""A source of blocks for live benchmarks: many valves, 50 blocks a second, and when estimates come back."""
+"""Live source of blocks: many valves, 50 blocks a second, and when their estimates come back."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PATIENCE = 60.0
 
 @dataclass(slots=True)
 class LiveSource:
-    """Publish one simulated record to the valves ``valve_1`` to ``valve_<count>`` as it happens.
+    """Live source of one simulated record for the valves ``valve_1`` to ``valve_<count>`` as it happens.
 
     Attributes:
         sent: when each block was given to the publisher, by valve and sequence, s of the monotonic clock.

@@ -10,19 +10,14 @@ is best on these streams, as the peers' are. A negative delay is a change found 
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
-from itertools import product
+from typing import TypeVar
 
 import numpy as np
-import ruptures
-from river import drift as river_drift
 from spool_estimator.estimate import Estimate
 from spool_monitor.drift.baseline import Baseline
-from spool_monitor.drift.parameter_drift import CAP, ParameterDrift
-from spool_monitor.signals.sequential import CumulativeSum
+from spool_monitor.drift.parameter_drift import ParameterDrift
 from spool_sim.simulator import DEFAULT_START_STAMP
 
 from spool_evaluation.monitor_cases.drifts import (
@@ -35,9 +30,9 @@ from spool_evaluation.monitor_cases.drifts import (
 from spool_evaluation.monitor_cases.healthy import healthy_speed, healthy_standstill, healthy_warming
 from spool_evaluation.monitor_cases.run import replay
 from spool_evaluation.monitor_cases.scenario import Scenario
-from spool_evaluation.results.timing import Timing
+from spool_evaluation.results.timing import Stopwatch, Timing
 
-from .change_points import ChangePoints
+from .monitor_peers import PEERS, Peer, Settings
 
 #: Of the streams; no seed from here to 30999 was used for making the detectors or a published table.
 FRESH = 30_000
@@ -45,15 +40,19 @@ HEALTHY = (healthy_warming, healthy_speed, healthy_standstill)
 DRIFTS = (wear_step, wear_ramp, wear_warming, contamination, contamination_warming)
 #: How often each is drawn.
 ROUNDS = 2
-#: Values that ruptures looks at, and how many come between two looks.
-WINDOW, EVERY = 90, 3
+
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, slots=True)
 class DriftStream:
-    """Drift stream: one parameter of one case, ``shares`` (changes in units of the one that matters) at ``seconds``.
+    """Drift stream: one parameter of one case.
 
-    ``reached`` (s) is when the change matters, NaN on a healthy valve.
+    Attributes:
+        estimates: what the estimator said.
+        shares: changes in units of the one that matters, at ``seconds`` (s).
+        reached: s, when the change matters, NaN on a healthy valve.
+        began: s, infinite on a healthy valve.
     """
 
     parameter: str
@@ -67,29 +66,33 @@ class DriftStream:
 def run(seed: int = FRESH, cases: int = ROUNDS) -> Iterator[Timing]:
     """Yield a row per peer; every kind of stream is drawn ``cases`` times from ``seed``."""
     streams = list(_streams(seed, cases))
-    ours, ours_s = _ours(streams), _time_ours(streams)
-    ours_delays = [delay for delay in ours if math.isfinite(delay)]
+    delays = [delay for delay in _ours(streams) if math.isfinite(delay)]
+    ours_s = min(_time(_test(stream.parameter).update, stream.estimates) for stream in streams)
     wanted = sum(math.isfinite(stream.reached) for stream in streams)
+    work = f"one value; {len(delays)}/{wanted} drifts found, error: delay, s"
     for name, settings in PEERS.items():
-        best: tuple[int, float, str, Callable[[], Peer]] | None = None
-        for text, make in settings:
-            found = [_first(make(), stream) for stream in streams]
-            if any(_false(stream, when) for stream, when in zip(streams, found, strict=True)):
-                continue
-            delays = _delays(streams, found)
-            key = (-len(delays), float(np.median(delays)) if delays else math.inf)
-            if best is None or key < best[:2]:
-                best = (*key, text, make)
-        work = f"one value; {len(ours_delays)}/{wanted} drifts found, error: delay, s"
-        if best is None:
-            text, make = settings[0]
-            yield Timing(work, f"{name}: false alarms in every setting", ours_s, _time(make, streams),
-                         float(np.median(ours_delays)), None)  # fmt: skip
+        best = _best(settings, streams)
+        peer, error, make = f"{name}: false alarms in every setting", None, next(iter(settings.values()))
+        if best is not None:
+            missed, delay, text = best
+            peer, make = f"{name} {text}: {-missed}/{wanted} found", settings[text]
+            error = delay if math.isfinite(delay) else None
+        peer_s = min(_time(make(), stream.shares) for stream in streams)
+        yield Timing(work, peer, ours_s, peer_s, float(np.median(delays)), error)
+
+
+def _best(settings: Settings, streams: Sequence[DriftStream]) -> tuple[int, float, str] | None:
+    """Return (-drifts found, median delay in s, text) of the best setting without a false alarm, if any."""
+    best: tuple[int, float, str] | None = None
+    for text, make in settings.items():
+        found = [_first(make(), stream) for stream in streams]
+        if any(_false(stream, when) for stream, when in zip(streams, found, strict=True)):
             continue
-        missed, delay, text, make = best
-        peer = f"{name} {text}: {-missed}/{wanted} found"
-        error = delay if math.isfinite(delay) else None
-        yield Timing(work, peer, ours_s, _time(make, streams), float(np.median(ours_delays)), error)
+        delays = _delays(streams, found)
+        key = (-len(delays), float(np.median(delays)) if delays else math.inf)
+        if best is None or key < best[:2]:
+            best = (*key, text)
+    return best
 
 
 def _streams(seed: int, rounds: int) -> Iterator[DriftStream]:
@@ -161,7 +164,7 @@ def _first(peer: Peer, stream: DriftStream) -> float:
     return math.inf
 
 
-def _time(work: Callable[[object], object], values: Sequence[object]) -> float:
+def _time(work: Callable[[Value], object], values: Sequence[Value]) -> float:
     """Return the time of ``work`` for one of ``values``, s."""
     watch = Stopwatch()
     for value in values:

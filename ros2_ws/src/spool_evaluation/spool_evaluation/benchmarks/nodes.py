@@ -1,4 +1,4 @@
-"""What the live nodes cost: 10 kHz in blocks of 200, simulator to monitor, with the recorder."""
+"""Benchmark of the live nodes: processor time at 10 kHz in blocks of 200, simulator to monitor, recorded."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from spool_bag.reading.information import describe
 from spool_stream.errors import InputError
 from spool_tools.demo.processes import Nodes
 
-from .timing import Timing
+from spool_evaluation.results.timing import Timing
 
 #: s before and during which processor time is taken.
 WARM_UP, MEASURED = 6.0, 10.0
@@ -25,7 +25,7 @@ NODES = (
 
 
 def run() -> Iterator[Timing]:
-    """Yield one row a node: processor time beside the wall time of the same run.
+    """Yield one row a node: processor time against the wall time of the same run.
 
     Raises:
         InputError: blocks were lost on the way, so that the figures would mean nothing.

@@ -1,4 +1,4 @@
-"""Recursive least squares as textbooks print it, compiled: a peer of ours that is not held back by Python.
+"""Recursive least squares as textbooks print it, compiled: a peer that is not held back by Python.
 
 P <- (P - P x x' P / (f + x' P x)) / f, theta <- theta + P x e / (f + x' P x): Ljung, System Identification,
 1999, section 11.2. It keeps no statistics of its errors and does not limit P, which ours does.
@@ -14,7 +14,9 @@ Array = NDArray[np.float64]
 
 
 class CompiledRls:
-    """Fit target = row . parameters with forgetting ``factor``; the covariance starts at ``initial``.
+    """Recursive least squares of target = row . parameters, with forgetting ``factor``.
+
+    The covariance starts at ``initial``.
 
     Attributes:
         parameters: shape (p,).

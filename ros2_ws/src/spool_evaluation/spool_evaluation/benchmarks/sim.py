@@ -1,10 +1,10 @@
-"""Simulating dry friction: ours beside SciPy's solvers and compiled schemes, and many valves at once.
+"""Benchmark of simulating dry friction, against SciPy's solvers and compiled schemes; many valves together.
 
 Times are processor time; ours holds the computing of the excitation, as the peers' does. A ratio is the
 product of two factors: how much longer the peer took than it would need were it compiled (its evaluations of
 the equation of motion, each at the time that one takes in a compiled scheme of :mod:`.sim_compiled`), and
-what is left for the scheme. Work of the solver beside the evaluations counts as interpreted: of implicit ones
-the first factor is too large.
+what is left for the scheme. Work of the solver besides the evaluations counts as interpreted: of implicit
+ones the first factor is too large.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ from spool_sim.integration.composed_motion import ComposedMotion, MotionState
 from spool_sim.integration.motion import half_step_times
 from spool_sim.model import MODELS
 
+from spool_evaluation.results.timing import Timing, best_of
+
 from . import sim_compiled, sim_peer
 from .sim_peer import (
     AMPLITUDE,
@@ -40,7 +42,6 @@ from .sim_peer import (
     STIFFNESS,
     Solved,
 )
-from .timing import Timing, best_of
 
 Array = NDArray[np.float64]
 
@@ -66,8 +67,8 @@ BATCHES = (1, 64, 1024)
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
-    """One of ours: s for the excitation and the motion together, and the error against the reference."""
+class TimedRun:
+    """Timed run of ours: s for excitation and motion together, and the error against the reference."""
 
     seconds: float
     error: float
@@ -75,17 +76,17 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class Ours:
-    """Our runs and what they are held against.
+    """Reference runs: ours, and what they are held against.
 
     Attributes:
         runs: with 1, 2, 4 and 8 steps per sample.
         reference: displacement at the samples with 128, m, shape (n,).
     """
 
-    runs: Sequence[Run]
+    runs: Sequence[TimedRun]
     reference: Array
 
-    def beside(self, error: float | None) -> Run:
+    def comparable(self, error: float | None) -> TimedRun:
         """Return the fastest that is no worse; the most exact for a solver that gave up."""
         fit = [run for run in self.runs if error is not None and run.error <= error]
         return min(fit, key=lambda run: run.seconds) if fit else self.runs[-1]
@@ -114,7 +115,7 @@ def measured(motion: ComposedMotion, sweep: SweptSine) -> Ours:
     """Return our runs, each with its excitation, and the reference."""
     reference = _ours(motion, sweep, 128)
     runs = [
-        Run(
+        TimedRun(
             best_of(7, partial(_ours, motion, sweep, steps), process_time),
             _error(_ours(motion, sweep, steps), reference),
         )
@@ -139,7 +140,7 @@ def compiled_rows(ours: Ours) -> Iterator[Timing]:
     for peer, solve in peers:
         found, _ = solve()  # compiles
         error = _error(found, ours.reference)
-        own = ours.beside(error)
+        own = ours.comparable(error)
         yield Timing(
             WORK, peer, own.seconds, best_of(3, solve, process_time), own.error, error, compiling=1.0
         )
@@ -162,7 +163,7 @@ def scipy_row(ours: Ours, method: str, friction: str, tolerance: float, evaluati
         peer = f"{peer}: no result in {solved.seconds:.0f} s"
     else:
         error = _error(solved.displacement, ours.reference)
-    own = ours.beside(error)
+    own = ours.comparable(error)
     compiling = solved.seconds / (solved.evaluations * evaluation)
     work = f"{WORK}, rtol {tolerance:g}"
     return Timing(work, peer, own.seconds, solved.seconds, own.error, error, compiling)
@@ -205,7 +206,7 @@ def _scipy(method: str, friction: str, tolerance: float) -> Solved:
 
 
 def _batches(motion: ComposedMotion, sweep: SweptSine) -> Iterator[Timing]:
-    """Yield the time of 1 s for n valves beside n times the time of one valve; one excitation for all."""
+    """Yield the time of 1 s for n valves against n times the time of one valve; one excitation for all."""
     samples = round(RATE)
     forcing = sweep.acceleration(half_step_times(0, samples, RATE, 2))[np.newaxis]
     table = motion.table(VALUES, 1)

@@ -1,7 +1,7 @@
-"""Compiled peers on the problem of :mod:`.sim`: textbook schemes, compiled as ours are.
+"""Compiled textbook schemes on the problem of :mod:`.sim`: peers that are compiled as ours are.
 
 Each computes the sweep itself, at the instants that it needs, and returns the displacement at the samples, m,
-shape (n,), with the number of evaluations of the drive.
+shape (n,), with the number of evaluations of the excitation.
 
 Sources: Moreau, Numerical aspects of the sweeping process, 1999 (time stepping, here with the midpoint rule);
 Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, 1993, II.1 (Runge-Kutta of order 4) and
@@ -25,7 +25,7 @@ HALVINGS = 40
 
 
 @inlined
-def _drive(t: float, amplitude: float, low: float, rate: float) -> float:
+def _body(t: float, amplitude: float, low: float, rate: float) -> float:
     return amplitude * math.sin(2.0 * math.pi * (low + 0.5 * rate * t) * t)
 
 
@@ -59,7 +59,7 @@ def moreau(
         for step in range(steps):
             t = n * period + (step + 0.5) * h
             count += 1
-            free = kept * v - h * stiffness * z - h * mass * _drive(t, amplitude, low, rate)
+            free = kept * v - h * stiffness * z - h * mass * _body(t, amplitude, low, rate)
             # Sticking: the impulse that makes v1 = 0, where friction can give it.
             impulse = min(h * friction, max(-h * friction, free))
             after = (free - impulse) / whole
@@ -88,9 +88,9 @@ def smoothed(
     for n in range(samples - 1):
         for step in range(steps):
             t = n * period + step * h
-            b0 = _drive(t, amplitude, low, rate)
-            b1 = _drive(t + 0.5 * h, amplitude, low, rate)
-            b2 = _drive(t + h, amplitude, low, rate)
+            b0 = _body(t, amplitude, low, rate)
+            b1 = _body(t + 0.5 * h, amplitude, low, rate)
+            b2 = _body(t + h, amplitude, low, rate)
             count += STAGES
             a0 = -b0 - (drag * v + stiffness * z + friction * math.tanh(v / width)) / mass
             z1, v1 = z + 0.5 * h * v, v + 0.5 * h * a0
@@ -118,9 +118,9 @@ def _slide(
     """Return z and v after a step of order 4 under the constant friction ``dry``, N."""
     mass, drag, stiffness, _ = plant
     amplitude, low, rate = sweep
-    b0 = _drive(t, amplitude, low, rate)
-    b1 = _drive(t + 0.5 * h, amplitude, low, rate)
-    b2 = _drive(t + h, amplitude, low, rate)
+    b0 = _body(t, amplitude, low, rate)
+    b1 = _body(t + 0.5 * h, amplitude, low, rate)
+    b2 = _body(t + h, amplitude, low, rate)
     a0 = -b0 - (drag * v + stiffness * z + dry) / mass
     z1, v1 = z + 0.5 * h * v, v + 0.5 * h * a0
     a1 = -b1 - (drag * v1 + stiffness * z1 + dry) / mass
@@ -145,11 +145,11 @@ def _break_away(
     early, late = 0.0, left
     for _ in range(HALVINGS):
         middle = 0.5 * (early + late)
-        if abs(-mass * _drive(t + middle, amplitude, low, rate) - stiffness * z) > friction:
+        if abs(-mass * _body(t + middle, amplitude, low, rate) - stiffness * z) > friction:
             late = middle
         else:
             early = middle
-    return late, -mass * _drive(t + late, amplitude, low, rate) - stiffness * z
+    return late, -mass * _body(t + late, amplitude, low, rate) - stiffness * z
 
 
 @compiled
@@ -175,7 +175,7 @@ def located(
                 if left <= 1e-12 * h:
                     break
                 if sense == 0.0:
-                    push = -mass * _drive(t + left, amplitude, low, rate) - stiffness * z
+                    push = -mass * _body(t + left, amplitude, low, rate) - stiffness * z
                     count += 1
                     if abs(push) <= friction:
                         t, left = t + left, 0.0
@@ -201,7 +201,7 @@ def located(
                         early = middle
                 z, _ = _slide(t, early, z, v, sense * friction, plant, sweep)
                 v, t, left = 0.0, t + early, left - early
-                push = -mass * _drive(t, amplitude, low, rate) - stiffness * z
+                push = -mass * _body(t, amplitude, low, rate) - stiffness * z
                 sense = 0.0 if abs(push) <= friction else (1.0 if push > 0.0 else -1.0)
         found[n + 1] = z
     return found, count

@@ -1,4 +1,4 @@
-"""One of SciPy's solvers on the problem of :mod:`.sim`, in a process of its own, with or without events.
+"""SciPy's solvers on the problem of :mod:`.sim`, each in a process of its own, with or without events.
 
 LSODA writes to standard output from Fortran at each failure, and a solver that hangs has to be stopped.
 Run as ``python -m spool_evaluation.benchmarks.sim_peer METHOD FRICTION TOLERANCE CAP FILE``.
@@ -36,7 +36,7 @@ SIGNS: dict[str, Callable[[float], float]] = {
 
 @dataclass(frozen=True, slots=True)
 class Solved:
-    """What a solver needed and found.
+    """Solution: what a solver needed and found.
 
     Attributes:
         seconds: s of computing.
@@ -50,11 +50,11 @@ class Solved:
 
 
 class _GaveUpError(Exception):
-    """The time allowed is over."""
+    """Time out: the time allowed is over."""
 
 
 class _Balance:
-    """The balance of forces, with a count of its evaluations and an end of the time allowed."""
+    """Force balance, with a count of its evaluations and an end of the time allowed."""
 
     def __init__(self, cap: float) -> None:
         self.begin, self.cap, self.evaluations = time.process_time(), cap, 0
@@ -98,13 +98,15 @@ def solve(method: str, friction: str, tolerance: float, cap: float) -> Solved:
         if friction == EVENTS:
             found = _from_event_to_event(balance, method, tolerance)
         else:
-            found = _in_one_go(balance, method, SIGNS[friction], tolerance)
+            found = _without_events(balance, method, SIGNS[friction], tolerance)
     except _GaveUpError:
         return Solved(balance.seconds, balance.evaluations, None)
     return Solved(balance.seconds, balance.evaluations, found)
 
 
-def _in_one_go(balance: _Balance, method: str, sign: Callable[[float], float], tolerance: float) -> Array:
+def _without_events(
+    balance: _Balance, method: str, sign: Callable[[float], float], tolerance: float
+) -> Array:
     def slope(t: float, y: Array) -> tuple[float, float]:
         z, v = float(y[0]), float(y[1])
         return v, balance.relative(t, z, v, FRICTION * sign(v))

@@ -1,4 +1,4 @@
-"""Scenarios drawn from a seed: all there are."""
+"""Draw of scenarios from a seed: all kinds there are."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 
 from . import drifts, faults, healthy
-from .case import Case
+from .scenario import Scenario
 
-SCENARIOS: tuple[Callable[[np.random.Generator], Case], ...] = (
+SCENARIOS: tuple[Callable[[np.random.Generator], Scenario], ...] = (
     healthy.healthy, healthy.healthy_warming, healthy.healthy_speed, healthy.healthy_standstill,
     drifts.wear_ramp, drifts.wear_slow, drifts.wear_step, drifts.wear_warming, drifts.wear_speed,
     drifts.contamination, drifts.contamination_slow, drifts.contamination_warming,
@@ -20,13 +20,13 @@ SCENARIOS: tuple[Callable[[np.random.Generator], Case], ...] = (
 )  # fmt: skip
 
 
-def draw_cases(count: int, seed: int) -> list[Case]:
+def draw_cases(count: int, seed: int) -> list[Scenario]:
     """Return ``count`` scenarios, every kind in turn; each depends on ``seed`` and its own number alone."""
     return [
         SCENARIOS[number % len(SCENARIOS)](np.random.default_rng([seed, number])) for number in range(count)
     ]
 
 
-def draw_hours(count: int, seed: int) -> list[Case]:
+def draw_hours(count: int, seed: int) -> list[Scenario]:
     """Return ``count`` healthy hours."""
     return [healthy.healthy_hour(np.random.default_rng([seed, 7, number])) for number in range(count)]

@@ -1,11 +1,11 @@
-"""Changes of the valve, its oil and its speed, drawn from a seed."""
+"""Drifts of the valve, its oil and its speed, drawn from a seed."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-from .case import Case, Change, Expected
 from .healthy import Generator, draw_case, draw_valve, with_speeds, with_standstills, with_warming
+from .scenario import Change, Expected, Scenario
 
 #: s, from when on something may happen, and s within which it must be found once it is large enough.
 HAPPENS, FOUND = (70.0, 90.0), 30.0
@@ -16,12 +16,12 @@ LOCKS = 0.75
 
 def drift(
     draw: Generator,
-    case: Case,
+    case: Scenario,
     change: tuple[str, float, float],
     needed: float,
     expected: tuple[str, str],
     duration: tuple[float, float] = (20.0, 50.0),
-) -> Case:
+) -> Scenario:
     """Let ``change`` (quantity, from, to) happen; where it is ``needed``, ``expected`` must be found."""
     quantity, start, target = change
     at = float(draw.uniform(*HAPPENS))
@@ -35,14 +35,14 @@ def drift(
     )
 
 
-def wears(draw: Generator, case: Case, duration: tuple[float, float] = (20.0, 50.0)) -> Case:
+def wears(draw: Generator, case: Scenario, duration: tuple[float, float] = (20.0, 50.0)) -> Scenario:
     """Let the viscous coefficient fall to 40 to 70 %."""
     drag = case.drawn_valve.viscous_coefficient
     change = ("viscous_coefficient", drag, drag * float(draw.uniform(0.4, 0.7)))
     return drift(draw, case, change, 0.2 * drag, ("friction_drift", "wear"), duration)
 
 
-def rubs(draw: Generator, case: Case, duration: tuple[float, float] = (20.0, 50.0)) -> Case:
+def rubs(draw: Generator, case: Scenario, duration: tuple[float, float] = (20.0, 50.0)) -> Scenario:
     """Let the dry friction rise by 0.15 to 0.4 N, but not lock the spool."""
     force = case.drawn_valve.moving_mass * case.machine.orders[0][1]
     start = min(case.coulomb_force, LOCKS * force - 0.15)
@@ -58,7 +58,7 @@ def rubs(draw: Generator, case: Case, duration: tuple[float, float] = (20.0, 50.
     )
 
 
-def tires(draw: Generator, case: Case) -> Case:
+def tires(draw: Generator, case: Scenario) -> Scenario:
     """Let the spring lose 15 to 40 % of its stiffness; where the machine shakes it then, it resonates."""
     stiffness = case.drawn_valve.spring_stiffness
     change = ("spring_stiffness", stiffness, stiffness * float(draw.uniform(0.6, 0.85)))
@@ -66,47 +66,47 @@ def tires(draw: Generator, case: Case) -> Case:
     return replace(case, follows=("resonance",))
 
 
-def wear_ramp(draw: Generator) -> Case:
+def wear_ramp(draw: Generator) -> Scenario:
     """The clearance grows: less drag at the same temperature, little by little."""
     return wears(draw, draw_case(draw, "wear, ramp"))
 
 
-def wear_slow(draw: Generator) -> Case:
+def wear_slow(draw: Generator) -> Scenario:
     """The clearance grows over minutes."""
     return wears(draw, draw_case(draw, "wear, slow ramp", seconds=420.0), (200.0, 300.0))
 
 
-def wear_step(draw: Generator) -> Case:
-    """The clearance grows at once."""
+def wear_step(draw: Generator) -> Scenario:
+    """The clearance grows in a step."""
     return wears(draw, draw_case(draw, "wear, step"), (0.0, 0.0))
 
 
-def wear_warming(draw: Generator) -> Case:
+def wear_warming(draw: Generator) -> Scenario:
     """The clearance grows while the oil warms."""
     return wears(draw, with_warming(draw, draw_case(draw, "wear, oil warms")))
 
 
-def wear_speed(draw: Generator) -> Case:
+def wear_speed(draw: Generator) -> Scenario:
     """The clearance grows while the machine changes its speed."""
     return wears(draw, with_speeds(draw, draw_case(draw, "wear, speed changes")))
 
 
-def contamination(draw: Generator) -> Case:
+def contamination(draw: Generator) -> Scenario:
     """Dry friction rises."""
     return rubs(draw, draw_case(draw, "contamination"))
 
 
-def contamination_slow(draw: Generator) -> Case:
+def contamination_slow(draw: Generator) -> Scenario:
     """Dry friction rises over minutes."""
     return rubs(draw, draw_case(draw, "contamination, slow ramp", seconds=420.0), (200.0, 300.0))
 
 
-def contamination_warming(draw: Generator) -> Case:
+def contamination_warming(draw: Generator) -> Scenario:
     """Dry friction rises while the oil warms."""
     return rubs(draw, with_warming(draw, draw_case(draw, "contamination, oil warms")))
 
 
-def contamination_standstill(draw: Generator) -> Case:
+def contamination_standstill(draw: Generator) -> Scenario:
     """Dry friction rises on a machine that stands still at times."""
     case = with_standstills(draw, draw_case(draw, "contamination, standstills"))
     case = rubs(draw, case)
@@ -118,7 +118,7 @@ def contamination_standstill(draw: Generator) -> Case:
     return replace(case, expected=(event,), seconds=200.0)
 
 
-def other_oil(draw: Generator) -> Case:
+def other_oil(draw: Generator) -> Scenario:
     """The drag rises at the same temperature: oil that is too thick."""
     case = draw_case(draw, "oil viscosity, unexplained")
     drag = case.drawn_valve.viscous_coefficient
@@ -126,17 +126,17 @@ def other_oil(draw: Generator) -> Case:
     return drift(draw, case, change, 0.2 * drag, ("friction_drift", "oil_viscosity"))
 
 
-def spring_fatigue(draw: Generator) -> Case:
+def spring_fatigue(draw: Generator) -> Scenario:
     """A spring loses stiffness."""
     return tires(draw, draw_case(draw, "spring change"))
 
 
-def spring_speed(draw: Generator) -> Case:
+def spring_speed(draw: Generator) -> Scenario:
     """A spring loses stiffness while the machine changes its speed."""
     return tires(draw, with_speeds(draw, draw_case(draw, "spring change, speed changes")))
 
 
-def passes(draw: Generator, kind: str, spring: int) -> Case:
+def passes(draw: Generator, kind: str, spring: int) -> Scenario:
     """Let the machine run into resonance, from above or below, stay there and leave it."""
     valve = draw_valve(draw, spring=spring, oil=1)
     case = draw_case(draw, kind, valve)
@@ -158,11 +158,11 @@ def passes(draw: Generator, kind: str, spring: int) -> Case:
     return replace(case, machine=machine, expected=(event,))
 
 
-def resonance_15(draw: Generator) -> Case:
+def resonance_15(draw: Generator) -> Scenario:
     """The machine passes the soft spring's natural frequency."""
     return passes(draw, "resonance near 15 Hz", 0)
 
 
-def resonance_29(draw: Generator) -> Case:
+def resonance_29(draw: Generator) -> Scenario:
     """The machine passes the stiff spring's natural frequency."""
     return passes(draw, "resonance near 29 Hz", 1)

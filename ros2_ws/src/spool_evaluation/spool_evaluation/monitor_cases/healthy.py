@@ -1,4 +1,4 @@
-"""A valve on a machine, drawn from a seed, to which nothing happens."""
+"""Healthy valves on a machine, drawn from a seed."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from spool_sim.valve.description import Valve
 
-from .case import Case, Change, StoppingMachine
+from .scenario import Change, Scenario, StoppingMachine
 
 Generator = np.random.Generator
 Profile = tuple[tuple[float, float], ...]
@@ -72,12 +72,12 @@ def draw_speeds(draw: Generator, valve: Valve, seconds: float, *, below: bool) -
     return tuple(points)
 
 
-def draw_case(draw: Generator, kind: str, valve: Valve | None = None, seconds: float = 180.0) -> Case:
+def draw_case(draw: Generator, kind: str, valve: Valve | None = None, seconds: float = 180.0) -> Scenario:
     """Return a case to which nothing happens; its machine overcomes its dry friction."""
     valve = valve or draw_valve(draw)
     machine = draw_machine(draw, valve)
     force = valve.moving_mass * machine.orders[0][1]
-    return Case(
+    return Scenario(
         kind=kind,
         seed=int(draw.integers(2**31)),
         seconds=seconds,
@@ -90,7 +90,7 @@ def draw_case(draw: Generator, kind: str, valve: Valve | None = None, seconds: f
     )
 
 
-def with_speeds(draw: Generator, case: Case) -> Case:
+def with_speeds(draw: Generator, case: Scenario) -> Scenario:
     """Let the machine change its speed again and again."""
     valve = case.drawn_valve
     below = case.machine.speed_profile[0][1] < 60.0 * valve.natural_frequency
@@ -99,40 +99,40 @@ def with_speeds(draw: Generator, case: Case) -> Case:
     return replace(case, machine=case.machine.model_copy(update={"speed_profile": speeds}))
 
 
-def with_standstills(draw: Generator, case: Case) -> Case:
+def with_standstills(draw: Generator, case: Scenario) -> Scenario:
     """Let the machine stand still twice."""
     first, second = draw.uniform(45.0, 60.0), draw.uniform(120.0, 130.0)
     rests = ((first, first + draw.uniform(8.0, 15.0)), (second, second + draw.uniform(5.0, 15.0)))
     return replace(case, machine=case.machine.model_copy(update={"rests": rests}))
 
 
-def with_warming(draw: Generator, case: Case) -> Case:
+def with_warming(draw: Generator, case: Scenario) -> Scenario:
     """Let the oil warm by 10 to 25 K."""
     warms = Change("oil_temperature", float(draw.uniform(50.0, 65.0)), 10.0, case.seconds - 20.0)
     return replace(case, changes=(*case.changes, warms))
 
 
-def healthy(draw: Generator) -> Case:
+def healthy(draw: Generator) -> Scenario:
     """Nothing happens."""
     return draw_case(draw, "healthy")
 
 
-def healthy_warming(draw: Generator) -> Case:
+def healthy_warming(draw: Generator) -> Scenario:
     """The oil warms."""
     return with_warming(draw, draw_case(draw, "healthy, oil warms"))
 
 
-def healthy_speed(draw: Generator) -> Case:
+def healthy_speed(draw: Generator) -> Scenario:
     """The machine changes its speed again and again, away from resonance."""
     return with_speeds(draw, draw_case(draw, "healthy, speed changes"))
 
 
-def healthy_standstill(draw: Generator) -> Case:
+def healthy_standstill(draw: Generator) -> Scenario:
     """The machine stands still twice."""
     return with_standstills(draw, draw_case(draw, "healthy, standstills"))
 
 
-def healthy_hour(draw: Generator) -> Case:
+def healthy_hour(draw: Generator) -> Scenario:
     """An hour with warming and cooling oil, changes of speed and standstills."""
     case = with_speeds(draw, draw_case(draw, "healthy hour", seconds=3600.0))
     rests = tuple(

@@ -1,4 +1,4 @@
-"""What a study found, as a table."""
+"""Counts of a study of the monitor, with their intervals, as a table."""
 
 from __future__ import annotations
 
@@ -7,18 +7,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import beta, chi2
+from scipy.stats import chi2
 
-from .run import Outcome
+from spool_evaluation.results.page import markdown_table
+from spool_evaluation.results.proportion import CONFIDENCE, interval
 
-#: Of every interval.
-CONFIDENCE = 0.95
+from .run import ScenarioOutcome
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
-    """The cases of one kind: how many events were ``expected`` and ``found`` in time, delays in s.
+class ScenarioCounts:
+    """Counts over the scenarios of one kind.
 
+    So many events were ``expected`` and ``found`` in time, delays in s;
     ``false_alarms`` in ``hours``; ``lowest_rate`` is the lower end of the two-sided 95 % interval of the
     detection rate (Clopper and Pearson), ``highest_false`` the upper end of that of the false alarms per hour
     (Poisson).
@@ -38,8 +39,7 @@ class Row:
         """Lower end of the detection rate's interval, NaN where nothing was expected."""
         if self.expected == 0:
             return math.nan
-        missed = self.expected - self.found
-        return float(beta.ppf(0.5 - 0.5 * CONFIDENCE, self.found, missed + 1)) if self.found else 0.0
+        return interval(self.found, self.expected, "exact")[0]
 
     @property
     def highest_false(self) -> float:
@@ -47,17 +47,17 @@ class Row:
         return float(chi2.ppf(0.5 + 0.5 * CONFIDENCE, 2 * self.false_alarms + 2)) / 2.0 / self.hours
 
 
-def rows(outcomes: Sequence[Outcome]) -> list[Row]:
+def counts(outcomes: Sequence[ScenarioOutcome]) -> list[ScenarioCounts]:
     """Return a row per kind in the order in which they come, and one of all."""
     kinds = list(dict.fromkeys(outcome.kind for outcome in outcomes))
-    table = [_row(kind, [outcome for outcome in outcomes if outcome.kind == kind]) for kind in kinds]
-    return [*table, _row("all", list(outcomes))]
+    found = [_counted(kind, [outcome for outcome in outcomes if outcome.kind == kind]) for kind in kinds]
+    return [*found, _counted("all", list(outcomes))]
 
 
-def _row(kind: str, outcomes: list[Outcome]) -> Row:
+def _counted(kind: str, outcomes: list[ScenarioOutcome]) -> ScenarioCounts:
     delays = np.array([delay for outcome in outcomes for delay in outcome.delays])
     found = delays[np.isfinite(delays)]
-    return Row(
+    return ScenarioCounts(
         kind,
         len(outcomes),
         delays.size,
@@ -69,20 +69,27 @@ def _row(kind: str, outcomes: list[Outcome]) -> Row:
     )
 
 
-def markdown(outcomes: Sequence[Outcome]) -> str:
-    """Return the table as Markdown."""
-    lines = [
-        "| scenario | cases | found in time | at least (95 %) | delay, median / longest | false alarms "
-        "| hours | false per hour, at most (95 %) |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    for row in rows(outcomes):
+def table(outcomes: Sequence[ScenarioOutcome]) -> str:
+    """Return the counts as a table in Markdown."""
+    body = []
+    for row in counts(outcomes):
         wanted = row.expected > 0
-        found = f"{row.found}/{row.expected}" if wanted else "-"
-        rate = f"{100.0 * row.lowest_rate:.0f} %" if wanted else "-"
-        delay = f"{row.median_delay:.1f} / {row.longest_delay:.1f} s" if row.found else "-"
-        lines.append(
-            f"| {row.kind} | {row.cases} | {found} | {rate} | {delay} | {row.false_alarms} | {row.hours:.2f} "
-            f"| {row.highest_false:.2g} |"
-        )
-    return "\n".join(lines) + "\n"
+        body.append((
+            row.kind,
+            str(row.cases),
+            f"{row.found}/{row.expected}" if wanted else "-",
+            f"{100.0 * row.lowest_rate:.0f} %" if wanted else "-",
+            f"{row.median_delay:.1f} / {row.longest_delay:.1f} s" if row.found else "-",
+            str(row.false_alarms),
+            f"{row.hours:.2f}",
+            f"{row.highest_false:.2g}",
+        ))  # fmt: skip
+    head = (
+        "scenario",
+        "cases",
+        "found in time",
+        "at least (95 %)",
+        "delay, median / longest",
+        "false alarms",
+    )
+    return markdown_table((*head, "hours", "false per hour, at most (95 %)"), body)

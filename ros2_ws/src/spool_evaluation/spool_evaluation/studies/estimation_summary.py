@@ -1,4 +1,4 @@
-"""How often the intervals cover the truth, and how far the estimates are off."""
+"""Coverage and bias of the estimates: how often the intervals hold the truth, how far values are off."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import beta
+
+from spool_evaluation.results.proportion import interval
 
 #: Half the width of a 95 % interval, in standard deviations.
 WIDTH = 1.959964
@@ -17,10 +18,9 @@ ALL = "all"
 
 @dataclass(frozen=True, slots=True)
 class Estimated:
-    """One quantity of one fit beside its truth, in ``unit``."""
+    """Estimate of one quantity with its truth, in ``unit``."""
 
     model: str
-    drive: str
     quantity: str
     unit: str
     truth: float
@@ -43,6 +43,35 @@ class Estimated:
         return abs(self.score) <= WIDTH
 
 
+@dataclass(frozen=True, slots=True)
+class RecordFit:
+    """Fit of one simulated record.
+
+    Attributes:
+        number: of the record; with the seed it gives everything.
+        model, spring, oil, excitation, noise: what it is.
+        estimates: what the fit told of each quantity, with the truth.
+        not_observable: parameters that the fit said it cannot tell.
+        reason: why there is no fit, or ``None``.
+        converged: the fit says so.
+        nrmse: of the free run.
+        seconds: the fit took.
+    """
+
+    number: int
+    model: str
+    spring: str
+    oil: str
+    excitation: str
+    noise: float
+    estimates: tuple[Estimated, ...]
+    not_observable: tuple[str, ...]
+    reason: str | None
+    converged: bool
+    nrmse: float
+    seconds: float
+
+
 def summary(estimates: Sequence[Estimated]) -> list[dict[str, Any]]:
     """Return coverage and bias by model and quantity, and of everything in the last entry."""
     groups: dict[tuple[str, str], list[Estimated]] = {}
@@ -55,7 +84,7 @@ def summary(estimates: Sequence[Estimated]) -> list[dict[str, Any]]:
 def _counted(model: str, quantity: str, entries: Sequence[Estimated]) -> dict[str, Any]:
     fits = len(entries)
     covered = sum(entry.covered for entry in entries)
-    low, high = interval(covered, fits)
+    low, high = interval(covered, fits, "exact")
     errors = np.array([entry.error for entry in entries])
     return {
         "model": model,
@@ -71,10 +100,3 @@ def _counted(model: str, quantity: str, entries: Sequence[Estimated]) -> dict[st
         if fits
         else math.nan,
     }
-
-
-def interval(hits: int, trials: int) -> tuple[float, float]:
-    """Return the 95 % interval of Clopper and Pearson for a share of ``hits`` in ``trials``."""
-    low = 0.0 if hits == 0 else float(beta.ppf(0.025, hits, trials - hits + 1))
-    high = 1.0 if hits == trials else float(beta.ppf(0.975, hits + 1, trials - hits))
-    return low, high

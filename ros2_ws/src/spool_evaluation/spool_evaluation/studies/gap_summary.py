@@ -1,8 +1,7 @@
-"""What came out of the blind cases, counted."""
+"""Counts over blind cases: verdicts, targets, confusion matrix."""
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
@@ -10,23 +9,23 @@ from typing import Any
 
 import numpy as np
 
+from spool_evaluation.results.proportion import Proportion
+
 #: Share of the true value within which a fitted parameter counts as recovered.
 RECOVERED = 0.10
 #: The gap that is left counts as closed up to this many times the noise floor.
 CLOSED = 1.3
-#: Standard deviations of a 95 % interval.
-CONFIDENCE = 1.96
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
-    """One case and what the workflow said.
+class BlindVerdict:
+    """Verdict of the workflow on one blind case, with its truth.
 
     Attributes:
         seed, kind, hidden, accepted: of the case; see :mod:`spool_blind.case`.
         factor: size of what is hidden over the size that was drawn.
         verdict: what was said; "refused" where the record was.
-        candidates: the class that was named beside "unexplained".
+        candidates: the class that was named together with "unexplained".
         confidence: 0 to 1.
         truth, found: values of the parameters by "effect.parameter"; SI.
         before, after, floor: held-out gap and noise floor, rms over rms; ``None`` where unknown.
@@ -34,7 +33,7 @@ class Row:
         processor_seconds: of them spent computing, which other work on the machine does not change.
         visible: remainder after the base over the noise floor; ``None`` where nothing is hidden.
         evidence, threshold: of the likelihood-ratio test that knows what is hidden.
-        condition: drive, spring, rate and so on, for looking up.
+        condition: excitation, spring, rate and so on, for looking up.
         message: why it was refused.
     """
 
@@ -82,44 +81,12 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True)
-class Share:
-    """How many of how many, with Wilson's 95 % interval."""
-
-    count: int
-    of: int
-
-    @property
-    def value(self) -> float | None:
-        """The share, ``None`` of nothing."""
-        return self.count / self.of if self.of else None
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Bounds within which the true share lies in 95 % of such studies."""
-        if not self.of:
-            return 0.0, 1.0
-        share, z2 = self.count / self.of, CONFIDENCE**2
-        centre = (share + z2 / (2.0 * self.of)) / (1.0 + z2 / self.of)
-        half = math.sqrt(share * (1.0 - share) / self.of + z2 / (4.0 * self.of**2))
-        half *= CONFIDENCE / (1.0 + z2 / self.of)
-        return max(0.0, centre - half), min(1.0, centre + half)
-
-    def __str__(self) -> str:
-        if self.value is None:
-            return "-"
-        low, high = self.interval
-        return (
-            f"{self.count}/{self.of} = {100.0 * self.value:.1f} % ({100.0 * low:.0f} to {100.0 * high:.0f})"
-        )
-
-
-@dataclass(frozen=True, slots=True)
 class Target:
-    """One thing that the study asks for."""
+    """Target of the study: a proportion and what is wanted of it."""
 
     name: str
     wanted: str
-    share: Share
+    share: Proportion
     met: bool
 
     @property
@@ -128,15 +95,15 @@ class Target:
         return ("yes" if self.met else "no") if self.share.of else "unknown"
 
 
-def share_of(rows: Sequence[Row], right: Callable[[Row], bool]) -> Share:
+def share_of(rows: Sequence[BlindVerdict], right: Callable[[BlindVerdict], bool]) -> Proportion:
     """Return how many of ``rows`` are ``right``."""
-    return Share(sum(right(row) for row in rows), len(rows))
+    return Proportion(sum(right(row) for row in rows), len(rows))
 
 
-def targets(rows: Sequence[Row]) -> list[Target]:
+def targets(rows: Sequence[BlindVerdict]) -> list[Target]:
     """Return the study's questions with their answers."""
 
-    def of(kind: str) -> list[Row]:
+    def of(kind: str) -> list[BlindVerdict]:
         return [row for row in rows if row.kind == kind]
 
     named = [row for row in rows if row.kind in ("effect", "pair") and row.right]
@@ -145,7 +112,7 @@ def targets(rows: Sequence[Row]) -> list[Target]:
     wrong = share_of(of("none"), lambda row: not row.right)
     single, pairs = share_of(of("effect"), lambda row: row.right), share_of(of("pair"), lambda row: row.right)
     outsiders = share_of(of("out_of_catalogue"), lambda row: row.right)
-    recovered = Share(sum(abs(error) <= RECOVERED for error in errors), len(errors))
+    recovered = Proportion(sum(abs(error) <= RECOVERED for error in errors), len(errors))
     closed = share_of(judged, lambda row: (row.after or 0.0) <= CLOSED * (row.floor or 0.0))
     return [
         Target("one effect, named right", "at least 98 %", single, (single.value or 0.0) >= 0.98),
@@ -164,13 +131,15 @@ def targets(rows: Sequence[Row]) -> list[Target]:
     ]
 
 
-def confusion(rows: Sequence[Row]) -> tuple[list[str], list[str], np.ndarray[Any, np.dtype[np.int64]]]:
+def confusion(
+    rows: Sequence[BlindVerdict],
+) -> tuple[list[str], list[str], np.ndarray[Any, np.dtype[np.int64]]]:
     """Return (hidden, verdicts, counts) of cases with one thing hidden or none; pairs as "pair"."""
 
-    def hidden_of(row: Row) -> str:
+    def hidden_of(row: BlindVerdict) -> str:
         return "pair" if row.kind == "pair" else row.hidden
 
-    def verdict_of(row: Row) -> str:
+    def verdict_of(row: BlindVerdict) -> str:
         said = row.verdict.split("+")
         if row.kind == "pair":
             return (

@@ -10,17 +10,16 @@ from pathlib import Path
 from rich.console import Console
 from spool_tools.console.outputs import write_json
 
-from spool_evaluation.monitor_cases.scenario import Scenario
 from spool_evaluation.monitor_cases.draw import draw_cases
 from spool_evaluation.monitor_cases.run import ScenarioOutcome, run_case
+from spool_evaluation.monitor_cases.scenario import Scenario
 from spool_evaluation.monitor_cases.table import table
-
 from spool_evaluation.results.page import study_command, write_page
 
 from .workers import spread
 
 ABOUT = (
-    "Scenarios of known truth, simulated and shown to estimator and monitor as the live nodes would see them. "
+    "Scenarios of known truth, shown to estimator and monitor as the live nodes would see them. "
     "Delays count from when the change is as large as it has to be found; one that is found earlier has a "
     "negative one. What is drawn, what is asked, what falls short: "
     "[how well](../methods/monitoring.md#how-well)."
@@ -29,7 +28,9 @@ ABOUT = (
 
 def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[ScenarioOutcome]:
     """Replay ``cases`` scenarios, every kind in turn; ``out`` gets ``monitor_study.md`` and ``.json``."""
-    page = MonitorPage(out / "monitor_study.md", "Scenarios of the monitor", study_command("monitor", cases, seed))
+    page = MonitorPage(
+        out / "monitor_study.md", "Scenarios of the monitor", study_command("monitor", cases, seed)
+    )
     return replay_all(draw_cases(cases, seed), "scenarios", page, workers)
 
 

@@ -28,8 +28,8 @@ BAGS = Path("bags")
 NAME = "estimation_records"
 TITLE = "Fits of the sample records"
 ABOUT = (
-    "The [sample records](../../bags/README.md) come from another simulator. A quarter of each is held out, as "
-    "in `./spool fit`; in the last fit the model has friction that is not there. What follows: "
+    "The [sample records](../../bags/README.md) come from another simulator. A quarter of each is held out, "
+    "as in `./spool fit`; in the last fit the model has friction that is not there. What follows: "
     "[does it hold?](../methods/estimation.md#does-it-hold)"
 )
 

@@ -1,4 +1,4 @@
-"""The error of the simulated motion over the time step, by model."""
+"""Convergence study: the error of the simulated motion over the time step, by model."""
 
 from __future__ import annotations
 
@@ -7,10 +7,17 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from spool_evaluation.pictures.convergence_picture import SAMPLE_RATE, SHOWN, STEPS, errors, write_picture
+from spool_evaluation.results.page import markdown_table, write_page
 
 from .workers import spread
 
-TABLE = "time_steps.md"
+PAGE = "time_steps.md"
+TITLE = "Convergence of the time integration"
+ABOUT = (
+    "Relative rms error of the displacement in 2 s of a sweep from 8 to 110 Hz at 10 m/s², against the same "
+    "with a step of 3.9 us; order is the power with which the error falls. What is integrated, and how: "
+    "[physics](../methods/physics.md)."
+)
 #: Of ``STEPS``, how many the table shows.
 SHOWN_STEPS = 4
 
@@ -21,9 +28,9 @@ def run(cases: int, seed: int, out: Path, workers: int | None = None) -> dict[st
     names = list(SHOWN)[:cases]
     unordered = dict(spread(judge, names, "models", workers))
     found = {name: unordered[name] for name in names}
-    (out / TABLE).write_text(table(found), encoding="utf-8")
-    write_picture(found, out)
-    print(table(found), end="")
+    parts = [ABOUT, table(found), f"![error over time step]({write_picture(found, out).name})"]
+    write_page(out / PAGE, TITLE, f"./spool study steps --cases {len(names)} --out DIR", parts)
+    print(table(found))
     return found
 
 
@@ -39,9 +46,9 @@ def order(found: Sequence[float]) -> float:
 
 def table(found: dict[str, list[float]]) -> str:
     """Return the errors as Markdown."""
-    steps = [f"at {1e6 / SAMPLE_RATE / count:g} us" for count in STEPS[:SHOWN_STEPS]]
-    lines = [f"| model | {' | '.join(steps)} | order |", "|---" * (len(steps) + 2) + "|"]
+    body = []
     for name, these in found.items():
         cells = [f"{error:.1e}".replace("e-0", "e-") for error in these[:SHOWN_STEPS]]
-        lines.append(f"| `{name}` | {' | '.join(cells)} | {order(these):.1f} |")
-    return "\n".join(lines) + "\n"
+        body.append((f"`{name}`", *cells, f"{order(these):.1f}"))
+    steps = [f"at {1e6 / SAMPLE_RATE / count:g} us" for count in STEPS[:SHOWN_STEPS]]
+    return markdown_table(("model", *steps, "order"), body)

@@ -1,4 +1,4 @@
-"""The same work on many items, in processes of their own, with progress and time left."""
+"""Parallel work on many items, in processes of their own, with progress and time left."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from spool_stream.kernels.processors import processors
 from spool_tools.console.progress import progress
 
 Item = TypeVar("Item")
-Outcome = TypeVar("Outcome")
+Result = TypeVar("Result")
 
 
 def spread(
-    work: Callable[[Item], Outcome], items: Sequence[Item], what: str, workers: int | None = None
-) -> Iterator[Outcome]:
+    work: Callable[[Item], Result], items: Sequence[Item], what: str, workers: int | None = None
+) -> Iterator[Result]:
     """Yield ``work(item)`` for each item as it is done, in any order.
 
     Args:
         work: a function of a module, so that another process finds it.
         items: what it is called with.
-        what: shown beside the bar.
+        what: shown with the bar.
         workers: processes; as many as there are cores by default, 1 stays in this process.
     """
     count = min(workers or processors(), len(items))

@@ -1,4 +1,4 @@
-"""One row of a comparison."""
+"""Timing of the same work by us and by a peer."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """``work`` done by us in ``ours_s`` and by ``peer`` in ``peer_s``; errors where both are comparable.
+    """Timing of ``work``: ours in ``ours_s``, the ``peer``'s in ``peer_s``; errors where both are comparable.
 
     ``compiling`` is the factor of the ratio that is owed to the peer's being interpreted: 1 for a compiled
     one, ``None`` where it was not measured.
@@ -46,6 +46,17 @@ class Timing:
             "ratio_of_compiling": self.compiling,
             "ratio_of_scheme": self.scheme,
         }
+
+
+class Stopwatch:
+    """Time since it was made, on the wall and of this process's computing."""
+
+    def __init__(self) -> None:
+        self._begin = time.perf_counter(), time.process_time()
+
+    def read(self) -> tuple[float, float]:
+        """Return (s on the wall, s of computing); other work on the machine does not change the latter."""
+        return time.perf_counter() - self._begin[0], time.process_time() - self._begin[1]
 
 
 def best_of(count: int, work: Callable[[], object], clock: Callable[[], float] = time.perf_counter) -> float:

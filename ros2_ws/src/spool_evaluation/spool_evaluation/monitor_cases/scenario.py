@@ -1,4 +1,4 @@
-"""One scenario: what the machine does, what happens to valve, oil and sensors, and what has to be found."""
+"""Scenario: what the machine does, what happens to valve, oil and sensors, and what has to be found."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FADE = 2.0
 
 
 class StoppingMachine(MachineOrders):
-    """A machine that stands still at times.
+    """Machine excitation that stands still at times.
 
     Attributes:
         rests: (begin, end) of each standstill, s; the vibration fades within 2 s.
@@ -35,7 +35,7 @@ class StoppingMachine(MachineOrders):
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """``quantity`` of the simulator runs to ``target`` from ``at`` within ``duration`` (s)."""
+    """Change: ``quantity`` of the simulator runs to ``target`` from ``at`` within ``duration`` (s)."""
 
     quantity: str
     target: float
@@ -45,7 +45,7 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class ChannelFault:
-    """What becomes of the channels from ``at`` (s) on; ``value`` is the fault's size.
+    """Channel fault: what becomes of the channels from ``at`` (s) on; ``value`` is the fault's size.
 
     ``clipping``: full scale, m/s^2; ``offset``: m/s^2; ``scale``: gain; ``dead``: noise that is left, m/s^2.
     ``stuck`` is the spool's: it moves with its body from then on.
@@ -59,7 +59,7 @@ class ChannelFault:
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """An event that has to be raised from ``begin`` to ``by`` (s); ``causes``: the right ones, if named.
+    """Expected event: it has to be raised from ``begin`` to ``by`` (s); ``causes``: the right ones, if named.
 
     ``reached`` (s) is when the change is as large as it must be to be found; delays count from there.
     """
@@ -72,8 +72,8 @@ class Expected:
 
 
 @dataclass(frozen=True, slots=True)
-class Case:
-    """A scenario with its truth.
+class Scenario:
+    """Scenario with its truth.
 
     Attributes:
         kind: the sort of scenario, a row of the table.

@@ -1,0 +1,1 @@
+"""Results of studies and benchmarks: proportions with intervals, timings, dated pages."""
