@@ -15,6 +15,7 @@ ROSDEP_NAMES = {
     "yaml": "yaml",
     "mcap": "mcap-ros2-support",
     "zstandard": "mcap-ros2-support",  # a requirement of mcap
+    "markupsafe": "jinja2",  # a requirement of jinja2
     "lz4": "mcap-ros2-support",
     "ament_index_python": "ament_index_python",
 }

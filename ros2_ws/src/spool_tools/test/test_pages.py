@@ -41,11 +41,11 @@ def test_it_fits_narrow_and_dark_screens(page: str) -> None:
     assert "@media (prefers-color-scheme:dark)" in page
     # Whatever is wider than the screen scrolls within its own box.
     for tag in ("<table", "<img"):
-        assert page.count(f"<div class=wide>{tag}") == page.count(tag) > 0
+        assert page.count(f'<div class="wide">{tag}') == page.count(tag) > 0
 
 
 def test_what_is_seen_in_a_picture_is_said(page: str) -> None:
-    said = re.findall(r"<img alt='([^']*)'", page)
+    said = re.findall(r'<img alt="([^"]*)"', page)
     assert len(said) == len(set(said)) >= 3
     assert any(re.search(r"leaves [0-9.]+ %", text) for text in said)
     assert any(re.search(r"ratio: coulomb [0-9.]+", text) for text in said)

@@ -64,12 +64,12 @@ def test_the_page_stands_by_itself_with_a_picture_of_each_valve(
     )
     reader = BagReader(bag)
     path = write_report(tmp_path, reader, replay_bag(bag, []))
-    assert path == tmp_path / "recording_report.html"
+    assert path == tmp_path / "report.html"
     text = path.read_text(encoding="utf-8")
     page = Page(text)
     assert page.open == []
     assert page.links == []
-    assert not re.search(r"https?:|//[a-z]|url\(|@import|<script", re.sub(r"base64,[^']*", "", text))
+    assert not re.search(r"https?:|//[a-z]|url\(|@import|<script", re.sub(r"base64,[^\"]*", "", text))
     pictures = [(tmp_path / f"{name}.png").read_bytes() for name in ("valve_1", "valve_2")]
     embedded = [base64.b64decode(image.removeprefix("data:image/png;base64,")) for image in page.images]
     assert embedded == pictures
@@ -133,7 +133,7 @@ def test_a_bag_without_estimates_and_a_nested_namespace_are_drawn(
     bag = make_bag(tmp_path / "bag", {"plant/valve_1": recorded(seconds=1.0, described=False)})
     write_report(tmp_path, BagReader(bag), replay_bag(bag, []))
     assert (tmp_path / "plant_valve_1.png").read_bytes().startswith(PNG)
-    page = Page((tmp_path / "recording_report.html").read_text(encoding="utf-8"))
+    page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert "unknown" in page.cells
     assert "plant/valve_1" in page.cells
 
@@ -148,7 +148,7 @@ def test_what_a_bag_says_is_text_and_no_markup(
          "unit": "1", "message": "<script>alert(1)</script>"},
     ]  # fmt: skip
     write_report(tmp_path, BagReader(bag), analysis)
-    text = (tmp_path / "recording_report.html").read_text(encoding="utf-8")
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "<script" not in text
     cells = Page(text).cells
     assert "<script>alert(1)</script>" in cells

@@ -1,10 +1,7 @@
-"""The report of a recording: a page of pictures and tables that stands by itself."""
+"""Report of a recording: a page of pictures and tables that stands by itself."""
 
 from __future__ import annotations
 
-import base64
-import html
-import io
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +17,7 @@ from spool_bag.reading.reader import BagReader
 from spool_stream.block_gate import malformed
 from spool_stream.uncertainty import LEGEND, PLUS_MINUS, Z_95, Shown, interval
 
-from spool_tools.report.page import page, paragraph
+from spool_tools.report import page as html
 from spool_tools.report.provenance import sources
 
 Array = NDArray[np.float64]
@@ -34,23 +31,21 @@ def write_report(folder: Path, reader: BagReader, analysis: dict[str, Any]) -> P
 
     ``analysis`` is what ``replay --json`` writes for the bag of ``reader``.
     """
-    sections = []
+    sections: list[str] = []
     peaks = {name: _peaks(reader, name) for name in analysis["valves"]}
     start = min((float(table[0, 0]) for table in peaks.values() if table.size), default=0.0)
     for name, valve in analysis["valves"].items():
         figure = draw_valve(reader, name, peaks[name], start, valve["events"])
-        picture = io.BytesIO()
-        figure.savefig(picture, format="png", dpi=150)
-        plt.close(figure)
-        (folder / f"{name.replace('/', '_')}.png").write_bytes(picture.getvalue())
-        sections.append(_section(name, valve, picture.getvalue()))
+        image, content = html.picture(figure, _seen(name, valve), dpi=150)
+        (folder / f"{name.replace('/', '_')}.png").write_bytes(content)
+        sections += _section(name, valve, image)
     lost = sum(valve["lost_blocks"] for valve in analysis["valves"].values())
     summary = (
         f"{len(analysis['valves'])} valves, {analysis['duration_s'] or 0.0:.0f} s, {lost} blocks lost. "
         f"{LEGEND}; bands around curves are the same intervals. Shaded stretches are events."
     )
-    text = page(
-        "Spool valves: what the recording shows", [paragraph(summary), *sections],
+    text = html.page(
+        "Spool valves: what the recording shows", [html.paragraph(summary), *sections],
         [*sources([reader.path]), *_valves(analysis)],
     )  # fmt: skip
     path = folder / "report.html"
@@ -168,32 +163,36 @@ def _name_events(axis: Axes, events: list[dict[str, Any]]) -> None:
         )  # fmt: skip
 
 
-def _section(name: str, valve: dict[str, Any], picture: bytes) -> str:
-    encoded = base64.b64encode(picture).decode()
-    parameters = "".join(
-        f"<tr><td>{html.escape(key.replace('_', ' '))}</td><td class=n>{shown.value}</td>"
-        f"<td class=n>{shown.half_width}</td><td>{html.escape(value['unit'])}</td></tr>"
+def _section(name: str, valve: dict[str, Any], image: str) -> list[str]:
+    parameters = [
+        {
+            "parameter": key.replace("_", " "),
+            "at the end": shown.value,
+            PLUS_MINUS: shown.half_width,
+            "unit": value["unit"],
+        }
         for key, value in valve["estimate"]["parameters"].items()
         for shown in (_interval(value),)
-    )
-    events = "".join(
-        f"<tr><td class=n>{event['t_s']:.1f} s</td><td>{html.escape(event['kind'].replace('_', ' '))}</td>"
-        f"<td>{html.escape((event['cause'] or '').replace('_', ' '))}</td>"
-        f"<td>{html.escape(event['severity'])}</td><td>{html.escape(event['state'])}</td>"
-        f"<td class=t>{html.escape(event['message'])}</td></tr>"
+    ]
+    events = [
+        {
+            "time": f"{event['t_s']:.1f} s",
+            "event": event["kind"].replace("_", " "),
+            "most likely cause": (event["cause"] or "").replace("_", " "),
+            "severity": event["severity"],
+            "state": event["state"],
+            "what was seen": event["message"],
+        }
         for event in valve["events"]
-    )
-    seen = html.escape(_seen(name, valve), quote=True)
-    return (
-        f"<h2>{html.escape(name)}</h2>"
-        f"<div class=wide><img alt='{seen}' src='data:image/png;base64,{encoded}'></div>"
-        "<div class=wide><table><tr><th>parameter</th><th>at the end</th>"
-        f"<th>{PLUS_MINUS}</th><th>unit</th></tr>"
-        f"{parameters}</table></div>"
-        "<div class=wide><table><tr><th>time</th><th>event</th><th>most likely cause</th><th>severity</th>"
-        "<th>state</th><th>what was seen</th></tr>"
-        f"{events}</table></div>"
-    )
+    ]
+    return [
+        html.heading(name),
+        image,
+        html.table(["parameter", "at the end", PLUS_MINUS, "unit"], parameters, ("at the end", PLUS_MINUS)),
+        html.table(
+            ["time", "event", "most likely cause", "severity", "state", "what was seen"], events, ("time",)
+        ),
+    ]
 
 
 def _seen(name: str, valve: dict[str, Any]) -> str:
@@ -202,7 +201,7 @@ def _seen(name: str, valve: dict[str, Any]) -> str:
     events = ", ".join(f"{_label(one['kind'], one['cause'])} at {one['t_s']:.0f} s" for one in raised)
     return (
         f"{name} over time: peak acceleration of body and spool, the frequency that the body shakes at "
-        "beside the natural frequency, viscous coefficient, Coulomb force. "
+        "next to the natural frequency, viscous coefficient, Coulomb force. "
         f"Events: {events or 'none'}."
     )
 

@@ -16,8 +16,8 @@ from spool_estimator.estimator import phase_of, settings_for
 from spool_estimator.estimators import make_estimator
 from spool_estimator.plausibility import ValveCheck, check_rate
 from spool_estimator.refit import Refit, RefitSettings, WindowRefits
-from spool_monitor.events.event import Event
 from spool_monitor.detectors import JUDGEMENT_TEXTS, MonitorSettings
+from spool_monitor.events.event import Event
 from spool_monitor.health import Health
 from spool_monitor.monitor import Monitor
 from spool_monitor.replay import Replay

@@ -1,4 +1,4 @@
-"""The page of a comparison: the verdict, the ranking as a picture, and each series in pictures."""
+"""Page of a comparison: the verdict, the ranking as a picture, and each series in pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page of one fit: what it says, and pictures of how well it holds."""
+"""Page of one fit: what it says, and pictures of how well it holds."""
 
 from __future__ import annotations
 
@@ -41,6 +41,7 @@ def fit_page(judged: Judged) -> str:
     title = f"{found.model.name.replace('_', ' ')} fitted to {judged.data.name}"
     rows = parameter_rows(found)
     quality = quality_rows(judged)
+    doubts = [f"Warning: {doubt}" for doubt in judged.data.doubts]
     sections = [
         html.verdict(summary(judged)),
         html.heading("Parameters"),
@@ -48,9 +49,7 @@ def fit_page(judged: Judged) -> str:
         html.paragraph(
             f"{LEGEND}; the true value lies within it in 95 of 100 such records, if the model is right."
         ),
-        *([html.listing(correlations(judged))] if correlated(found) else []),
-        *([html.listing(found.warnings)] if found.warnings else []),
-        *_doubts(judged),
+        *(html.listing(lines) for lines in (correlations(judged), found.warnings, doubts) if lines),
         html.heading("How well it holds"),
         html.table(["what", "value"], quality),
     ]
@@ -90,11 +89,6 @@ def ratio_seen(judged: Sequence[Judged]) -> str:
     return f"Mean amplitude ratio: {', '.join(parts)}." if parts else ""
 
 
-def _doubts(judged: Judged) -> list[str]:
-    """Return what speaks against the valve file, as a list; nothing where nothing does."""
-    return [html.listing([f"Warning: {doubt}" for doubt in judged.data.doubts])] if judged.data.doubts else []
-
-
 def summary(judged: Judged) -> str:
     """Return in one sentence how much of the motion the model explains."""
     found = judged.fit
@@ -110,7 +104,7 @@ def summary(judged: Judged) -> str:
 
 
 def correlations(judged: Judged) -> list[str]:
-    """Return a line for each pair of parameters that is hardly told apart."""
+    """Return a line for each pair of parameters that is hardly distinguished."""
     return [
         f"{first} and {second} are correlated by {value:+.3f}".replace("_", " ")
         for first, second, value in correlated(judged.fit)

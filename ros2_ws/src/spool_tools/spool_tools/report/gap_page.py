@@ -1,4 +1,4 @@
-"""The page of a gap analysis: the verdict in a sentence, and pictures that show why."""
+"""Page of a gap analysis: the verdict in a sentence, and pictures that show why."""
 
 from __future__ import annotations
 
