@@ -147,7 +147,7 @@ def test_a_tail_of_power_loss_costs_its_chunk_only(unfinished: Path, tail: str) 
     file.write_bytes(content[:-1500] if tail == "cut" else content + bytes(5000))
     kept = [block.sequence for block in BagReader(unfinished).blocks("valve_1")]
     assert kept == list(range(10 if tail == "cut" else 20))
-    result = recover(unfinished, unfinished.with_name("mended"))
+    result = recover(unfinished, unfinished.with_name("recovered"))
     assert result.messages == {TOPIC: len(kept)}
     assert len(result.damages) == 1
     assert result.expected is None
@@ -180,10 +180,10 @@ def test_a_damaged_chunk_costs_itself_only(bag: Path, place: str, tmp_path: Path
     found = describe(bag)
     assert [damage.offset for damage in found.damages] == [start]
     assert (found.valves[0].blocks, found.valves[0].lost_blocks) == (180, 20)
-    result = recover(bag, tmp_path / "mended")
+    result = recover(bag, tmp_path / "recovered")
     assert result.messages == {TOPIC: 180}
     assert (result.lost, result.estimated, result.missing) == (20, False, {"valve_1": 20})
-    kept = [block.sequence for block in BagReader(tmp_path / "mended").blocks("valve_1")]
+    kept = [block.sequence for block in BagReader(tmp_path / "recovered").blocks("valve_1")]
     assert kept == [*range(80), *range(100, 200)]
 
 
@@ -195,9 +195,11 @@ def test_a_chunk_that_is_called_something_else_is_told_and_read(bag: Path, tmp_p
     file.write_bytes(content)
     with pytest.raises(InputError, match=f"whole_0.mcap: damaged at byte {start} .*recover"):
         list(BagReader(bag).blocks("valve_1"))
-    result = recover(bag, tmp_path / "mended")
+    result = recover(bag, tmp_path / "recovered")
     assert [damage.lost for damage in result.damages] == [0]
-    assert [block.sequence for block in BagReader(tmp_path / "mended").blocks("valve_1")] == list(range(200))
+    assert [block.sequence for block in BagReader(tmp_path / "recovered").blocks("valve_1")] == list(
+        range(200)
+    )
 
 
 @pytest.mark.parametrize("seed", range(150))
@@ -374,4 +376,4 @@ def test_a_full_disk_is_reported_and_keeps_what_was_recorded(tmp_path: Path) -> 
     sequences = [block.sequence for block in BagReader(tmp_path / "bag").blocks("valve_1")]
     assert sequences == list(range(int(done.stdout)))
     assert len(sequences) > 5
-    assert recover(tmp_path / "bag", tmp_path / "mended").damages == ()
+    assert recover(tmp_path / "bag", tmp_path / "recovered").damages == ()

@@ -105,12 +105,12 @@ def trial(
     copy = folder / f"damaged_{seed}"
     shutil.copytree(bag, copy)
     (copy / file.name).write_bytes(content)
-    result = recover(copy, folder / f"mended_{seed}")
-    kept = _kept(folder / f"mended_{seed}")
+    result = recover(copy, folder / f"recovered_{seed}")
+    kept = _kept(folder / f"recovered_{seed}")
     saved = sum(held[number] <= kept for number in untouched)
     lost = len(set().union(*held)) - len(kept)
     shutil.rmtree(copy)
-    shutil.rmtree(folder / f"mended_{seed}")
+    shutil.rmtree(folder / f"recovered_{seed}")
     return Outcome(len(untouched), saved, lost, result)
 
 
@@ -223,7 +223,7 @@ def test_a_file_cut_in_half_is_told_by_what_the_metadata_counts(killed: Path, tm
     assert 200 < kept < 600
     lost = found.lost_messages
     assert any(f"at least {700 - kept - lost} more are missing" in warning for warning in found.warnings)
-    assert recover(cut, tmp_path / "mended").lost == 700 - kept
+    assert recover(cut, tmp_path / "recovered").lost == 700 - kept
 
 
 def test_reading_an_unfinished_bag_names_the_way_out_and_promises_nothing(killed: Path) -> None:
@@ -254,11 +254,11 @@ def test_definitions_are_repeated_and_others_read_them(killed: Path, tmp_path: P
 
     later = damaged(killed, tmp_path, keep_from_the_fourth)
     assert BagReader(later).valves == list(VALVES)
-    result = recover(later, tmp_path / "mended")
+    result = recover(later, tmp_path / "recovered")
     assert result.damages == ()
-    with Reader(tmp_path / "mended") as reader:
+    with Reader(tmp_path / "recovered") as reader:
         assert reader.message_count == sum(result.messages.values())
-    with next((tmp_path / "mended").glob("*.mcap")).open("rb") as stream:
+    with next((tmp_path / "recovered").glob("*.mcap")).open("rb") as stream:
         summary = make_reader(stream, validate_crcs=True).get_summary()
     assert summary is not None
     assert {channel.topic for channel in summary.channels.values()} == set(result.messages)
@@ -283,5 +283,5 @@ def test_a_rare_topic_does_not_lose_its_definition_with_its_first_chunk(tmp_path
     def wipe(content: bytearray) -> None:
         content[first:second] = bytes(second - first)
 
-    result = recover(damaged(tmp_path / "killed", tmp_path, wipe), tmp_path / "mended")
+    result = recover(damaged(tmp_path / "killed", tmp_path, wipe), tmp_path / "recovered")
     assert result.messages == {"/valve_1/acceleration": 39, "/valve_1/oil_temperature": 1}

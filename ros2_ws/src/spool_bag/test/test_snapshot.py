@@ -18,7 +18,7 @@ from spool_bag.recording.snapshot import (
     Snapshot,
     SnapshotKeeper,
 )
-from spool_bag.recording.snapshot_writer import SnapshotDesk
+from spool_bag.recording.snapshot_writer import SnapshotWriter
 from spool_stream.block import Block
 
 SECOND = 1_000_000_000
@@ -138,21 +138,21 @@ def test_what_is_no_event_is_left_alone() -> None:
 
 
 @pytest.fixture
-def desk(tmp_path: Path) -> Iterator[SnapshotDesk]:
-    made = SnapshotDesk(SnapshotKeeper(3.0, 2.0), tmp_path / "snapshots", logging.getLogger("test"))
+def writer(tmp_path: Path) -> Iterator[SnapshotWriter]:
+    made = SnapshotWriter(SnapshotKeeper(3.0, 2.0), tmp_path / "snapshots", logging.getLogger("test"))
     yield made
     made.close()
 
 
-def test_it_is_a_bag_that_says_which_valve_it_was(desk: SnapshotDesk, tmp_path: Path) -> None:
+def test_it_is_a_bag_that_says_which_valve_it_was(writer: SnapshotWriter, tmp_path: Path) -> None:
     """What was latched before the ring began stands at the beginning of the bag."""
     description = event(0.5, state=CLEARED, received=0.5)  # latched too, and long out of the ring
     for message in sorted(
         [description, event(10.0), *(block(number) for number in range(1000))], key=lambda one: one.received
     ):
-        desk.keeper.take(message)
-        desk.watch(message.received, 100)
-    desk.close()
+        writer.keeper.take(message)
+        writer.watch(message.received, 100)
+    writer.close()
     (path,) = (tmp_path / "snapshots").iterdir()
     assert path.name == "valve_1_resonance_20231114T221330Z"
     reader = BagReader(path)
@@ -162,37 +162,37 @@ def test_it_is_a_bag_that_says_which_valve_it_was(desk: SnapshotDesk, tmp_path: 
     assert len(list(reader.messages("/valve_1/events"))) == 2
     information = describe(path)
     assert information.duration == pytest.approx(5.0, abs=0.1)
-    assert desk.written == 1
+    assert writer.written == 1
 
 
-def test_what_waits_is_written_when_the_recorder_ends(desk: SnapshotDesk, tmp_path: Path) -> None:
+def test_what_waits_is_written_when_the_recorder_ends(writer: SnapshotWriter, tmp_path: Path) -> None:
     for message in [*(block(number) for number in range(250)), event(4.9)]:
-        desk.keeper.take(message)
-    desk.close()
+        writer.keeper.take(message)
+    writer.close()
     (path,) = (tmp_path / "snapshots").iterdir()
     assert len(list(BagReader(path).blocks("valve_1"))) > 100
 
 
 def test_no_more_are_made_than_allowed(
-    desk: SnapshotDesk, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    writer: SnapshotWriter, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     with caplog.at_level(logging.INFO):
         for message in sorted(
             [*(block(number) for number in range(2000)), *(event(10.0 + 5 * number) for number in range(4))],
             key=lambda one: one.received,
         ):
-            desk.keeper.take(message)
-            desk.watch(message.received, 2)
-        desk.close()
+            writer.keeper.take(message)
+            writer.watch(message.received, 2)
+        writer.close()
     assert len(list((tmp_path / "snapshots").iterdir())) == 2
     assert sum("no more are made" in record.message for record in caplog.records) == 1
 
 
 def test_a_folder_that_cannot_be_made_is_said(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     (tmp_path / "file").write_text("")
-    desk = SnapshotDesk(SnapshotKeeper(3.0, 2.0), tmp_path / "file", logging.getLogger("test"))
+    writer = SnapshotWriter(SnapshotKeeper(3.0, 2.0), tmp_path / "file", logging.getLogger("test"))
     for message in [*(block(number) for number in range(250)), event(4.9)]:
-        desk.keeper.take(message)
-    desk.close()
-    assert desk.written == 0
+        writer.keeper.take(message)
+    writer.close()
+    assert writer.written == 0
     assert "snapshot of /valve_1 resonance" in caplog.text

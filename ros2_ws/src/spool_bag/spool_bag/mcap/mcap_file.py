@@ -14,13 +14,13 @@ from spool_stream.errors import InputError
 
 from .mcap_definitions import Definitions, Topic, summary_counts
 from .mcap_record import FOOTER, FRAME, MAGIC, MESSAGE
-from .mcap_walk import Damage, Stretch, Walk
+from .mcap_walk import Damage, RecordRun, Walk
 
 #: B of a summary that are read: 90 B a chunk, so more than a year of chunks of 0.7 s would need.
 LARGEST_SUMMARY = 1 << 27
 
 
-class Record(NamedTuple):
+class McapMessage(NamedTuple):
     """A message as stored; times in ns."""
 
     channel: int
@@ -72,7 +72,7 @@ class McapFile:
 
     def records(
         self, wanted: Callable[[Topic], bool], damaged: Callable[[Damage], None] | None = None
-    ) -> Iterator[Record]:
+    ) -> Iterator[McapMessage]:
         """Yield the messages of the ``wanted`` topics in the order of writing.
 
         Damage inside the file goes to ``damaged`` and is stepped over; without it, it is an error. A file
@@ -97,8 +97,8 @@ class McapFile:
             self.density = walk.messages / walk.size if walk.size else 0.0
 
     def _messages(
-        self, stretch: Stretch, walk: Walk, wanted: Callable[[Topic], bool], accepted: dict[int, bool]
-    ) -> Iterator[Record]:
+        self, stretch: RecordRun, walk: Walk, wanted: Callable[[Topic], bool], accepted: dict[int, bool]
+    ) -> Iterator[McapMessage]:
         data = stretch.records
         at, end, found, nowhere = 0, len(data), 0, 0
         unpack_frame, unpack_message, message = FRAME.unpack_from, MESSAGE.unpack_from, int(Opcode.MESSAGE)
@@ -118,7 +118,7 @@ class McapFile:
                     else:
                         nowhere += 1
                 if take:
-                    yield Record(channel, sequence, log_time, publish_time, data[at + 22 : at + length])
+                    yield McapMessage(channel, sequence, log_time, publish_time, data[at + 22 : at + length])
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 self._definitions.take(opcode, data[at : at + length])
             at += length

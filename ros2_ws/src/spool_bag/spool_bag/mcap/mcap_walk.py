@@ -35,7 +35,7 @@ class Damage(NamedTuple):
     lost: int | None = None
 
 
-class Stretch(NamedTuple):
+class RecordRun(NamedTuple):
     """Records as they were written: those of one chunk, or one that stands outside of chunks."""
 
     frame: Frame
@@ -66,10 +66,10 @@ class Walk:
         self._chunked = False
         self._pending: Damage | None = None
         self._joined = False
-        self._last: Stretch | None = None
+        self._last: RecordRun | None = None
         self._listed: dict[int, tuple[int, range]] = {}
 
-    def __iter__(self) -> Iterator[Stretch]:
+    def __iter__(self) -> Iterator[RecordRun]:
         offset = self._start
         while offset < self._end:
             frame, content = self._at(offset)
@@ -91,7 +91,7 @@ class Walk:
             elif frame.opcode == Opcode.MESSAGE_INDEX:
                 self._index(content, frame.length)
             elif frame.opcode in _HOLDS_DATA:
-                yield Stretch(frame, self._read(frame, whole=True))
+                yield RecordRun(frame, self._read(frame, whole=True))
             offset = frame.end
         self._settle()
 
@@ -130,7 +130,7 @@ class Walk:
             raise ChunkError(f"a record of {frame.length} bytes, more than the {LARGEST_CHUNK} that are read")
         return self._stream.read(frame.length + (FRAME.size if whole else 0))
 
-    def _chunk(self, frame: Frame) -> Stretch | None:
+    def _chunk(self, frame: Frame) -> RecordRun | None:
         if self._pending is None or self._pending.offset != frame.offset:
             self._settle()
         self._chunked, self._last, self._listed = True, None, {}
@@ -141,7 +141,7 @@ class Walk:
             self._unpacked += head.uncompressed_size
             if self._unpacked > FREE_EXPANSION + LARGEST_RATIO * self._end:
                 raise ChunkError(f"the file unpacks to more than {LARGEST_RATIO} times its size")
-            self._last = Stretch(frame, unpack(head, content))
+            self._last = RecordRun(frame, unpack(head, content))
         except (ChunkError, MemoryError) as error:
             reason = str(error) or "a chunk needs more memory than there is"
             self.damaged(Damage(frame.offset, FRAME.size + frame.length, reason))

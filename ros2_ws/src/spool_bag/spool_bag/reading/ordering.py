@@ -37,7 +37,7 @@ _STAMP, _KEY = itemgetter(0), itemgetter(0, 1)
 
 
 @dataclass(slots=True)
-class Window:
+class OrderingWindow:
     """The items of one valve that may still be overtaken; a stamp further back is a new start of time."""
 
     _queue: list[Keyed] = field(default_factory=list)
@@ -83,17 +83,17 @@ class Window:
 
 
 @dataclass(slots=True)
-class Windows:
+class OrderingWindows:
     """A window for each valve; together they hold ``LARGEST_QUEUES`` at most."""
 
-    _windows: dict[str, Window] = field(default_factory=dict)
+    _windows: dict[str, OrderingWindow] = field(default_factory=dict)
     _size: int = 0
 
     def take(self, valve: str, keyed: Keyed) -> Iterator[tuple[str, Item]]:
         """Take an item of ``valve`` and yield what is due of it."""
         window = self._windows.get(valve)
         if window is None:
-            window = self._windows[valve] = Window()
+            window = self._windows[valve] = OrderingWindow()
         self._size += keyed.size + OVERHEAD
         for held in window.take(keyed):
             self._size -= held.size + OVERHEAD

@@ -17,10 +17,10 @@ from spool_bag.format.cdr import CdrError, OilTemperature, decode_block, decode_
 from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE
 from spool_bag.format.metadata import storage_files
 from spool_bag.mcap.mcap_definitions import Topic
-from spool_bag.mcap.mcap_file import McapFile, Record
+from spool_bag.mcap.mcap_file import McapFile, McapMessage
 from spool_bag.mcap.mcap_walk import Damage
 
-from .ordering import LARGEST_QUEUE, LONGEST_QUEUE, WINDOW, Keyed, Windows
+from .ordering import LARGEST_QUEUE, LONGEST_QUEUE, WINDOW, Keyed, OrderingWindows
 
 __all__ = ["LARGEST_QUEUE", "LONGEST_QUEUE", "WINDOW", "BagReader", "TopicInformation"]
 
@@ -141,7 +141,7 @@ class BagReader:
         """Yield what ``stream`` yields, of all valves in one pass, with the valve's name."""
         yield from self._ordered(set(self.valves), (_ACCELERATION, _OIL))
 
-    def records(self, topic: str | None = None) -> Iterator[tuple[Topic, Record]]:
+    def records(self, topic: str | None = None) -> Iterator[tuple[Topic, McapMessage]]:
         """Yield the messages of ``topic`` (all topics without it) as recorded, in the order of recording."""
         for file in self.files:
             for record in self._records(file, lambda candidate: topic is None or candidate.name == topic):
@@ -197,7 +197,7 @@ class BagReader:
             valve, leaf = _parts(topic.name)
             return valve in valves and (leaf, topic.type) in decoders
 
-        windows, bad = Windows(), dict[str, int]()
+        windows, bad = OrderingWindows(), dict[str, int]()
         for file in self.files:
             channels: dict[int, tuple[str, Callable[[bytes], Keyed]]] = {}
             for record in self._records(file, wanted):
@@ -223,7 +223,7 @@ class BagReader:
             counts[record.channel] = counts.get(record.channel, 0) + 1
         return counts
 
-    def _records(self, file: McapFile, wanted: Callable[[Topic], bool]) -> Iterator[Record]:
+    def _records(self, file: McapFile, wanted: Callable[[Topic], bool]) -> Iterator[McapMessage]:
         return file.records(wanted, (lambda damage: self._note(file, damage)) if self._skip else None)
 
     def _note(self, file: McapFile, damage: Damage) -> None:

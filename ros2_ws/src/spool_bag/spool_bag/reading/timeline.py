@@ -18,7 +18,7 @@ LONGEST_LOSS = 86_400_000_000_000
 LONGEST = 10.0
 
 
-class Span(NamedTuple):
+class TimeSpan(NamedTuple):
     """Stamps of the first sample and behind the last one, and what had passed ``before``; all in ns."""
 
     first: int
@@ -26,14 +26,14 @@ class Span(NamedTuple):
     before: int
 
 
-class Step(NamedTuple):
+class ClockStep(NamedTuple):
     """A clock's step: ``at`` s after the record's beginning, by ``by`` s (negative: back)."""
 
     at: float
     by: float
 
 
-class _Place(NamedTuple):
+class _BlockPlace(NamedTuple):
     first: int
     end: int
     sequence: int
@@ -46,24 +46,24 @@ class Timeline:
     A block that does not follow begins a new span only if the next one follows it: a wrong stamp is none.
     """
 
-    spans: list[Span] = field(default_factory=list)
-    _last: _Place | None = None
-    _unconfirmed: _Place | None = None
+    spans: list[TimeSpan] = field(default_factory=list)
+    _last: _BlockPlace | None = None
+    _unconfirmed: _BlockPlace | None = None
 
     def take(self, block: Block) -> None:
         """Take a block; malformed ones are left out."""
         if not (SHORTEST_PERIOD <= block.sample_period <= LONGEST and block.body.size and block.stamp > 0):
             return
-        place = _Place(block.stamp, block.end, block.sequence)
+        place = _BlockPlace(block.stamp, block.end, block.sequence)
         if self._last is None:
-            self.spans.append(Span(place.first, place.end, 0))
+            self.spans.append(TimeSpan(place.first, place.end, 0))
         elif _follows(self._last, place):
             span = self.spans[-1]
             if place.end > span.end:
                 self.spans[-1] = span._replace(end=place.end)
         elif self._unconfirmed is not None and _follows(self._unconfirmed, place):
             before = self.spans[-1].before + self.spans[-1].end - self.spans[-1].first
-            self.spans.append(Span(self._unconfirmed.first, place.end, before))
+            self.spans.append(TimeSpan(self._unconfirmed.first, place.end, before))
         else:
             self._unconfirmed = place
             return
@@ -75,11 +75,11 @@ class Timeline:
         return self.spans[-1].before + self.spans[-1].end - self.spans[-1].first if self.spans else 0
 
     @property
-    def steps(self) -> list[Step]:
+    def steps(self) -> list[ClockStep]:
         """Where the clock was set, or a source started again."""
         spans = self.spans
         return [
-            Step(later.before * 1e-9, (later.first - earlier.end) * 1e-9)
+            ClockStep(later.before * 1e-9, (later.first - earlier.end) * 1e-9)
             for earlier, later in pairwise(spans)
         ]
 
@@ -112,14 +112,14 @@ def duration_of(timelines: Sequence[Timeline]) -> float | None:
     return max(covered + whole * gaps, *(timeline.duration for timeline in timelines)) / 1e9
 
 
-def _follows(last: _Place, place: _Place) -> bool:
+def _follows(last: _BlockPlace, place: _BlockPlace) -> bool:
     """Return whether ``place`` lies on the same clock as ``last``, blocks lost in between or not."""
     missing = max(place.sequence - last.sequence - 1, 0)
     ahead = min(2 * missing * (place.end - place.first), LONGEST_LOSS) + AHEAD
     return last.end - AHEAD <= place.first <= last.end + ahead
 
 
-def step_text(valve: str, step: Step) -> str:
+def step_text(valve: str, step: ClockStep) -> str:
     """Return the line that tells people of a step."""
     way = "back" if step.by < 0.0 else "ahead"
     return (

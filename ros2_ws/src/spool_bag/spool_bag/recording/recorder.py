@@ -78,7 +78,7 @@ LIKELY, SLACK = 3.0, 100.0
 
 
 @dataclass(slots=True)
-class _Place:
+class _LastBlock:
     sequence: int
     stamp: int
     step: float = math.nan
@@ -93,7 +93,7 @@ class LossCount:
     """
 
     lost: dict[str, int] = field(default_factory=dict)
-    _last: dict[str, _Place] = field(default_factory=dict)
+    _last: dict[str, _LastBlock] = field(default_factory=dict)
     _doubted: dict[str, int] = field(default_factory=dict)
 
     def see(self, topic: str, data: bytes) -> None:
@@ -105,7 +105,7 @@ class LossCount:
         self.lost.setdefault(topic, 0)
         last = self._last.get(topic)
         if last is None:
-            self._last[topic] = _Place(sequence, stamp)
+            self._last[topic] = _LastBlock(sequence, stamp)
             return
         jump = sequence - last.sequence - 1
         if jump > self._likely(last, stamp):
@@ -116,10 +116,10 @@ class LossCount:
         self._doubted.pop(topic, None)
         self.lost[topic] += max(jump, 0)
         step = float(stamp - last.stamp) if jump == 0 and stamp > last.stamp else last.step
-        self._last[topic] = _Place(sequence, stamp, step)
+        self._last[topic] = _LastBlock(sequence, stamp, step)
 
     @staticmethod
-    def _likely(last: _Place, stamp: int) -> float:
+    def _likely(last: _LastBlock, stamp: int) -> float:
         """Return how many blocks can have been lost since ``last``."""
         if math.isnan(last.step):
             return SLACK

@@ -26,7 +26,7 @@ from spool_bag.names import check_valve
 from .monitoring_watch import Monitored, MonitoringWatch
 from .recorder import LATCHED, TOPICS, LossCount, free_space, new_bag, select_topics
 from .snapshot import Message, SnapshotKeeper
-from .snapshot_writer import SnapshotDesk
+from .snapshot_writer import SnapshotWriter
 from .writer import BagWriter, RecordingError
 
 DISCOVERY_PERIOD = 0.5
@@ -108,7 +108,7 @@ class RecorderNode(ManagedNode):
         self._missed: set[str] = set()
         self._activations = 0
         self._ended = ""
-        self._snapshots: SnapshotDesk | None = None
+        self._snapshots: SnapshotWriter | None = None
 
     def configure(self) -> None:
         """Check the parameters before anything is made."""
@@ -127,7 +127,7 @@ class RecorderNode(ManagedNode):
         self._missed.clear()
         self._left_out.clear()
         self._channels.clear()
-        self._snapshots = SnapshotDesk(
+        self._snapshots = SnapshotWriter(
             SnapshotKeeper(self.value("snapshot_before"), self.value("snapshot_after")),
             Path(self.value("snapshot_folder") or path.absolute().parent / "snapshots").expanduser(),
             self.get_logger(),

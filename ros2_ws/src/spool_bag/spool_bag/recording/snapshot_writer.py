@@ -21,7 +21,7 @@ class Log(Protocol):
         """Say what went wrong."""
 
 
-class SnapshotDesk:
+class SnapshotWriter:
     """Write what ``keeper`` has complete into ``folder``, one after the other, on a thread of its own.
 
     Attributes:

@@ -15,7 +15,7 @@ from spool_stream.block_gate import SHORTEST_PERIOD
 from spool_stream.errors import InputError
 from spool_stream.text.printable import printable
 
-from .csv_text import LONGEST_LINE, Dialect, Piece, dialect, listed, pieces
+from .csv_text import LONGEST_LINE, Dialect, TextPiece, dialect, listed, pieces
 
 TIME = "time_s"
 BODY = "body_m_s2"
@@ -165,7 +165,7 @@ def _table(path: Path, wanted: Callable[[list[str]], list[str]]) -> tuple[list[s
             columns = {name: [] for name in wanted(found.header)}
         if not content.strip():
             continue
-        table = _parse(path, Piece(content, line), found, list(columns))
+        table = _parse(path, TextPiece(content, line), found, list(columns))
         rows += table.num_rows
         if rows > MOST_SAMPLES:
             raise InputError(f"{path}: more than {MOST_SAMPLES} samples: split the file and import each part")
@@ -176,7 +176,7 @@ def _table(path: Path, wanted: Callable[[list[str]], list[str]]) -> tuple[list[s
     return found.header, columns
 
 
-def _parse(path: Path, piece: Piece, found: Dialect, wanted: list[str]) -> pa.Table:
+def _parse(path: Path, piece: TextPiece, found: Dialect, wanted: list[str]) -> pa.Table:
     try:
         return pa_csv.read_csv(
             pa.BufferReader(piece.content),
@@ -195,7 +195,7 @@ def _parse(path: Path, piece: Piece, found: Dialect, wanted: list[str]) -> pa.Ta
         raise InputError(f"{path}: {where}") from error
 
 
-def _first_bad_line(piece: Piece, found: Dialect, wanted: list[str]) -> str | None:
+def _first_bad_line(piece: TextPiece, found: Dialect, wanted: list[str]) -> str | None:
     """Return where the first row stands that is no row of numbers; only called once parsing failed."""
     lines = piece.content.decode("utf-8", "replace").split("\n")
     for number, line in enumerate(lines, start=piece.line):

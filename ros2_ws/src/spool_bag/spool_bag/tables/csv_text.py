@@ -30,14 +30,14 @@ class Dialect:
 
 
 @dataclass(frozen=True, slots=True)
-class Piece:
+class TextPiece:
     """Whole lines of a file and the number of the first of them, from 1."""
 
     content: bytes
     line: int
 
 
-def pieces(path: Path) -> Iterator[Piece]:
+def pieces(path: Path) -> Iterator[TextPiece]:
     """Yield the lines of ``path`` (.csv, or gzipped) in pieces of some MB.
 
     Raises:
@@ -56,7 +56,7 @@ def pieces(path: Path) -> Iterator[Piece]:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
 
 
-def _split(path: Path, stream: BinaryIO) -> Iterator[Piece]:
+def _split(path: Path, stream: BinaryIO) -> Iterator[TextPiece]:
     rest, line, size = b"", 1, 0
     while read := stream.read(_PIECE):
         if size == 0:
@@ -69,7 +69,7 @@ def _split(path: Path, stream: BinaryIO) -> Iterator[Piece]:
         lines, end, rest_of_read = read.rpartition(b"\n")
         whole = rest + lines + end
         if end and (line > 1 or whole.count(b"\n") > 1):  # a header comes with the line below it
-            yield Piece(whole, line)
+            yield TextPiece(whole, line)
             line += whole.count(b"\n")
             rest = rest_of_read
         else:
@@ -80,7 +80,7 @@ def _split(path: Path, stream: BinaryIO) -> Iterator[Piece]:
                 "sample a line?"
             )
     if rest:
-        yield Piece(rest, line)
+        yield TextPiece(rest, line)
 
 
 def _check_text(path: Path, start: bytes) -> None:

@@ -70,7 +70,7 @@ def export_bag(
     thermal = any(f"/{valve}/oil_temperature" in reader.topics for valve in chosen)
     schema = _schema(several=len(chosen) > 1, thermal=thermal)
     rows = 0
-    sources = {valve: _Source(min(starts), _cell(out, valve)) for valve in chosen}
+    sources = {valve: _ValveTable(min(starts), _cell(out, valve)) for valve in chosen}
     try:
         kind = _kind(out)
         with staged(out) as part, _writer(kind, part, schema) as writer:
@@ -94,7 +94,7 @@ def export_bag(
 
 
 @dataclass(slots=True)
-class _Source:
+class _ValveTable:
     """What a valve's rows are made with: the bag's first stamp (ns), the name as a cell, judgements."""
 
     start: int
@@ -168,7 +168,9 @@ def _first_stamp(reader: BagReader, valve: str) -> int | None:
     )
 
 
-def _batches(reader: BagReader, valve: str, source: _Source, schema: pa.Schema) -> Iterator[pa.RecordBatch]:
+def _batches(
+    reader: BagReader, valve: str, source: _ValveTable, schema: pa.Schema
+) -> Iterator[pa.RecordBatch]:
     blocks: list[tuple[int, Block]] = []
     temperatures: list[float] = []
     celsius, rows = float("nan"), 0

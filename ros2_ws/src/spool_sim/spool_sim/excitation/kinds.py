@@ -15,6 +15,7 @@ from spool_sim.files.validation import NotNegative, Positive, one_line, read_map
 
 from .base import Array, Excitation, rise
 from .broadband import MachineOrders, Multisine
+from .presets import PRESETS
 from .recorded import Recorded
 from .sines import Standstill, SteadySine, SteppedSine, SweptSine
 
@@ -149,8 +150,6 @@ def load_excitation(name_or_path: str | Path) -> Excitation:
     Raises:
         InputError: neither a preset nor a readable file with a valid excitation.
     """
-    from .presets import PRESETS  # noqa: PLC0415  presets are made of the kinds above
-
     preset = PRESETS.get(str(name_or_path))
     if preset is not None:
         return preset

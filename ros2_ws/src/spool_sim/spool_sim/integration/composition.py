@@ -19,7 +19,7 @@ from spool_stream.errors import InputError
 from spool_stream.kernels import compiled as compiling
 from spool_stream.kernels.compiled import cache_folder
 
-from spool_sim.terms import Parameter, Term
+from spool_sim.terms import Parameter, Term, term
 
 Function = TypeVar("Function", bound=Callable[..., object])
 _LAWS_LINE = "from .fluid_laws import"
@@ -153,8 +153,6 @@ def kernel_of(names: tuple[str, ...]) -> ModuleType:
     It is compiled at its first call and found on the disk by later processes. Its file is named by a hash of
     its own source, the sources of the terms and the versions, so a changed law never finds an old kernel.
     """
-    from spool_sim.terms import term  # noqa: PLC0415
-
     terms = [term(name) for name in names]
     source = kernel_source(terms)
     digest = hashlib.sha256(source.encode())

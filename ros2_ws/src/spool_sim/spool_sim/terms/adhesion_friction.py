@@ -1,4 +1,4 @@
-"""Total friction with adhesion."""
+"""Friction law with adhesion."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ def sliding_law(
     return adhesion_dry_force + adhesion_force * math.exp(-adhesion_decay * speed)
 
 
-class AdhesionFriction(Term):
-    """Viscous drag, dry friction and an adhesion force that decays with speed."""
+class AdhesionFrictionTerm(Term):
+    """Friction with adhesion: viscous drag, dry friction and an adhesion force that decays with speed."""
 
     name = "adhesion_friction"
     parameters = (

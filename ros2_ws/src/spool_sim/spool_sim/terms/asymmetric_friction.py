@@ -1,4 +1,4 @@
-"""Dry friction that differs with the direction."""
+"""Asymmetric Coulomb friction law."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def sliding_law(
     return forward_force if direction > 0.0 else backward_force
 
 
-class AsymmetricFriction(Term):
-    """One constant force for each direction of motion."""
+class AsymmetricFrictionTerm(Term):
+    """Asymmetric Coulomb friction: one constant force for each direction of motion."""
 
     name = "asymmetric_friction"
     parameters = (

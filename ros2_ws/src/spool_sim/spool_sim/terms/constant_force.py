@@ -1,4 +1,4 @@
-"""A constant force on the spool."""
+"""Constant force on the spool."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def force_law(
     return -push
 
 
-class ConstantForce(Term):
-    """A push that does not depend on the motion."""
+class ConstantForceTerm(Term):
+    """Constant force: a push that does not depend on the motion."""
 
     name = "constant_force"
     parameters = (Parameter("push", "N", -1e5, 1e5, 1.0, "force in the direction of positive z"),)

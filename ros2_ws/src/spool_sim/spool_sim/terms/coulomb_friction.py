@@ -1,4 +1,4 @@
-"""Coulomb's dry friction."""
+"""Coulomb friction law."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def sliding_law(
     return coulomb_force
 
 
-class CoulombFriction(Term):
-    """A constant force against the motion; any force up to it at rest."""
+class CoulombFrictionTerm(Term):
+    """Coulomb friction: a constant force against the motion; any force up to it at rest."""
 
     name = "coulomb_friction"
     parameters = (

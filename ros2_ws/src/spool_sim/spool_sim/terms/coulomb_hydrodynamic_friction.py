@@ -1,4 +1,4 @@
-"""Mixed friction from Coulomb's law and the hydrodynamic film."""
+"""Mixed friction law from Coulomb's law and the hydrodynamic film."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ def sliding_law(
     return dry_coefficient * normal_load
 
 
-class CoulombHydrodynamicFriction(Term):
-    """Coulomb friction less what the film carries."""
+class CoulombHydrodynamicFrictionTerm(Term):
+    """Mixed friction: Coulomb friction less what the hydrodynamic film carries."""
 
     name = "coulomb_hydrodynamic_friction"
     parameters = (

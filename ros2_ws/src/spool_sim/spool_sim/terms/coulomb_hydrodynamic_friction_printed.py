@@ -1,10 +1,11 @@
-"""Mixed friction from Coulomb's law and the hydrodynamic film, as in (28b)."""
+"""Mixed friction law from Coulomb's law and the hydrodynamic film, as in (28b)."""
 
 from __future__ import annotations
 
 from spool_stream.kernels.compiled import compiled
 
-from .base import STANDARD_GRAVITY, Parameter, Term
+from .base import Parameter, Term
+from .coulomb_hydrodynamic_friction import CoulombHydrodynamicFrictionTerm
 
 
 @compiled
@@ -35,33 +36,16 @@ def sliding_law(
     return dry_coefficient * normal_load
 
 
-class CoulombHydrodynamicFrictionPrinted(Term):
-    """Equation (28b) to the letter, whose units do not match."""
+class CoulombHydrodynamicFrictionPrintedTerm(Term):
+    """Mixed friction by equation (28b) to the letter, whose units do not match."""
 
     name = "coulomb_hydrodynamic_friction_printed"
     parameters = (
-        Parameter("dry_coefficient", "1", 0.0, 10.0, 0.1, "mu_0: dry friction coefficient"),
-        Parameter(
-            "film_coefficient",
-            "1",
-            -100.0,
-            1.0,
-            0.0,
-            "K_V: geometry of the contact; > 0 lowers friction with speed",
-        ),
+        *CoulombHydrodynamicFrictionTerm.parameters[:2],
         Parameter(
             "film_drag_per_area", "N s/m^3", 0.0, 1e9, 4080.0, "mu / h: drag of the film over its area"
         ),
-        Parameter(
-            "normal_load",
-            "N",
-            0.0,
-            1e5,
-            1.687,
-            "N: the spool's weight unless known better",
-            "spool_mass",
-            STANDARD_GRAVITY,
-        ),
+        CoulombHydrodynamicFrictionTerm.parameters[-1],
     )
     law = "F = mu_0 N Sgn(z') - K_V (mu / h) N z'"
     source = "equation (28b) as printed, for comparison only: K_V would have to be an area over a force"

@@ -1,4 +1,4 @@
-"""Stiffness that rises with displacement."""
+"""Cubic stiffness of the springs."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def force_law(
     return cubic_coefficient * z * z * z
 
 
-class CubicStiffness(Term):
-    """Hardening or softening of the springs."""
+class CubicStiffnessTerm(Term):
+    """Cubic stiffness: hardening or softening of the springs."""
 
     name = "cubic_stiffness"
     parameters = (

@@ -1,4 +1,4 @@
-"""Damping that drifts."""
+"""Drift of the damping."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def force_law(
     return viscous_coefficient * max(-1.0, damping_drift_rate * t) * v
 
 
-class DampingDrift(Term):
-    """The viscous coefficient changes in proportion to time."""
+class DampingDriftTerm(Term):
+    """Damping drift: the viscous coefficient changes in proportion to time."""
 
     name = "damping_drift"
     parameters = (

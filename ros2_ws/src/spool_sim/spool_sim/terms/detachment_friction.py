@@ -1,4 +1,4 @@
-"""Total friction with a detachment force."""
+"""Friction law with a detachment force."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def sliding_law(
     return detachment_force * left**4 + detachment_dry_force
 
 
-class DetachmentFriction(Term):
-    """Viscous drag, dry friction and a detachment force that is gone at the speed of semi-fluid friction."""
+class DetachmentFrictionTerm(Term):
+    """Friction with detachment: drag, dry friction and a detachment force gone at semi-fluid speed."""
 
     name = "detachment_friction"
     parameters = (

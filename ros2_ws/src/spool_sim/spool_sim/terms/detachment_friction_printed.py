@@ -1,10 +1,11 @@
-"""Total friction with a detachment force, as printed."""
+"""Friction law with a detachment force, as printed."""
 
 from __future__ import annotations
 
 from spool_stream.kernels.compiled import compiled
 
-from .base import Parameter, Term
+from .base import Term
+from .detachment_friction import DetachmentFrictionTerm
 
 
 @compiled
@@ -36,16 +37,11 @@ def sliding_law(
     return detachment_dry_force
 
 
-class DetachmentFrictionPrinted(Term):
-    """Equation (9) to the letter, below v_p; above it the bracket counts as 0."""
+class DetachmentFrictionPrintedTerm(Term):
+    """Friction with detachment by equation (9) to the letter, below v_p; above it the bracket counts as 0."""
 
     name = "detachment_friction_printed"
-    parameters = (
-        Parameter("detachment_force", "N", 0.0, 1e4, 0.2, "F_od: force to detach, at speed 0"),
-        Parameter("detachment_velocity", "m/s", 1e-5, 10.0, 0.05, "v_p: start of semi-fluid friction"),
-        Parameter("detachment_drag", "N s/m", 0.0, 1e5, 2.0, "b: viscous part"),
-        Parameter("detachment_dry_force", "N", 0.0, 1e4, 0.4, "F_Ts: dry friction"),
-    )
+    parameters = DetachmentFrictionTerm.parameters
     law = "F = F_od (1 - abs(z')/v_p)^4 + b abs(z') + F_Ts Sgn(z')"
     source = "equation (9) as printed, for comparison only"
     meaning = "none: drag that does not know the direction of motion"

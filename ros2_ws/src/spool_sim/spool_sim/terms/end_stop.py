@@ -1,4 +1,4 @@
-"""End stops."""
+"""End stops of the stroke."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ def levels_law(
     return -stop_gap, stop_gap
 
 
-class EndStop(Term):
-    """Unilateral contact at both ends of the stroke."""
+class EndStopTerm(Term):
+    """End stop: unilateral contact at both ends of the stroke."""
 
     name = "end_stop"
     parameters = (

@@ -1,4 +1,4 @@
-"""The Hess-Soom law."""
+"""Hess-Soom friction law."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def sliding_law(
     return hess_soom_minimum + (hess_soom_static - hess_soom_minimum) / (1.0 + ratio * ratio)
 
 
-class HessSoomFriction(Term):
-    """Viscous drag, kinetic friction and a static excess that falls with the square of the speed."""
+class HessSoomFrictionTerm(Term):
+    """Hess-Soom friction: drag, kinetic friction and a static excess falling with the squared speed."""
 
     name = "hess_soom_friction"
     parameters = (

@@ -1,10 +1,11 @@
-"""The Hess-Soom law as printed."""
+"""Hess-Soom friction law, as printed."""
 
 from __future__ import annotations
 
 from spool_stream.kernels.compiled import compiled
 
-from .base import Parameter, Term
+from .base import Term
+from .hess_soom_friction import HessSoomFrictionTerm
 
 
 @compiled
@@ -36,20 +37,11 @@ def sliding_law(
     return hess_soom_minimum
 
 
-class HessSoomFrictionPrinted(Term):
-    """Equation (1) to the letter: the third term pushes one way whatever the motion."""
+class HessSoomFrictionPrintedTerm(Term):
+    """Hess-Soom friction by equation (1) to the letter: the third term pushes one way whatever the motion."""
 
     name = "hess_soom_friction_printed"
-    parameters = (
-        Parameter("hess_soom_drag", "N s/m", 0.0, 1e5, 2.0, "viscous part b"),
-        Parameter(
-            "hess_soom_minimum", "N", 0.0, 1e4, 0.4, "F_min,k: friction at the minimum of the Stribeck curve"
-        ),
-        Parameter("hess_soom_static", "N", 0.0, 1e4, 0.6, "F_s: static friction"),
-        Parameter(
-            "hess_soom_velocity", "m/s", 1e-5, 10.0, 0.02, "v_s: speed at which half of the excess is left"
-        ),
-    )
+    parameters = HessSoomFrictionTerm.parameters
     law = "F = b z' + F_min,k Sgn(z') + (F_s - F_min,k) / (1 + (z'/v_s)^2)"
     source = "equation (1) as printed, for comparison only"
     meaning = "none: friction that does not know the direction of motion"

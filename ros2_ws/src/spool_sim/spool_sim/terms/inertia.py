@@ -9,8 +9,8 @@ import numpy as np
 from .base import Array, Parameter, Term
 
 
-class Inertia(Term):
-    """The moving mass times the spool's own acceleration."""
+class InertiaTerm(Term):
+    """Inertia: the moving mass times the spool's own acceleration."""
 
     name = "inertia"
     parameters = (

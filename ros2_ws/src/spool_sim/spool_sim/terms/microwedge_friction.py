@@ -1,4 +1,4 @@
-"""Static friction of microwedges."""
+"""Microwedge friction law."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ def rest_law(
     return -bound, bound
 
 
-class MicrowedgeFriction(Term):
-    """Any force up to k_t (d_k0 - a_k0) at rest, none while slipping."""
+class MicrowedgeFrictionTerm(Term):
+    """Microwedge friction: any force up to k_t (d_k0 - a_k0) at rest, none while slipping."""
 
     name = "microwedge_friction"
     parameters = (

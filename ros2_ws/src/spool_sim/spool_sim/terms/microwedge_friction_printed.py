@@ -1,4 +1,4 @@
-"""Static friction of microwedges, as printed."""
+"""Microwedge friction law, as printed."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import math
 from spool_stream.kernels.compiled import compiled
 
 from .base import Parameter, Term
+from .microwedge_friction import MicrowedgeFrictionTerm
 
 
 @compiled
@@ -25,21 +26,12 @@ def force_law(
     return contact_proportionality * (microwedge_length - microwedge_overlap) * delta
 
 
-class MicrowedgeFrictionPrinted(Term):
-    """Equations (13) and (16) to the letter: a push of one sign near rest."""
+class MicrowedgeFrictionPrintedTerm(Term):
+    """Microwedge friction by equations (13) and (16) to the letter: a push of one sign near rest."""
 
     name = "microwedge_friction_printed"
     parameters = (
-        Parameter(
-            "contact_proportionality",
-            "N/m",
-            0.0,
-            1e6,
-            100.0,
-            "k_t = C_k mu_s: static friction over contact strain",
-        ),
-        Parameter("microwedge_length", "m", 0.0, 1.0, 0.0057, "d_k0, a dimension of the microwedge"),
-        Parameter("microwedge_overlap", "m", 0.0, 1.0, 0.0036, "a_k0, a dimension of the microwedge"),
+        *MicrowedgeFrictionTerm.parameters,
         Parameter("delta_exponent", "1", 0.0, 12.0, 6.0, "theta: 10^theta in (16)"),
         Parameter("delta_power", "1", 2.0, 20.0, 2.0, "t: even power of the velocity in (16)"),
     )

@@ -1,4 +1,4 @@
-"""Mixed friction of contacts and film."""
+"""Mixed friction law of contacts and film."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def sliding_law(
     return (mixed_root_coefficient * math.sqrt(speed) + contact) * normal_load
 
 
-class MixedFriction(Term):
-    """Molecular forces in micro-areas of contact, which fall with speed, and drag, which rises with it."""
+class MixedFrictionTerm(Term):
+    """Mixed friction: molecular forces in micro-areas, falling with speed, and drag, rising with it."""
 
     name = "mixed_friction"
     parameters = (

@@ -1,4 +1,4 @@
-"""Pavelescu's law."""
+"""Pavelescu friction law."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ def sliding_law(
     return pavelescu_minimum + excess * math.exp(-((speed / pavelescu_velocity) ** pavelescu_exponent))
 
 
-class PavelescuFriction(Term):
-    """Viscous drag, kinetic friction and a static excess that falls exponentially."""
+class PavelescuFrictionTerm(Term):
+    """Pavelescu friction: viscous drag, kinetic friction and a static excess that falls exponentially."""
 
     name = "pavelescu_friction"
     parameters = (

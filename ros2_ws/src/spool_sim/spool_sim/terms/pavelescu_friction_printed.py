@@ -1,4 +1,4 @@
-"""Pavelescu's law as printed."""
+"""Pavelescu friction law, as printed."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import math
 
 from spool_stream.kernels.compiled import compiled
 
-from .base import Parameter, Term
+from .base import Term
+from .pavelescu_friction import PavelescuFrictionTerm
 
 
 @compiled
@@ -40,21 +41,11 @@ def sliding_law(
     return pavelescu_minimum
 
 
-class PavelescuFrictionPrinted(Term):
-    """Equation (2) to the letter, but for abs(v) in the power, which has no value otherwise."""
+class PavelescuFrictionPrintedTerm(Term):
+    """Pavelescu friction by equation (2) to the letter, but for abs(v) in the power, undefined otherwise."""
 
     name = "pavelescu_friction_printed"
-    parameters = (
-        Parameter("pavelescu_drag", "N s/m", 0.0, 1e5, 2.0, "viscous part b"),
-        Parameter(
-            "pavelescu_minimum", "N", 0.0, 1e4, 0.4, "F_min,k: friction at the minimum of the Stribeck curve"
-        ),
-        Parameter("pavelescu_static", "N", 0.0, 1e4, 0.6, "F_sp: static friction"),
-        Parameter(
-            "pavelescu_velocity", "m/s", 1e-5, 10.0, 0.02, "v_s: speed at which 1/e of the excess is left"
-        ),
-        Parameter("pavelescu_exponent", "1", 1.0, 10.0, 2.0, "p (beta in the text), from experiment"),
-    )
+    parameters = PavelescuFrictionTerm.parameters
     law = "F = b z' + F_min,k Sgn(z') + (F_sp - F_min,k) exp(-(abs(z')/v_s)^p)"
     source = "equation (2) as printed, for comparison only"
     meaning = "none: friction that does not know the direction of motion"

@@ -1,4 +1,4 @@
-"""A periodic force on the spool."""
+"""Periodic force on the spool."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def force_law(
     return -force_amplitude * math.sin(2.0 * math.pi * (turns - math.floor(turns)) + force_phase)
 
 
-class PeriodicForce(Term):
-    """A sine of its own frequency, not driven by the body."""
+class PeriodicForceTerm(Term):
+    """Periodic force: a sine of its own frequency, independent of the body."""
 
     name = "periodic_force"
     parameters = (

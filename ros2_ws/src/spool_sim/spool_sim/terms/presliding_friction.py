@@ -1,4 +1,4 @@
-"""Dahl's pre-sliding friction."""
+"""Dahl pre-sliding friction law."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def memory_law(
     return limit + (force - limit) * math.exp(-dahl_stiffness / dahl_force * direction * slip)
 
 
-class PreslidingFriction(Term):
-    """Friction that builds up over a small travel after each reversal; its force is the state."""
+class PreslidingFrictionTerm(Term):
+    """Dahl friction: it builds up over a small travel after each reversal; its force is the state."""
 
     name = "presliding_friction"
     parameters = (

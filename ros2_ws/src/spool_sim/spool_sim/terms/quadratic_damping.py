@@ -1,4 +1,4 @@
-"""Damping with the square of the velocity."""
+"""Quadratic damping."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def force_law(
     return quadratic_coefficient * v * abs(v)
 
 
-class QuadraticDamping(Term):
-    """Drag of oil forced through an orifice or an edge."""
+class QuadraticDampingTerm(Term):
+    """Quadratic damping: drag of oil forced through an orifice or an edge."""
 
     name = "quadratic_damping"
     parameters = (

@@ -1,4 +1,4 @@
-"""Friction of seals."""
+"""Seal friction law."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ def sliding_law(
     return math.pi * seal_diameter * retainer_width * retainer_friction * seal_pressure
 
 
-class SealFriction(Term):
-    """Rubber ring on its oil film, and a retaining ring pressed on by the pressure."""
+class SealFrictionTerm(Term):
+    """Seal friction: a rubber ring on its oil film, and a retaining ring pressed on by the pressure."""
 
     name = "seal_friction"
     parameters = (

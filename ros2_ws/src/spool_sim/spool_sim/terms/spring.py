@@ -18,8 +18,8 @@ def force_law(
     return spring_stiffness * z
 
 
-class Spring(Term):
-    """A linear spring between spool and body."""
+class SpringTerm(Term):
+    """Linear spring between spool and body."""
 
     name = "spring"
     parameters = (

@@ -1,4 +1,4 @@
-"""Play of the springs."""
+"""Backlash of the springs."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def levels_law(
     return -backlash, backlash
 
 
-class SpringBacklash(Term):
-    """A dead zone in which the springs do not touch the spool."""
+class SpringBacklashTerm(Term):
+    """Backlash: a dead zone in which the springs do not touch the spool."""
 
     name = "spring_backlash"
     parameters = (

@@ -28,8 +28,8 @@ def levels_law(
     return -preload_travel, preload_travel
 
 
-class SpringPreload(Term):
-    """A force towards the centre that is there at once when the spool leaves it."""
+class SpringPreloadTerm(Term):
+    """Preload: a force towards the centre that is there as soon as the spool leaves it."""
 
     name = "spring_preload"
     parameters = (

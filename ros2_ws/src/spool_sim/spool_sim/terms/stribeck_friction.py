@@ -1,4 +1,4 @@
-"""Dry friction that falls with speed."""
+"""Stribeck friction law."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def sliding_law(
     return coulomb_force + (static_force - coulomb_force) * math.exp(-power)
 
 
-class StribeckFriction(Term):
-    """Static friction that falls to Coulomb friction as the film builds up."""
+class StribeckFrictionTerm(Term):
+    """Stribeck friction: static friction that falls to Coulomb friction as the film builds up."""
 
     name = "stribeck_friction"
     parameters = (

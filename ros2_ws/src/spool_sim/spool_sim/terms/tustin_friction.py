@@ -1,4 +1,4 @@
-"""Tustin's law."""
+"""Tustin friction law."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ def sliding_law(
     return tustin_kinetic + tustin_excess * math.exp(-speed / tustin_velocity)
 
 
-class TustinFriction(Term):
-    """Viscous drag, kinetic friction and an excess that falls exponentially with speed."""
+class TustinFrictionTerm(Term):
+    """Tustin friction: viscous drag, kinetic friction and an excess that falls exponentially with speed."""
 
     name = "tustin_friction"
     parameters = (

@@ -1,4 +1,4 @@
-"""Newton's viscous drag in the gap."""
+"""Viscous friction: Newton's drag in the gap."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def force_law(
     return viscous_coefficient * v
 
 
-class ViscousFriction(Term):
-    """Drag in proportion to the relative velocity."""
+class ViscousFrictionTerm(Term):
+    """Viscous friction: drag in proportion to the relative velocity."""
 
     name = "viscous_friction"
     parameters = (
