@@ -36,10 +36,13 @@ def remove(path: Path) -> None:
 
 
 @contextmanager
-def staged(target: Path) -> Iterator[Path]:
+def staged(target: Path, *, replace: bool = True) -> Iterator[Path]:
     """Yield the path to write to; it gets the name ``target`` at the end, or is removed on any exception.
 
     What was left of ``target`` by a process that was killed is removed first.
+
+    Raises:
+        FileExistsError: at the end, where something has the name ``target`` and ``replace`` is false.
     """
     for left in leftovers(target):
         remove(left)
@@ -47,9 +50,24 @@ def staged(target: Path) -> Iterator[Path]:
     remove(part)
     try:
         yield part
-        part.replace(target)
+        if replace:
+            part.replace(target)
+        else:
+            _appear(part, target)
     finally:
         remove(part)
+
+
+def _appear(part: Path, target: Path) -> None:
+    """Give the finished file its name, unless something has taken it meanwhile."""
+    try:
+        os.link(part, target, follow_symlinks=False)
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without hard links
+        if os.path.lexists(target):
+            raise FileExistsError(target) from None
+        part.rename(target)
 
 
 def _running(process: int) -> bool:

@@ -10,9 +10,7 @@ import contextlib
 import json
 import math
 import os
-import secrets
 import shlex
-import shutil
 import stat
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,6 +19,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from spool_stream.errors import InputError
+from spool_stream.files.staging import remove, staged
 
 STANDARD_OUTPUT = Path("-")
 
@@ -102,40 +101,15 @@ def write_file(path: Path, content: str | bytes, option: str = "output") -> None
         if _is_device(path):
             path.write_bytes(data)
         else:
-            _write_whole(path, data)
+            with staged(path, replace=_force.get()) as part, part.open("xb") as stream:
+                stream.write(data)
+                stream.flush()
+                os.fsync(stream.fileno())
     except FileExistsError:  # it came up since
         check_output(path, option)
         raise InputError(f"{option} {path}: it is there already") from None
     except OSError as error:
         raise InputError(f"{option} {path}: cannot be written: {error.strerror}") from error
-
-
-def _write_whole(path: Path, data: bytes) -> None:
-    """Write a file under another name and rename it."""
-    part = path.with_name(f".spool-{os.getpid()}-{secrets.token_hex(4)}.partial")
-    try:
-        with part.open("xb") as stream:
-            stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
-        if _force.get():
-            part.replace(path)
-        else:
-            _appear(part, path)
-    finally:
-        part.unlink(missing_ok=True)
-
-
-def _appear(part: Path, path: Path) -> None:
-    """Give the finished file its name, unless somebody else has taken it meanwhile."""
-    try:
-        os.link(part, path, follow_symlinks=False)
-    except FileExistsError:
-        raise
-    except OSError:  # a file system without hard links
-        if os.path.lexists(path):
-            raise FileExistsError(path) from None
-        part.rename(path)
 
 
 def _is_device(path: Path) -> bool:
@@ -165,7 +139,7 @@ def making_room(path: Path, option: str = "--out") -> Iterator[None]:
         raise InputError(f"{option} {path}: it is there already: name another one, or replace it by --force")
     if path.is_dir() and not any(path.glob("*.mcap")):
         raise InputError(f"{option} {path}: a folder that is no bag is not replaced: name another one")
-    aside = path.with_name(f".spool-{os.getpid()}-{secrets.token_hex(4)}.replaced")
+    aside = path.with_name(f".{path.name}.replaced-{os.getpid()}")
     try:
         path.rename(aside)
     except OSError as error:
@@ -173,17 +147,10 @@ def making_room(path: Path, option: str = "--out") -> Iterator[None]:
     try:
         yield
     except BaseException:
-        _remove(path)
+        remove(path)
         aside.rename(path)
         raise
-    _remove(aside)
-
-
-def _remove(path: Path) -> None:
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path)
-    else:
-        path.unlink(missing_ok=True)
+    remove(aside)
 
 
 def text_to_stderr() -> None:

@@ -20,7 +20,7 @@ def compare_page(series: Sequence[Series], ranking: Ranking) -> str:
     """Return the page of a comparison in which at least one model has a result."""
     rows = ranking_rows(ranking)
     shown = [entry for entry in ranking.ranks if math.isfinite(entry.error)]
-    sections = [
+    sections: list[str] = [
         html.verdict(" ".join(ranking.sentences)),
         html.drawing(
             pictures.ranking_figure(
@@ -53,7 +53,7 @@ def _series(one: Series, ranking: Ranking) -> list[str]:
         {**row, "parameters": "; ".join(parameter_lines(judged))}
         for row, judged in zip(series_rows(one), one.judged, strict=True)
     ]
-    sections = [
+    sections: list[str] = [
         html.heading(f"{one.data.name} ({one.data.valve.id})"),
         html.table(list(rows[0]), rows),
         html.paragraph(f"{LEGEND}. 'Not told': only combinations of them act."),
