@@ -44,7 +44,7 @@ class Probe(ManagedNode):
         if failing == hook:
             raise RuntimeError(f"{hook} broke")
         if failing == f"{hook}!":
-            raise InputError(f"{hook}: mend this")
+            raise InputError(f"{hook}: repair this")
 
     def configure(self) -> None:
         self._publisher = self.create_lifecycle_publisher(String, "said", qos.state(50))

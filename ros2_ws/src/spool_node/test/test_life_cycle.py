@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import signal
 import subprocess
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -83,7 +82,7 @@ def test_an_activate_that_raises_fails_and_leaves_silence(probe: Start, observer
     assert observer.change("activate")
     observer.until(lambda: "tick" in observer.heard, "a tick")
     _, log = end(process)
-    assert "can't activate: activate: mend this" in log
+    assert "can't activate: activate: repair this" in log
     assert "Traceback" not in log
 
 
@@ -104,18 +103,16 @@ def test_an_autostart_that_fails_ends_with_2_and_the_reason(probe: Start, hook: 
     process = probe(failing=hook)
     _, stderr = process.communicate(timeout=30)
     assert process.returncode == 2
-    assert stderr.splitlines()[-1].endswith(f"{hook[:-1]}: mend this")
+    assert stderr.splitlines()[-1].endswith(f"{hook[:-1]}: repair this")
     assert "Traceback" not in stderr
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_ends_on_a_signal_in_order_and_soon(probe: Start, observer: Any, number: signal.Signals) -> None:
+def test_ends_on_an_interrupt_in_order(probe: Start, observer: Any) -> None:
+    """All other tests here end the node by SIGTERM."""
     process = probe()
     observer.until(lambda: "tick" in observer.heard, "a tick")
-    sent = time.monotonic()
-    process.send_signal(number)
+    process.send_signal(signal.SIGINT)
     stdout, stderr = process.communicate(timeout=30)
-    assert time.monotonic() - sent < 2.0
     assert process.returncode == 0, stderr
     assert stdout.split() == ["configure", "activate", "deactivate", "cleanup"]
     assert "Traceback" not in stderr

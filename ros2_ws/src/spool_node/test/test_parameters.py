@@ -1,60 +1,86 @@
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+import rclpy
 from rcl_interfaces.msg import ParameterType
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter as Given
+from spool_node.parameters import Parameter, declare
+from spool_stream.errors import InputError
 
 PROBE = Path(__file__).with_name("probe_node.py")
+PARAMETERS = (
+    Parameter("gain", 1.0, "A number.", "N", 0.0, 10.0),
+    Parameter("count", 3, "A whole number.", "", 1, 5),
+    Parameter("mode", "slow", "A word.", choices=("slow", "fast")),
+)
+
+
+@pytest.fixture
+def bare_node(domain_id: int) -> Iterator[Callable[..., Node]]:
+    """Make a node that was started with these parameters."""
+    context = Context()
+    rclpy.init(context=context, domain_id=domain_id)
+    yield lambda given: Node("bare", context=context, parameter_overrides=[given])
+    rclpy.shutdown(context=context)
 
 
 @pytest.mark.parametrize(
-    ("given", "named"),
+    ("name", "value", "said"),
     [
-        ("gian:=2.0", "parameter gian is unknown; this node has: autostart, count"),
-        ("gain:=high", "parameter gain must be of type double"),
-        ("gain:=3", "parameter gain must be of type double"),
-        ("count:=2.5", "parameter count must be of type integer"),
-        ("gain:=11.0", "parameter gain = 11.0 is out of range (from 0.0 to 10.0 N)"),
-        ("gain:=-0.1", "parameter gain = -0.1 is out of range (from 0.0 to 10.0 N)"),
-        ("count:=6", "parameter count = 6 is out of range (from 1 to 5)"),
-        ("mode:=quick", "parameter mode: 'quick' is not one of slow, fast"),
-        ("autostart:=1", "parameter autostart must be of type bool"),
+        ("gian", 2.0, "parameter gian is unknown; this node has: count, gain, "),
+        ("gain", "high", "parameter gain must be of type double"),
+        ("gain", 3, "parameter gain must be of type double"),
+        ("count", 2.5, "parameter count must be of type integer"),
+        ("gain", 11.0, "parameter gain = 11.0 is out of range (from 0.0 to 10.0 N)"),
+        ("gain", -0.1, "parameter gain = -0.1 is out of range (from 0.0 to 10.0 N)"),
+        ("count", 6, "parameter count = 6 is out of range (from 1 to 5)"),
+        ("mode", "quick", "parameter mode: 'quick' is not one of slow, fast"),
         (
-            "qos_overrides./said.publisher.depth:=5",
-            "parameter qos_overrides./said.publisher.depth: qualities of service are fixed",
+            "qos_overrides./said.publisher.depth",
+            5,
+            "parameter qos_overrides./said.publisher.depth: ",
         ),
     ],
 )
-def test_wrong_parameters_are_refused_at_start(given: str, named: str, environment: dict[str, str]) -> None:
+def test_wrong_values_are_refused_with_the_reason(
+    bare_node: Callable[..., Node], name: str, value: Any, said: str
+) -> None:
+    node = bare_node(Given(name, value=value))
+    with pytest.raises(InputError, match=re.escape(f"/bare: {said}")):
+        declare(node, PARAMETERS, {name: Given(name, value=value)})
+
+
+def test_a_wrong_parameter_at_the_start_ends_the_node_with_one_line(environment: dict[str, str]) -> None:
     done = subprocess.run(
-        [sys.executable, str(PROBE), "--ros-args", "-p", given],
+        [sys.executable, str(PROBE), "--ros-args", "-p", "autostart:=1"],
         env=environment,
         capture_output=True,
         text=True,
         timeout=60,
         check=False,
     )
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert len(done.stderr.splitlines()) == 1, done.stderr
-    assert done.stderr.startswith(f"/probe: {named}")
+    assert (done.returncode, done.stdout) == (2, "")
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("/probe: parameter autostart must be of type bool")
 
 
-def test_values_given_at_start_hold(probe: Callable[..., Any], observer: Any) -> None:
+def test_values_given_at_start_hold_and_each_describes_itself(
+    probe: Callable[..., Any], observer: Any
+) -> None:
     probe(gain=2.5, count=4, mode="fast", label="mine", use_sim_time="false")
     assert observer.get("gain").double_value == 2.5
     assert observer.get("count").integer_value == 4
     assert observer.get("mode").string_value == "fast"
     assert observer.get("label").string_value == "mine"
-
-
-def test_each_parameter_describes_itself(probe: Callable[..., Any], observer: Any) -> None:
-    probe()
     gain, count, mode, label = observer.describe(["gain", "count", "mode", "label"])
     assert gain.type == ParameterType.PARAMETER_DOUBLE
     assert gain.description == "A number that may change while running. [N]"
