@@ -16,7 +16,7 @@ from scipy.optimize import least_squares, lsq_linear
 
 from .fit_result import SPOOL_DELAY, SPOOL_GAIN
 from .free_run import FreeRun
-from .residuals import Unknown
+from .unknown import Unknown, bounds_of, sizes_of
 from .zero_phase import ZeroPhase, relative_motion
 
 Array = NDArray[np.float64]
@@ -64,8 +64,7 @@ class EquationError:
         own = [u for u in unknowns if u.name not in (SPOOL_GAIN, SPOOL_DELAY)]
         self._own = own
         self._columns = [run.names.index(unknown.name) for unknown in own]
-        self._low = np.array([unknown.low for unknown in own])
-        self._high = np.array([unknown.high for unknown in own])
+        self._low, self._high = bounds_of(own)
         self._scale = np.array([unknown.scale for unknown in own])
         mass = float(values[0, run.names.index("mass")])
         self._stretches = []
@@ -128,7 +127,7 @@ class EquationError:
         sensor's unknowns have rows of their own.
         """
         own = np.array([point[self._unknowns.index(unknown)] for unknown in self._own])
-        step = SLOPE_STEP * np.maximum(np.abs(own), 0.1 * self._scale)
+        step = SLOPE_STEP * sizes_of(self._own, own)
         lows, highs = np.maximum(own - step, self._low), np.minimum(own + step, self._high)
         columns = []
         for place in range(own.size):

@@ -22,7 +22,7 @@ from spool_stream.errors import InputError
 from spool_stream.quantity import Quantity, Validity
 
 from .agreement import free_run_agreement
-from .descent import Descent, descend
+from .descent import Descent, Stopping, descend
 from .equation_error import EquationError
 from .fit_result import SPOOL_DELAY, SPOOL_GAIN, Fit, FitSettings
 from .free_run import FreeRun
@@ -30,17 +30,18 @@ from .information import information_criterion
 from .input_noise import input_noise_effect
 from .observability import Combination, combinations, to_hold, unseen_directions
 from .record import Record
-from .residuals import Residuals, Unknown
+from .residuals import Residuals
 from .uncertainty import fit_covariance
+from .unknown import Unknown, bounds_of, sizes_of
 
 Array = NDArray[np.float64]
 
 #: s of data that the first descents from several starts use.
 FIRST_SECONDS = 8.0
-#: Steps of the first descents and of each later one, at most.
-FIRST_STEPS, STEPS = 30, 20
-#: Rounds with new weights after the first descent.
-ROUNDS = 2
+#: Rounds of the first descents and of each later one, at most, and the fall of the cost that ends them.
+FIRST_ROUNDS, ROUNDS, ENOUGH = 30, 20, 1e-6
+#: How often the weights are taken anew after the first descents.
+REWEIGHED = 2
 #: Sizes of what friction at rest may be, relative to its start value, that are tried.
 BLIND_FACTORS = (0.1, 0.3, 1.0, 3.0)
 #: Relative standard deviation from which a quantity that cannot be 0 (a velocity, a length) is not told.
@@ -129,7 +130,7 @@ def _fit(
         raise InputError(f"{records[0].name}: the spool's acceleration is 0 throughout; check the sensor")
     given = _inside(np.array([values.get(unknown.name, 0.0) for unknown in unknowns]), unknowns)
     law = EquationError(run, unknowns, run.sets(values), settings.low_cut)
-    unseen = unseen_directions(law.force_slopes(given), _scales(unknowns, given))
+    unseen = unseen_directions(law.force_slopes(given), sizes_of(unknowns, given))
     gauge = to_hold(unseen, [unknown.name for unknown in unknowns])
     free = tuple(unknown for unknown in unknowns if unknown.name not in gauge)
     balance = EquationError(run, free, run.sets(values), settings.low_cut) if gauge else law
@@ -138,7 +139,7 @@ def _fit(
     run.choose_substeps({**values, **{name: value for name, value in first.items() if name in values}})
     band = (settings.low_cut, settings.high_cut)
     some = Residuals(run.fewer(FIRST_SECONDS), free, values, band)
-    best = min((_descend(some, point, FIRST_STEPS) for point in points), key=lambda descent: descent.cost)
+    best = descend(some, np.array(points), Stopping(FIRST_ROUNDS, ENOUGH), len(points))
     residuals = Residuals(run, free, values, band)
     rings = residuals.rings(residuals.respond(best.point[np.newaxis]))
     doubts = []
@@ -147,23 +148,19 @@ def _fit(
         residuals.band_limited = False
         other = _refine(residuals, best, 1)
         residuals.read_as_means()
-        best = _refine(residuals, best, ROUNDS)
+        best = _refine(residuals, best, REWEIGHED)
         doubts.append(other.point - best.point)
     else:
         residuals.band_limited = rings
-        best = _refine(residuals, best, ROUNDS)
+        best = _refine(residuals, best, REWEIGHED)
     return _result(run, residuals, best, unknowns, law, values, held, valve, settings, doubts)
-
-
-def _descend(residuals: Residuals, start: Array, steps: int) -> Descent:
-    return descend(residuals, start, _scales(residuals.unknowns, start), steps)
 
 
 def _refine(residuals: Residuals, start: Descent, rounds: int) -> Descent:
     best = start
     for _ in range(rounds):
         _reweigh(residuals, best.point)
-        best = _descend(residuals, best.point, STEPS)
+        best = descend(residuals, best.point[np.newaxis], Stopping(ROUNDS, ENOUGH))
     return best
 
 
@@ -194,21 +191,15 @@ def _starts(
     named_best = {u.name: float(v) for u, v in zip(unknowns, points[0], strict=True) if u.name in values}
     run.choose_substeps({**values, **named_best})
     trial = Residuals(run, unknowns, values, (settings.low_cut, settings.high_cut))
-    order = np.argsort(trial.costs(np.array(points)))
+    order = np.argsort(trial.costs(trial.residuals(np.array(points))))
     return [points[number] for number in order[: max(1, settings.starts)].tolist()]
 
 
 def _inside(point: Array, unknowns: Sequence[Unknown]) -> Array:
     """Return ``point`` a little inside of the bounds, where slopes to both sides exist."""
-    low = np.array([unknown.low for unknown in unknowns])
-    high = np.array([unknown.high for unknown in unknowns])
+    low, high = bounds_of(unknowns)
     room = np.minimum(1e-3 * np.array([unknown.scale for unknown in unknowns]), 0.1 * (high - low))
     return np.asarray(np.clip(point, low + room, high - room))
-
-
-def _scales(unknowns: Sequence[Unknown], point: Array) -> Array:
-    typical = np.array([unknown.scale for unknown in unknowns])
-    return np.asarray(np.maximum(np.abs(point), 0.1 * typical))
 
 
 def _reweigh(residuals: Residuals, point: Array) -> None:
@@ -231,7 +222,7 @@ def _result(
 ) -> Fit:
     free = residuals.unknowns
     names = [unknown.name for unknown in unknowns]
-    covariance = fit_covariance(residuals, best.point, _scales(free, best.point), settings, doubts)
+    covariance = fit_covariance(residuals, best.point, sizes_of(free, best.point), settings, doubts)
     shown = np.isfinite(np.diag(covariance))
     effect = input_noise_effect(residuals, best.point, shown) if shown.any() else None
     if effect is not None:
@@ -246,7 +237,7 @@ def _result(
     sensor = {name: named[name] for name in (SPOOL_GAIN, SPOOL_DELAY) if name in named}
     constants = [p for p in run.model.parameters if p.name in held]
     ends = np.array([{**final, **sensor}[name] for name in names])
-    scales = _scales(unknowns, ends)
+    scales = sizes_of(unknowns, ends)
     unseen = unseen_directions(law.force_slopes(_inside(ends, unknowns)), scales)
     lost, told = combinations(
         np.hstack([unseen, np.zeros((unseen.shape[0], len(constants)))]),

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,8 +20,8 @@ from spool_sim.integration.step_size import substeps_for
 from spool_sim.model import Model
 from spool_sim.valve.description import Valve
 from spool_stream.errors import InputError
-from spool_stream.kernels.processors import processors
 
+from .parallel import in_parallel
 from .record import Record
 from .zero_phase import ZeroPhase, interval_mean_response, relative_motion
 
@@ -32,6 +31,8 @@ Array = NDArray[np.float64]
 MARGIN = 0.25
 #: How far the spectrum must stand out of the noise floor to count as excitation, in power.
 STANDS_OUT = 4.0
+#: Samples that are simulated sooner by one thread than threads are begun.
+SINGLE = 20_000
 #: Steps per sample at most, whatever a fit tries.
 MOST_STEPS = 16
 #: Gain of the drive falls from 1 to 0 from its highest frequency to this many times it.
@@ -236,11 +237,9 @@ class FreeRun:
         count = sets.shape[0]
         gain = np.zeros(count) if gains is None else gains
         delay = np.zeros(count) if delays is None else delays
-        parts = min(len(self.windows), processors())
-        if parts < 2 or count * sum(window.stop - window.first for window in self.windows) < 20_000:
+        if count * sum(window.stop - window.first for window in self.windows) < SINGLE:
             return [self._respond(window, sets, gain, delay) for window in self.windows]
-        with ThreadPoolExecutor(parts) as pool:  # the kernel runs without the interpreter lock
-            return list(pool.map(lambda window: self._respond(window, sets, gain, delay), self.windows))
+        return in_parallel(lambda window: self._respond(window, sets, gain, delay), self.windows)
 
     def _respond(self, window: Window, sets: Array, gains: Array, delays: Array) -> Response:
         entry = self.records[window.record]

@@ -18,6 +18,7 @@ from scipy import fft, signal
 
 from .fit_result import SPOOL_DELAY, SPOOL_GAIN
 from .free_run import FreeRun, Response
+from .unknown import Unknown, bounds_of, sizes_of
 from .zero_phase import ZeroPhase
 
 Array = NDArray[np.float64]
@@ -36,17 +37,6 @@ RINGING, RINGS = 5, 0.15
 HIGHEST_SHARE = 0.35
 #: Relative step of the slopes.
 STEP = 1e-3
-
-
-@dataclass(frozen=True, slots=True)
-class Unknown:
-    """A fitted number: its name, unit, bounds and a typical size."""
-
-    name: str
-    unit: str
-    low: float
-    high: float
-    scale: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,40 +144,35 @@ class Residuals:
 
     def at(self, point: Array) -> Array:
         """Return the weighted residual at ``point`` (u,)."""
-        return np.asarray(self.weighted(self.differences(self.respond(point[np.newaxis])))[0])
+        return np.asarray(self.residuals(point[np.newaxis])[0])
 
-    def steps(self, point: Array, step: float = STEP) -> Array:
-        """Return the steps of the slopes at ``point``, shape (u,), towards the inside of the bounds."""
-        steps = np.array(
-            [
-                step * max(abs(value), 0.1 * unknown.scale)
-                for value, unknown in zip(point.tolist(), self.unknowns, strict=True)
-            ]
-        )
-        beyond = point + steps > [unknown.high for unknown in self.unknowns]
-        return np.where(beyond, -steps, steps)
+    def residuals(self, points: Array) -> Array:
+        """Return the weighted residuals at ``points`` (s, u), shape (s, all samples)."""
+        return self.weighted(self.differences(self.respond(points)))
+
+    @staticmethod
+    def costs(residuals: Array) -> Array:
+        """Return the sums of squares of ``residuals`` (s, m), shape (s,); infinite where a run failed."""
+        return np.asarray(np.nan_to_num(np.sum(residuals**2, axis=1), nan=np.inf))
+
+    @staticmethod
+    def trust(residual: Array, changes: Array) -> float:  # noqa: ARG004
+        """Return 1: every sample counts alike."""
+        return 1.0
 
     def at_with_slopes(self, point: Array) -> tuple[Array, Array]:
         """Return ``at`` and its Jacobian, shape (all samples, u); all perturbed sets run in one call."""
-        steps = self.steps(point)
-        points = np.vstack([point, point + np.diag(steps)])
-        runs = self.weighted(self.differences(self.respond(points)))
+        steps = STEP * sizes_of(self.unknowns, point)
+        steps = np.where(point + steps > bounds_of(self.unknowns)[1], -steps, steps)
+        runs = self.residuals(np.vstack([point, point + np.diag(steps)]))
         return runs[0], np.asarray(((runs[1:] - runs[0]) / steps[:, np.newaxis]).T)
 
-    def costs(self, points: Array) -> Array:
-        """Return half the sum of squares at ``points`` (s, u), shape (s,); infinite where a run fails."""
-        runs = self.weighted(self.differences(self.respond(points)))
-        return np.asarray(np.nan_to_num(0.5 * np.sum(runs**2, axis=1), nan=np.inf))
-
-    def central_slopes(self, point: Array, step: float = STEP) -> Array:
+    def central_slopes(self, point: Array) -> Array:
         """Return the Jacobian by differences to both sides where the bounds leave room."""
-        steps = np.abs(self.steps(point, step))
-        lows = np.maximum(point - steps, [unknown.low for unknown in self.unknowns])
-        highs = np.minimum(point + steps, [unknown.high for unknown in self.unknowns])
-        changes = np.diag(highs - point), np.diag(lows - point)
-        runs = self.weighted(
-            self.differences(self.respond(np.vstack([point + change for change in changes])))
-        )
+        steps = STEP * sizes_of(self.unknowns, point)
+        low, high = bounds_of(self.unknowns)
+        lows, highs = np.maximum(point - steps, low), np.minimum(point + steps, high)
+        runs = self.residuals(np.vstack([point + np.diag(highs - point), point + np.diag(lows - point)]))
         count = len(self.unknowns)
         return np.asarray(((runs[:count] - runs[count:]) / (highs - lows)[:, np.newaxis]).T)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_identification.unknown import Unknown
 from spool_sim.model import Model
 from spool_sim.terms import Parameter, term
 from spool_sim.valve.description import Valve
@@ -19,7 +20,7 @@ from spool_gap.simulation.point import Point
 from spool_gap.simulation.segments import Stretch
 from spool_gap.simulation.simulate import Simulation
 
-from .descent import Fitted, Free, descend
+from .descent import Fitted, descend
 
 Array = NDArray[np.float64]
 
@@ -79,7 +80,7 @@ class Fitting:
         own = [name for entry in effects if entry in EFFECTS for name in EFFECTS[entry].terms]
         return tuple(dict.fromkeys([*(entry.name for entry in self.base.terms), *own]))
 
-    def free_of(self, effects: Sequence[str], point: Point) -> list[Free]:
+    def free_of(self, effects: Sequence[str], point: Point) -> list[Unknown]:
         """Return what is fitted for ``effects``."""
         found = []
         for parameter in self.base.parameters:
@@ -89,7 +90,7 @@ class Fitting:
                 low, high = parameter.low, parameter.high
                 if parameter.name == "spring_stiffness":
                     low, high = max(low, start / OFF), min(high, start * OFF)
-                found.append(Free(parameter.name, low, high, start))
+                found.append(Unknown(parameter.name, parameter.unit, low, high, start))
         for name in effects:
             if name not in EFFECTS or not EFFECTS[name].terms:
                 continue
@@ -100,16 +101,24 @@ class Fitting:
                 value = abs(point.values.get(parameter.name, parameter.start))
                 if parameter.name == "force_frequency":
                     seconds = max(stretch.record.duration for stretch in self.stretches)
-                    found.append(Free(parameter.name, 0.1, parameter.high, 0.05 / seconds, absolute=True))
+                    found.append(
+                        Unknown(
+                            parameter.name, parameter.unit, 0.1, parameter.high, 0.05 / seconds, absolute=True
+                        )
+                    )
                 elif parameter.name == "force_phase":
-                    found.append(Free(parameter.name, parameter.low, parameter.high, 0.5, absolute=True))
+                    found.append(
+                        Unknown(
+                            parameter.name, parameter.unit, parameter.low, parameter.high, 0.5, absolute=True
+                        )
+                    )
                 else:
                     size = value or parameter.start or 1e-3 * parameter.high
-                    found.append(Free(parameter.name, parameter.low, parameter.high, size))
+                    found.append(Unknown(parameter.name, parameter.unit, parameter.low, parameter.high, size))
         for name, tolerance in ((GAIN, self.settings.gain_tolerance), (DELAY, self.settings.delay_tolerance)):
             # Steps are bounded by the scale: what is out of tolerance has a longer way to go.
             bound, scale = (WIDE[name], tolerance) if name in effects else (tolerance, 0.2 * tolerance)
-            found.append(Free(name, -bound, bound, scale, absolute=True))
+            found.append(Unknown(name, point.unit(name), -bound, bound, scale, absolute=True))
         return found
 
     def fit(

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from spool_identification.parallel import in_parallel
 
 from spool_gap.fitting.equivalent_start import acting_alike, slides
 from spool_gap.fitting.hypothesis import Step
-from spool_gap.fitting.parallel import at_once
 from spool_gap.registry import EFFECTS
 from spool_gap.screening.screening import FRICTIONS
 from spool_gap.simulation.point import Point
@@ -62,7 +62,7 @@ class LookAlikes(Rules):
                 best = min(best, again, key=lambda one: one.cost)
             return best
 
-        return self._alike(at_once(from_inner, tried))
+        return self._alike(in_parallel(from_inner, tried))
 
     def _alike(self, tried: list[Step]) -> list[Step]:
         """Return ``tried``; sliding laws near the best one start once more from where they act like that."""
@@ -85,7 +85,7 @@ class LookAlikes(Rules):
             again.trials = entry.trials
             return min(entry, again, key=lambda one: one.cost)
 
-        return at_once(from_best, tried)
+        return in_parallel(from_best, tried)
 
     def acting_like(self, like: Step, law: str, name: str, own: Mapping[str, float]) -> list[Point]:
         """Return points of ``like`` at which ``name``, in place of its ``law``, acts most like that.
@@ -122,7 +122,7 @@ class LookAlikes(Rules):
             found.trials = entry.trials
             return self.polished(found)
 
-        rivals = at_once(closer, filter(close, others))
+        rivals = in_parallel(closer, filter(close, others))
         # Down to the last digits a law may leave what makes sense, as a force at rest below that at speed.
         known = [entry for entry in (winner, *rivals) if not self.senseless(entry, entry.effects[-1])]
         return max(known or [winner], key=lambda entry: self.evidence(step, entry))
@@ -146,7 +146,7 @@ class LookAlikes(Rules):
             return found
 
         hopeful = [own for own in related if own.effects[-1] in replaced or own.cost < HOPEFUL * winner.cost]
-        fitted = at_once(fitted_on, hopeful)
+        fitted = in_parallel(fitted_on, hopeful)
         family = [winner, *(own for own in fitted if not self.refusal(step, own, step.cost - own.cost))]
         family.sort(key=lambda entry: len(entry.fitted.free))
         best = family[0]

@@ -12,9 +12,11 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_identification.unknown import Unknown
+from spool_sim.terms import term
 
 from spool_gap.fitting.by_direction import TWO, by_direction
-from spool_gap.fitting.descent import Fitted, Free, descend
+from spool_gap.fitting.descent import Fitted, descend
 from spool_gap.fitting.hypothesis import Step
 from spool_gap.registry import EFFECTS
 from spool_gap.result import Hypothesis
@@ -221,7 +223,7 @@ def _starts(point: Point, law: ContactLaw) -> list[Point]:
     ]
 
 
-def _descended(simulation: Simulation, start: Point, free: list[Free]) -> Fitted:
+def _descended(simulation: Simulation, start: Point, free: list[Unknown]) -> Fitted:
     """Return the fit from ``start``, and from beside it while that leads into a deeper valley."""
     best = descend(simulation, [start], free, rounds=5, enough=1e-3)
     for _ in range(2):
@@ -237,14 +239,16 @@ def _descended(simulation: Simulation, start: Point, free: list[Free]) -> Fitted
     return best
 
 
-def _free(law: ContactLaw, loss: str) -> list[Free]:
+def _free(law: ContactLaw, loss: str) -> list[Unknown]:
     """Return what is fitted of the stop, near what the hits show: the run alone tells little of a hit."""
     room = 2.5 * law.gap * float(np.clip(law.spread / law.gap, *SPREADS))
-    return [
-        Free("stop_gap", law.gap - room, law.gap + room, law.gap),
-        Free("stop_stiffness", law.stiffness / law.factor, law.stiffness * law.factor, law.stiffness),
-        Free(loss, law.damping / law.factor, law.damping * law.factor, law.damping),
-    ]
+    unit = {parameter.name: parameter.unit for parameter in term(STOP).parameters}
+    bounds = {
+        "stop_gap": (law.gap - room, law.gap + room, law.gap),
+        "stop_stiffness": (law.stiffness / law.factor, law.stiffness * law.factor, law.stiffness),
+        loss: (law.damping / law.factor, law.damping * law.factor, law.damping),
+    }
+    return [Unknown(name, unit[name], *numbers) for name, numbers in bounds.items()]
 
 
 def _joined(flight: Fitted, stop: Fitted) -> Fitted:

@@ -8,9 +8,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from spool_identification.parallel import in_parallel
+
 from spool_gap.fitting.equivalent_start import slides
 from spool_gap.fitting.hypothesis import Step, parameters_of
-from spool_gap.fitting.parallel import at_once
 from spool_gap.registry import EFFECTS
 from spool_gap.screening.screening import FRICTIONS
 
@@ -39,7 +40,7 @@ def swapped(search: Search, step: Step) -> Step:
 
     best = step
     names = sorted(FRICTIONS - {present})
-    for name, other in zip(names, at_once(in_place, names), strict=True):
+    for name, other in zip(names, in_parallel(in_place, names), strict=True):
         if other is None:
             continue
         law = next(entry for entry in best.effects if entry in FRICTIONS)

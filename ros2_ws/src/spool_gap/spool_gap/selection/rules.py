@@ -9,10 +9,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
+from spool_identification.parallel import in_parallel
 from spool_sim.terms import term
 
 from spool_gap.fitting.hypothesis import DELAY, GAIN, Fitting, Step
-from spool_gap.fitting.parallel import at_once
 from spool_gap.registry import EFFECTS
 from spool_gap.simulation.segments import span_of
 
@@ -203,7 +203,9 @@ class Rules(Fitting):
     def needless(self, step: Step) -> list[str]:
         """Return the first effect beside others without which ``step`` does as well, if there is one."""
         names = step.effects if len(step.effects) > 1 else ()
-        for name, less in zip(names, at_once(lambda name: self.without(step, [name]), names), strict=True):
+        for name, less in zip(
+            names, in_parallel(lambda name: self.without(step, [name]), names), strict=True
+        ):
             if self._does_as_well(less, step) or self.nrmse(less) < NO_WORSE * self.nrmse(step):
                 return [name]
         return []

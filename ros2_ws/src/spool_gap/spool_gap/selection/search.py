@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
+from spool_identification.parallel import in_parallel
+
 from spool_gap.effect import Effect
 from spool_gap.fitting.by_direction import by_direction
 from spool_gap.fitting.descent import Fitted
 from spool_gap.fitting.hypothesis import BASE_NUMBERS, DELAY, GAIN, Step
-from spool_gap.fitting.parallel import at_once
 from spool_gap.fitting.synchronised import DAMPING_RATIO, coupled_simulation, holds_damper
 from spool_gap.registry import EFFECTS
 from spool_gap.result import Hypothesis
@@ -260,7 +261,7 @@ class Search(LookAlikes):
 
     def _forward(self, step: Step) -> Step | None:
         chosen = candidates(self.simulation, self.regressed, self.catalogue, step)
-        tried = self.contained(at_once(lambda entry: tried_beside(self, step, entry), chosen))
+        tried = self.contained(in_parallel(lambda entry: tried_beside(self, step, entry), chosen))
         for name in (GAIN, DELAY):
             if name in step.fitted.at_bound and name not in step.effects:
                 sensor = self.fit((*step.effects, name), [step.fitted.point])
@@ -320,7 +321,7 @@ class Search(LookAlikes):
                 self.measured(entry)
         self.take_weight(best)
         tried.sort(key=lambda entry: entry.cost)
-        again = at_once(lambda entry: self.polished(entry, rounds=5), tried[:REFINED]) + tried[REFINED:]
+        again = in_parallel(lambda entry: self.polished(entry, rounds=5), tried[:REFINED]) + tried[REFINED:]
         self.score(step)
         closer = self.polished(step, rounds=5)
         if closer.cost < step.cost:

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
+from spool_identification.parallel import in_parallel
 
 from spool_gap.fitting.equivalent_start import slides
 from spool_gap.fitting.hypothesis import Step
-from spool_gap.fitting.parallel import at_once
 from spool_gap.registry import EFFECTS
 from spool_gap.screening.screening import FRICTIONS
 
@@ -82,7 +82,7 @@ def _compared(search: Search, one: Step, other: Step) -> tuple[Step, float]:
     try:
         everything.choose_sampling(one.fitted.point)
         both = [replace(step, fitted=replace(step.fitted, settled=None)) for step in (one, other)]
-        one, other = at_once(lambda step: search.polished(search.measured(step)), both)
+        one, other = in_parallel(lambda step: search.polished(search.measured(step)), both)
         numbers = len(other.fitted.free) - len(one.fitted.free)
         return other, usual_sum(one.costs - other.costs) - search.price * numbers
     finally:

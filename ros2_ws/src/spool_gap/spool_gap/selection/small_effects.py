@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_identification.parallel import in_parallel
 
 from spool_gap.fitting.hypothesis import Step
-from spool_gap.fitting.parallel import at_once
 from spool_gap.registry import EFFECTS
 from spool_gap.result import Hypothesis
 from spool_gap.screening.screening import small_candidates
@@ -69,7 +69,7 @@ def small_effect(search: Search, base: Step) -> Step | None:
         search.take_weight(start)
         start = search.polished(start, rounds=10)
         chosen = small_candidates(everything, search.regressed, search.catalogue, start)
-        found = at_once(lambda entry: _fitted(search, start, entry.effect.id, entry.values), chosen)
+        found = in_parallel(lambda entry: _fitted(search, start, entry.effect.id, entry.values), chosen)
         evidence = _evidence(everything, start, found)
         fall = [search.nrmse(start) ** 2 - search.nrmse(step) ** 2 for step in found]
     finally:

@@ -1,4 +1,4 @@
-"""Fits that do not know of each other, on all processors."""
+"""Parallel work on all processors, in threads: kernels, transforms and large sums run without the lock."""
 
 from __future__ import annotations
 
@@ -12,11 +12,8 @@ Item = TypeVar("Item")
 Found = TypeVar("Found")
 
 
-def at_once(work: Callable[[Item], Found], items: Iterable[Item]) -> list[Found]:
-    """Return what ``work`` makes of each of ``items``, in their order.
-
-    Threads: kernels, transforms and large sums run without the interpreter lock.
-    """
+def in_parallel(work: Callable[[Item], Found], items: Iterable[Item]) -> list[Found]:
+    """Return what ``work`` makes of each of ``items``, in their order."""
     every = list(items)
     if len(every) < 2:
         return [work(item) for item in every]
