@@ -18,9 +18,9 @@ sys.meta_path.insert(0, Blocker())
 USE = """
 from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor import detection, monitor, replay
-from spool_sim.presets import PRESETS
+from spool_sim.excitation.presets import PRESETS
 from spool_sim.simulator import Simulator
-from spool_sim.valve import find_valve
+from spool_sim.valve.description import find_valve
 
 valve = find_valve("4weh10_soft")
 both = replay.Replay(Estimator(settings_for(valve)), monitor.Monitor())

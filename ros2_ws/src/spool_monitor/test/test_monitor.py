@@ -185,9 +185,8 @@ def test_a_weaker_spring_is_no_friction_drift() -> None:
     )
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_healthy_machine_raises_nothing(seed: int) -> None:
-    one = run(STEADY, seed=seed)
+def test_a_healthy_machine_raises_nothing() -> None:
+    one = run(STEADY)
     assert one.go(120.0) == []
     health = one.monitor.health
     assert (health.level, health.baseline, health.active) == (Level.OK, BaselineState.FROZEN, ())
@@ -286,11 +285,9 @@ def altered(blocks_: Iterator[Block], first: float, **rows: float | None) -> Ite
             yield block
 
 
-CONSTANTS = [None, 0.0, 1.0, 2.5, 9.81, 1e-40]
-
-
-@pytest.mark.parametrize("first", [0.0, 7.34, 20.0])
-@pytest.mark.parametrize("value", CONSTANTS)
+@pytest.mark.parametrize(
+    ("value", "first"), [(None, 0.0), (None, 7.34), (0.0, 7.34), (9.81, 0.0), (1e-40, 7.34)]
+)
 def test_an_acquisition_that_stands_still_is_a_dead_sensor_within_2_s(
     value: float | None, first: float
 ) -> None:
@@ -347,7 +344,7 @@ def test_an_acquisition_with_a_coarse_converter_that_stops_in_a_motion_is_found(
     assert one.at(one.replay.events[0]) <= 9.0
 
 
-@pytest.mark.parametrize("off", [-0.3, -0.1, -0.05, -0.01, -0.005, 0.005, 0.01, 0.05, 0.1, 0.3, 0.9, -0.9])
+@pytest.mark.parametrize("off", [-0.9, -0.3, -0.1, -0.005, 0.005, 0.9])
 def test_a_wrong_sample_period_is_a_rate_fault_within_3_s_and_nothing_else(off: float) -> None:
     """At 15.15 Hz / 0.9 and 0.7 the shaft would pass for one in resonance, at the wrong rate."""
     one = run(machine((0.0, 920.0), (100.0, 920.0)))
@@ -365,22 +362,21 @@ def test_a_wrong_sample_period_is_a_rate_fault_within_3_s_and_nothing_else(off: 
     assert latest is None or not any(quantity.known for quantity in latest.parameters)
 
 
-@pytest.mark.parametrize("order", ["one by one", "bursts", "at random"])
-@pytest.mark.parametrize("foreign", [True, False], ids=["another id", "the same id"])
-def test_a_second_source_is_a_fault_and_no_alarm_of_the_valve(order: str, foreign: bool) -> None:
+@pytest.mark.parametrize(("size", "foreign"), [(1, True), (40, False)], ids=["another id", "the same id"])
+def test_a_second_source_is_a_fault_and_no_alarm_of_the_valve(size: int, foreign: bool) -> None:
+    """``size``: blocks that come in a row from each, in an order that changes at random."""
     one, other = run(STEADY), run(STEADY, "4weh10_stiff", seed=2)
-    ours = [replace(block, source="valve_1") for block in one.simulator.records(90.0)]
+    ours = [replace(block, source="valve_1") for block in one.simulator.records(50.0)]
     name = "valve_2" if foreign else "valve_1"
     theirs = [
         replace(block, source=name, sequence=block.sequence + 7_000, stamp=block.stamp + 3_000_000)
-        for block in other.simulator.records(90.0)
+        for block in other.simulator.records(50.0)
     ]
     random = np.random.default_rng(3)
-    size = 40 if order == "bursts" else 1
     stream = ours[:1500]
-    for first in range(1500, 4500, size):
+    for first in range(1500, 2500, size):
         pair = [ours[first : first + size], theirs[first : first + size]]
-        if order == "at random" and random.random() < 0.5:
+        if size == 1 and random.random() < 0.5:
             pair.reverse()
         stream += [block for part in pair for block in part]
     one.replay.run(stream)
@@ -606,15 +602,15 @@ def test_a_pickled_monitor_goes_on_equally() -> None:
     assert repr(copy.estimator.latest) == repr(one.replay.estimator.latest)
 
 
-def test_an_hour_needs_no_more_memory_than_a_minute() -> None:
-    """An hour at 200 Hz with a lost and a refused block every minute."""
+def test_ten_minutes_need_no_more_memory_than_one() -> None:
+    """At 200 Hz, with a lost and a refused block every minute."""
     monitor = Monitor()
     estimator = Estimator(settings_for(find_valve("4weh10_soft")))
     rate, size = 200.0, 50
     wave = 8.0 * np.sin(2.0 * math.pi * 25.0 * np.arange(size) / rate)
     sizes = []
     sequence = 0
-    for number in range(round(3600 * rate / size)):
+    for number in range(round(600 * rate / size)):
         if number % 240 == 60:
             sequence += 1
         block = Block(
@@ -630,7 +626,7 @@ def test_an_hour_needs_no_more_memory_than_a_minute() -> None:
         monitor.update(block)
         for estimate in estimator.update(block):
             monitor.update_estimate(estimate)
-        if number in (240, 14_000):
+        if number in (240, 2_390):
             sizes.append((len(pickle.dumps(monitor)), len(monitor.gate.faults)))
     assert sizes[1][1] == sizes[0][1] == 2
     # Counters grow by a byte or two as numbers do.

@@ -61,7 +61,7 @@ while True:
 
 def test_latch_and_acknowledgement_survive_kills_at_random_moments(tmp_path: Path) -> None:
     chance = random.Random(1)
-    for _ in range(8):
+    for _ in range(4):
         worker = subprocess.Popen(
             [sys.executable, "-c", WORKER, str(tmp_path)],
             stdout=subprocess.PIPE,
