@@ -158,7 +158,7 @@ def test_minutes_at_rest_neither_wind_up_nor_freeze_the_covariance() -> None:
 
 
 def test_two_standard_deviations_cover_the_truth() -> None:
-    """A small sample of the study in docs/estimation.md: springs, oils, friction, drives, noise, rates."""
+    """A small sample of the study in docs/methods/estimation.md: springs, oils, friction, drives, noise, rates."""
     generator = np.random.default_rng(2024)
     distances = []
     for number in range(16):

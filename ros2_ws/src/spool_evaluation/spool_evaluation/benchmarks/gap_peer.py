@@ -14,7 +14,7 @@ from scipy.ndimage import median_filter
 from spool_gap.effect import Motion
 from spool_gap.registry import EFFECTS
 from spool_identification.record import Record
-from spool_identification.zero_phase import RelativeMotion, ZeroPhase, relative_motion
+from spool_identification.signals.zero_phase import RelativeMotion, ZeroPhase, relative_motion
 from spool_sim.valve.description import Valve
 
 Array = NDArray[np.float64]

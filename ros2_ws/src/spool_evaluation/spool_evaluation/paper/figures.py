@@ -4,10 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -47,8 +43,8 @@ def amplitude_figure(data: Mapping[int, Response]) -> Figure:
 
 def comparison_figure(data: Mapping[int, Response]) -> Figure:
     """Return figures 10 and 11: body and spool of all series."""
-    figure: Figure
-    figure, axes = plt.subplots(1, 2, figsize=(9, 4), layout="constrained")
+    figure = Figure(figsize=(9, 4), layout="constrained")
+    axes = figure.subplots(1, 2)
     for series in SERIES:
         response, (colour, marker) = data[series.number], SERIES_STYLES[series.number]
         style = {"color": colour, "marker": marker, "ms": 4, "label": f"{series.number}: {series.label}"}
@@ -66,8 +62,8 @@ def comparison_figure(data: Mapping[int, Response]) -> Figure:
 
 def objective_figure(fits: Fits) -> Figure:
     """Return figure 12: the objective by model and series, ours beside the print; scales are their own."""
-    figure: Figure
-    figure, axes = plt.subplots(1, 2, figsize=(9, 4), layout="constrained")
+    figure = Figure(figsize=(9, 4), layout="constrained")
+    axes = figure.subplots(1, 2)
     for place, model in enumerate(MODELS):
         colour, _ = MODEL_STYLES[model.name]
         at = np.arange(len(SERIES)) + 0.2 * (place - 1.5)
@@ -126,8 +122,8 @@ def lock_figure(
 
     ``friction`` is the relative velocity (m/s) and the force (N) of the mixed friction as printed.
     """
-    figure: Figure
-    figure, axes = plt.subplots(1, 2, figsize=(9, 4), layout="constrained")
+    figure = Figure(figsize=(9, 4), layout="constrained")
+    axes = figure.subplots(1, 2)
     frequencies = printed.plan.frequencies
     axes[0].plot(
         measured.plan.frequencies,
@@ -155,8 +151,8 @@ def lock_figure(
 
 
 def _panels(across: str, up: str) -> tuple[Figure, list[Axes]]:
-    figure, axes = plt.subplots(2, 2, figsize=(9, 6.5), layout="constrained", sharex=True)
-    panels = list(axes.ravel())
+    figure = Figure(figsize=(9, 6.5), layout="constrained")
+    panels = list(figure.subplots(2, 2, sharex=True).ravel())
     for number, axis in enumerate(panels):
         _label(axis, across if number > 1 else "", up if number % 2 == 0 else "")
     return figure, panels

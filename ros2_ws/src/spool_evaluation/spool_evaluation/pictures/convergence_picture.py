@@ -1,21 +1,20 @@
-"""Picture of how the error of the simulated motion falls with the time step."""
+"""Convergence of the simulated motion: its error over the time step, measured and drawn."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from spool_sim.excitation.kinds import SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
 from spool_sim.integration.motion import half_step_times
 from spool_sim.model import MODELS
 from spool_sim.valve.description import find_valve
+
+from spool_evaluation.results.page import save_picture
 
 #: Models with what differs from their start values, a colour and a marker each.
 SHOWN = {
@@ -34,12 +33,12 @@ REFERENCE = 128
 def displacement(name: str, values: dict[str, float], substeps: int) -> NDArray[np.float64]:
     """Return the relative displacement (m) during a sweep from 8 to 110 Hz at 10 m/s^2."""
     valve, model = find_valve("4weh10_soft"), MODELS[name]
-    drive = SweptSine(start_frequency=8.0, stop_frequency=110.0, duration=SECONDS, amplitude=10.0)
+    sweep = SweptSine(start_frequency=8.0, stop_frequency=110.0, duration=SECONDS, amplitude=10.0)
     motion = ComposedMotion(model.terms)
     samples = round(SECONDS * SAMPLE_RATE)
     trajectory, _ = motion.advance(
         MotionState(),
-        drive.acceleration(half_step_times(0, samples, SAMPLE_RATE, substeps)),
+        sweep.acceleration(half_step_times(0, samples, SAMPLE_RATE, substeps)),
         motion.table(model.values_for(valve, values), samples),
         sample_period=1.0 / SAMPLE_RATE,
         substeps=substeps,
@@ -59,7 +58,8 @@ def errors(name: str, values: dict[str, float]) -> list[float]:
 def write_picture(found: Mapping[str, Sequence[float]], folder: Path) -> Path:
     """Write ``convergence.png``, the errors of each model for each of ``STEPS``, into ``folder``."""
     step = 1e6 / SAMPLE_RATE / np.array(STEPS)
-    figure, axis = plt.subplots(figsize=(6, 4), layout="constrained")
+    figure = Figure(figsize=(6, 4), layout="constrained")
+    axis = figure.subplots()
     for name, these in found.items():
         _, colour, marker = SHOWN[name]
         axis.loglog(step, these, color=colour, marker=marker, ms=4, label=name)
@@ -67,6 +67,4 @@ def write_picture(found: Mapping[str, Sequence[float]], folder: Path) -> Path:
     axis.set_ylabel("displacement error, relative rms")
     axis.grid(alpha=0.3)
     axis.legend(fontsize=8)
-    figure.savefig(folder / "convergence.png", dpi=90)
-    plt.close(figure)
-    return folder / "convergence.png"
+    return save_picture(figure, folder / "convergence.png", dpi=90)

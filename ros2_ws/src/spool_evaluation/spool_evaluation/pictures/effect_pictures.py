@@ -1,4 +1,4 @@
-"""The catalogue of the gap analysis for the documentation: pictures of signatures, laws, what to check.
+"""Catalogue page of the gap analysis: pictures of signatures, laws, what to check.
 
 Made from the registered effects themselves: python -m spool_evaluation.pictures.effect_pictures docs
 """
@@ -6,13 +6,8 @@ Made from the registered effects themselves: python -m spool_evaluation.pictures
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -20,10 +15,12 @@ from spool_gap.effect import Effect, Motion
 from spool_gap.registry import EFFECTS
 from spool_sim.terms import term
 
+from .marked_page import MarkedPage, sentence
+
 Array = NDArray[np.float64]
 
 LEFT, LAW = "#0072B2", "#D55E00"
-BEGIN, END = "<!-- effects: begin -->", "<!-- effects: end -->"
+PAGE = MarkedPage("effects", "effects")
 #: Parts of the motion that signatures are drawn for: frequency (Hz), amplitude (m), phase (rad).
 LINES = ((15.0, 1.5e-3, 0.0), (23.0, 0.6e-3, 1.0), (6.0, 0.8e-3, 2.0))
 STIFFNESS, DAMPING = 1632.0, 4.0
@@ -65,8 +62,8 @@ def signature(entry: Effect, motion: Motion) -> tuple[Array, Array]:
 
 def draw(entry: Effect) -> Figure:
     """Return the picture of one signature."""
-    figure: Figure
-    figure, axis = plt.subplots(figsize=(4.2, 3.0), layout="constrained")
+    figure = Figure(figsize=(4.2, 3.0), layout="constrained")
+    axis = figure.subplots()
     motion = shown_motion()
     if not entry.terms:
         _draw_channel(figure, entry, motion)
@@ -106,17 +103,6 @@ def _draw_channel(figure: Figure, entry: Effect, motion: Motion) -> None:
     axis.grid(alpha=0.3)
 
 
-def write_pictures(folder: Path) -> Iterator[Path]:
-    """Write a PNG for every effect into ``folder``; yield the paths."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, entry in EFFECTS.items():
-        figure = draw(entry)
-        path = folder / f"{name}.png"
-        figure.savefig(path, dpi=90, metadata={"Software": None})
-        plt.close(figure)
-        yield path
-
-
 def effects_text() -> str:
     """Return the Markdown of every effect."""
     grouped = {name for names in GROUPS.values() for name in names}
@@ -137,26 +123,17 @@ def _one_effect(entry: Effect) -> str:
     kinds = "" if len(entry.kinds) == 3 else f" Seen in records of kind {', '.join(entry.kinds)}."
     return (
         f"#### `{entry.id}`\n\n    {entry.law}\n\n"
-        f"{_capital(entry.on_the_machine)}. Check: {entry.to_check}.{kinds}\n\n"
+        f"{sentence(entry.on_the_machine)} Check: {entry.to_check}.{kinds}\n\n"
         f"![signature of {entry.id}](effects/{entry.id}.png)\n\n"
-        f"Numbers: {numbers}. Confused with: {alike}. Told apart by: {entry.told_by}.\n"
+        f"Numbers: {numbers}. Confused with: {alike}. Distinguished by: {entry.told_by}.\n"
     )
 
 
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
-
-
 def main(arguments: list[str] | None = None) -> int:
-    """Write the pictures into FOLDER/effects and the effects into FOLDER/effects.md, between its marks."""
+    """Write FOLDER/effects.md between its marks, and the pictures into FOLDER/effects."""
     given = sys.argv[1:] if arguments is None else arguments
-    folder = Path(given[0] if given else "docs")
-    count = len(list(write_pictures(folder / "effects")))
-    page = folder / "effects.md"
-    before, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
-    _, _, after = rest.partition(END)
-    page.write_text(f"{before}{BEGIN}\n\n{effects_text()}\n{END}{after}", encoding="utf-8")
-    print(f"{count} pictures, {page}")
+    figures = {name: draw(entry) for name, entry in EFFECTS.items()}
+    PAGE.write(Path(given[0] if given else "docs"), effects_text(), figures)
     return 0
 
 

@@ -1,24 +1,21 @@
-"""Pictures of every force law for the documentation: force against velocity, displacement or time.
+"""Force law page: a picture of every law, force against velocity, displacement or time.
 
-Made from the registered terms themselves: python -m spool_evaluation.pictures.law_pictures docs
+Made from the registered terms themselves: python -m spool_evaluation.pictures.law_pictures docs/methods
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from spool_sim.terms import TERMS, Term
 from spool_sim.valve.description import Valve, find_valve
+
+from .marked_page import MarkedPage, sentence
 
 Array = NDArray[np.float64]
 
@@ -35,7 +32,7 @@ SHOWN = {
     "coulomb_hydrodynamic_friction": {"film_coefficient": 0.05},
     "coulomb_hydrodynamic_friction_printed": {"film_coefficient": 5e-5},
 }
-BEGIN, END = "<!-- laws: begin -->", "<!-- laws: end -->"
+PAGE = MarkedPage("physics", "laws")
 GROUPS: dict[str, tuple[str, ...]] = {
     "The balance of forces": ("inertia", "spring", "viscous_friction"),
     "Friction of the paper's models 1 to 3": (
@@ -52,8 +49,8 @@ def draw(entry: Term, valve: Valve) -> Figure:
     """Return the picture of one law at its start values for ``valve``."""
     values = {parameter.name: parameter.start_for(valve) for parameter in entry.parameters}
     values |= SHOWN.get(entry.name, {})
-    figure: Figure
-    figure, axis = plt.subplots(figsize=(4.2, 3.0), layout="constrained")
+    figure = Figure(figsize=(4.2, 3.0), layout="constrained")
+    axis = figure.subplots()
     if entry.name == "inertia":
         acceleration = np.array([-20.0, 20.0])
         axis.plot(acceleration, values["mass"] * acceleration, color=FORCE)
@@ -94,7 +91,7 @@ def _draw_over_velocity(axis: Axes, entry: Term, values: dict[str, float]) -> No
 
 
 def _draw_loop(axis: Axes, entry: Term, values: dict[str, float]) -> None:
-    """Draw the force over a to and fro: its own memory makes it a loop."""
+    """Draw the hysteresis loop: the force over a to and fro."""
     reach = OVER_DISPLACEMENT[entry.name]
     way = reach * np.concatenate((np.linspace(0.0, 1.0, 200), np.linspace(1.0, -1.0, 400)[1:]))
     way = np.concatenate((way, reach * np.linspace(-1.0, 1.0, 400)[1:]))
@@ -105,18 +102,6 @@ def _draw_loop(axis: Axes, entry: Term, values: dict[str, float]) -> None:
         force.append(remembers(force[-1], slip, 1.0 if slip > 0.0 else -1.0, *given))
     axis.plot(1e3 * way, force, color=FORCE)
     axis.set_xlabel("relative displacement, mm")
-
-
-def write_pictures(folder: Path) -> Iterator[Path]:
-    """Write a PNG for every registered term into ``folder``; yield the paths."""
-    folder.mkdir(parents=True, exist_ok=True)
-    valve = find_valve("4weh10_soft")
-    for name, entry in TERMS.items():
-        figure = draw(entry, valve)
-        path = folder / f"{name}.png"
-        figure.savefig(path, dpi=90, metadata={"Software": None})
-        plt.close(figure)
-        yield path
 
 
 def law_text() -> str:
@@ -144,27 +129,19 @@ def _one_law(entry: Term) -> str:
     note = "".join(f" Drawn with `{name}` = {value:g}." for name, value in shown.items())
     return (
         f"#### `{entry.name}`\n\n    {entry.law}\n\n"
-        f"{_sentence(entry.meaning)} Check on the machine: {entry.check}.{note}\n\n"
+        f"{sentence(entry.meaning)} Check on the machine: {entry.check}.{note}\n\n"
         f"Source: {entry.source}.\n\n"
         f"![force of {entry.name}](laws/{entry.name}.png)\n\n"
         f"| parameter | unit | range | |\n|---|---|---|---|\n{rows}\n"
     )
 
 
-def _sentence(text: str) -> str:
-    return text[:1].upper() + text[1:] + "."
-
-
 def main(arguments: list[str] | None = None) -> int:
-    """Write the pictures into FOLDER/laws and the laws into FOLDER/physics.md, between its marks."""
+    """Write FOLDER/physics.md between its marks, and the pictures into FOLDER/laws."""
     given = sys.argv[1:] if arguments is None else arguments
-    folder = Path(given[0] if given else "docs")
-    count = len(list(write_pictures(folder / "laws")))
-    page = folder / "physics.md"
-    before, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
-    _, _, after = rest.partition(END)
-    page.write_text(f"{before}{BEGIN}\n\n{law_text()}\n{END}{after}", encoding="utf-8")
-    print(f"{count} pictures, {page}")
+    valve = find_valve("4weh10_soft")
+    figures = {name: draw(entry, valve) for name, entry in TERMS.items()}
+    PAGE.write(Path(given[0] if given else "docs/methods"), law_text(), figures)
     return 0
 
 

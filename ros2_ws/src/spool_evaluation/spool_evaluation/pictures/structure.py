@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from graphlib import TopologicalSorter
 from pathlib import Path
 
-import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, Rectangle
 
 PREFIX = "spool_"
@@ -93,7 +93,8 @@ def draw(source: Path, picture: Path, title: str) -> None:
              for name in package_imports(modules)}  # fmt: skip
     imports = package_imports(modules)
     rows = layers(imports)
-    figure, axes = plt.subplots(figsize=(9.0, 1.15 * len(rows) + 0.6))
+    figure = Figure(figsize=(9.0, 1.15 * len(rows) + 0.6))
+    axes = figure.subplots()
     boxes = {}
     for level, row in enumerate(rows):
         for place, name in enumerate(row):
@@ -124,7 +125,6 @@ def draw(source: Path, picture: Path, title: str) -> None:
     axes.set_axis_off()
     axes.set_title(f"{title}: {sum(lines.values())} lines; arrows lead to what is imported", fontsize=9)
     figure.savefig(picture, dpi=130, bbox_inches="tight")
-    plt.close(figure)
 
 
 def _below(name: str, imports: Mapping[str, set[str]]) -> set[str]:

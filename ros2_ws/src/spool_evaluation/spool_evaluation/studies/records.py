@@ -17,7 +17,7 @@ from spool_stream.errors import InputError
 from spool_tools.console.outputs import write_json
 from spool_tools.input.fit_data import load_data
 from spool_tools.input.record_loading import Selection
-from spool_tools.report.fit_results import fit_and_judge
+from spool_tools.report.validated_fit import fit_and_validate
 
 from spool_evaluation.results.page import markdown_table, write_page
 
@@ -101,7 +101,7 @@ def judge(place: int) -> tuple[int, list[SampleEstimate]]:
     """Return ``place`` and the rows of ``SAMPLES[place]``."""
     sample = SAMPLES[place]
     data = load_data([BAGS / sample.bag], sample.valve, Selection())
-    fit = fit_and_judge(data, MODELS[sample.model], FitSettings()).fit
+    fit = fit_and_validate(data, MODELS[sample.model], FitSettings()).fit
     return place, [
         SampleEstimate(
             sample.bag,
