@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import fcntl
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 
 from setup import packages, patches, requirements, state, workspace
 from setup.fingerprint import cmake_dependents, package_fingerprints
@@ -91,8 +92,7 @@ class Installation:
             done.__dict__.update(SetupState().__dict__)
         patching = layout.underlay.is_wheels and not done.patched
         building = patching or not done.lock or _has_to_build(layout, done, self._wanted)
-        warming = not done.warmed and self._can_warm_up()
-        self._steps.total = fresh + (not done.lock) + patching + building + warming
+        self._steps.total = fresh + (not done.lock) + patching + building + (not done.warmed)
         if fresh:
             self._make_venv(base)
         if not done.lock:
@@ -100,9 +100,13 @@ class Installation:
         if patching:
             self._patch()
         if building:
-            self._build()
-        if warming:
-            self._warm_up()
+            self._discard()
+        with ExitStack() as parallel:
+            kernels = None if done.warmed else parallel.enter_context(self._kernels())
+            if building:
+                self._build()
+            if kernels:
+                self._finish_kernels(kernels)
         layout.ready_file.touch()
         say(f"set up in {self._steps.elapsed():.0f} s")
 
@@ -138,8 +142,8 @@ class Installation:
         self._done.patched = True
         state.save(self._layout, self._done)
 
-    def _build(self) -> None:
-        """Build the packages that changed, and learn the environment anew."""
+    def _discard(self) -> None:
+        """Remove what was built of packages that are gone, or all where the build is not whole."""
         layout, done = self._layout, self._done
         if not (layout.install / "local_setup.bash").exists():
             done.packages = {}
@@ -147,6 +151,10 @@ class Installation:
             workspace.remove_built(layout)
         for gone in done.packages.keys() - self._wanted.keys():
             workspace.remove_built(layout, gone)
+
+    def _build(self) -> None:
+        """Build the packages that changed, and learn the environment anew."""
+        layout, done = self._layout, self._done
         changed = {name for name, value in self._wanted.items() if done.packages.get(name) != value}
         names = sorted(cmake_dependents(layout.workspace / "src", changed))
         what = f"{len(names)} packages" if len(names) > 1 else "".join(names) or "nothing, a package is gone"
@@ -164,19 +172,20 @@ class Installation:
         done.packages = self._wanted
         state.save(layout, done)
 
-    def _can_warm_up(self) -> bool:
-        source = self._layout.workspace / "src" / WARM_UP.partition(".")[0]
-        return (source / f"{WARM_UP.replace('.', '/')}.py").exists()
+    @contextmanager
+    def _kernels(self) -> Iterator[Callable[[], int]]:
+        """Compile the kernels into their cache on disk, in parallel with the build."""
+        tools = self._tools()
+        path = os.pathsep.join(filter(None, (workspace.link_sources(self._layout), tools.get("PYTHONPATH"))))
+        environment = tools | {"PYTHONPATH": path}
+        with self._runner.in_parallel("kernels", [self._layout.python, "-m", WARM_UP], environment) as end:
+            yield end
 
-    def _warm_up(self) -> None:
-        """Compile the kernels into their cache on disk."""
-        run = workspace.run_environment(self._layout, self._done, self._environment)
+    def _finish_kernels(self, end: Callable[[], int]) -> None:
         with self._steps.step("compiling the numerical kernels"):
-            code, output = self._runner.run("kernels", [self._layout.python, "-m", WARM_UP], run)
-            if code != 0:
-                raise packages.failure(
-                    "the kernels could not be compiled", output, self._runner.log("kernels")
-                )
+            if end() != 0:
+                log = self._runner.log("kernels")
+                raise packages.failure("the kernels could not be compiled", log.read_text(), log)
         self._done.warmed = True
         state.save(self._layout, self._done)
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -51,30 +52,59 @@ class Runner:
         lines: list[str] = []
         with self.log(name).open("w", encoding="utf-8") as file:
             file.write(" ".join(str(part) for part in command) + "\n")
-            with subprocess.Popen(
-                [str(part) for part in command],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                text=True,
-                encoding="utf-8",
-                errors="replace",
-                env=dict(environment),
-                cwd=cwd,
-                pass_fds=(self.keep_open,),
-                start_new_session=True,
-            ) as process:
-                try:
-                    for line in process.stdout or ():
-                        file.write(line)
-                        file.flush()
-                        lines.append(line)
-                        self.on_line(line.rstrip())
-                    code = process.wait()
-                except BaseException:
-                    _end_group(process)
-                    raise
+            with self._started(command, environment, subprocess.PIPE, cwd) as process:
+                for line in process.stdout or ():
+                    file.write(line)
+                    file.flush()
+                    lines.append(line)
+                    self.on_line(line.rstrip())
+                code = process.wait()
         return code, "".join(lines)
+
+    @contextmanager
+    def in_parallel(
+        self, name: str, command: Sequence[str | Path], environment: Mapping[str, str]
+    ) -> Iterator[Callable[[], int]]:
+        """Run a tool in parallel with the body, with its output in the step's log.
+
+        Args:
+            name: of the step.
+            command: program and arguments.
+            environment: the tool's whole environment.
+
+        Yields:
+            What waits for the tool's end and returns its exit code.
+        """
+        with self.log(name).open("w") as file, self._started(command, environment, file.fileno()) as process:
+            yield process.wait
+
+    @contextmanager
+    def _started(
+        self,
+        command: Sequence[str | Path],
+        environment: Mapping[str, str],
+        output: int,
+        cwd: Path | None = None,
+    ) -> Iterator[subprocess.Popen[str]]:
+        """Start a tool, and end it where the body is interrupted."""
+        with subprocess.Popen(
+            [str(part) for part in command],
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            text=True,
+            encoding="utf-8",
+            errors="replace",
+            env=dict(environment),
+            cwd=cwd,
+            pass_fds=(self.keep_open,),
+            start_new_session=True,
+        ) as process:
+            try:
+                yield process
+            except BaseException:
+                _end_group(process)
+                raise
 
 
 def ask(command: Sequence[str | Path], environment: Mapping[str, str]) -> subprocess.CompletedProcess[str]:

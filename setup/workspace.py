@@ -75,13 +75,31 @@ def build(layout: Layout, environment: Mapping[str, str], runner: Runner, names:
     command += ["--event-handlers", "console_direct+", "--packages-select", *names]
     command += ["--cmake-args", "-DBUILD_TESTING=OFF", f"-DPython3_EXECUTABLE={layout.python}"]
     command += [f"-DPYTHON_EXECUTABLE={layout.python}", "--no-warn-unused-cli"]
-    code, output = runner.run("build", command, environment, layout.workspace)
+    # Left to colcon, make starts no second compiler on a machine that has just been busy.
+    jobs = {"MAKEFLAGS": environment.get("MAKEFLAGS") or f"-j{len(os.sched_getaffinity(0))}"}
+    code, output = runner.run("build", command, {**environment, **jobs}, layout.workspace)
     if code == 0:
         return
     failed = [line.split()[2] for line in output.splitlines() if line.startswith("Failed   <<<")]
     error = failure(f"{' and '.join(failed) or 'the workspace'} did not build", output, runner.log("build"))
     sys.stderr.write("\n" + "".join(output.splitlines(keepends=True)[-TAIL_LINES:]))
     raise error
+
+
+def link_sources(layout: Layout) -> str:
+    """Link each Python package into the folder from which it runs once it is built, as colcon does itself.
+
+    Returns:
+        A path on which Python finds all of them before they are built.
+    """
+    folders = []
+    for source in sorted(path.parent for path in (layout.workspace / "src").glob("*/setup.py")):
+        folder = layout.output / "build" / source.name
+        folder.mkdir(parents=True, exist_ok=True)
+        if not (folder / source.name).exists():
+            (folder / source.name).symlink_to(source / source.name)
+        folders.append(str(folder))
+    return os.pathsep.join(folders)
 
 
 def remove_built(layout: Layout, package: str | None = None) -> None:
