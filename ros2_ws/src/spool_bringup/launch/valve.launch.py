@@ -77,7 +77,7 @@ def generate_launch_description() -> LaunchDescription:
                 "autostart",
                 default_value="",
                 choices=["", "true", "false"],
-                description="Configure and activate the nodes at once, without a life cycle manager; "
+                description="Configure and activate the nodes immediately, without a life cycle manager; "
                 "empty: as in params_file, else true.",
             ),
             OpaqueFunction(function=_nodes),

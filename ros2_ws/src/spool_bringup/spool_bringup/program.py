@@ -35,7 +35,7 @@ def main() -> int:
 
 
 def _leave(_number: int, _frame: FrameType | None) -> None:
-    """End at once: nothing is open yet."""
+    """End immediately: nothing is open yet."""
     os.write(2, b"spool: interrupted\n")
     os._exit(INTERRUPTED)
 

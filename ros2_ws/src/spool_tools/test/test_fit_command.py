@@ -179,8 +179,15 @@ def test_the_saved_model_moves_the_spool_as_the_record_says(fitted: Path, tmp_pa
     assert {name: model.values[name] for name in found.parameters} == {
         name: number.value for name, number in found.parameters.items()
     }
-    drive = ("--excitation", str(BAGS / "practice_03"), "--seconds", "12", "--noise", "0")
-    arguments = ["simulate", "--model", str(fitted / "model.yaml"), *drive, "--out", str(tmp_path / "again")]
+    excitation = ("--excitation", str(BAGS / "practice_03"), "--seconds", "12", "--noise", "0")
+    arguments = [
+        "simulate",
+        "--model",
+        str(fitted / "model.yaml"),
+        *excitation,
+        "--out",
+        str(tmp_path / "again"),
+    ]
     assert main(arguments) == 0
     assert main(["fit", str(tmp_path / "again"), "--model", "coulomb", "--json", str(tmp_path / "j")]) == 0
     again = FitResult.model_validate(read(tmp_path / "j"))

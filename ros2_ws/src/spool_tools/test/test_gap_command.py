@@ -14,13 +14,13 @@ import pytest
 from numpy.typing import NDArray
 from spool_gap.registry import EFFECTS
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
-from spool_sim.integration.motion import half_step_times
+from spool_sim.integration.step_size import half_step_times
 from spool_sim.model import MODELS, Model, load_model
 from spool_sim.terms import term
 from spool_sim.valve.description import find_valve
 from spool_stream.quantity import Quantity, Validity
 from spool_tools.cli import main
-from spool_tools.operations.gap_run import save_model
+from spool_tools.report.model_file import save_model
 
 Array = NDArray[np.float64]
 
@@ -177,7 +177,7 @@ def test_a_saved_model_is_read_back_as_it_was(name: str, tmp_path: Path) -> None
     }
     file = tmp_path / "found.yaml"
     fitted = [Quantity("spring_stiffness", "N/m", 1.0, 0.5, Validity.VALID)]
-    save_model(file, Model("fluid", terms, values), fitted, "two\nlines")
+    save_model(file, Model("fluid", terms, values), "fluid_gap", values, fitted, "two\nlines")
     read = load_model(file)
     assert dict(read.values) == values
     assert [entry.name for entry in read.terms] == [entry.name for entry in terms]

@@ -60,7 +60,7 @@ def test_bag_csv_and_yaml_give_the_same_excitation(tmp_path: Path) -> None:
     bag = write(tmp_path / "bag")
     csv = tmp_path / "record.csv"
     assert main(["export", str(bag), "--out", str(csv)]) == 0
-    described = tmp_path / "drive.yaml"
+    described = tmp_path / "excitation.yaml"
     described.write_text("kind: recorded\nfile: bag\nvalve: valve_1\n")
     one, other = find_excitation(str(bag)), find_excitation(str(described))
     assert isinstance(one, Recorded)
@@ -78,7 +78,7 @@ def test_bag_csv_and_yaml_give_the_same_excitation(tmp_path: Path) -> None:
 
 def test_presets_and_yaml_files_still_are_what_they_were(tmp_path: Path) -> None:
     assert find_excitation("sweep") is PRESETS["sweep"]
-    path = tmp_path / "drive.yaml"
+    path = tmp_path / "excitation.yaml"
     path.write_text("kind: steady_sine\nfrequency: 20\namplitude: 3\n")
     assert find_excitation(str(path)).highest_frequency == 20.0
     with pytest.raises(InputError, match="no such excitation"):
@@ -95,7 +95,7 @@ def test_one_of_several_valves_has_to_be_named(tmp_path: Path) -> None:
     bag = write(tmp_path / "bag", names=("left", "right"))
     with pytest.raises(InputError, match=r"its valves are left, right; name one .*kind: recorded"):
         find_excitation(str(bag))
-    described = tmp_path / "drive.yaml"
+    described = tmp_path / "excitation.yaml"
     described.write_text(f"kind: recorded\nfile: {bag}\nvalve: right\nsoft_start: 0.5\n")
     assert find_excitation(str(described)).soft_start == 0.5
     described.write_text(f"kind: recorded\nfile: {bag}\nvalve: up\n")
@@ -106,11 +106,11 @@ def test_one_of_several_valves_has_to_be_named(tmp_path: Path) -> None:
 def test_wrong_yaml_of_a_record_is_refused_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = tmp_path / "drive.yaml"
+    path = tmp_path / "excitation.yaml"
     path.write_text("kind: recorded\nfilee: bag\n")
     assert main(["simulate", "--excitation", str(path), "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
-    assert "drive.yaml: file: key is missing" in said
+    assert "excitation.yaml: file: key is missing" in said
     assert "filee: unknown key" in said
     assert said.count("\n") == 1
 

@@ -1,4 +1,4 @@
-"""What people read: warnings and plain lines, with nothing in them that steers the terminal."""
+"""Terminal output for people: warnings and lines with nothing in them that steers the terminal."""
 
 from __future__ import annotations
 

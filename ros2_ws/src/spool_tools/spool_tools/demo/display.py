@@ -1,4 +1,4 @@
-"""The demonstration's live lines: one per valve, and the events as they come."""
+"""Display of the demonstration: one per valve, and the events as they come."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ _LEVELS = {
 
 _SEVERITIES = {HealthEvent.SEVERITY_WARNING: "warning", HealthEvent.SEVERITY_ALARM: "ALARM"}
 
-#: s between the plain status lines off a terminal.
-_PLAIN_INTERVAL = 5.0
+#: s between status lines off a terminal.
+_LINE_INTERVAL = 5.0
 
 
 @dataclass(slots=True)
 class Display:
-    """Show what arrives; on a terminal as a table that is renewed, off it as plain lines."""
+    """Display of what arrives; on a terminal a table that is renewed, off it a line now and then."""
 
     seconds: float
     names: tuple[str, ...]
@@ -52,7 +52,7 @@ class Display:
         """Show the state ``elapsed`` s after the start."""
         if self._live is not None:
             self._live.update(self._table(elapsed))
-        elif time.monotonic() - self._last >= _PLAIN_INTERVAL:
+        elif time.monotonic() - self._last >= _LINE_INTERVAL:
             self._last = time.monotonic()
             for name in self.names:
                 self.console.print(f"{elapsed:5.1f} s  {name}  {self._line(name)}", soft_wrap=True)

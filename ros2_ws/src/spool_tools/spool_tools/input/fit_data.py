@@ -29,7 +29,7 @@ PIECES = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Data:
+class FitData:
     """Records of one valve.
 
     Attributes:
@@ -37,7 +37,7 @@ class Data:
         paths: what was read.
         valve: what all of it is of.
         fitted: stretches that parameters come from.
-        held_out: stretches that errors are judged by, empty where the records are too short for that.
+        held_out: stretches that errors are validated by, empty where the records are too short for that.
         held_paths: records that were named to be held out; empty where pieces of the others are.
         doubts: what speaks against the valve's description, a sentence each.
     """
@@ -58,7 +58,7 @@ class Data:
 
 def load_data(
     paths: Sequence[Path], valve: str | None, selection: Selection, held_out: Sequence[Path] = ()
-) -> Data:
+) -> FitData:
     """Return the records ``paths`` as one set of data of one valve.
 
     Args:
@@ -79,13 +79,13 @@ def load_data(
     name = ", ".join(path.name for path in paths)
     doubts = tuple(check_records(described, records))
     if not held_out:
-        return Data(name, tuple(paths), described, *divided(records), doubts=doubts)
+        return FitData(name, tuple(paths), described, *divided(records), doubts=doubts)
     others: list[Record] = []
     for path in held_out:
         recording = load_recording(path, Selection(selection.name, selection.columns))
         check(recording)
         others += recording.stretches
-    return Data(name, tuple(paths), described, tuple(records), tuple(others), tuple(held_out), doubts)
+    return FitData(name, tuple(paths), described, tuple(records), tuple(others), tuple(held_out), doubts)
 
 
 def check(recording: Recording) -> None:

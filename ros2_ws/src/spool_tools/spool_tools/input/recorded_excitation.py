@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 
 class _RecordFile(BaseModel):
-    """A YAML file of kind ``recorded``: ``file`` beside that YAML file, or anywhere by its full path."""
+    """File of kind ``recorded``: its ``file`` lies next to it, or anywhere by its full path."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

@@ -64,9 +64,9 @@ def choose_valves(source: Source, names: Sequence[str], given: Sequence[str]) ->
     """
     pairs = [split_name(text) for text in given]
     named = {name: file for name, file in pairs if name}
-    plain = [file for name, file in pairs if not name]
-    if named and plain:
-        raise InputError(f"--valve {plain[0]}: others have a name: write NAME={plain[0]} as well")
+    unnamed = [file for name, file in pairs if not name]
+    if named and unnamed:
+        raise InputError(f"--valve {unnamed[0]}: others have a name: write NAME={unnamed[0]} as well")
     for name, file in named.items():
         if name not in names:
             raise InputError(
@@ -75,14 +75,14 @@ def choose_valves(source: Source, names: Sequence[str], given: Sequence[str]) ->
             )
         if sum(name == other for other, _ in pairs) > 1:
             raise InputError(f"--valve {name}=...: it stands there twice: give it once")
-    if len(plain) == 1:
-        plain = plain * len(names)
-    elif plain and len(plain) != len(names):
+    if len(unnamed) == 1:
+        unnamed = unnamed * len(names)
+    elif unnamed and len(unnamed) != len(names):
         raise InputError(
-            f"--valve was given {len(plain)} times, the bag holds {', '.join(names)}: "
+            f"--valve was given {len(unnamed)} times, the bag holds {', '.join(names)}: "
             "give it once for all, or NAME=FILE for each"
         )
-    files = named or dict(zip(names, plain, strict=False))
+    files = named or dict(zip(names, unnamed, strict=False))
     return {
         name: ChosenValve(find_valve(files[name]), "given", files[name])
         if name in files

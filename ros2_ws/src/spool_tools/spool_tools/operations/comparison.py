@@ -13,11 +13,11 @@ from spool_stream.errors import InputError
 from spool_tools.console.outputs import write_json
 from spool_tools.console.progress import progress
 from spool_tools.console.terminal import warn
-from spool_tools.input.fit_data import Data, load_data
+from spool_tools.input.fit_data import FitData, load_data
 from spool_tools.input.record_loading import Selection
 from spool_tools.report.comparison_tables import comparison_dictionary, print_comparison
-from spool_tools.report.fit_results import fit_and_judge
-from spool_tools.report.ranking import Series, rank
+from spool_tools.report.ranking import FittedSeries, rank
+from spool_tools.report.validated_fit import fit_and_validate
 
 from .fit_run import Outputs
 
@@ -75,7 +75,7 @@ def load_series(
     held_out: Sequence[Path] = (),
     *,
     together: bool = False,
-) -> list[Data]:
+) -> list[FitData]:
     """Return each record as a series of its own, or all as one set of data.
 
     Raises:
@@ -95,14 +95,14 @@ def load_series(
     return [load_data([path], valve, selection) for path, valve in zip(records, given, strict=True)]
 
 
-def fit_all(data: Sequence[Data], models: Sequence[Model], settings: FitSettings) -> list[Series]:
+def fit_all(data: Sequence[FitData], models: Sequence[Model], settings: FitSettings) -> list[FittedSeries]:
     """Return every model fitted to every series."""
     series = []
     with progress("fitting", len(data) * len(models)) as advance:
         for one in data:
-            judged = []
+            validated = []
             for model in models:
-                judged.append(fit_and_judge(one, model, settings))
+                validated.append(fit_and_validate(one, model, settings))
                 advance(1.0)
-            series.append(Series(one, tuple(judged)))
+            series.append(FittedSeries(one, tuple(validated)))
     return series

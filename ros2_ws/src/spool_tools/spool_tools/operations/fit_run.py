@@ -17,7 +17,9 @@ from spool_tools.console.progress import progress
 from spool_tools.console.terminal import warn
 from spool_tools.input.fit_data import load_data
 from spool_tools.input.record_loading import Selection
-from spool_tools.report.fit_results import fit_and_judge, print_fit, save_model, to_dictionary
+from spool_tools.report.fit_tables import print_fit, to_dictionary
+from spool_tools.report.model_file import LONGEST_NAME, save_model
+from spool_tools.report.validated_fit import fit_and_validate
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,22 +79,24 @@ def run_fit(
     for doubt in data.doubts:
         warn(doubt)
     with progress(f"fitting {model.name}"):
-        judged = fit_and_judge(data, model, settings)
+        validated = fit_and_validate(data, model, settings)
     if wanted.json is not None:
-        write_json(wanted.json, to_dictionary(judged))
+        write_json(wanted.json, to_dictionary(validated))
     console = Console()
-    if judged.fit.reason is not None:
-        console.print(f"no result: {judged.fit.reason}", markup=False, highlight=False, soft_wrap=True)
+    if validated.fit.reason is not None:
+        console.print(f"no result: {validated.fit.reason}", markup=False, highlight=False, soft_wrap=True)
         return 1
-    print_fit(judged, console)
+    print_fit(validated, console)
     if wanted.model is not None:
-        save_model(wanted.model, judged.fit, ", ".join(map(str, data.paths)))
+        name = f"{model.name[:LONGEST_NAME]}_fitted"
+        comment = f"{model.name}, fitted to {', '.join(map(str, data.paths))}"
+        save_model(wanted.model, model, name, validated.fit.values, validated.fit.parameters, comment)
         print(f"{wanted.model}: the fitted model")
     if wanted.report is not None:
         from spool_tools.report.fit_page import fit_page, write_page  # noqa: PLC0415 - matplotlib is needed here only
 
         with progress("drawing"):
-            write_page(wanted.report, fit_page(judged))
+            write_page(wanted.report, fit_page(validated))
         print(f"{wanted.report}: pictures and tables")
     return 0
 

@@ -17,18 +17,18 @@ from spool_gap.force.force_analyse import analyse_forces
 from spool_gap.force.force_record import ForceRecord
 from spool_gap.result import COUNTED, GapResult, GapSettings
 from spool_identification.record_parts import LARGEST
-from spool_sim.model import Model, load_model
+from spool_sim.model import load_model
 from spool_sim.valve.description import Valve, find_valve
 from spool_stream.errors import InputError
-from spool_stream.quantity import Quantity
-from spool_stream.uncertainty import LEGEND, PLUS_MINUS, interval, width
+from spool_stream.uncertainty import LEGEND, PLUS_MINUS, interval
 
-from spool_tools.console.outputs import write_file, write_json
+from spool_tools.console.outputs import write_json
 from spool_tools.console.progress import progress
 from spool_tools.console.terminal import warn
 from spool_tools.input.fit_data import check
 from spool_tools.input.record_loading import Selection, load_recordings, stretches_of
 from spool_tools.input.record_names import is_csv
+from spool_tools.report.model_file import LONGEST_NAME, save_model
 from spool_tools.report.provenance import sources
 
 #: Confidence at most where the record contradicts its valve file: its numbers are as likely wrong as right.
@@ -102,7 +102,8 @@ def run_gap(
         written.append(f"{outputs.report}: the report")
     if outputs.model is not None:
         found = f"{result.base_model} with what the gap analysis of {result.record} found: {result.verdict}"
-        save_model(outputs.model, result.model, result.parameters, found)
+        name = f"{result.model.name[:LONGEST_NAME]}_gap"
+        save_model(outputs.model, result.model, name, result.model.values, result.parameters, found)
         written.append(f"{outputs.model}: the model with what was found")
     # Off a terminal names must not be cut to some width that nobody has.
     console = Console()
@@ -163,7 +164,7 @@ def show(result: GapResult, console: Console) -> None:
     else:
         console.print(LEGEND, markup=False, highlight=False, soft_wrap=True)
     table = Table(box=None, pad_edge=False)
-    for column in ("hypothesis", "beside", "error after", "evidence"):
+    for column in ("hypothesis", "jointly with", "error after", "evidence"):
         table.add_column(column, no_wrap=True)
     table.add_column("", overflow="fold")
     for row in result.ranking[:10]:
@@ -172,33 +173,3 @@ def show(result: GapResult, console: Console) -> None:
         table.add_row(row.id, " + ".join(row.beside) or "the base", after, f"{row.evidence:.0f}", note)
     if result.ranking:
         console.print(table)
-
-
-def save_model(path: Path, model: Model, fitted: Sequence[Quantity], comment: str) -> None:
-    """Write ``model`` as YAML that simulator and estimator load.
-
-    Args:
-        path: to write.
-        model: its values are written as they are.
-        fitted: what was fitted; the deviations of these stand beside their values.
-        comment: first line, says where it comes from.
-
-    Raises:
-        InputError: the file cannot be written, or is there already.
-    """
-    known = {quantity.name: quantity for quantity in fitted}
-    lines = [
-        f"# {' '.join(comment.split())}",
-        f"name: {model.name[:93]}_gap",
-        f"terms: [{', '.join(term.name for term in model.terms)}]",
-        "parameters:",
-    ]
-    for parameter in model.parameters:
-        if parameter.name not in model.values:
-            continue
-        quantity = known.get(parameter.name)
-        note = "held" if quantity is None else width(quantity.value, quantity.standard_deviation)
-        lines.append(
-            f"  {parameter.name}: {float(model.values[parameter.name])!r}  # {parameter.unit}, {note}"
-        )
-    write_file(path, "\n".join(lines) + "\n", "--save-model")

@@ -32,7 +32,7 @@ from spool_tools.input.csv_blocks import CsvSource
 from spool_tools.input.record_loading import Source, open_source
 from spool_tools.input.valve_choice import ChosenValve, choose_valves
 
-#: ns by which an event's stamp may lie before that of the one told before it.
+#: ns by which an event's stamp may lie before that of the one before it.
 ORDER = 10_000_000_000
 
 

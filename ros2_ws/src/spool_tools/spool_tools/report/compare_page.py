@@ -13,10 +13,10 @@ from . import page as html
 from .comparison_tables import COLUMNS, parameter_lines, ranking_rows, series_rows
 from .fit_page import FRICTION, RATIO, SPECTRUM, WAVEFORM, ratio_seen, seen
 from .provenance import sources
-from .ranking import WORTH, Ranking, Series
+from .ranking import WORTH, FittedSeries, Ranking
 
 
-def compare_page(series: Sequence[Series], ranking: Ranking) -> str:
+def compare_page(series: Sequence[FittedSeries], ranking: Ranking) -> str:
     """Return the page of a comparison in which at least one model has a result."""
     rows = ranking_rows(ranking)
     shown = [entry for entry in ranking.ranks if math.isfinite(entry.error)]
@@ -44,35 +44,36 @@ def compare_page(series: Sequence[Series], ranking: Ranking) -> str:
     return html.page(title, sections, list(dict.fromkeys(made_from)))
 
 
-def _series(one: Series, ranking: Ranking) -> list[str]:
+def _series(one: FittedSeries, ranking: Ranking) -> list[str]:
     order = [entry.model for entry in ranking.ranks]
-    judged = sorted(
-        (entry for entry in one.judged if entry.fit.reason is None), key=lambda entry: order.index(entry.name)
+    validated = sorted(
+        (entry for entry in one.validated if entry.fit.reason is None),
+        key=lambda entry: order.index(entry.name),
     )
     rows = [
-        {**row, "parameters": "; ".join(parameter_lines(judged))}
-        for row, judged in zip(series_rows(one), one.judged, strict=True)
+        {**row, "parameters": "; ".join(parameter_lines(validated))}
+        for row, validated in zip(series_rows(one), one.validated, strict=True)
     ]
     sections: list[str] = [
         html.heading(f"{one.data.name} ({one.data.valve.id})"),
         html.table(list(rows[0]), rows),
         html.paragraph(f"{LEGEND}. 'Not told': only combinations of them act."),
     ]
-    if not judged:
+    if not validated:
         return sections
     fitted, valve = one.data.fitted, one.data.valve
-    overlays = {entry.name: curves.overlay(fitted, entry.fit, valve) for entry in judged}
-    agreements = {entry.name: entry.fit.agreement for entry in judged if entry.fit.agreement is not None}
+    overlays = {entry.name: curves.overlay(fitted, entry.fit, valve) for entry in validated}
+    agreements = {entry.name: entry.fit.agreement for entry in validated if entry.fit.agreement is not None}
     run = next(iter(overlays.values())).run
-    friction = {entry.name: curves.friction(fitted, entry.fit, valve) for entry in judged}
+    friction = {entry.name: curves.friction(fitted, entry.fit, valve) for entry in validated}
     return [
         *sections,
-        html.drawing(pictures.waveform_figure(overlays, curves.stretches(run)), WAVEFORM, seen(judged)),
+        html.drawing(pictures.waveform_figure(overlays, curves.excerpts(run)), WAVEFORM, seen(validated)),
         html.drawing(
-            pictures.ratio_figure(agreements, curves.highest_frequency(run)), RATIO, ratio_seen(judged)
+            pictures.ratio_figure(agreements, curves.highest_frequency(run)), RATIO, ratio_seen(validated)
         ),
         html.drawing(
             pictures.friction_figure(friction), FRICTION, f"Laws over velocity: {', '.join(friction)}."
         ),
-        html.drawing(pictures.spectrum_figure(agreements, curves.spectra(fitted)), SPECTRUM, seen(judged)),
+        html.drawing(pictures.spectrum_figure(agreements, curves.spectra(fitted)), SPECTRUM, seen(validated)),
     ]

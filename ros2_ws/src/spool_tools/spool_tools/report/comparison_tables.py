@@ -10,11 +10,12 @@ from rich.console import Console
 from rich.table import Table
 from spool_stream.uncertainty import LEGEND, with_interval
 
-from .fit_results import Judged, to_dictionary
-from .ranking import WORTH, Ranking, Series
+from .fit_tables import to_dictionary
+from .ranking import WORTH, FittedSeries, Ranking
+from .validated_fit import ValidatedFit
 
 
-def comparison_dictionary(series: Sequence[Series], ranking: Ranking) -> dict[str, Any]:
+def comparison_dictionary(series: Sequence[FittedSeries], ranking: Ranking) -> dict[str, Any]:
     """Return what ``compare --json`` writes; NaN where something is not known."""
     best = min(
         (entry.criterion for entry in ranking.ranks if math.isfinite(entry.criterion)), default=math.nan
@@ -44,31 +45,31 @@ def comparison_dictionary(series: Sequence[Series], ranking: Ranking) -> dict[st
                 "records": [str(path) for path in one.data.paths],
                 "held_out_records": [str(path) for path in one.data.held_paths],
                 "valve": one.data.valve.id,
-                "models": {judged.name: to_dictionary(judged) for judged in one.judged},
+                "models": {validated.name: to_dictionary(validated) for validated in one.validated},
             }
             for one in series
         ],
     }
 
 
-def series_rows(one: Series) -> list[dict[str, str]]:
+def series_rows(one: FittedSeries) -> list[dict[str, str]]:
     """Return a row of text for each model: how well it holds, as in the paper's tables 3 to 6."""
     return [
         {
-            "model": judged.name.replace("_", " "),
+            "model": validated.name.replace("_", " "),
             "objective (33)": _number(math.nan if agreement is None else agreement.objective, ".4g"),
             "a_est/a_pom": _number(math.nan if agreement is None else agreement.amplitude_ratio, ".4f"),
-            "nrmse": _number(judged.training_error, ".4f"),
-            "held out": _number(judged.held_out_error, ".4f"),
+            "nrmse": _number(validated.training_error, ".4f"),
+            "held out": _number(validated.held_out_error, ".4f"),
         }
-        for judged in one.judged
-        for agreement in (judged.fit.agreement,)
+        for validated in one.validated
+        for agreement in (validated.fit.agreement,)
     ]
 
 
-def parameter_lines(judged: Judged) -> list[str]:
+def parameter_lines(validated: ValidatedFit) -> list[str]:
     """Return the fitted parameters, a line each; those that only act together as their combination."""
-    found = judged.fit
+    found = validated.fit
     if found.reason is not None:
         return [f"no result: {found.reason}"]
     lines = []
@@ -106,12 +107,12 @@ def ranking_rows(ranking: Ranking) -> list[dict[str, str]]:
     ]
 
 
-def print_comparison(series: Sequence[Series], ranking: Ranking, console: Console) -> None:
+def print_comparison(series: Sequence[FittedSeries], ranking: Ranking, console: Console) -> None:
     """Show parameters of each series, the ranking over all, and what it means."""
     for one in series:
         console.print(f"[bold]{one.data.name}[/bold] ({one.data.valve.id})", highlight=False)
-        for judged in one.judged:
-            text = f"  {judged.name.replace('_', ' ')}: {', '.join(parameter_lines(judged))}"
+        for validated in one.validated:
+            text = f"  {validated.name.replace('_', ' ')}: {', '.join(parameter_lines(validated))}"
             console.print(text, markup=False, highlight=False, soft_wrap=True)
         _print(series_rows(one), console)
     console.print(LEGEND, markup=False, highlight=False, soft_wrap=True)

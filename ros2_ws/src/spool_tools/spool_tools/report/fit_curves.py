@@ -1,4 +1,4 @@
-"""What the pictures of a fit show, as arrays: waveforms, friction over velocity, spectra."""
+"""Curves that the pictures of a fit show, as arrays: waveforms, friction over velocity, spectra."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy import signal
 from spool_identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, Fit
 from spool_identification.free_run import FreeRun, Response
 from spool_identification.record import Record
-from spool_identification.zero_phase import ZeroPhase, relative_motion
+from spool_identification.signals.zero_phase import ZeroPhase, relative_motion
 from spool_sim.valve.description import Valve
 
 Array = NDArray[np.float64]
@@ -24,12 +24,12 @@ LOW_CUT = 3.0
 PAPER_FREQUENCY = 60.0
 #: Periods shown of a waveform, and s over which a frequency is looked for.
 PERIODS, LOOK = 4.0, 0.5
-#: Share of the body's power around a frequency that makes a stretch one of that frequency.
+#: Share of the body's power around a frequency that makes an excerpt one of that frequency.
 ONE_FREQUENCY = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Stretch:
+class Excerpt:
     """Samples worth looking at.
 
     Attributes:
@@ -47,7 +47,7 @@ class Stretch:
 
 
 @dataclass(frozen=True, slots=True)
-class Friction:
+class FrictionCurve:
     """What of the balance of forces is neither inertia nor spring, over the relative velocity.
 
     Measured: - m a_spool - k z with the fitted k, from both accelerations without phase; the law passed the
@@ -76,13 +76,13 @@ class Overlay:
     run: FreeRun
     responses: tuple[Response, ...]
 
-    def measured(self, stretch: Stretch) -> Array:
+    def measured(self, excerpt: Excerpt) -> Array:
         """Return the accelerometer's reading, shape (n,)."""
-        return self.run.windows[stretch.window].measured[stretch.first : stretch.stop]
+        return self.run.windows[excerpt.window].measured[excerpt.first : excerpt.stop]
 
-    def simulated(self, stretch: Stretch) -> Array:
+    def simulated(self, excerpt: Excerpt) -> Array:
         """Return the free run, shape (n,)."""
-        return np.asarray(self.responses[stretch.window].acceleration[0, stretch.first : stretch.stop])
+        return np.asarray(self.responses[excerpt.window].acceleration[0, excerpt.first : excerpt.stop])
 
 
 def overlay(records: Sequence[Record], fit: Fit, valve: Valve, *, window: float = 4.0) -> Overlay:
@@ -97,8 +97,8 @@ def overlay(records: Sequence[Record], fit: Fit, valve: Valve, *, window: float 
     return Overlay(run, tuple(run.responses(run.sets(fit.values), np.array([gain]), np.array([delay]))))
 
 
-def stretches(run: FreeRun) -> list[Stretch]:
-    """Return the stretch with the largest motion, and one at 60 Hz or else at the record's main frequency."""
+def excerpts(run: FreeRun) -> list[Excerpt]:
+    """Return the excerpt with the largest motion, and one at 60 Hz or else at the record's main frequency."""
     largest = _largest_motion(run)
     frequency, window, centre = _near(run, PAPER_FREQUENCY)
     if frequency is None:
@@ -117,7 +117,7 @@ def highest_frequency(run: FreeRun) -> float:
 
 def friction(
     records: Sequence[Record], fit: Fit, valve: Valve, *, bins: int = 41, points: int = 4000
-) -> Friction:
+) -> FrictionCurve:
     """Return measured and fitted friction over velocity.
 
     Raises:
@@ -149,8 +149,8 @@ def friction(
 def spectra(records: Sequence[Record]) -> tuple[Array, Array, float]:
     """Return frequency (Hz), power density of the spool's acceleration, (m/s^2)^2/Hz, and its noise floor.
 
-    The floor is the lower quartile of the upper half of the spectrum, taken as medians over time: what passes
-    a frequency now and then, as a sweep's harmonics do, is not noise. It is an upper bound.
+    The noise floor is the lower quartile of the upper half of the spectrum, taken as medians over time: what
+    passes a frequency now and then, as a sweep's harmonics do, is not noise. It is an upper bound.
     """
     period = min(entry.sample_period for entry in records)
     rows = [entry.spool for entry in records if entry.sample_period == period]
@@ -174,7 +174,7 @@ def _density(
     return np.asarray(found[0][0]), np.asarray(np.average([d for _, d in found], axis=0, weights=weights))
 
 
-def _binned(velocity: Array, force: Array, law: Array, bins: int, points: int) -> Friction:
+def _binned(velocity: Array, force: Array, law: Array, bins: int, points: int) -> FrictionCurve:
     reach = float(np.quantile(np.abs(velocity), 0.998))
     # Finer where friction changes: around reversal.
     edges = reach * np.sinh(np.linspace(-3.0, 3.0, bins + 1)) / np.sinh(3.0)
@@ -188,10 +188,10 @@ def _binned(velocity: Array, force: Array, law: Array, bins: int, points: int) -
             rows.append((centre, middle, low, high, float(np.median(law[own]))))
     table = np.array(rows).reshape(-1, 5)
     chosen = np.random.default_rng(0).permutation(velocity.size)[:points]
-    return Friction(velocity[chosen], force[chosen], *table.T)
+    return FrictionCurve(velocity[chosen], force[chosen], *table.T)
 
 
-def _largest_motion(run: FreeRun) -> Stretch:
+def _largest_motion(run: FreeRun) -> Excerpt:
     best = (-1.0, 0, 0)
     for number, entry in enumerate(run.records):
         motion = relative_motion(entry.body, entry.spool, ZeroPhase(entry.sample_period, LOW_CUT))
@@ -208,14 +208,14 @@ def _largest_motion(run: FreeRun) -> Stretch:
     return _around(run, title, window_number, centre, frequency)
 
 
-def _around(run: FreeRun, title: str, number: int, centre: int, frequency: float) -> Stretch:
+def _around(run: FreeRun, title: str, number: int, centre: int, frequency: float) -> Excerpt:
     window = run.windows[number]
     entry = run.records[window.record]
     length = min(window.measured.size, max(16, round(PERIODS / frequency / entry.sample_period)))
     first = min(max(0, centre - length // 2), window.measured.size - length)
     origin = entry.start if entry.origin is None else entry.origin
     start = (entry.start - origin) * 1e-9 + (window.start + first) * entry.sample_period
-    return Stretch(title, number, first, first + length, start)
+    return Excerpt(title, number, first, first + length, start)
 
 
 def _pieces(run: FreeRun) -> list[tuple[int, int, Array, Array]]:

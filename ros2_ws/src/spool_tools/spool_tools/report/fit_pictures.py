@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from spool_identification.fit_result import Agreement
 
-from .fit_curves import Friction, Overlay, Stretch
+from .fit_curves import Excerpt, FrictionCurve, Overlay
 
 Array = NDArray[np.float64]
 
@@ -38,26 +38,26 @@ def styles(names: Sequence[str]) -> dict[str, tuple[str, object, str]]:
     return dict(zip(names, islice(cycle(STYLES), len(names)), strict=True))
 
 
-def waveform_figure(overlays: Mapping[str, Overlay], stretches: Sequence[Stretch]) -> Figure:
+def waveform_figure(overlays: Mapping[str, Overlay], excerpts: Sequence[Excerpt]) -> Figure:
     """Return the spool's acceleration, measured and simulated, above what is left over; a column each."""
     looks = styles(list(overlays))
     figure: Figure
     figure, axes = plt.subplots(
-        2, len(stretches), figsize=(WIDTH, 5.8), layout="constrained", sharex="col", squeeze=False,
+        2, len(excerpts), figsize=(WIDTH, 5.8), layout="constrained", sharex="col", squeeze=False,
         height_ratios=(3, 2),
     )  # fmt: skip
-    for column, stretch in enumerate(stretches):
+    for column, excerpt in enumerate(excerpts):
         upper, lower = axes[0, column], axes[1, column]
         for number, (name, shown) in enumerate(overlays.items()):
             colour, dash, _ = looks[name]
-            period = shown.run.records[shown.run.windows[stretch.window].record].sample_period
-            time = 1e3 * period * np.arange(stretch.stop - stretch.first)
-            measured, simulated = shown.measured(stretch), shown.simulated(stretch)
+            period = shown.run.records[shown.run.windows[excerpt.window].record].sample_period
+            time = 1e3 * period * np.arange(excerpt.stop - excerpt.first)
+            measured, simulated = shown.measured(excerpt), shown.simulated(excerpt)
             if number == 0:
                 upper.plot(time, measured, color=MEASURED, lw=3.5, alpha=0.7, label="measured")
             upper.plot(time, simulated, color=colour, ls=dash, lw=1.2, label=_said(name))
             lower.plot(time, simulated - measured, color=colour, ls=dash, lw=1.0)
-        upper.set_title(f"{stretch.title}, from {stretch.start:.2f} s", fontsize=10)
+        upper.set_title(f"{excerpt.title}, from {excerpt.start:.2f} s", fontsize=10)
         _label(upper, "", "spool acceleration, m/s²" if column == 0 else "")
         _label(lower, "time, ms", "model − measured, m/s²" if column == 0 else "")
     handles, names = axes[0, 0].get_legend_handles_labels()
@@ -88,7 +88,7 @@ def ratio_figure(agreements: Mapping[str, Agreement], highest: float) -> Figure:
     return figure
 
 
-def friction_figure(laws: Mapping[str, Friction]) -> Figure:
+def friction_figure(laws: Mapping[str, FrictionCurve]) -> Figure:
     """Return measured and fitted friction over velocity, one panel a model, all of one scale."""
     looks = styles(list(laws))
     columns = 2 if len(laws) in (2, 4) else min(3, len(laws))

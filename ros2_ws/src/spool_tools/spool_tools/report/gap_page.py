@@ -22,9 +22,9 @@ SURFACE = (
     "Mean force that the model lacks over displacement and velocity. Where left and right differ, a spring "
     "is missing; where top and bottom differ, friction; grey: the record was not there."
 )
-RANKING = "Every hypothesis, fitted together with the base and judged on data that no fit has seen."
+RANKING = "Every hypothesis, fitted together with the base and validated on data that no fit has seen."
 WAVEFORM = "The held-out stretch in which the base model was worst: measured, before, after."
-SPECTRUM = "What is left over by frequency, before and after, beside the measured signal and the noise."
+SPECTRUM = "What is left over by frequency, before and after, with the measured signal and the noise."
 
 
 def gap_page(result: GapResult, sources: Sequence[tuple[str, str]] = ()) -> str:
@@ -68,10 +68,10 @@ def gap_page(result: GapResult, sources: Sequence[tuple[str, str]] = ()) -> str:
         sections += [
             html.heading("Hypotheses"),
             html.drawing(pictures.ranking_figure(result), RANKING, _ranking_seen(result)),
-            html.table(["hypothesis", "beside", "error, %", "evidence", "verdict"], _ranking(result)),
+            html.table(["hypothesis", "jointly with", "error, %", "evidence", "verdict"], _ranking(result)),
             html.paragraph(
-                "Evidence: twice the logarithm of the likelihood ratio on held-out data, less the price of "
-                "the hypothesis's numbers."
+                "Evidence: twice the logarithm of the likelihood ratio on held-out data, less the BIC "
+                "penalty of the hypothesis's numbers."
             ),
         ]
     sections += [
@@ -162,7 +162,7 @@ def _ranking(result: GapResult) -> list[dict[str, object]]:
     return [
         {
             "hypothesis": row.id.replace("_", " "),
-            "beside": ", ".join(name.replace("_", " ") for name in row.beside) or "the base",
+            "jointly with": ", ".join(name.replace("_", " ") for name in row.beside) or "the base",
             "error, %": 100.0 * row.nrmse_after,
             "evidence": f"{row.evidence:.0f}",
             "verdict": "accepted" if row.accepted else row.reason or "another one is better",

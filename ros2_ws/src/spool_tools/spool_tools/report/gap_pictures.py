@@ -91,7 +91,7 @@ def surface_figure(before: Surface, after: Surface) -> Figure:
 
 
 def ranking_figure(result: GapResult) -> Figure:
-    """Return the error that each hypothesis leaves, by what it was tried beside."""
+    """Return the error that each hypothesis leaves, by what it was tried jointly with."""
     rows = [row for row in result.ranking if np.isfinite(row.nrmse_after)][:SHOWN][::-1]
     top = 1.3 * max(result.before.nrmse, 1e-6)
     figure: Figure
@@ -112,8 +112,8 @@ def ranking_figure(result: GapResult) -> Figure:
 
 
 def _hypothesis(row: Hypothesis) -> str:
-    beside = f"  (beside {', '.join(_said(name) for name in row.beside)})" if row.beside else ""
-    return _said(row.id) + beside
+    joint = f"  (jointly with {', '.join(_said(name) for name in row.beside)})" if row.beside else ""
+    return _said(row.id) + joint
 
 
 def waveform_figure(curves: Curves) -> Figure:

@@ -1,4 +1,4 @@
-"""Which model the data prefer, by how much, and which they cannot tell apart.
+"""Ranking of models: which one the data prefer, by how much, and which they cannot distinguish.
 
 Models are compared where sampling lets them be: a jump of dry friction between two samples, behind the
 anti-aliasing filter of a data logger, rings for a few samples, and a model with a smaller jump than the truth
@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from spool_identification.record import Record
 from spool_stream.errors import InputError
 
-from spool_tools.input.fit_data import Data
+from spool_tools.input.fit_data import FitData
 
 from .fit_curves import Overlay, overlay, sensor_noise
-from .fit_results import Judged
+from .validated_fit import ValidatedFit
 
 Array = NDArray[np.float64]
 
@@ -35,15 +35,15 @@ UNEXPLAINED = 3.0
 
 
 @dataclass(frozen=True, slots=True)
-class Series:
+class FittedSeries:
     """One set of data and every model fitted to it."""
 
-    data: Data
-    judged: tuple[Judged, ...]
+    data: FitData
+    validated: tuple[ValidatedFit, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Error:
+class ResidualSum:
     """What a model leaves over away from jumps: squared sum (m^2/s^4) and number of samples."""
 
     squares: float
@@ -100,15 +100,15 @@ class Ranking:
     sentences: tuple[str, ...]
 
 
-def rank(series: Sequence[Series]) -> Ranking:
+def rank(series: Sequence[FittedSeries]) -> Ranking:
     """Return the ranking of models, each fitted to every one of ``series``."""
     trained = [_errors(one, one.data.fitted) for one in series]
     unseen = [_errors(one, one.data.held_out) for one in series]
     held = all(any(error is not None and error.samples for error in errors) for errors in unseen)
-    judged = unseen if held else trained
+    counted = unseen if held else trained
     found = []
-    for place, first in enumerate(series[0].judged):
-        own = [one.judged[place] for one in series]
+    for place, first in enumerate(series[0].validated):
+        own = [one.validated[place] for one in series]
         reason = next((entry.fit.reason for entry in own if entry.fit.reason is not None), None)
         agreements = [entry.fit.agreement for entry in own]
         found.append(
@@ -116,7 +116,7 @@ def rank(series: Sequence[Series]) -> Ranking:
                 first.name,
                 len(first.fit.parameters),
                 sum(entry.fit.information_criterion for entry in own),
-                _together([errors[place] for errors in judged]),
+                _together([errors[place] for errors in counted]),
                 math.nan,
                 _mean([math.nan if entry is None else entry.objective for entry in agreements]),
                 _mean([math.nan if entry is None else entry.amplitude_ratio for entry in agreements]),
@@ -127,10 +127,10 @@ def rank(series: Sequence[Series]) -> Ranking:
         )
     noise = max((sensor_noise(one.data.fitted) for one in series), default=math.nan)
     unsure = {
-        judged.name
+        validated.name
         for one in series
-        for judged in one.judged
-        if judged.fit.reason is None and not judged.fit.converged
+        for validated in one.validated
+        if validated.fit.reason is None and not validated.fit.converged
     }
     return ordered(found, noise, unsure)
 
@@ -176,7 +176,7 @@ def _sentences(
     larger = [entry for entry in equal[1:] if entry.parameters > best.parameters]
     if twins:
         said.append(
-            f"{_names([best, *twins])} cannot be told apart on these data: the same number of parameters, "
+            f"{_names([best, *twins])} cannot be distinguished on these data: the same number of parameters, "
             f"and errors within {100.0 * WORTH:g} %."
         )
     elif worse:
@@ -200,7 +200,7 @@ def _sentences(
         cut = 1.0 - certain.error / best.error
         said.append(
             f"By the information criterion alone {_said(certain)} would be ahead by "
-            f"{best.criterion - certain.criterion:.0f}: what it adds is there, or mends a fault of sampling, "
+            f"{best.criterion - certain.criterion:.0f}: what it adds is there, or makes up for sampling, "
             + (
                 f"but cuts the error by only {100.0 * cut:.1f} %."
                 if cut > 0.0
@@ -236,31 +236,31 @@ def _mean(values: Sequence[float]) -> float:
     return sum(values) / len(values)
 
 
-def _together(errors: Sequence[Error | None]) -> float:
+def _together(errors: Sequence[ResidualSum | None]) -> float:
     if any(error is None for error in errors):
         return math.nan
-    return Error(
+    return ResidualSum(
         sum(error.squares for error in errors if error), sum(error.samples for error in errors if error)
     ).rms
 
 
-def _runs(series: Series, records: Sequence[Record]) -> list[Overlay | None]:
+def _runs(series: FittedSeries, records: Sequence[Record]) -> list[Overlay | None]:
     runs: list[Overlay | None] = []
-    for judged in series.judged:
+    for validated in series.validated:
         try:
-            usable = judged.fit.reason is None
-            runs.append(overlay(records, judged.fit, series.data.valve) if usable and records else None)
+            usable = validated.fit.reason is None
+            runs.append(overlay(records, validated.fit, series.data.valve) if usable and records else None)
         except InputError:  # too short for the model's run-in
             runs.append(None)
     return runs
 
 
-def _errors(series: Series, records: Sequence[Record]) -> list[Error | None]:
+def _errors(series: FittedSeries, records: Sequence[Record]) -> list[ResidualSum | None]:
     """Return what each model leaves over in ``records``, away from the jumps of the one that leaves least."""
     runs = _runs(series, records)
     kept = away_from_jumps(runs)
     return [
-        None if run is None else Error(
+        None if run is None else ResidualSum(
             float(sum(np.sum(row[keep] ** 2) for row, keep in zip(residuals(run), kept, strict=True))),
             int(sum(np.count_nonzero(keep) for keep in kept)),
         )
