@@ -168,7 +168,7 @@ def test_direction_of_sliding_is_a_band_passed_square_wave() -> None:
     assert abs(np.angle(direction / velocity)) < 1e-3
 
 
-def test_nothing_drifts_in_an_hour_of_samples_with_gravity_in_one_channel() -> None:
+def test_nothing_drifts_in_ten_minutes_of_samples_with_gravity_in_one_channel() -> None:
     rate, frequency = 1000.0, 20.0
     conditioning = Conditioning(1.0 / rate, 4.0, 300.0)
     cycle = 10.0 * np.sin(2 * math.pi * frequency * np.arange(50) / rate)
@@ -176,11 +176,11 @@ def test_nothing_drifts_in_an_hour_of_samples_with_gravity_in_one_channel() -> N
     spool, body = (minute + 9.81).astype(np.float32), np.zeros(minute.size, dtype=np.float32)
     rows = np.empty((minute.size, COLUMNS))
     peaks = []
-    for _ in range(60):
+    for _ in range(10):
         conditioning.take(body, spool, rows)
         assert np.isfinite(rows).all()
         tail = rows[-50:, DISPLACEMENT]
         peaks.append((tail.max(), tail.min()))
     assert peaks[0][0] == pytest.approx(10.0 / (2 * math.pi * frequency) ** 2, rel=0.2)
-    np.testing.assert_allclose(peaks, [peaks[0]] * 60, rtol=1e-8)
+    np.testing.assert_allclose(peaks, [peaks[0]] * 10, rtol=1e-8)
     assert abs(np.mean(rows[-50:, DISPLACEMENT])) < 1e-9 * peaks[0][0] * 100

@@ -5,8 +5,9 @@ import pytest
 from numpy.typing import NDArray
 from spool_estimator.motion.friction_motion import MOTION_STATES, advance_sample, spread_jump
 from spool_sim.excitation.presets import PRESETS
-from spool_sim.integration.composed_motion import MotionState
-from spool_sim.integration.motion import advance, half_step_times
+from spool_sim.integration.composed_motion import ComposedMotion, MotionState
+from spool_sim.integration.step_size import half_step_times
+from spool_sim.model import load_model
 
 Array = NDArray[np.float64]
 MASS, RATE = 0.18, 2000.0
@@ -29,15 +30,19 @@ def run(parameters: Array, drive: str = "multisine", seconds: float = 1.0, piece
 @pytest.mark.parametrize("drive", ["multisine", "sweep"])
 def test_moves_as_the_simulator_does(drive: str, coulomb_force: float) -> None:
     substeps, samples = 4, round(RATE)
-    expected, _ = advance(
+    simulated = ComposedMotion(load_model("coulomb").terms)
+    values = {
+        "mass": MASS,
+        "viscous_coefficient": 4.0,
+        "spring_stiffness": 1632.0,
+        "coulomb_force": coulomb_force,
+    }
+    expected, _ = simulated.advance(
         MotionState(),
         PRESETS[drive].acceleration(half_step_times(0, samples, RATE, substeps)),
+        simulated.table(values, samples),
         sample_period=1.0 / RATE,
         substeps=substeps,
-        mass=MASS,
-        viscous_coefficient=4.0,
-        spring_stiffness=1632.0,
-        coulomb_force=coulomb_force,
     )
     states = run(np.array([1632.0, 4.0, coulomb_force]), drive)
     for column, motion in ((0, expected.displacement), (1, expected.velocity)):

@@ -158,7 +158,7 @@ def test_minutes_at_rest_neither_wind_up_nor_freeze_the_covariance() -> None:
 
 
 def test_two_standard_deviations_cover_the_truth() -> None:
-    """A small sample of the study in docs/methods/estimation.md: springs, oils, friction, drives, noise, rates."""
+    """A small sample of the study in docs/methods/estimation.md."""
     generator = np.random.default_rng(2024)
     distances = []
     for number in range(16):
@@ -200,10 +200,9 @@ def turned(body: Array, spool: Array) -> tuple[Array, Array]:
 
 
 @pytest.mark.parametrize("fault", [exchanged, dead_spool, dead_body, turned])
-@pytest.mark.parametrize("seed", [1, 2])
-def test_broken_channels_stop_nothing_and_are_forgotten(fault: Broken, seed: int) -> None:
+def test_broken_channels_stop_nothing_and_are_forgotten(fault: Broken) -> None:
     """No passive valve makes such channels: a model of them may run away."""
-    source = simulator("multisine", noise=0.05, rate=1000.0, seed=seed)
+    source = simulator("multisine", noise=0.05, rate=1000.0, seed=1)
     estimator = Estimator(settings_for(source.valve))
     assert follow(source, 15.0, estimator)[-1].state is State.TRACKING
     for block in source.records(25.0):
