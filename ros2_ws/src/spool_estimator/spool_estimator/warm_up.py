@@ -6,8 +6,8 @@ Run as ``python -m spool_estimator.warm_up``.
 from __future__ import annotations
 
 import numpy as np
-from spool_sim.integration import motion
-from spool_sim.integration.motion import MotionState, advance
+from spool_sim.integration.composed_motion import ComposedMotion
+from spool_sim.model import load_model
 from spool_stream.kernels.standing import StandingWatch
 
 from spool_estimator.motion.prediction import Prediction
@@ -18,18 +18,8 @@ from spool_estimator.recursion.window import ChunkWindow
 
 
 def warm_up() -> None:
-    """Run every kernel of simulator and estimator once, with and without dry friction."""
-    motion.warm_up()
-    advance(
-        MotionState(),
-        np.asarray(np.arange(9.0), dtype=np.float64),
-        sample_period=1e-3,
-        substeps=1,
-        mass=0.18,
-        viscous_coefficient=4.0,
-        spring_stiffness=1632.0,
-        coulomb_force=0.1,
-    )
+    """Run every kernel of simulator and estimator once."""
+    ComposedMotion(load_model("coulomb").terms).warm_up()
     warm_up_estimator()
 
 

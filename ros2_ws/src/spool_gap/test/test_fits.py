@@ -16,7 +16,7 @@ from spool_gap.simulation.switchable import SwitchableMotion
 from spool_identification.record import records_from_blocks
 from spool_sim.excitation.kinds import SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
-from spool_sim.integration.motion import half_step_times
+from spool_sim.integration.step_size import half_step_times
 from spool_sim.model import MODELS, model_from_mapping
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator

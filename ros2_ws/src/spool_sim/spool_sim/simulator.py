@@ -14,8 +14,7 @@ from spool_stream.errors import InputError
 
 from spool_sim.excitation.kinds import Excitation
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
-from spool_sim.integration.motion import half_step_times
-from spool_sim.integration.step_size import checked_substeps, substeps_for
+from spool_sim.integration.step_size import checked_substeps, half_step_times, substeps_for
 from spool_sim.valve.description import Valve
 from spool_sim.valve.oil_table import OilTable
 

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-import time
 from typing import Any
 
 import numpy as np
@@ -9,8 +8,7 @@ import pytest
 from scipy.optimize import brentq
 from spool_sim.excitation.kinds import SteadySine, SweptSine
 from spool_sim.integration.composed_motion import Array, ComposedMotion, MotionState, Trajectory
-from spool_sim.integration.motion import half_step_times
-from spool_sim.integration.step_size import substeps_for
+from spool_sim.integration.step_size import half_step_times, substeps_for
 from spool_sim.model import MODELS, model_from_mapping
 from spool_sim.valve.description import Valve
 
@@ -210,9 +208,9 @@ def test_convergence_order(name: str, values: dict[str, float], least_order: flo
 
 @pytest.mark.parametrize("stiffness", [1632.0, 5846.0])
 @pytest.mark.parametrize("force", [0.5, 1.2])
-@pytest.mark.parametrize(("name", "times_real_time"), [("coulomb", 1500.0), ("mixed", 500.0)])
-def test_a_reference_at_half_a_microsecond(
-    name: str, times_real_time: float, stiffness: float, force: float, valve: Valve
+@pytest.mark.parametrize("name", ["coulomb", "mixed"])
+def test_two_steps_a_sample_agree_with_half_a_microsecond(
+    name: str, stiffness: float, force: float, valve: Valve
 ) -> None:
     values: dict[str, Any] = {"spring_stiffness": stiffness, "viscous_coefficient": 2.65}
     if name == "coulomb":
@@ -220,15 +218,6 @@ def test_a_reference_at_half_a_microsecond(
     else:  # the same force at rest
         values |= {"mixed_inverse_coefficient": force * 0.01 / 1.687, "normal_load": 1.687}
     model = MODELS[name]
-    substeps = substeps_for(model.terms, model.values_for(valve, values), 5e-4, 110.0)
-    reference = sweep(name, valve, 1000, 10.0, **values)
-    assert relative_rms(sweep(name, valve, substeps, 10.0, **values), reference) < 1e-3
-    motion = ComposedMotion(model.terms)
-    table = motion.table(model.values_for(valve, values), 1)
-    forcing = SWEEP.acceleration(half_step_times(0, 20_000, 2000.0, substeps))
-    best = math.inf
-    for _ in range(20):
-        begin = time.perf_counter()
-        motion.advance(MotionState(), forcing, table, sample_period=5e-4, substeps=substeps)
-        best = min(best, time.perf_counter() - begin)
-    assert 10.0 / best >= times_real_time
+    assert substeps_for(model.terms, model.values_for(valve, values), 5e-4, 110.0) == 2
+    reference = sweep(name, valve, 1000, 3.0, **values)  # through both resonances
+    assert relative_rms(sweep(name, valve, 2, 3.0, **values), reference) < 1e-3

@@ -14,9 +14,14 @@ from hypothesis import strategies as st
 from spool_sim.excitation.kinds import SteadySine, SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState, Trajectory
 from spool_sim.integration.composition import kernel_of, laws_source
-from spool_sim.integration.energy import composed_energy
-from spool_sim.integration.motion import half_step_times
-from spool_sim.integration.step_size import checked_substeps, halving_error, slopes, substeps_for
+from spool_sim.integration.energy import energy_balance
+from spool_sim.integration.step_size import (
+    checked_substeps,
+    half_step_times,
+    halving_error,
+    slopes,
+    substeps_for,
+)
 from spool_sim.model import MODELS, model_from_mapping
 from spool_sim.simulator import Simulator
 from spool_sim.terms import TERMS, term
@@ -124,7 +129,7 @@ def test_energy_of_any_composition(name: str, valve: Valve) -> None:
     trajectory, _ = motion.advance(
         MotionState(), forcing, motion.table(values, 1), sample_period=1.0 / rate, substeps=1
     )
-    energy = composed_energy(motion, values, trajectory, forcing[:-1:2], sample_period=1.0 / rate)
+    energy = energy_balance(motion, values, trajectory, forcing[:-1:2], sample_period=1.0 / rate)
     turned_over = abs(energy.supplied) + sum(abs(work) for work in energy.taken.values())
     assert energy.supplied > 0.0
     assert abs(energy.residual) < 1e-4 * turned_over
@@ -147,7 +152,7 @@ def test_everything_at_once_converges_and_keeps_its_energy() -> None:
         MotionState(), forcing, motion.table(values, 1), sample_period=1.0 / rate, substeps=1
     )
     assert 0.0 < trajectory.stuck.mean() < 0.5
-    energy = composed_energy(motion, values, trajectory, forcing[:-1:2], sample_period=1.0 / rate)
+    energy = energy_balance(motion, values, trajectory, forcing[:-1:2], sample_period=1.0 / rate)
     assert abs(energy.residual) < 1e-4 * energy.supplied
 
 
@@ -189,7 +194,7 @@ def test_no_parameters_make_energy_appear(
     assert np.isfinite(trajectory.acceleration).all()
     assert not trajectory.velocity[trajectory.stuck].any()
     body = forcing[: -1 : 2 * substeps]
-    energy = composed_energy(motion, values, trajectory, body, sample_period=1.0 / rate)
+    energy = energy_balance(motion, values, trajectory, body, sample_period=1.0 / rate)
     turned_over = abs(energy.supplied) + sum(abs(work) for work in energy.taken.values())
     assert abs(energy.residual) <= 0.01 * turned_over + 1e-12
 

@@ -45,11 +45,14 @@ def test_without_numba_the_kernel_gives_the_same_and_says_what_it_costs() -> Non
 import numpy as np
 from spool_stream.kernels.compiled import COMPILED, notice
 from spool_sim.excitation.kinds import SteadySine
-from spool_sim.integration.motion import MotionState, advance, half_step_times
+from spool_sim.integration.composed_motion import ComposedMotion, MotionState
+from spool_sim.integration.step_size import half_step_times
+from spool_sim.model import load_model
 t = half_step_times(0, 300, 2000.0, 2)
 body = SteadySine(frequency=20.0, amplitude=12.0, soft_start=0.0).acceleration(t)
-z, end = advance(MotionState(), body, sample_period=5e-4, substeps=2, mass=0.18,
-                 viscous_coefficient=2.65, spring_stiffness=1632.0, coulomb_force=0.5)
+motion = ComposedMotion(load_model("coulomb").terms)
+values = dict(mass=0.18, viscous_coefficient=2.65, spring_stiffness=1632.0, coulomb_force=0.5)
+z, end = motion.advance(MotionState(), body, motion.table(values, 300), sample_period=5e-4, substeps=2)
 print(COMPILED, notice() is None, *[float(x).hex() for x in z.acceleration])
 """
     compiled = run(code).split()

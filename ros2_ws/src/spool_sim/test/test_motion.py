@@ -9,30 +9,24 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_sim.excitation.kinds import SteadySine, SweptSine
+from spool_sim.integration.composed_motion import Array, ComposedMotion, MotionState, Trajectory
 from spool_sim.integration.energy import energy_balance
-from spool_sim.integration.motion import (
-    Array,
-    MotionState,
-    Trajectory,
-    advance,
-    half_step_times,
-    half_step_values,
-    step_error,
-    substeps_needed,
-)
+from spool_sim.integration.step_size import half_step_times, halving_error, substeps_needed
+from spool_sim.model import load_model
 from spool_stream.errors import InputError
 
+MOTION = ComposedMotion(load_model("coulomb").terms)
 MASS = 0.18
 SOFT: dict[str, Any] = {"mass": MASS, "viscous_coefficient": 2.65, "spring_stiffness": 1632.0}
+FREE = {**SOFT, "coulomb_force": 0.0}
 SWEEP = SweptSine(start_frequency=8.0, stop_frequency=110.0, duration=3.0, amplitude=10.0, soft_start=0.0)
 
 
 def run(
     forcing: Array, substeps: int, rate: float, state: MotionState | None = None, **force: Any
 ) -> tuple[Trajectory, MotionState]:
-    return advance(
-        state or MotionState(), forcing, sample_period=1.0 / rate, substeps=substeps, **{**SOFT, **force}
-    )
+    table = MOTION.table({**FREE, **force}, max(1, (forcing.size - 1) // (2 * substeps)))
+    return MOTION.advance(state or MotionState(), forcing, table, sample_period=1.0 / rate, substeps=substeps)
 
 
 def sweep(substeps: int, seconds: float = 3.0, rate: float = 2000.0, **force: Any) -> Trajectory:
@@ -130,7 +124,7 @@ def test_spool_sticks_exactly_while_the_force_stays_within_the_bound() -> None:
     assert loose.displacement.any()
 
 
-def test_sticking_and_slipping_are_told_apart_at_every_sample() -> None:
+def test_sticking_and_slipping_are_distinguished_at_every_sample() -> None:
     rate, substeps, coulomb_force = 2000.0, 2, 1.2
     forcing = SWEEP.acceleration(half_step_times(0, 6000, rate, substeps))
     trajectory, _ = run(forcing, substeps, rate, coulomb_force=coulomb_force)
@@ -155,12 +149,11 @@ def test_energy_supplied_is_stored_or_dissipated(coulomb_force: float) -> None:
     rate = 50_000.0
     forcing = SWEEP.acceleration(half_step_times(0, round(3.0 * rate), rate, 1))
     trajectory, _ = run(forcing, 1, rate, coulomb_force=coulomb_force)
-    balance = energy_balance(
-        trajectory, forcing[:-1:2], sample_period=1.0 / rate, coulomb_force=coulomb_force, **SOFT
-    )
+    values = {**SOFT, "coulomb_force": coulomb_force}
+    balance = energy_balance(MOTION, values, trajectory, forcing[:-1:2], sample_period=1.0 / rate)
     assert balance.supplied > 0.0
-    assert balance.viscous > 0.0
-    assert (balance.coulomb > 0.0) == (coulomb_force > 0.0)
+    assert balance.taken["viscous_friction"] > 0.0
+    assert (balance.taken["coulomb_friction"] > 0.0) == (coulomb_force > 0.0)
     assert abs(balance.residual) < 1e-5 * balance.supplied
 
 
@@ -178,8 +171,9 @@ def test_error_falls_with_the_fourth_power_of_the_step(coulomb_force: float) -> 
 
 def test_step_error_tells_what_the_chosen_step_costs() -> None:
     substeps = substeps_needed(1.0 / 2000.0, **SOFT, highest_frequency=110.0)
-    told = step_error(
-        SWEEP.acceleration, seconds=3.0, sample_rate=2000.0, substeps=substeps, coulomb_force=0.5, **SOFT
+    values = {**SOFT, "coulomb_force": 0.5}
+    told = halving_error(
+        MOTION, values, SWEEP.acceleration, seconds=3.0, sample_rate=2000.0, substeps=substeps
     )
     true = relative_rms(
         sweep(substeps, coulomb_force=0.5).displacement, sweep(64, coulomb_force=0.5).displacement
@@ -253,14 +247,10 @@ def test_motion_stays_finite_and_friction_never_supplies_energy(
     forcing = sine.acceleration(half_step_times(0, samples, rate, substeps))
     trajectory, _ = run(forcing, substeps, rate, coulomb_force=coulomb_force, **parameters)
     assert np.isfinite(trajectory.acceleration).all()
-    balance = energy_balance(
-        trajectory,
-        forcing[: -1 : 2 * substeps],
-        sample_period=1.0 / rate,
-        coulomb_force=coulomb_force,
-        **parameters,
-    )
-    turned_over = abs(balance.supplied) + abs(balance.stored) + balance.viscous + balance.coulomb
+    values = {**parameters, "coulomb_force": coulomb_force}
+    body = forcing[: -1 : 2 * substeps]
+    balance = energy_balance(MOTION, values, trajectory, body, sample_period=1.0 / rate)
+    turned_over = abs(balance.supplied) + abs(balance.stored) + balance.dissipated
     assert abs(balance.residual) <= 0.02 * turned_over + 1e-12
 
 
@@ -289,19 +279,6 @@ def test_several_events_within_one_long_step(
     assert coarse.velocity == pytest.approx(fine.velocity, rel=rough, abs=1e-9)
     assert coarse.displacement == pytest.approx(fine.displacement, rel=rough, abs=1e-9)
     assert fine.displacement != 0.0
-
-
-def test_sampled_forcing_is_interpolated_between_the_samples() -> None:
-    rate, substeps = 2000.0, 2
-    t = np.arange(400) / rate
-    sine = SteadySine(frequency=110.0, amplitude=1.0, soft_start=0.0)
-    values = half_step_values(sine.acceleration(t), substeps)
-    expected = sine.acceleration(half_step_times(0, t.size - 1, rate, substeps))
-    assert np.abs(values - expected)[20:-20].max() < 5e-5
-    np.testing.assert_allclose(values[:: 2 * substeps], sine.acceleration(t), atol=1e-14)
-    np.testing.assert_allclose(half_step_values(np.array([1.0, 3.0]), 1), [1.0, 2.0, 3.0])
-    with pytest.raises(ValueError, match="two samples"):
-        half_step_values(np.array([1.0]), 1)
 
 
 def test_wrong_lengths_and_too_stiff_parameters_are_refused() -> None:

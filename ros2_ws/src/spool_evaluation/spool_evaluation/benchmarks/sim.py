@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_sim.excitation.kinds import SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
-from spool_sim.integration.motion import half_step_times
+from spool_sim.integration.step_size import half_step_times
 from spool_sim.model import MODELS
 
 from spool_evaluation.results.timing import Timing, best_of

@@ -1,4 +1,4 @@
-"""Where the energy of a motion went: input = stored + dissipated."""
+"""Energy balance of a motion: supplied = stored + dissipated."""
 
 from __future__ import annotations
 
@@ -12,67 +12,13 @@ from .composed_motion import Array, ComposedMotion, Trajectory
 
 @dataclass(frozen=True, slots=True)
 class EnergyBalance:
-    """Energies in the frame of the body, J, from the first sample to the last.
-
-    Attributes:
-        supplied: work of the inertia force -m w''.
-        stored: gain of kinetic energy and of the spring's energy.
-        viscous: dissipated by viscous drag.
-        coulomb: dissipated by dry friction.
-    """
-
-    supplied: float
-    stored: float
-    viscous: float
-    coulomb: float
-
-    @property
-    def residual(self) -> float:
-        """What is missing: supplied - stored - dissipated, J."""
-        return self.supplied - self.stored - self.viscous - self.coulomb
-
-
-def energy_balance(
-    trajectory: Trajectory,
-    body_acceleration: Array,
-    *,
-    sample_period: float,
-    mass: float,
-    viscous_coefficient: float,
-    spring_stiffness: float,
-    coulomb_force: float = 0.0,
-) -> EnergyBalance:
-    """Return the energy balance of ``trajectory``, integrated by trapezia over its samples.
-
-    Args:
-        trajectory: n samples, dense enough for the trapezia.
-        body_acceleration: at the same samples, m/s^2, shape (n,).
-        sample_period: s.
-        mass, viscous_coefficient, spring_stiffness, coulomb_force: kg, N s/m, N/m, N; constant.
-    """
-    z, v = trajectory.displacement, trajectory.velocity
-    energy = 0.5 * mass * v**2 + 0.5 * spring_stiffness * z**2
-
-    def over_time(power: Array) -> float:
-        return float(sample_period * (power.sum() - 0.5 * (power[0] + power[-1])))
-
-    return EnergyBalance(
-        supplied=over_time(np.asarray(-mass * body_acceleration * v)),
-        stored=float(energy[-1] - energy[0]),
-        viscous=over_time(np.asarray(viscous_coefficient * v**2)),
-        coulomb=over_time(np.asarray(coulomb_force * np.abs(v))),
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class ComposedEnergy:
-    """Energies of any composition in the frame of the body, J, from the first sample to the last.
+    """Energy balance of any composition in the frame of the body, J, from the first sample to the last.
 
     Attributes:
         supplied: work of the inertia force -m w''.
         kinetic: gain of kinetic energy.
         taken: work that each term took from the motion, by name: stored where the term has a potential, lost
-            where it dissipates, below 0 where it drives.
+            where it dissipates, below 0 where it supplies.
         stored: kinetic energy and what terms with a potential took.
         dissipated: what all other terms took.
     """
@@ -89,7 +35,7 @@ class ComposedEnergy:
         return self.supplied - self.stored - self.dissipated
 
 
-def composed_energy(
+def energy_balance(
     motion: ComposedMotion,
     values: Mapping[str, float],
     trajectory: Trajectory,
@@ -97,7 +43,7 @@ def composed_energy(
     *,
     sample_period: float,
     first_sample: int = 0,
-) -> ComposedEnergy:
+) -> EnergyBalance:
     """Return where the energy of ``trajectory`` went, integrated by trapezia over its samples.
 
     Args:
@@ -126,7 +72,7 @@ def composed_energy(
         taken[entry.name] = work(force)
     kinetic = 0.5 * values["mass"] * float(v[-1] ** 2 - v[0] ** 2)
     conserved = sum(taken[entry.name] for entry in motion.terms if entry.conserves)
-    return ComposedEnergy(
+    return EnergyBalance(
         supplied=work(np.asarray(-values["mass"] * body_acceleration)),
         kinetic=kinetic,
         taken=taken,

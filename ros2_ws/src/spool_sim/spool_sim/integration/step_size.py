@@ -1,4 +1,4 @@
-"""Step size of any composition: chosen from its stiffest rate, checked by halving."""
+"""Step size for any composition of force terms: chosen from its stiffest rate, checked by halving."""
 
 from __future__ import annotations
 
@@ -7,12 +7,16 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 
 import numpy as np
+from spool_stream.errors import InputError
 
 from spool_sim.terms import Term
 
 from .composed_motion import Array, ComposedMotion, MotionState
-from .motion import MOST_SUBSTEPS, half_step_times, substeps_needed
 
+#: rad that motion or forcing may turn within one step: the README's table of errors holds for it.
+LARGEST_STEP_ANGLE = 0.25
+#: Steps per sample beyond which parameters are wrong rather than stiff: at 2 kHz time constants below 1 us.
+MOST_SUBSTEPS = 2000
 #: Range of motion (m, m/s) in which rates are looked for: the stroke of a valve this size, and its speed.
 LARGEST_DISPLACEMENT = 5e-3
 SPEEDS = tuple(1e-4 * 2.0**power for power in range(14))
@@ -62,6 +66,38 @@ def _slopes(entry: Term, given: tuple[float, ...], largest_displacement: float) 
     return stiffness, damping
 
 
+def substeps_needed(
+    sample_period: float,
+    *,
+    mass: float,
+    viscous_coefficient: float,
+    spring_stiffness: float,
+    highest_frequency: float = 0.0,
+) -> int:
+    """Return how many steps a sample needs: the fastest rate turns at most LARGEST_STEP_ANGLE in one.
+
+    Args:
+        sample_period: s.
+        mass: kg.
+        viscous_coefficient: N s/m.
+        spring_stiffness: N/m.
+        highest_frequency: of the body acceleration, Hz.
+
+    Raises:
+        InputError: the parameters are so stiff that more than MOST_SUBSTEPS would be needed.
+    """
+    fastest = max(
+        math.sqrt(spring_stiffness / mass), viscous_coefficient / mass, 2.0 * math.pi * highest_frequency
+    )
+    needed = max(1, math.ceil(fastest * sample_period / LARGEST_STEP_ANGLE))
+    if needed > MOST_SUBSTEPS:
+        raise InputError(
+            f"sample period {sample_period:g} s needs {needed} steps a sample for a time constant of "
+            f"{1.0 / fastest:g} s (at most {MOST_SUBSTEPS}); raise the rate or check mass, stiffness, damping"
+        )
+    return needed
+
+
 def substeps_for(
     terms: Sequence[Term], values: Mapping[str, float], sample_period: float, highest_frequency: float = 0.0
 ) -> int:
@@ -84,6 +120,16 @@ def substeps_for(
         spring_stiffness=sum(stiffness for stiffness, _ in steepest),
         highest_frequency=max(highest_frequency, values.get("force_frequency", 0.0)),
     )
+
+
+def half_step_times(first_sample: int, samples: int, sample_rate: float, substeps: int) -> Array:
+    """Return the times (s, from sample 0) at which ``ComposedMotion.advance`` wants the body acceleration.
+
+    Times come from whole numbers, so that neighbouring calls share their border bit for bit.
+    """
+    first = 2 * substeps * first_sample
+    index = np.arange(first, first + 2 * substeps * samples + 1, dtype=np.int64)
+    return index / (2.0 * substeps * sample_rate)
 
 
 def halving_error(
