@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
@@ -202,28 +204,38 @@ def test_a_chunk_that_is_called_something_else_is_told_and_read(bag: Path, tmp_p
     )
 
 
-@pytest.mark.parametrize("seed", range(150))
-def test_any_corruption_gives_the_data_or_one_plain_error(bag: Path, seed: int, block: MakeBlock) -> None:
-    generator = random.Random(seed)
-    file = bag / "whole_0.mcap"
-    content = bytearray(file.read_bytes())
-    for _ in range(generator.randint(1, 4)):
-        at = generator.randrange(len(content))
-        if generator.random() < 0.2:
-            del content[at : at + generator.randint(1, 3000)]
-        else:
-            content[at] = generator.randrange(256)
-    file.write_bytes(content)
-    try:
-        blocks = list(BagReader(bag).blocks("valve_1"))
-    except InputError as error:
-        assert str(bag) in str(error)  # noqa: PT017  # either outcome is right, anything else is not
-        assert "\n" not in str(error)  # noqa: PT017
-        return
-    for item in blocks:
-        np.testing.assert_array_equal(item.body, block(item.sequence).body)
-    whole = [item.sequence for item in blocks] == list(range(200))
-    assert whole or not BagReader(bag).closed
+#: Place as a share of the file, and what happens there: a byte becomes another, or so many are gone.
+EDIT = st.tuples(
+    st.floats(0.0, 1.0, exclude_max=True), st.binary(min_size=1, max_size=1) | st.integers(1, 3000)
+)
+
+
+@pytest.mark.parametrize("examples", [25, pytest.param(1000, marks=pytest.mark.slow)])
+def test_any_corruption_gives_the_data_or_one_plain_error(bag: Path, examples: int, block: MakeBlock) -> None:
+    sound = (bag / "whole_0.mcap").read_bytes()
+
+    @settings(max_examples=examples)
+    @given(st.lists(EDIT, min_size=1, max_size=4))
+    def check(edits: list[tuple[float, bytes | int]]) -> None:
+        content = bytearray(sound)
+        for share, change in edits:
+            at = int(share * len(content))
+            size, put = (change, b"") if isinstance(change, int) else (1, change)
+            content[at : at + size] = put
+        (bag / "whole_0.mcap").write_bytes(content)
+        told, blocks = "", []
+        try:
+            blocks = list(BagReader(bag).blocks("valve_1"))
+        except InputError as error:
+            told = str(error)
+        assert not told or str(bag) in told
+        assert "\n" not in told
+        for item in blocks:
+            np.testing.assert_array_equal(item.body, block(item.sequence).body)
+        whole = [item.sequence for item in blocks] == list(range(200))
+        assert told or whole or not BagReader(bag).closed
+
+    check()
 
 
 @pytest.mark.parametrize("content", [b"", b"time_s,body", b"\x89MCAP0\r\n"])

@@ -128,6 +128,18 @@ def test_lengths_that_lie_are_stepped_over(bag: Path, length: int) -> None:
     assert found.valves[0].blocks == 180
 
 
+@pytest.mark.parametrize("size", [2**27 + 1, 2**48, 2**64 - 1])
+def test_an_unpacked_size_that_lies_costs_its_chunk_only(bag: Path, size: int) -> None:
+    file = bag / "whole_0.mcap"
+    content = bytearray(file.read_bytes())
+    start = content.index(b"\x04\0\0\0zstd") - CHUNK_HEAD.size + 4
+    content[start + 16 : start + 24] = struct.pack("<Q", size)
+    file.write_bytes(content)
+    found = describe(bag)
+    assert [damage.reason.partition(" bytes")[0] for damage in found.damages] == [f"a chunk claims {size}"]
+    assert (found.valves[0].blocks, found.lost_messages) == (180, 20)
+
+
 NESTED = "[" * 20_000 + "]" * 20_000
 ALIASES = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
     f"{later}: &{later} [{','.join(['*' + earlier] * 9)}]\n"

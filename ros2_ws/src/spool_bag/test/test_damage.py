@@ -1,20 +1,18 @@
-"""Damage to unfinished bags: whatever it hits, every chunk beside it is saved and the loss is told.
-
-``SPOOL_DAMAGE_TRIALS=500 ./spool test ros2_ws/src/spool_bag/test/test_damage.py`` tries more places.
-"""
+"""Damage to unfinished bags: whatever it hits, every other chunk is saved and the loss is told."""
 
 from __future__ import annotations
 
-import os
-import random
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 import yaml
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
@@ -28,9 +26,10 @@ from spool_bag.recording.writer import BagWriter
 from spool_stream.block import Block
 from spool_stream.errors import InputError
 
-TRIALS = int(os.environ.get("SPOOL_DAMAGE_TRIALS", "14"))
 START = 1_700_000_000_000_000_000
 VALVES = ("valve_1", "valve_2")
+#: Where damage begins and ends.
+Region = tuple[int, int]
 
 
 class Outcome(NamedTuple):
@@ -61,25 +60,30 @@ def unfinished_bag(folder: Path, seconds: int) -> Path:
     return folder / "killed"
 
 
-def flip_a_bit(content: bytearray, generator: random.Random) -> tuple[int, int]:
+def flip_a_bit(content: bytearray, at: int, bit: int) -> Region:
     """Flip one bit anywhere; return where the damage begins and ends."""
-    at = generator.randrange(len(content))
-    content[at] ^= 1 << generator.randrange(8)
+    at %= len(content)
+    content[at] ^= 1 << bit
     return at, at + 1
 
 
-def flip_a_bit_of_a_head(content: bytearray, generator: random.Random) -> tuple[int, int]:
+def flip_a_bit_of_a_head(content: bytearray, at: int, bit: int) -> Region:
     """Flip one bit in the kind or length of a record."""
-    at = generator.choice(heads(bytes(content))) + generator.randrange(FRAME.size)
-    content[at] ^= 1 << generator.randrange(8)
-    return at, at + 1
+    record, byte = divmod(at, FRAME.size)
+    starts = heads(bytes(content))
+    return flip_a_bit(content, starts[record % len(starts)] + byte, bit)
 
 
-def zero_a_page(content: bytearray, generator: random.Random) -> tuple[int, int]:
-    """Zero a page of 4 kB, as a power loss leaves one; return where it begins and ends."""
-    begin = 4096 * generator.randrange(len(content) // 4096)
-    content[begin : begin + 4096] = bytes(4096)
-    return begin, begin + 4096
+def zero_a_page(content: bytearray, at: int, _: int) -> Region:
+    """Zero a page of 4 kB, as a power loss leaves one."""
+    begin = 4096 * (at % (len(content) // 4096))
+    return wipe(content, begin, begin + 4096)
+
+
+def wipe(content: bytearray, begin: int, end: int) -> Region:
+    """Zero the bytes from ``begin`` to ``end``."""
+    content[begin:end] = bytes(end - begin)
+    return begin, end
 
 
 def heads(content: bytes) -> list[int]:
@@ -91,26 +95,18 @@ def heads(content: bytes) -> list[int]:
     return found
 
 
-def trial(
-    bag: Path, folder: Path, damage: Callable[[bytearray, random.Random], tuple[int, int]], seed: int
-) -> Outcome:
-    """Damage a copy of ``bag`` and recover it."""
-    file = next(bag.glob("*.mcap"))
-    content = bytearray(file.read_bytes())
-    places = [at for at in heads(bytes(content)) if content[at] == Opcode.CHUNK]
-    chunks = {at: at + FRAME.size + FRAME.unpack_from(content, at)[1] for at in places}
+def trial(bag: Path, folder: Path, damage: Callable[[bytearray], Region]) -> Outcome:
+    """Damage a copy of ``bag`` in ``folder`` and recover it."""
+    content = content_of(bag)
+    chunks = [(at, at + FRAME.size + FRAME.unpack_from(content, at)[1]) for at in places(bag, Opcode.CHUNK)]
     held = _stamps(bag)
-    begin, end = damage(content, random.Random(seed))
-    untouched = [number for number, (at, after) in enumerate(chunks.items()) if after <= begin or end <= at]
-    copy = folder / f"damaged_{seed}"
-    shutil.copytree(bag, copy)
-    (copy / file.name).write_bytes(content)
-    result = recover(copy, folder / f"recovered_{seed}")
-    kept = _kept(folder / f"recovered_{seed}")
+    begin, end = damage(content)
+    untouched = [number for number, (at, after) in enumerate(chunks) if after <= begin or end <= at]
+    with TemporaryDirectory(dir=folder) as name:
+        result = recover(damaged(bag, Path(name), content), Path(name) / "recovered")
+        kept = _kept(Path(name) / "recovered")
     saved = sum(held[number] <= kept for number in untouched)
     lost = len(set().union(*held)) - len(kept)
-    shutil.rmtree(copy)
-    shutil.rmtree(folder / f"recovered_{seed}")
     return Outcome(len(untouched), saved, lost, result)
 
 
@@ -145,11 +141,10 @@ def places(bag: Path, opcode: Opcode) -> list[int]:
     return [at for at in heads(bytes(content)) if content[at] == opcode]
 
 
-def damaged(bag: Path, folder: Path, change: Callable[[bytearray], None]) -> Path:
+def damaged(bag: Path, folder: Path, content: bytes | bytearray) -> Path:
+    """Return a copy of ``bag`` with other ``content`` of its file."""
     copy = folder / "damaged"
     shutil.copytree(bag, copy)
-    content = content_of(bag)
-    change(content)
     next(copy.glob("*.mcap")).write_bytes(content)
     return copy
 
@@ -162,15 +157,17 @@ def judge(outcome: Outcome) -> None:
         assert outcome.result.lost == outcome.lost or outcome.result.estimated
 
 
-@pytest.mark.parametrize("seed", range(TRIALS))
+@pytest.mark.parametrize("examples", [8, pytest.param(300, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("damage", [flip_a_bit, flip_a_bit_of_a_head, zero_a_page])
-def test_chunks_beside_the_damage_are_saved_and_the_loss_is_told(
-    killed: Path,
-    tmp_path: Path,
-    damage: Callable[[bytearray, random.Random], tuple[int, int]],
-    seed: int,
+def test_other_chunks_are_saved_and_the_loss_is_told(
+    killed: Path, tmp_path: Path, damage: Callable[[bytearray, int, int], Region], examples: int
 ) -> None:
-    judge(trial(killed, tmp_path, damage, seed))
+    @settings(max_examples=examples, phases=(Phase.explicit, Phase.reuse, Phase.generate))
+    @given(st.integers(0, 2**24), st.integers(0, 7))
+    def check(at: int, bit: int) -> None:
+        judge(trial(killed, tmp_path, lambda content: damage(content, at, bit)))
+
+    check()
 
 
 @pytest.mark.parametrize("other", [0x0F, 0x02, 0x05, 0x87])
@@ -179,35 +176,26 @@ def test_an_index_that_is_called_something_else_costs_nothing(
 ) -> None:
     at = places(killed, Opcode.MESSAGE_INDEX)[4]
 
-    def rename(content: bytearray, _: random.Random) -> tuple[int, int]:
+    def rename(content: bytearray) -> Region:
         content[at] = other
         return at, at + 1
 
-    outcome = trial(killed, tmp_path, rename, 0)
+    outcome = trial(killed, tmp_path, rename)
     assert (outcome.saved, outcome.lost) == (outcome.intact, 0)
     judge(outcome)
 
 
 @pytest.mark.parametrize("size", [8, 4096])
 def test_a_lost_beginning_costs_its_chunk_only(killed: Path, tmp_path: Path, size: int) -> None:
-    def wipe(content: bytearray, _: random.Random) -> tuple[int, int]:
-        content[:size] = bytes(size)
-        return 0, size
-
-    judge(trial(killed, tmp_path, wipe, 0))
-    broken = damaged(killed, tmp_path, lambda content: wipe(content, random.Random()) and None)
+    judge(trial(killed, tmp_path, lambda content: wipe(content, 0, size)))
+    broken = damaged(killed, tmp_path, bytes(size) + content_of(killed)[size:])
     with pytest.raises(InputError, match=r"damaged at byte 0 .*recover"):
         list(BagReader(broken).blocks("valve_1"))
 
 
 def test_two_wiped_chunks_and_their_indexes_are_told_by_their_size(killed: Path, tmp_path: Path) -> None:
     begin, end = places(killed, Opcode.CHUNK)[2], places(killed, Opcode.CHUNK)[4]
-
-    def wipe(content: bytearray, _: random.Random) -> tuple[int, int]:
-        content[begin:end] = bytes(end - begin)
-        return begin, end
-
-    outcome = trial(killed, tmp_path, wipe, 0)
+    outcome = trial(killed, tmp_path, lambda content: wipe(content, begin, end))
     assert outcome.saved == outcome.intact
     assert outcome.result.estimated
     assert outcome.result.lost == pytest.approx(outcome.lost, rel=0.2)
@@ -215,7 +203,8 @@ def test_two_wiped_chunks_and_their_indexes_are_told_by_their_size(killed: Path,
 
 
 def test_a_file_cut_in_half_is_told_by_what_the_metadata_counts(killed: Path, tmp_path: Path) -> None:
-    cut = damaged(killed, tmp_path, lambda content: content.__delitem__(slice(len(content) // 2, None)))
+    content = content_of(killed)
+    cut = damaged(killed, tmp_path, content[: len(content) // 2])
     text = (cut / "metadata.yaml").read_text()
     (cut / "metadata.yaml").write_text(text.replace("message_count: 0\n", "message_count: 700\n"))
     found = describe(cut)
@@ -244,15 +233,8 @@ def test_an_unfinished_bag_is_recognisable_and_a_finished_one_has_no_mark(killed
 
 
 def test_definitions_are_repeated_and_others_read_them(killed: Path, tmp_path: Path) -> None:
-    first = places(killed, Opcode.CHUNK)[3]
-    header = places(killed, Opcode.HEADER)[0]
-    chunk = places(killed, Opcode.CHUNK)[0]
-
-    def keep_from_the_fourth(content: bytearray) -> None:
-        del content[chunk:first]
-        assert header < chunk
-
-    later = damaged(killed, tmp_path, keep_from_the_fourth)
+    chunks, content = places(killed, Opcode.CHUNK), content_of(killed)
+    later = damaged(killed, tmp_path, content[: chunks[0]] + content[chunks[3] :])
     assert BagReader(later).valves == list(VALVES)
     result = recover(later, tmp_path / "recovered")
     assert result.damages == ()
@@ -265,23 +247,22 @@ def test_definitions_are_repeated_and_others_read_them(killed: Path, tmp_path: P
     assert len(summary.schemas) == 2
 
 
-def test_a_rare_topic_does_not_lose_its_definition_with_its_first_chunk(tmp_path: Path) -> None:
+def test_a_seldom_topic_does_not_lose_its_definition_with_its_first_chunk(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "live", flush_interval=1e9) as writer:
         often = writer.add_topic("/valve_1/acceleration", ACCELERATION_BLOCK)
-        rare = writer.add_topic("/valve_1/oil_temperature", TEMPERATURE)
+        seldom = writer.add_topic("/valve_1/oil_temperature", TEMPERATURE)
         samples = np.zeros(40, np.float32)
         for chunk in range(40):
             block = Block(START + chunk * 20_000_000, chunk, 0.0005, samples, samples)
             writer.write(often, block.stamp, encode_block(block, "valve_1"))
             if chunk in (0, 29):
                 item = OilTemperature(block.stamp, 40.0)
-                writer.write(rare, block.stamp, encode_temperature(item, "valve_1"))
+                writer.write(seldom, block.stamp, encode_temperature(item, "valve_1"))
             writer.flush()
         shutil.copytree(tmp_path / "live", tmp_path / "killed")
     first, second = places(tmp_path / "killed", Opcode.CHUNK)[:2]
 
-    def wipe(content: bytearray) -> None:
-        content[first:second] = bytes(second - first)
-
-    result = recover(damaged(tmp_path / "killed", tmp_path, wipe), tmp_path / "recovered")
+    content = content_of(tmp_path / "killed")
+    wipe(content, first, second)
+    result = recover(damaged(tmp_path / "killed", tmp_path, content), tmp_path / "recovered")
     assert result.messages == {"/valve_1/acceleration": 39, "/valve_1/oil_temperature": 1}

@@ -138,7 +138,8 @@ class Walk:
             content = self._read(frame)
             head = chunk_head(content, frame.length)
             assert head is not None  # kind_of saw it
-            self._unpacked += head.uncompressed_size
+            if head.uncompressed_size <= LARGEST_CHUNK:  # a larger one, or a damaged size, is not unpacked
+                self._unpacked += head.uncompressed_size
             if self._unpacked > FREE_EXPANSION + LARGEST_RATIO * self._end:
                 raise ChunkError(f"the file unpacks to more than {LARGEST_RATIO} times its size")
             self._last = RecordRun(frame, unpack(head, content))
