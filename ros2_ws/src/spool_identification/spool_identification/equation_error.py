@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, lsq_linear
 
+from spool_identification.least_squares.unknown import Unknown, bounds_of, sizes_of
+from spool_identification.signals.zero_phase import ZeroPhase, relative_motion
+
 from .fit_result import SPOOL_DELAY, SPOOL_GAIN
 from .free_run import FreeRun
-from .unknown import Unknown, bounds_of, sizes_of
-from .zero_phase import ZeroPhase, relative_motion
 
 Array = NDArray[np.float64]
 

@@ -4,7 +4,7 @@
 2. Descent: least squares of the free run over windows (:mod:`.free_run`, :mod:`.residuals`), first with equal
    weights, then weighed by the spectrum of what is left, samples at friction's jumps left out.
 3. Standard deviations (:mod:`.uncertainty`); what the noise of the drive does to the parameters
-   (:mod:`.input_noise`) is taken off; rank of the information matrix (:mod:`.observability`).
+   (:mod:`.input_noise`) is taken off; rank of the information matrix (:mod:`.least_squares.observability`).
 """
 
 from __future__ import annotations
@@ -21,18 +21,24 @@ from spool_sim.valve.description import Valve
 from spool_stream.errors import InputError
 from spool_stream.quantity import Quantity, Validity
 
+from spool_identification.least_squares.descent import Descent, Stopping, descend
+from spool_identification.least_squares.observability import (
+    Combination,
+    combinations,
+    to_hold,
+    unseen_directions,
+)
+from spool_identification.least_squares.unknown import Unknown, bounds_of, sizes_of
+
 from .agreement import free_run_agreement
-from .descent import Descent, Stopping, descend
 from .equation_error import EquationError
 from .fit_result import SPOOL_DELAY, SPOOL_GAIN, Fit, FitSettings
 from .free_run import FreeRun
 from .information import information_criterion
 from .input_noise import input_noise_effect
-from .observability import Combination, combinations, to_hold, unseen_directions
 from .record import Record
 from .residuals import Residuals
 from .uncertainty import fit_covariance
-from .unknown import Unknown, bounds_of, sizes_of
 
 Array = NDArray[np.float64]
 

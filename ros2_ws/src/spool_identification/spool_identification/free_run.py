@@ -21,9 +21,10 @@ from spool_sim.model import Model
 from spool_sim.valve.description import Valve
 from spool_stream.errors import InputError
 
-from .parallel import in_parallel
+from spool_identification.least_squares.parallel import in_parallel
+from spool_identification.signals.zero_phase import ZeroPhase, interval_mean_response, relative_motion
+
 from .record import Record
-from .zero_phase import ZeroPhase, interval_mean_response, relative_motion
 
 Array = NDArray[np.float64]
 

@@ -16,7 +16,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .residuals import HIGHEST_SHARE, Residuals, residual_spectrum
+from spool_identification.signals.spectra import residual_spectrum
+
+from .residuals import HIGHEST_SHARE, Residuals
 
 Array = NDArray[np.float64]
 

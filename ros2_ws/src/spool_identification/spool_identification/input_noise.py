@@ -15,11 +15,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, signal
+from scipy import fft
+
+from spool_identification.signals.channel_noise import noise_of
 
 from .free_run import FALL, FreeRun, Response, excitation_limit
 from .record import Record
-from .residuals import Residuals
+from .residuals import HIGHEST_SHARE, Residuals
 
 Array = NDArray[np.float64]
 
@@ -61,16 +63,11 @@ class NoiseEffect:
 def noise_density(record: Record, highest: float) -> float:
     """Return the one-sided power density, (m/s^2)^2/Hz, of the body's noise above the excitation.
 
-    It is the median over frequencies from ``FALL`` times ``highest`` (Hz) to 0.4 of the sample rate, and 0
-    where the excitation leaves no such band.
+    0 where the excitation, up to ``highest`` (Hz), leaves no band to see it in.
     """
-    low, high = FALL * highest, 0.4 * record.sample_rate
-    if low >= 0.9 * high:
+    if FALL * highest >= HIGHEST_SHARE * record.sample_rate:
         return 0.0
-    piece = min(record.body.size, max(64, round(1.0 / record.sample_period)))
-    frequency, density = signal.welch(record.body, record.sample_rate, "hann", piece, detrend="constant")
-    quiet = density[(frequency >= low) & (frequency <= high)]
-    return float(np.median(quiet)) if quiet.size else 0.0
+    return noise_of(record.body, record.spool, record.sample_rate).body
 
 
 def input_noise_effect(residuals: Residuals, point: Array, shown: NDArray[np.bool_]) -> NoiseEffect | None:

@@ -10,16 +10,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, signal
+from scipy import fft
+
+from spool_identification.least_squares.unknown import Unknown, bounds_of, sizes_of
+from spool_identification.signals.spectra import Spectrum, residual_spectrum
+from spool_identification.signals.zero_phase import ZeroPhase
 
 from .fit_result import SPOOL_DELAY, SPOOL_GAIN
 from .free_run import FreeRun, Response
-from .unknown import Unknown, bounds_of, sizes_of
-from .zero_phase import ZeroPhase
 
 Array = NDArray[np.float64]
 
@@ -27,8 +28,6 @@ Array = NDArray[np.float64]
 JUMP_TIME = 1.5e-4
 #: Share of samples that may be left out; where friction jumps more often, nothing is.
 MOST_LEFT_OUT = 0.6
-#: s of the pieces that the residual's spectrum is averaged over.
-SPECTRUM_PIECE = 2.0
 #: s over which the differences fade in and out at the ends of a window.
 FADE = 0.05
 #: Samples around a jump in which a filter before the sampling shows, and the share of power that it adds.
@@ -37,18 +36,6 @@ RINGING, RINGS = 5, 0.15
 HIGHEST_SHARE = 0.35
 #: Relative step of the slopes.
 STEP = 1e-3
-
-
-@dataclass(frozen=True, slots=True)
-class Spectrum:
-    """One-sided power density of the residual, (m/s^2)^2/Hz, at ``frequency`` (Hz), both shape (f,)."""
-
-    frequency: Array
-    density: Array
-
-    def at(self, frequency: Array) -> Array:
-        """Return the density at ``frequency``, same shape."""
-        return np.interp(frequency, self.frequency, self.density)
 
 
 class Residuals:
@@ -250,28 +237,3 @@ def _fade(count: int, reach: int) -> Array:
     weights = np.ones(count)
     weights[:reach], weights[count - reach :] = rise, rise[::-1]
     return weights
-
-
-def residual_spectrum(rows: Sequence[Array], sample_period: float) -> Spectrum:
-    """Return the smoothed spectrum of the residuals ``rows``, one (n,) for each window.
-
-    ``sample_period`` in s.
-    """
-    shortest = min(residual.size for residual in rows)
-    piece = min(shortest, max(16, round(SPECTRUM_PIECE / sample_period)))
-    densities, weights = [], []
-    for residual in rows:
-        frequency, density = signal.welch(
-            residual, 1.0 / sample_period, "hann", piece, detrend=False, scaling="density"
-        )
-        densities.append(density)
-        weights.append(residual.size)
-    mean = np.average(densities, axis=0, weights=weights)
-    # A tenth of the frequency, at least two lines: noise is smooth, and weights must not follow chance.
-    half = np.maximum(2, (0.05 * np.arange(mean.size)).astype(np.int64))
-    total = np.concatenate([[0.0], np.cumsum(mean)])
-    low = np.maximum(0, np.arange(mean.size) - half)
-    high = np.minimum(mean.size, np.arange(mean.size) + half + 1)
-    smooth = (total[high] - total[low]) / (high - low)
-    floor = 1e-6 * float(smooth.max()) + 1e-30
-    return Spectrum(np.asarray(frequency), np.maximum(smooth, floor))

@@ -10,7 +10,7 @@ from spool_identification.agreement import free_run_agreement
 from spool_identification.fit import fit
 from spool_identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, FitSettings
 from spool_identification.record import Record, records_from_blocks
-from spool_identification.zero_phase import ZeroPhase, relative_motion
+from spool_identification.signals.zero_phase import ZeroPhase, relative_motion
 from spool_sim.excitation.kinds import Excitation, Multisine, SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion
 from spool_sim.model import MODELS

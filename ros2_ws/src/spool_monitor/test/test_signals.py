@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from spool_estimator.gap_requests.flat_top import DEPTHS, FLATTER, flat_top
+from spool_identification.signals.clipping import DEPTHS, FLATTER, flat_top
 from spool_monitor.detection import configured
 from spool_monitor.detectors.sensor_dead import FOLLOWS, due_powers
 from spool_monitor.detectors.stuck_spool import due_power
@@ -141,7 +141,7 @@ def test_one_tone_alone_tells_no_gain() -> None:
     assert fit(wave.real + noise[0], (answer * wave).real + noise[1]).gain_deviation > 0.06
 
 
-# Each kernel beside the same in numpy.
+# Each kernel against the same in numpy.
 
 
 def spectrum(seed: int, count: int = 120) -> Complex:

@@ -1,4 +1,4 @@
-"""Whether what the online model leaves over grows beyond what it usually leaves: the model gap, live."""
+"""Model gap, live: whether the residual of the online model grows beyond its median."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from statistics import fmean, median
 
 import numpy as np
+from spool_identification.signals.clipping import flat_share
 from spool_stream.block import Block
 from spool_stream.quantity import Quantity
 from spool_stream.text.sentence import Account, over, raised
@@ -15,26 +16,24 @@ from spool_stream.uncertainty import percent
 
 from spool_estimator.estimate import Estimate, State
 
-from .flat_top import flat_share
-
 #: Kind and code of the event.
 MODEL_GAP, MODEL_GAP_CODE = "model_gap", 500
 #: What to do about it.
 REMEDY = "record a minute of it, and let ./spool gap name what is missing"
 #: Kind of the events that explain whatever the model leaves over.
 SENSOR_FAULT = "sensor_fault"
-#: Estimates from which the floor is learned.
+#: Estimates from which the median is learned.
 LEARNED = 20
 #: Estimates in a row that close the gap, and the least that open it.
 IN_A_ROW = 3
-#: Deviations above the floor that an estimate must reach, too, and the smallest deviation over the floor.
+#: Deviations above the median that an estimate must reach, too, and the smallest deviation over the median.
 DEVIATIONS, LEAST_DEVIATION = 6.0, 0.05
 #: Standard deviation of normal numbers over their median deviation.
 NORMAL = 1.4826
 #: Share of the force below which what is left worries nobody: where the spool sticks at every turn the
 #: online estimator itself leaves up to 3 %.
 MATTERS = 0.04
-#: Share of the way from the floor to the limit below which the gap has closed again.
+#: Share of the way from the median to the limit below which the gap has closed again.
 CLOSED = 0.5
 #: Times of the estimator's memory for which the residual must stay up, and s at most.
 PATIENCE, LONGEST_PATIENCE = 2.5, 30.0
@@ -44,7 +43,7 @@ GROWING = 1.3
 LAGGING = 0.1
 #: Dry friction over the spring's force, rms, from which the spool sticks most of the time.
 STICKING = 3.0
-#: Stiffness over the usual one, either way, that is no spring's: channels are exchanged or read wrongly.
+#: Stiffness over the median one, either way, that is no spring's: channels are exchanged or read wrongly.
 NO_SPRING = 3.0
 #: s of samples that are looked at for a channel that clips, and the share of flat samples that is too much.
 LOOKED_AT, CLIPS = 1.0, 0.006
@@ -58,68 +57,68 @@ class GapChange:
         stamp: ns.
         raised: it opened.
         residual: at that time, relative.
-        floor: what is usual, relative.
+        median: of the residual before, relative.
         lasted: how long it was open, s; NaN where it opens.
     """
 
     stamp: int
     raised: bool
     residual: Quantity
-    floor: float
+    median: float
     lasted: float = math.nan
 
     @property
     def sentence(self) -> str:
         """Return one line for people."""
-        now, usual = (percent(share) for share in (self.residual.value, self.floor))
+        now, before = (percent(share) for share in (self.residual.value, self.median))
         account = Account(
-            f"the model leaves {now} of the force unexplained, usually {usual}", "something is missing"
+            f"the model leaves {now} of the force unexplained, usually {before}", "something is missing"
         )
         return raised(account, REMEDY) if self.raised else over(MODEL_GAP, account, self.lasted)
 
 
 @dataclass(frozen=True, slots=True)
-class Floor:
-    """What is usual of one measure of the residual: median, and the limit above which it counts as grown."""
+class ResidualLevel:
+    """Level of one measure of the residual: its median, and the limit above which it counts as grown."""
 
-    usual: float
+    median: float
     limit: float
 
     @classmethod
-    def learned(cls, values: list[float], growth: float, least: float = 0.0) -> Floor:
-        """Return the floor of ``values``; the limit is ``growth`` times the usual and ``least``, at least."""
-        usual = median(values)
-        deviation = NORMAL * median(abs(one - usual) for one in values)
-        deviation = max(deviation, LEAST_DEVIATION * usual)
-        return cls(usual, max(growth * usual, usual + DEVIATIONS * deviation, least))
+    def learned(cls, values: list[float], growth: float, least: float = 0.0) -> ResidualLevel:
+        """Return the level of ``values``; its limit is ``growth`` times the median and ``least``, or more."""
+        middle = median(values)
+        deviation = NORMAL * median(abs(one - middle) for one in values)
+        deviation = max(deviation, LEAST_DEVIATION * middle)
+        return cls(middle, max(growth * middle, middle + DEVIATIONS * deviation, least))
 
 
 @dataclass(slots=True)
 class GapWatch:
-    """Learn what the model usually leaves over, and say when that grows.
+    """Model-gap watch: learns the median of what the model leaves over, and says when that grows.
 
-    Two measures must grow: the residual over the force, which a weaker drive raises because the noise stays,
-    and the force that is left (residual times stiffness times displacement, N), which a stronger drive raises
-    because the force grows. Both floors are medians of the first ``LEARNED`` estimates while the
+    Two measures must grow: the residual over the force, which a weaker excitation raises because the noise
+    stays, and the force that is left (residual times stiffness times displacement, N), which a stronger
+    excitation raises because the force grows. Both medians are of the first ``LEARNED`` estimates while the
     estimator tracks. Below ``MATTERS`` no gap opens.
 
     What the estimator follows is no gap: while a parameter drifts it lags behind, and leaves more. So the gap
     opens once both measures stayed up for ``PATIENCE`` memories in which neither the residual grew on nor a
     parameter changed; nor does it open while a sensor is at fault, a channel clips or the channels show no
-    spring like the usual one. What is not tracked says nothing, and neither does a spool that sticks most of
+    spring like the median one. What is not tracked says nothing, and neither does a spool that sticks most of
     the time.
 
     Attributes:
-        growth: residual over the floor from which the gap is open.
+        growth: residual over its median from which the gap is open.
         raised: it is open.
-        floor: learned, relative; ``None`` while it is being learned.
+        median: learned, relative; ``None`` while it is being learned.
         limit: residual above which the gap opens.
     """
 
     growth: float = 2.0
     raised: bool = field(default=False, init=False)
-    _relative: Floor | None = field(default=None, init=False)
-    _force: Floor | None = field(default=None, init=False)
+    _relative: ResidualLevel | None = field(default=None, init=False)
+    _force: ResidualLevel | None = field(default=None, init=False)
     _stiffness: float = field(default=0.0, init=False)
     _first: list[tuple[float, float, float]] = field(default_factory=list, init=False)
     _last: deque[float] = field(default_factory=lambda: deque(maxlen=IN_A_ROW), init=False)
@@ -130,9 +129,9 @@ class GapWatch:
     _kept: float = field(default=0.0, init=False)
 
     @property
-    def floor(self) -> float | None:
-        """What is usual of the residual, relative; ``None`` while that is being learned."""
-        return None if self._relative is None else self._relative.usual
+    def median(self) -> float | None:
+        """Median of the residual, relative; ``None`` while that is being learned."""
+        return None if self._relative is None else self._relative.median
 
     @property
     def limit(self) -> float:
@@ -163,7 +162,7 @@ class GapWatch:
             self._learn(value, force, _stiffness(estimate))
             return None
         self._last.append(value)
-        closed = self._relative.usual + CLOSED * (self._relative.limit - self._relative.usual)
+        closed = self._relative.median + CLOSED * (self._relative.limit - self._relative.median)
         if self.raised:
             closes = len(self._last) == IN_A_ROW and max(self._last) < closed
             return self._change(estimate, opens=False) if closes else None
@@ -180,15 +179,15 @@ class GapWatch:
         self._up.clear()
         lasted = math.nan if opens else 1e-9 * (estimate.stamp - self._opened)
         self._opened = estimate.stamp
-        return GapChange(estimate.stamp, opens, estimate.residual, self._relative.usual, lasted)
+        return GapChange(estimate.stamp, opens, estimate.residual, self._relative.median, lasted)
 
     def _learn(self, value: float, force: float, stiffness: float) -> None:
         self._first.append((value, force, stiffness))
         if len(self._first) < LEARNED:
             return
         relative, forces, stiffnesses = (list(row) for row in zip(*self._first, strict=True))
-        self._relative = Floor.learned(relative, self.growth, MATTERS)
-        self._force = Floor.learned(forces, self.growth)
+        self._relative = ResidualLevel.learned(relative, self.growth, MATTERS)
+        self._force = ResidualLevel.learned(forces, self.growth)
         self._stiffness = median(stiffnesses)
         self._first.clear()
 

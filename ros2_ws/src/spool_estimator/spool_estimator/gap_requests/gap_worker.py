@@ -1,4 +1,4 @@
-"""Analysis of the model gap beside a live stream: the last minutes, in a process of its own."""
+"""Analysis of the model gap while a stream is live: the last minutes, in a process of its own."""
 
 from __future__ import annotations
 

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 from spool_identification.record import Record
+from spool_identification.signals.channel_noise import ChannelNoise, noise_of
 from spool_sim.valve.description import Valve
 from spool_stream.errors import InputError
-
-from spool_gap.noise.channel_noise import Noise, noise_of
 
 from .units import ANY_SPRING, LARGE, difference, expected_transfer, like_no_valve, opposite, wrong_unit
 
@@ -69,7 +68,7 @@ def judge(record: Record, valve: Valve) -> tuple[list[str], bool]:
         InputError: the record cannot be analysed: no drive, a channel dead, sampled too slowly,
             channels exchanged, or a unit that is off by 9.81.
     """
-    noise = noise_of(record)
+    noise = noise_of(record.body, record.spool, record.sample_rate)
     natural = valve.natural_frequency
     body, spool = float(record.body.std()), float(record.spool.std())
     needed = SAMPLES_PER_PERIOD * natural
@@ -127,7 +126,7 @@ def judge(record: Record, valve: Valve) -> tuple[list[str], bool]:
     return warnings, trusted
 
 
-def transfer(record: Record, noise: Noise) -> tuple[Array, Array, Array]:
+def transfer(record: Record, noise: ChannelNoise) -> tuple[Array, Array, Array]:
     """Return the spool's acceleration over the body's (complex), coherence, and frequency where driven."""
     from scipy import signal  # noqa: PLC0415
 

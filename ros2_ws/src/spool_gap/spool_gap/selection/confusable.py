@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from spool_identification.parallel import in_parallel
+from spool_identification.least_squares.parallel import in_parallel
 
 from spool_gap.fitting.equivalent_start import acting_alike, slides
 from spool_gap.fitting.hypothesis import Step

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from spool_identification.parallel import in_parallel
+from spool_identification.least_squares.parallel import in_parallel
 
 from spool_gap.fitting.equivalent_start import slides
 from spool_gap.fitting.hypothesis import Step, parameters_of

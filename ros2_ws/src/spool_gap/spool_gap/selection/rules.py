@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
-from spool_identification.parallel import in_parallel
+from spool_identification.least_squares.parallel import in_parallel
 from spool_sim.terms import term
 
 from spool_gap.fitting.hypothesis import DELAY, GAIN, Fitting, Step

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
-from spool_identification.parallel import in_parallel
+from spool_identification.least_squares.parallel import in_parallel
 
 from spool_gap.effect import Effect
 from spool_gap.fitting.by_direction import by_direction

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
-from spool_identification.parallel import in_parallel
+from spool_identification.least_squares.parallel import in_parallel
 
 from spool_gap.fitting.equivalent_start import slides
 from spool_gap.fitting.hypothesis import Step

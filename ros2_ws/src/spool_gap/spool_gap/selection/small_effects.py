@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_identification.parallel import in_parallel
+from spool_identification.least_squares.parallel import in_parallel
 
 from spool_gap.fitting.hypothesis import Step
 from spool_gap.registry import EFFECTS

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import fft
 from spool_identification.free_run import Window
 from spool_identification.record import Record
-from spool_identification.zero_phase import ZeroPhase
+from spool_identification.signals.zero_phase import ZeroPhase
 
 from .contacts import Contacts, Mask
 from .segments import Stretch

@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_identification.free_run import FreeRun, Window, excitation_limit
 from spool_identification.record import Record
-from spool_identification.zero_phase import RelativeMotion, ZeroPhase, relative_motion
+from spool_identification.signals.channel_noise import ChannelNoise, noise_of
+from spool_identification.signals.denoised_excitation import Quiet, quiet
+from spool_identification.signals.zero_phase import RelativeMotion, ZeroPhase, relative_motion
 from spool_sim.model import Model
 from spool_sim.valve.description import Valve
 from spool_stream.errors import InputError
-
-from spool_gap.noise.channel_noise import Noise, noise_of
-from spool_gap.noise.denoised_excitation import Quiet, quiet
 
 Array = NDArray[np.float64]
 
@@ -46,7 +45,7 @@ class Stretch:
     """
 
     record: Record
-    noise: Noise
+    noise: ChannelNoise
     low_cut: float
     motion: RelativeMotion
     kept: Array
@@ -116,7 +115,7 @@ def stretches_of(
     everything = [(record, True) for record in records] + [(record, False) for record in held_out]
     run_in = float(np.clip(FORGOTTEN * 2.0 * valve.moving_mass / max(damping, 1e-3), 0.5, 2.0))
     for number, (record, trains) in enumerate(everything):
-        noise = noise_of(record)
+        noise = noise_of(record.body, record.spool, record.sample_rate)
         low_cut = max(LOWEST, 0.4 * noise.low)
         window = min(WINDOW, max(0.5, 0.25 * (record.duration - run_in - 2.0 / low_cut)))
         better = corrected(record, gain, delay)

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, signal
-
-from spool_gap.noise.channel_noise import floor_of
+from spool_identification.signals.spectra import floor_of, smoothed
 
 from .batches import Batches, Run
 from .point import Point
@@ -334,12 +333,3 @@ def median_over_mean(length: int, piece: int) -> float:
     """
     freedom = 2.0 * max(1.0, length / piece)
     return float((1.0 - 2.0 / (9.0 * freedom)) ** 3)
-
-
-def smoothed(density: Array, least: int) -> Array:
-    """Return ``density`` averaged over a tenth of the frequency, and ``least`` lines on both sides."""
-    half = np.maximum(least, (0.05 * np.arange(density.size)).astype(np.int64))
-    total: Array = np.concatenate([[0.0], np.cumsum(density)])
-    low = np.maximum(0, np.arange(density.size) - half)
-    high = np.minimum(density.size, np.arange(density.size) + half + 1)
-    return np.asarray((total[high] - total[low]) / (high - low))

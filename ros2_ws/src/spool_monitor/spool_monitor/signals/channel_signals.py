@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from spool_estimator.gap_requests.flat_top import flat_top
+from spool_identification.signals.clipping import flat_top
 from spool_stream.block import Samples
 from spool_stream.kernels.compiled import compiled
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from spool_gap.checks.saturation import clipped
+from spool_identification.signals.clipping import at_rail
 
 TIME = np.arange(100_000) / 2500.0
 
@@ -18,7 +18,7 @@ def test_a_rail_that_one_passage_meets_is_found():
     read = np.clip(row, -93.0, 93.0)
     over = np.abs(row) >= 93.0
     assert 20 < np.count_nonzero(over) < 6e-4 * row.size
-    found = clipped(read)
+    found = at_rail(read)
     assert found is not None
     assert np.array_equal(found, over)
 
@@ -33,10 +33,10 @@ def read_by_a_converter(row, levels):
 def test_a_coarse_converter_alone_clips_nothing(levels, noise):
     drawn = np.random.default_rng(2).normal(0.0, 1.0, TIME.size) * noise
     for row in (10.0 * np.sin(2.0 * np.pi * 31.3 * TIME) + drawn, loud_once(drawn)):
-        assert clipped(read_by_a_converter(row, levels)) is None
+        assert at_rail(read_by_a_converter(row, levels)) is None
 
 
 @pytest.mark.parametrize("levels", [60, 400, 30_000])
 def test_a_rail_is_found_behind_a_coarse_converter(levels):
     row = loud_once(np.random.default_rng(3).normal(0.0, 0.1, TIME.size))
-    assert clipped(np.clip(read_by_a_converter(row, levels), -60.0, 60.0)) is not None
+    assert at_rail(np.clip(read_by_a_converter(row, levels), -60.0, 60.0)) is not None

@@ -1,1 +1,0 @@
-"""Noise of the channels, from the record itself."""

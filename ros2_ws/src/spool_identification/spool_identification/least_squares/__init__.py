@@ -1,0 +1,1 @@
+"""Least squares: unknowns, their descent, what the data tell of them."""

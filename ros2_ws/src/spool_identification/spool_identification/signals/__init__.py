@@ -1,0 +1,1 @@
+"""Signals of records: zero-phase filters, spectra, noise of the channels, clipping."""
