@@ -70,7 +70,8 @@ def _run(arguments: list[str]) -> int:
         text = error.format_message()
         if not text:  # no arguments: the help has been shown
             return 2
-        return fail(f"{text} See: ./spool {command} --help".replace("  ", " "))
+        end = "" if text[-1] in ".?" else "."
+        return fail(f"{text}{end} See: ./spool {command} --help".replace("  ", " "))
     return result if isinstance(result, int) else 0
 
 
