@@ -1,4 +1,4 @@
-"""CDR of the two message types that are read and written in bulk, coded by hand for speed.
+"""CDR serialisation of the two message types that are read and written in bulk, coded by hand for speed.
 
 Layout: OMG DDSI-RTPS 2.5, 10.2 (encapsulation) and XCDR1; every primitive is aligned to its own size
 counted from the end of the four encapsulation bytes.
@@ -46,53 +46,52 @@ class _Order:
 _LITTLE, _BIG = _Order("<"), _Order(">")
 
 
-def _order(data: bytes) -> _Order:
+def _header(data: bytes) -> tuple[_Order, int, int, int]:
+    """Return byte order, stamp (ns), length of the ``frame_id``, and where an 8-byte field behind it starts."""
     if data[:4] == LITTLE_ENDIAN:  # as nearly all are
-        return _LITTLE
-    if len(data) < 4 or data[0] != 0 or data[1] > 1:
+        order = _LITTLE
+    elif len(data) < 4 or data[0] != 0 or data[1] > 1:
         raise CdrError("unknown CDR encapsulation")
-    return _LITTLE if data[1] else _BIG
+    else:
+        order = _LITTLE if data[1] else _BIG
+    try:
+        seconds, nanoseconds, length = order.head.unpack_from(data, 4)
+    except struct.error as error:
+        raise CdrError(f"message is shorter than a header: {error}") from error
+    return order, seconds * NANOSECONDS + nanoseconds, length, ((12 + length + 7) & ~7) + 4
 
 
 def header_stamp(data: bytes) -> int:
     """Return the stamp (ns) of a message whose first field is a std_msgs/Header.
 
     Raises:
-        CdrError: the bytes are too short or not plain CDR.
+        CdrError: the bytes are too short or not XCDR1.
     """
-    order = _order(data)
-    if len(data) < 16:
-        raise CdrError("message is shorter than a header")
-    seconds, nanoseconds, _ = order.head.unpack_from(data, 4)
-    return int(seconds) * NANOSECONDS + int(nanoseconds)
+    return _header(data)[1]
 
 
 def block_sequence(data: bytes) -> int:
     """Return the sequence in the CDR of an AccelerationBlock without decoding its samples.
 
     Raises:
-        CdrError: the bytes are too short or not plain CDR.
+        CdrError: the bytes are too short or not XCDR1.
     """
-    order = _order(data)
+    order, _, _, at = _header(data)
     try:
-        _, _, length = order.head.unpack_from(data, 4)
-        sequence, _, _ = order.counts.unpack_from(data, ((12 + length + 7) & ~7) + 4)
+        return int(order.counts.unpack_from(data, at)[0])
     except struct.error as error:
         raise CdrError(f"not an AccelerationBlock: {error}") from error
-    return int(sequence)
 
 
 def decode_block(data: bytes) -> Block:
     """Return the block in the CDR ``data`` of an AccelerationBlock; its samples are read-only views.
 
     Raises:
-        CdrError: the bytes are too short or not plain CDR.
+        CdrError: the bytes are too short or not XCDR1.
     """
-    order = _order(data)
+    order, stamp, length, at = _header(data)
     try:
-        seconds, nanoseconds, length = order.head.unpack_from(data, 4)
         source = _text(data[16 : 15 + min(length, LONGEST_NAME)])
-        at = ((12 + length + 7) & ~7) + 4
         sequence, period, count = order.counts.unpack_from(data, at)
         at += 20
         body = np.frombuffer(data, order.samples, count, at)
@@ -103,7 +102,7 @@ def decode_block(data: bytes) -> Block:
         raise CdrError(f"not an AccelerationBlock: {error}") from error
     if order is _BIG:
         body, spool = body.astype(np.float32), spool.astype(np.float32)
-    return Block(seconds * NANOSECONDS + nanoseconds, sequence, period, body, spool, source)
+    return Block(stamp, sequence, period, body, spool, source)
 
 
 def encode_block(block: Block, frame_id: str) -> bytes:
@@ -123,15 +122,13 @@ def decode_temperature(data: bytes) -> OilTemperature:
     """Return the oil temperature in the CDR of a sensor_msgs/Temperature.
 
     Raises:
-        CdrError: the bytes are too short or not plain CDR.
+        CdrError: the bytes are too short or not XCDR1.
     """
-    order = _order(data)
+    order, stamp, _, at = _header(data)
     try:
-        seconds, nanoseconds, length = order.head.unpack_from(data, 4)
-        celsius, variance = order.pair.unpack_from(data, ((12 + length + 7) & ~7) + 4)
+        return OilTemperature(stamp, *order.pair.unpack_from(data, at))
     except struct.error as error:
         raise CdrError(f"not a Temperature: {error}") from error
-    return OilTemperature(seconds * NANOSECONDS + nanoseconds, celsius, variance)
 
 
 def _encode_header(stamp: int, frame_id: str) -> bytes:

@@ -85,23 +85,10 @@ class BagInformation:
             "closed": self.closed,
             "duration_s": self.duration,
             "first_stamp_ns": self.first_stamp,
-            "topics": [
-                {
-                    "name": topic.name,
-                    "type": topic.type,
-                    "messages": topic.messages,
-                    "rate_per_s": topic.rate,
-                }
-                for topic in self.topics
-            ],
+            "topics": [_renamed(asdict(topic), rate="rate_per_s") for topic in self.topics],
             "valves": {valve.name: _valve_dict(valve) for valve in self.valves},
             "damages": [
-                {
-                    "offset_bytes": damage.offset,
-                    "size_bytes": damage.size,
-                    "reason": damage.reason,
-                    "lost_messages": damage.lost,
-                }
+                _renamed(damage._asdict(), offset="offset_bytes", size="size_bytes", lost="lost_messages")
                 for damage in self.damages
             ],
             "lost_messages": self.lost_messages,
@@ -224,6 +211,11 @@ def _valve_dict(valve: ValveSummary) -> dict[str, Any]:
     for name, unit in (("sample_rate", "Hz"), ("duration", "s"), ("first_stamp", "ns"), ("end_stamp", "ns")):
         content[f"{name}_{unit}"] = content.pop(name)
     return content
+
+
+def _renamed(content: dict[str, Any], **names: str) -> dict[str, Any]:
+    """Return ``content`` in its order, with other names for some keys."""
+    return {names.get(name, name): value for name, value in content.items()}
 
 
 def summarise(name: str, items: Iterable[Block | OilTemperature]) -> ValveSummary:
