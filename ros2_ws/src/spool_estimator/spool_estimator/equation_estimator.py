@@ -1,7 +1,7 @@
-"""The textbook's estimator: equation error on integrated signals, exponential forgetting sample by sample.
+"""Equation-error estimator: integrated signals, exponential forgetting sample by sample.
 
-Cheaper than running the model beside the machine, and worse where friction is dry: the direction of sliding
-comes from an integrated velocity, which is wrong for a sample or two at each reversal.
+Cheaper than running the model in parallel with the machine, and worse where friction is dry: the direction
+of sliding comes from an integrated velocity, which is wrong for a sample or two at each reversal.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _START, _ERROR = 1.0, 0.05
 
 @dataclass(slots=True)
 class EquationEstimator:
-    """Identify stiffness, viscous coefficient and Coulomb force from m a = -k z - c v - F_c sgn(v).
+    """Equation-error estimator of k, c and F_c from m a = -k z - c v - F_c sgn(v).
 
     Every signal is conditioned alike (:mod:`.conditioning`); a chunk without excitation is left out.
     """

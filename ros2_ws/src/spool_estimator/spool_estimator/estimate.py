@@ -1,4 +1,4 @@
-"""What the estimator says."""
+"""Estimate: what an estimator says."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _NOT_MEASURED = Quantity("oil_temperature", "deg C")
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """One valve's model at a time.
+    """Estimate of one valve's model at a time.
 
     ``stamp`` (ns) is the acquisition time of the newest sample used, ``delay`` (s) how long before it the
     described motion was, ``memory`` (s) the time constant of forgetting. ``last_sequence`` is that of the

@@ -1,4 +1,4 @@
-"""The estimator's core: blocks in, estimates out, no clock of its own."""
+"""Estimator core: blocks in, estimates out, no clock of its own."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ EXPONENTIAL, WINDOW = FORGETTING = ("exponential", "window")
 
 @dataclass(frozen=True, slots=True)
 class EstimatorSettings:
-    """What an estimator needs to know beforehand.
+    """Settings of an estimator: what it needs to know beforehand.
 
     Two accelerometers see forces per mass only: ``moving_mass`` (kg) sets the scale of every parameter.
     ``spring_stiffness`` (N/m), ``viscous_coefficient`` (N s/m) and ``coulomb_force`` (N) are orders of
@@ -66,10 +66,11 @@ class EstimatorSettings:
 
 @dataclass(slots=True)
 class Estimator:
-    """Identify stiffness, viscous coefficient and Coulomb force of one valve from its blocks.
+    """Estimator of stiffness, viscous coefficient and Coulomb force of one valve from its blocks.
 
     The model is m a = -c v - k z - F_c sgn(v) (paper eq. (29) with Coulomb friction), ``a`` the spool's
-    acceleration, ``z`` and ``v`` its displacement and velocity in the body; it is run beside the machine.
+    acceleration, ``z`` and ``v`` its displacement and velocity in the body; it is run in parallel with
+    the machine.
 
     Parameters are held as they were last while a channel stands still or the stamps do not confirm the sample
     rate; what was learned from such samples is forgotten.

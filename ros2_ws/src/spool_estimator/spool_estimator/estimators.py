@@ -1,4 +1,4 @@
-"""What every estimator does, and all there are."""
+"""Estimators: what every one does, and all there are."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class StreamEstimator(Protocol):
         """Return the last estimate as one that is held; ``None`` before the first."""
 
 
-#: By name: the model run beside the machine; equation error with plain exponential forgetting.
+#: By name: the model run in parallel with the machine; equation error with exponential forgetting.
 ESTIMATORS: dict[str, Callable[[EstimatorSettings], StreamEstimator]] = {
     "prediction": Estimator,
     "equation": EquationEstimator,

@@ -1,4 +1,4 @@
-"""The last good estimates and what was known with each, to go back to where the data turn out to be bad."""
+"""Last good estimates, and what was known with each, to go back to where the data turn out to be bad."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from spool_stream.rate_check import REFUTE
 
 from .estimate import Estimate, State
 
-Knowledge = TypeVar("Knowledge")
+Known = TypeVar("Known")
 
 #: Estimates that are kept: those of the time in which a wrong sample rate is found, and one before.
 KEPT = 5
@@ -20,21 +20,21 @@ LATE = REFUTE + 0.5
 
 
 @dataclass(slots=True)
-class LastGood(Generic[Knowledge]):
-    """Keep the newest estimates that track, each with what its estimator knew then."""
+class LastGood(Generic[Known]):
+    """Last good estimates: the newest that track, each with what its estimator knew then."""
 
-    _kept: deque[tuple[Estimate, Knowledge]] = field(default_factory=lambda: deque(maxlen=KEPT))
+    _kept: deque[tuple[Estimate, Known]] = field(default_factory=lambda: deque(maxlen=KEPT))
 
     @property
     def any(self) -> bool:
         """Whether there is a good estimate."""
         return bool(self._kept)
 
-    def keep(self, estimate: Estimate, knowledge: Knowledge) -> None:
+    def keep(self, estimate: Estimate, knowledge: Known) -> None:
         """Keep an estimate that tracks."""
         self._kept.append((estimate, knowledge))
 
-    def back(self, stamp: int) -> Knowledge | None:
+    def back(self, stamp: int) -> Known | None:
         """Forget what is newer than ``stamp`` (ns); return what was known with the newest that is not."""
         while self._kept and self._kept[-1][0].stamp > stamp:
             self._kept.pop()

@@ -29,14 +29,14 @@ MOST = 60
 #: Tracked estimates below which nothing is said: the median lies outside of the range that 5 draws span in
 #: 2 * 0.5^5 = 6 % of cases.
 LEAST = 5
-#: Relative tolerance of a file's natural frequency: half of 10 % for the rate of a coil spring (a usual
+#: Relative tolerance of a file's natural frequency: half of 10 % for the rate of a coil spring (a common
 #: catalogue tolerance; EN 15800 sets it by grade and coils), half of 10 % for oil and springs in the mass.
 TOLERANCE = 0.10
 #: deg C: oil that is hotter than this damages seals (ISO 4413 wants less than 80 in the tank), and how far a
 #: worn sleeve may have opened its clearance. Less damping than that leaves is not the file's valve.
 HOTTEST, WORN = 100.0, 3.0
 #: Law by which the viscosity falls where a file names none: the steeper of those that are shipped.
-USUAL_OIL = "HL68"
+COMMON_OIL = "HL68"
 #: Samples in a period of the natural frequency, at least: fewer than two show another frequency (sampling
 #: theorem), and the anti-aliasing filter of a data logger takes the octave above.
 LEAST_SAMPLES = 4.0
@@ -92,7 +92,7 @@ class ValveCheck:
     def natural_frequency(self) -> Interval | None:
         """Natural frequency that the record shows, Hz; ``None`` where it does not tell.
 
-        From the 2.5 % to the 97.5 % quantile of the estimates, widened by 1.96 times their usual standard
+        From the 2.5 % to the 97.5 % quantile of the estimates, widened by 1.96 times their median standard
         deviation: what a law of friction that the estimator does not know does to it is within.
         """
         if len(self._frequencies) < LEAST:
@@ -134,7 +134,7 @@ class ValveCheck:
 
     def _least_damping(self) -> float:
         """Damping ratio with the oil as hot and the sleeve as worn as can be."""
-        oil = OILS[self.valve.oil or USUAL_OIL]
+        oil = OILS[self.valve.oil or COMMON_OIL]
         try:
             here = oil.kinematic_viscosity(self.valve.oil_temperature)
             thinner = oil.kinematic_viscosity(max(HOTTEST, self.valve.oil_temperature)) / here

@@ -1,4 +1,4 @@
-"""Refits beside a live stream: one process that fits one window at a time, so that the stream never waits."""
+"""Refits in a process of their own: one window at a time, so that the stream never waits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parameters that follow the machine: least squares of prediction errors with forgetting, and restarts."""
+"""Tracking of parameters: least squares of prediction errors with forgetting, and restarts."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_stream.kernels.standing import StandingWatch
 
-from spool_estimator.motion.history import Descent, Fitter, History, told_apart
+from spool_estimator.motion.history import Descent, Fitter, History, sampled_pointwise
 from spool_estimator.motion.prediction import (
     BAND_LIMITED,
     BODY,
@@ -36,14 +36,14 @@ NOISE, SMALLEST_NOISE = 0.05, 1.0e-3
 KEPT, NEEDED = 3.0, 2.0
 #: The valve has changed when the parameters leave CHANGED times the residual power of the best fit to the
 #: last chunks (one of these lengths), and when what that fit gains, in residual variances, is SIGNIFICANT and
-#: UNUSUAL times what it gained lately: noise shaped by a resonance, or a poor model, gains always.
-CHANGED, SIGNIFICANT, UNUSUAL, LENGTHS = 1.25, 300.0, 8.0, (4, 10)
+#: ATYPICAL times what it gained lately: noise shaped by a resonance, or a poor model, gains always.
+CHANGED, SIGNIFICANT, ATYPICAL, LENGTHS = 1.25, 300.0, 8.0, (4, 10)
 _LENGTHS = np.array(LENGTHS)
 #: The past is thrown away only for a parameter that changed by its share here, and by so many deviations;
 #: their squares are those for white errors times COLOURED, as a resonance colours them.
 NOTABLE, CERTAIN, COLOURED = (0.01, 0.05, 0.05), 3.0, 40.0
-#: Share by which a chunk moves what is usual, and how far at once.
-USUAL, USUAL_STEP = 0.03, 3.0
+#: Share by which a chunk moves a typical value, and how far in one step.
+TYPICAL, TYPICAL_STEP = 0.03, 3.0
 #: A refit has to leave less than this share of the residual power to be believed.
 BETTER = 0.85
 #: Relative standard deviation that a change of a parameter is believed to have.
@@ -51,7 +51,7 @@ LARGEST_STEP = 0.5
 #: Refits saved up at most, and how many more a chunk allows: a model that does not fit must not cost more.
 MOST_REFITS, REFITS = 6.0, 0.05
 #: Relative residual above which the model does not describe what is seen and a new start is tried, and the
-#: residual power, relative to the least seen lately, above which it may be in the wrong valley.
+#: residual power, relative to the least seen lately, above which it may be in the wrong local minimum.
 POOR, WORSE = 0.25, 16.0
 #: Relative residual below which a start needs no other guess.
 FITS = 0.1
@@ -62,7 +62,7 @@ FORGOTTEN, SHORTEST_SETTLING, LONGEST_SETTLING = 8.0, 0.5, 1.5
 #: m/s, rms velocity above which the spool moves.
 MOVING = 2.0e-3
 #: Force that no estimate is better than: share of the inertia force that the pair of sensors and the sampling
-#: of the drive are believed to, and shares of F_c that the shape of a band-limited or a point jump leaves.
+#: of the excitation are believed to, and shares of F_c that the shape of a band-limited or point jump leaves.
 MATCHED, JUMP_SHAPE, POINT_SHAPE = 1.5e-4, 1.5e-3, 1.0e-4
 #: The latter where noise hides which of both the samples are, per second of sample period.
 UNTOLD_SHAPE = 15.0
@@ -77,7 +77,7 @@ DOUBT = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """What a tracker has learned; the fields are those of the tracker, ``offset`` (m/s^2) is the body's."""
+    """Knowledge of a tracker; the fields are those of the tracker, ``offset`` (m/s^2) is the body's."""
 
     regression: RecursiveLeastSquares | SlidingLeastSquares
     started: bool
@@ -85,15 +85,15 @@ class Knowledge:
     offset: float
     powers: Array
     sizes: Array
-    usual: tuple[float, ...]
+    typical: tuple[float, ...]
     evidence: tuple[float, float]
-    told: bool
+    distinguished: bool
     least: float
 
 
 @dataclass(slots=True)
 class Tracker:
-    """Follow k (N/m), c (N s/m) and F_c (N) of one valve from its samples, chunk by chunk.
+    """Tracker of k (N/m), c (N s/m) and F_c (N) of one valve from its samples, chunk by chunk.
 
     Args:
         sample_period: s.
@@ -139,11 +139,11 @@ class Tracker:
     _fitter: Fitter = field(init=False)
     _window: ChunkWindow = field(init=False)
     _earlier: deque[Array] = field(init=False)
-    _usual: list[float] = field(init=False)
+    _typical: list[float] = field(init=False)
     _scales: Array = field(init=False)
     _sizes: Array = field(init=False)
     _evidence: tuple[float, float] = field(default=(0.0, 0.0), init=False)
-    _told: bool = field(default=False, init=False)
+    _distinguished: bool = field(default=False, init=False)
     _least: float = field(default=math.inf, init=False)
     _since_restart: int = field(default=0, init=False)
     _allowed: float = field(default=MOST_REFITS, init=False)
@@ -157,7 +157,7 @@ class Tracker:
         self._scales = self.scale[:, np.newaxis] * self.scale
         self._window = ChunkWindow(self.scale)
         self._earlier = deque(maxlen=max(LENGTHS))
-        self._usual = [SIGNIFICANT / UNUSUAL] * len(LENGTHS)
+        self._typical = [SIGNIFICANT / ATYPICAL] * len(LENGTHS)
         self.set_period(self.sample_period)
 
     def set_period(self, sample_period: float) -> None:
@@ -182,7 +182,7 @@ class Tracker:
         """Return what is known now, for ``restore``."""
         return Knowledge(
             copy.deepcopy(self.regression), self.started, self.prediction.pointwise, self.prediction.offset,
-            self.powers.copy(), self._sizes.copy(), tuple(self._usual), self._evidence, self._told,
+            self.powers.copy(), self._sizes.copy(), tuple(self._typical), self._evidence, self._distinguished,
             self._least,
         )  # fmt: skip
 
@@ -193,8 +193,8 @@ class Tracker:
             return
         self.regression, self.started = copy.deepcopy(known.regression), known.started
         self.powers, self._sizes = known.powers.copy(), known.sizes.copy()
-        self._usual, self._evidence = list(known.usual), known.evidence
-        self._told, self._least = known.told, known.least
+        self._typical, self._evidence = list(known.typical), known.evidence
+        self._distinguished, self._least = known.distinguished, known.least
         self.prediction.reset(known.offset)
         self.prediction.pointwise = known.pointwise
         self.restart()
@@ -243,7 +243,7 @@ class Tracker:
     def systematic(self) -> Array:
         """Standard deviations that no amount of data removes, shape (3,)."""
         shape = POINT_SHAPE if self.prediction.pointwise else JUMP_SHAPE
-        if not self._told:
+        if not self._distinguished:
             shape = UNTOLD_SHAPE * self.sample_period
         _, target, _, displacement, velocity = (
             math.sqrt(max(power, 1e-20)) for power in self._sizes.tolist()
@@ -306,8 +306,8 @@ class Tracker:
             left = max(sums[RESIDUAL], 1e-30)
             pointwise, band_limited = self._evidence
             self._evidence = (
-                pointwise + USUAL * (sums[POINTWISE] / left - pointwise),
-                band_limited + USUAL * (sums[BAND_LIMITED] / left - band_limited),
+                pointwise + TYPICAL * (sums[POINTWISE] / left - pointwise),
+                band_limited + TYPICAL * (sums[BAND_LIMITED] / left - band_limited),
             )
         if self.excited and self.started:
             self._regress(sums[RESIDUAL], max(1.0, sums[COUNT]))
@@ -327,12 +327,12 @@ class Tracker:
             if self._window.count < last:
                 continue
             gain = (present / own - 1.0) * samples
-            usual = self._usual[which]
-            self._usual[which] += USUAL * (min(gain, USUAL_STEP * usual) - usual)
-            changed = present > CHANGED * own and gain > max(SIGNIFICANT, UNUSUAL * usual)
-            if changed and self._refit(last, present, usual):
+            typical = self._typical[which]
+            self._typical[which] += TYPICAL * (min(gain, TYPICAL_STEP * typical) - typical)
+            changed = present > CHANGED * own and gain > max(SIGNIFICANT, ATYPICAL * typical)
+            if changed and self._refit(last, present, typical):
                 return
-        # A descent may have ended in the wrong valley: far more is left than was once.
+        # A descent may have ended in the wrong local minimum: far more is left than was once.
         target = float(self.powers[1])
         self._least = min(1.01 * self._least, own / target)
         poor = own > POOR**2 * target or own > WORSE * self._least * target
@@ -342,9 +342,11 @@ class Tracker:
         change = regression.advance(prediction.gram, score, DOUBT * noise_score, weight)
         prediction.shift(change)
         pointwise, band_limited = self._evidence
-        prediction.pointwise = told_apart(pointwise, band_limited, present=prediction.pointwise)
-        surely = told_apart(pointwise, band_limited, present=True)
-        self._told = self._told or surely == told_apart(pointwise, band_limited, present=False)
+        prediction.pointwise = sampled_pointwise(pointwise, band_limited, present=prediction.pointwise)
+        surely = sampled_pointwise(pointwise, band_limited, present=True)
+        self._distinguished = self._distinguished or surely == sampled_pointwise(
+            pointwise, band_limited, present=False
+        )
         found = regression.parameters.tolist()
         if not (all(map(math.isfinite, found)) and found[0] > 0.0):
             self.started = False
@@ -379,7 +381,7 @@ class Tracker:
         self._patience = 5
         return True
 
-    def _refit(self, last: int, present: float, usual: float) -> bool:
+    def _refit(self, last: int, present: float, typical: float) -> bool:
         """Fit to the last chunks, weakly held to what was known; believe it where it is clearly better."""
         if self._allowed < 1.0:
             return False
@@ -388,7 +390,7 @@ class Tracker:
         if len(self._earlier) < last:
             return False
         body, spool = self._history.samples(last * self.chunk)
-        # Dry friction makes valleys: it is tried from both sides.
+        # Dry friction makes local minima: it is tried from both sides.
         guesses = [known, known * np.array([1.0, 1.0, 1.25]), known * np.array([1.0, 1.0, 0.75])]
         best = self._window.best(last)
         if 0.1 < best[0] / known[0] < 10.0 and best[1] > 0.0:
@@ -404,7 +406,7 @@ class Tracker:
         )
         if found is None or not found.variance < BETTER * present:
             return False
-        information = found.grams.sum(axis=0) / (found.variance * max(COLOURED, usual))
+        information = found.grams.sum(axis=0) / (found.variance * max(COLOURED, typical))
         deviation = np.sqrt(np.abs(np.diag(np.linalg.pinv(information)))) * self.scale
         notable = np.array(NOTABLE) * np.maximum(np.abs(known), 0.1 * self.scale)
         if np.all(np.abs(found.parameters - known) < np.maximum(notable, CERTAIN * deviation)):

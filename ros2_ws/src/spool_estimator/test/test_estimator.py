@@ -28,14 +28,14 @@ SETTINGS = EstimatorSettings(0.18)
 
 def simulator(
     valve: str = "4weh10_soft",
-    drive: str | Excitation = "multisine",
+    excitation: str | Excitation = "multisine",
     coulomb_force: float = 0.3,
     rate: float = 2000.0,
     bias: float = 9.81,
 ) -> Simulator:
     return Simulator(
         find_valve(valve),
-        PRESETS[drive] if isinstance(drive, str) else drive,
+        PRESETS[excitation] if isinstance(excitation, str) else excitation,
         coulomb_force=coulomb_force,
         sample_rate=rate,
         block_size=round(rate / 50),
@@ -62,10 +62,10 @@ def exactly(estimates: Iterable[Estimate], **same: int) -> list[str]:
 
 
 @pytest.mark.parametrize("coulomb_force", [0.0, 0.3])
-@pytest.mark.parametrize("drive", ["stepped", "sweep", "multisine", "orders"])
+@pytest.mark.parametrize("excitation", ["stepped", "sweep", "multisine", "orders"])
 @pytest.mark.parametrize("valve", ["4weh10_soft", "4weh10_stiff"])
-def test_recovers_what_was_simulated(valve: str, drive: str, coulomb_force: float) -> None:
-    source = simulator(valve, drive, coulomb_force)
+def test_recovers_what_was_simulated(valve: str, excitation: str, coulomb_force: float) -> None:
+    source = simulator(valve, excitation, coulomb_force)
     last = estimates_of(source.records(40.0), Estimator(settings_for(source.valve)))[-1]
     truth = source.truth
     assert last.state is State.TRACKING
@@ -198,14 +198,14 @@ def test_goes_on_after_a_gap_and_counts_what_was_lost() -> None:
 
 
 def test_a_standstill_of_8_s_moves_nothing() -> None:
-    drive = Sequence(
+    excitation = Sequence(
         parts=(
             Part(duration=12.0, excitation=Multisine(low_frequency=10.0, high_frequency=100.0, rms=7.0)),
             Part(duration=8.0, excitation=Standstill()),
             Part(duration=6.0, excitation=Multisine(low_frequency=10.0, high_frequency=100.0, rms=7.0)),
         )
     )
-    estimates = estimates_of(simulator(drive=drive).records(26.0))
+    estimates = estimates_of(simulator(excitation=excitation).records(26.0))
     before, during, after = estimates[10], estimates[14:19], estimates[-1]
     assert before.state is State.TRACKING
     for estimate in during:
@@ -277,8 +277,8 @@ def test_a_stale_estimate_is_held_and_claims_no_signal() -> None:
 
 
 def test_signals_are_reported_as_they_are() -> None:
-    drive = MachineOrders(speed_profile=((0.0, 1200.0),), orders=((1.0, 10.0),))
-    last = estimates_of(simulator(drive=drive, coulomb_force=0.0).records(8.0))[-1]
+    excitation = MachineOrders(speed_profile=((0.0, 1200.0),), orders=((1.0, 10.0),))
+    last = estimates_of(simulator(excitation=excitation, coulomb_force=0.0).records(8.0))[-1]
     # Two equal stages of first order, 3 dB down together at low_cut.
     turn = cmath.exp(2j * math.pi * 20.0 / 2000.0)
     kept = math.exp(-2.0 * math.pi * SETTINGS.low_cut / 1.554 / 2000.0)

@@ -181,9 +181,9 @@ def test_how_the_stream_is_split_changes_no_bit(make: Make, sizes: list[int]) ->
 def test_memory_does_not_grow_over_ten_minutes(make: Make) -> None:
     rate = 250.0
     slow = replace(SETTINGS, high_cut=100.0)
-    drive = MachineOrders(speed_profile=((0.0, 800.0), (900.0, 1100.0)), orders=((1.0, 6.0), (2.0, 3.0)))
+    excitation = MachineOrders(speed_profile=((0.0, 800.0), (900.0, 1100.0)), orders=((1.0, 6.0), (2.0, 3.0)))
     source = Simulator(
-        find_valve("4weh10_soft"), drive, coulomb_force=0.2, sample_rate=rate, block_size=125, seed=2
+        find_valve("4weh10_soft"), excitation, coulomb_force=0.2, sample_rate=rate, block_size=125, seed=2
     )
     estimator = make(slow)
     sizes = []

@@ -13,10 +13,10 @@ Array = NDArray[np.float64]
 MASS, RATE = 0.18, 2000.0
 
 
-def run(parameters: Array, drive: str = "multisine", seconds: float = 1.0, pieces: int = 1) -> Array:
+def run(parameters: Array, excitation: str = "multisine", seconds: float = 1.0, pieces: int = 1) -> Array:
     """Return the states at each sample, shape (n, MOTION_STATES)."""
     samples = round(seconds * RATE)
-    body = PRESETS[drive].acceleration(half_step_times(0, samples, RATE, 1))
+    body = PRESETS[excitation].acceleration(half_step_times(0, samples, RATE, 1))
     state, spread = np.zeros(MOTION_STATES), np.zeros((4, 4))
     states = np.empty((samples, MOTION_STATES))
     for n in range(samples):
@@ -27,8 +27,8 @@ def run(parameters: Array, drive: str = "multisine", seconds: float = 1.0, piece
 
 
 @pytest.mark.parametrize("coulomb_force", [0.0, 0.3, 1.2])
-@pytest.mark.parametrize("drive", ["multisine", "sweep"])
-def test_moves_as_the_simulator_does(drive: str, coulomb_force: float) -> None:
+@pytest.mark.parametrize("excitation", ["multisine", "sweep"])
+def test_moves_as_the_simulator_does(excitation: str, coulomb_force: float) -> None:
     substeps, samples = 4, round(RATE)
     simulated = ComposedMotion(load_model("coulomb").terms)
     values = {
@@ -39,12 +39,12 @@ def test_moves_as_the_simulator_does(drive: str, coulomb_force: float) -> None:
     }
     expected, _ = simulated.advance(
         MotionState(),
-        PRESETS[drive].acceleration(half_step_times(0, samples, RATE, substeps)),
+        PRESETS[excitation].acceleration(half_step_times(0, samples, RATE, substeps)),
         simulated.table(values, samples),
         sample_period=1.0 / RATE,
         substeps=substeps,
     )
-    states = run(np.array([1632.0, 4.0, coulomb_force]), drive)
+    states = run(np.array([1632.0, 4.0, coulomb_force]), excitation)
     for column, motion in ((0, expected.displacement), (1, expected.velocity)):
         np.testing.assert_allclose(states[:, column], motion, rtol=0.0, atol=1e-4 * np.abs(motion).max())
     assert (states[1:, 2] == 0.0).any() == expected.stuck[1:].any()

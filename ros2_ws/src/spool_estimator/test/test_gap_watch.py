@@ -1,4 +1,4 @@
-"""When the model gap counts as open, and what an analysis beside a stream looks at."""
+"""When the model gap counts as open, and what an analysis while a stream is live looks at."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def taught(level: float = 0.02) -> Machine:
     return machine
 
 
-def test_noise_about_the_floor_opens_nothing() -> None:
+def test_noise_about_the_median_opens_nothing() -> None:
     machine = taught()
     generator = np.random.default_rng(1)
     assert not any(machine.say(0.02 * (1.0 + 0.05 * generator.normal())) for _ in range(2000))
@@ -85,7 +85,7 @@ def test_what_does_not_last_opens_nothing() -> None:
 
 @pytest.mark.parametrize(("residual", "travel"), [(0.1, 0.5e-4), (0.021, 3e-3)])
 def test_another_drive_opens_nothing(residual: float, travel: float) -> None:
-    """A weaker drive leaves more noise over the force, a stronger one more force at the same share."""
+    """A weaker excitation leaves more noise over the force, a stronger one more force at the same share."""
     machine = taught()
     assert not any(machine.say(residual, travel=travel) for _ in range(60))
 
@@ -147,7 +147,7 @@ def test_what_is_not_tracked_says_nothing(state: State) -> None:
     fresh = Machine()
     for _ in range(2 * LEARNED):
         fresh.say(0.5, state=state)
-    assert fresh.watch.floor is None
+    assert fresh.watch.median is None
 
 
 def test_only_the_last_seconds_are_kept_and_a_gap_splits_them() -> None:

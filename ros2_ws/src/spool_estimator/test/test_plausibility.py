@@ -18,10 +18,10 @@ SOFT, STIFF = (find_valve(name) for name in ("4weh10_soft", "4weh10_stiff"))
 SHAKEN = Multisine(low_frequency=10.0, high_frequency=100.0, rms=7.0)
 
 
-def simulated(valve: Valve, seconds: float = 20.0, drive: Any = SHAKEN, **changes: Any) -> Record:
+def simulated(valve: Valve, seconds: float = 20.0, excitation: Any = SHAKEN, **changes: Any) -> Record:
     plain = Sensor(noise=0.05)
     simulator = Simulator(
-        valve, drive, sample_rate=2000.0, block_size=40, seed=3, start_stamp=1, body_sensor=plain,
+        valve, excitation, sample_rate=2000.0, block_size=40, seed=3, start_stamp=1, body_sensor=plain,
         spool_sensor=plain, **{"model": "coulomb", **changes},
     )  # fmt: skip
     blocks = list(simulator.records(seconds))
@@ -51,13 +51,15 @@ def test_a_spool_that_sticks_does_not_contradict_its_file(force: float) -> None:
 
 
 @pytest.mark.parametrize(
-    "drive",
+    "excitation",
     [Standstill(), Multisine(low_frequency=80.0, high_frequency=100.0, rms=7.0)],
     ids=["standstill", "far above the resonance"],
 )
-def test_a_record_that_does_not_show_the_resonance_contradicts_nothing(drive: Any) -> None:
+def test_a_record_that_does_not_show_the_resonance_contradicts_nothing(excitation: Any) -> None:
     for filed in (SOFT, STIFF):
-        assert check_records(filed, [simulated(STIFF if filed is STIFF else SOFT, drive=drive)]) == []
+        assert (
+            check_records(filed, [simulated(STIFF if filed is STIFF else SOFT, excitation=excitation)]) == []
+        )
 
 
 def test_a_viscosity_in_other_units_is_told_from_the_damping() -> None:

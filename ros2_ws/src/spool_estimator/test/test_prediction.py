@@ -1,4 +1,4 @@
-"""What the run beside the machine says of its samples, beside the same in plain Python."""
+"""What the run in parallel with the machine says of its samples, against the same in Python."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ def chunks(count: int, length: int = 100, seed: int = 0) -> list[tuple[Array, Ar
 
 
 def weighted_least_squares(pairs: list[tuple[Array, Array]], weights: Array, prior: float) -> Array:
-    """Return the solution of all chunks at once, in units of the scale where the prior is the unit matrix."""
+    """Return the solution of all chunks, in units of the scale where the prior is the unit matrix."""
     gram = np.eye(3) * 0.05**2 * prior
     score = np.zeros(3)
     for (rows, target), weight in zip(pairs, weights, strict=True):
@@ -118,11 +118,11 @@ def test_two_standard_deviations_cover_the_truth_as_often_as_they_should(kind: s
     generator = np.random.default_rng(11)
     # Columns as coloured as the noise: there ordinary least squares would claim far too much certainty.
     times = np.arange(count * length)
-    drive = np.stack(
+    excitation = np.stack(
         [np.sin(0.031 * times + 1e-6 * times**2), np.cos(0.047 * times), np.sign(np.sin(0.0531 * times))],
         axis=1,
     )
-    rows = (drive * SIZES).reshape(count, length, 3)
+    rows = (excitation * SIZES).reshape(count, length, 3)
     disturbance = 0.3 * noise(kind, (runs, count * length), generator)
     covered = np.zeros(3)
     for run in range(runs):

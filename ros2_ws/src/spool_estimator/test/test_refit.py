@@ -111,13 +111,13 @@ def test_a_gap_begins_the_window_anew() -> None:
 
 
 def test_a_standstill_is_a_result_with_a_reason() -> None:
-    drive = Parts(
+    excitation = Parts(
         parts=(
             Part(excitation=PRESETS["multisine"], duration=5.0),
             Part(excitation=Standstill(), duration=8.0),
         )
     )
-    still = list(Simulator(VALVE, drive, coulomb_force=0.3).records(12.0))
+    still = list(Simulator(VALVE, excitation, coulomb_force=0.3).records(12.0))
     found = refit(tasks_of(still)[-1])
     assert found.state is RefitState.FAILED
     assert (

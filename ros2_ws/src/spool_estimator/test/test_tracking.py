@@ -23,7 +23,7 @@ Broken = Callable[[Array, Array], tuple[Array, Array]]
 
 
 def simulator(
-    drive: str | Excitation = "multisine",
+    excitation: str | Excitation = "multisine",
     coulomb_force: float = 0.3,
     *,
     valve: str = "4weh10_soft",
@@ -35,7 +35,7 @@ def simulator(
     given = {} if viscous_coefficient is None else {"viscous_coefficient": viscous_coefficient}
     return Simulator(
         find_valve(valve),
-        PRESETS[drive] if isinstance(drive, str) else drive,
+        PRESETS[excitation] if isinstance(excitation, str) else excitation,
         parameters=given,
         coulomb_force=coulomb_force,
         sample_rate=rate,
@@ -68,23 +68,23 @@ def settled(inside: NDArray[np.bool_]) -> float:
     return 0.0 if outside.size == 0 else (outside[-1] + 2) * PERIOD
 
 
-@pytest.mark.parametrize("drive", ["multisine", "sweep", "orders"])
+@pytest.mark.parametrize("excitation", ["multisine", "sweep", "orders"])
 @pytest.mark.parametrize("change", [0.8, 1.2])
 @pytest.mark.parametrize("force", [0.3, 0.8])
 def test_a_fifth_more_or_less_dry_friction_is_seen_within_3_s(
-    drive: str, change: float, force: float
+    excitation: str, change: float, force: float
 ) -> None:
     target = force * change
-    before, after = step(simulator(drive, force), "coulomb_force", target)
+    before, after = step(simulator(excitation, force), "coulomb_force", target)
     assert settled(np.abs(after / target - 1.0) < 0.1) < 3.0
     overshoot = np.nanmax((after - before) / (target - before)) - 1.0
     assert overshoot < 0.3
 
 
-@pytest.mark.parametrize("drive", ["multisine", "sweep"])
+@pytest.mark.parametrize("excitation", ["multisine", "sweep"])
 @pytest.mark.parametrize("coulomb_force", [0.0, 0.3])
-def test_oil_that_thins_to_a_third_is_seen_within_1_s(drive: str, coulomb_force: float) -> None:
-    source = simulator(drive, coulomb_force, viscous_coefficient=3.97)
+def test_oil_that_thins_to_a_third_is_seen_within_1_s(excitation: str, coulomb_force: float) -> None:
+    source = simulator(excitation, coulomb_force, viscous_coefficient=3.97)
     before, after = step(source, "viscous_coefficient", 1.28)
     assert settled((after - before) / (1.28 - before) > 0.9) <= 1.0
     assert np.std(after[10:20]) < 0.02 * 1.28
@@ -100,8 +100,10 @@ def test_a_spring_that_jumps_is_seen_within_1_s(change: float) -> None:
 
 def test_a_small_change_is_followed_after_the_excitation_dropped_to_a_tenth() -> None:
     strong, weak = (Multisine(low_frequency=10.0, high_frequency=100.0, rms=rms) for rms in (7.0, 0.7))
-    drive = Sequence(parts=(Part(duration=12.0, excitation=strong), Part(duration=40.0, excitation=weak)))
-    source = simulator(drive, 0.02, noise=0.01)
+    excitation = Sequence(
+        parts=(Part(duration=12.0, excitation=strong), Part(duration=40.0, excitation=weak))
+    )
+    source = simulator(excitation, 0.02, noise=0.01)
     estimator = Estimator(settings_for(source.valve))
     follow(source, 13.0, estimator)
     source.set_drift("spring_stiffness", 1632.0 * 1.02)
@@ -135,14 +137,14 @@ def test_a_sliding_window_forgets_at_once_what_is_older() -> None:
 
 
 def test_minutes_at_rest_neither_wind_up_nor_freeze_the_covariance() -> None:
-    drive = Sequence(
+    excitation = Sequence(
         parts=(
             Part(duration=8.0, excitation=PRESETS["multisine"]),
             Part(duration=300.0, excitation=PRESETS["standstill"]),
             Part(duration=10.0, excitation=PRESETS["multisine"]),
         )
     )
-    source = simulator(drive, rate=1000.0)
+    source = simulator(excitation, rate=1000.0)
     estimator = Estimator(settings_for(source.valve))
     before = follow(source, 8.0, estimator)[-1]
     during = follow(source, 299.0, estimator)
@@ -162,9 +164,9 @@ def test_two_standard_deviations_cover_the_truth() -> None:
     generator = np.random.default_rng(2024)
     distances = []
     for number in range(16):
-        drive = ("multisine", "sweep", "stepped", "orders")[number % 4]
+        excitation = ("multisine", "sweep", "stepped", "orders")[number % 4]
         source = simulator(
-            drive,
+            excitation,
             float(generator.uniform(0.1, 0.8)),
             valve=("4weh10_soft", "4weh10_stiff")[number // 2 % 2],
             noise=7.0 * float(generator.uniform(0.005, 0.03)),

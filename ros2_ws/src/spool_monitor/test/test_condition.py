@@ -73,7 +73,7 @@ def course(*steps: tuple[float, tuple[Severity | None, bool]]) -> list[tuple[flo
         pytest.param(
             [(0.0, WARN), (0.5, WARN), (0.6, ALARMING), (0.7, WARN), (0.8, ALARMING)],
             [(0.5, RAISED, WARNING), (0.6, RAISED, ALARM)],
-            id="a higher severity at once and once",
+            id="a higher severity immediately and once",
         ),
         pytest.param(
             [(0.0, ALARMING), (0.5, ALARMING), (1.0, WARN), (2.0, QUIET), (3.0, QUIET)],

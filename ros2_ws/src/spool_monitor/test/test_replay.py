@@ -112,10 +112,10 @@ def test_a_gap_that_opens_is_among_the_events_of_a_replay_in_order() -> None:
             "parameters": {"cubic_coefficient": 3.0e8},
         }
     )
-    drive = load_excitation("multisine")
+    excitation = load_excitation("multisine")
     noise = {"body_sensor": Sensor(noise=0.05), "spool_sensor": Sensor(noise=0.05)}
-    blocks = list(Simulator(VALVE, drive, model="fluid", seed=3, **noise).records(10.0))
-    after = Simulator(VALVE, drive, model=hardening, seed=4, start_stamp=blocks[-1].end, **noise)
+    blocks = list(Simulator(VALVE, excitation, model="fluid", seed=3, **noise).records(10.0))
+    after = Simulator(VALVE, excitation, model=hardening, seed=4, start_stamp=blocks[-1].end, **noise)
     later = after.records(12.0)
     blocks += [replace(block, sequence=len(blocks) + number) for number, block in enumerate(later)]
     one = Replay(make_estimator("prediction", quick), Monitor(SETTINGS))

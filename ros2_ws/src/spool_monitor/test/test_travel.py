@@ -81,10 +81,10 @@ def slow_count(
     relative: NDArray[np.float64], law: NDArray[np.float64], threshold: float
 ) -> tuple[float, int]:
     """Return way and turns by the definition: list the displacement, then walk from turn to turn."""
-    step, drive = np.array([[law[0], law[1]], [law[2], law[3]]]), np.array([law[4], law[5]])
+    step, excitation = np.array([[law[0], law[1]], [law[2], law[3]]]), np.array([law[4], law[5]])
     state, way = np.zeros(2), [0.0]
     for driving in relative:
-        state = step @ state + drive * driving
+        state = step @ state + excitation * driving
         way.append(float(state[0]))
     turns = [way[0]]
     extreme, direction = way[0], 0

@@ -28,9 +28,7 @@ def network_warnings(environment: Mapping[str, str] | None = None) -> list[str]:
         )
     peers = environment.get("ROS_STATIC_PEERS", "")
     if peers and not (enforced and built_in):
-        said.append(
-            f"ROS_STATIC_PEERS={peers}: whoever has one of these addresses may acknowledge and shelve alarms"
-        )
+        said.append(f"ROS_STATIC_PEERS={peers}: each of these hosts may acknowledge and shelve alarms")
     return [*said, *_security(environment, on=on, enforced=enforced, built_in=built_in)]
 
 

@@ -19,7 +19,7 @@ def samples_wanted(depth: int = 50) -> QoSProfile:
 
 
 def state(depth: int = 1) -> QoSProfile:
-    """Latched: whoever joins late gets the last ``depth`` messages."""
+    """Latched: a late subscriber gets the last ``depth`` messages."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,

@@ -11,7 +11,7 @@ from types import FrameType
 NUMBERS = (signal.SIGINT, signal.SIGTERM)
 
 #: s from the first signal on in which further ones can't break the end off: a terminal's Ctrl-C and a launch
-#: file's own signal reach a node at once, and closing a recording takes a second.
+#: file's own signal reach a node together, and closing a recording takes a second.
 PATIENCE = 3.0
 
 
@@ -22,10 +22,10 @@ class StopRequested(BaseException):
 class Phase(enum.Enum):
     """What a signal does."""
 
-    LOADING = "loading"  # nothing is open yet: the process ends at once
+    LOADING = "loading"  # nothing is open yet: the process ends immediately
     STARTING = "starting"  # what is under way, perhaps a minute of compiling, is broken off
     RUNNING = "running"  # it is noted, and the node ends in order
-    ENDING = "ending"  # nothing, but for whoever goes on asking
+    ENDING = "ending"  # nothing more is begun, however often it is asked
 
 
 class Stop:

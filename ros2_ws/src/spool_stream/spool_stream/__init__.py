@@ -1,1 +1,1 @@
-"""What every consumer of samples shares: blocks, their judgement, the error a user can mend."""
+"""What every consumer of samples shares: blocks, their judgement, the error that a user can put right."""

@@ -239,7 +239,7 @@ class SharedGate(BlockGate):
         return self._verdict
 
     def admit_run(self, blocks: Sequence[Block]) -> Block | None:
-        """Accept ``blocks`` at once and return them as one, which every consumer then takes.
+        """Accept ``blocks`` together and return them as one, which every consumer then takes.
 
         They follow the last one and each other to the nanosecond, and the stream was ``steady``. Where one of
         them is malformed or another valve's, nothing is accepted and ``None`` returned: judge each by itself.

@@ -1,4 +1,4 @@
-"""The error that a user can mend."""
+"""Input error: what a user can put right."""
 
 from __future__ import annotations
 

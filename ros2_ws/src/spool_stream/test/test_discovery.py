@@ -22,7 +22,7 @@ FILES = {
     "registry": "from .base import Law\nclass NotLookedAt(Law):\n    def force(self): ...\n",
     "second": "from .base import Law\nclass Second(Law):\n    def force(self): ...\n",
     "first": "from .base import Law\nclass Half(Law): ...\nclass First(Half):\n    def force(self): ...\n",
-    "other": "from .second import Second\nclass Stranger: ...\n",
+    "other": "from .second import Second\nclass Unrelated: ...\n",
 }
 
 

@@ -53,16 +53,22 @@ def displacement(z: float, v: float, d1: float, d2: float, d3: float, d4: float,
 
 @compiled
 def rates(
-    z: float, v: float, force: float, drive: tuple[float, float, float], k: float, c: float, per_mass: float
+    z: float,
+    v: float,
+    force: float,
+    excitation: tuple[float, float, float],
+    k: float,
+    c: float,
+    per_mass: float,
 ) -> tuple[float, float, float, float, float]:
     """Return the derivatives of v by time, first to fifth.
 
-    ``force`` is the dry friction, N; ``drive`` what the body's motion gives, m/s^2, and its first two
+    ``force`` is the dry friction, N; ``excitation`` what the body's motion gives, m/s^2, and its first two
     derivatives by time.
     """
-    d1 = drive[0] - (k * z + c * v + force) * per_mass
-    d2 = drive[1] - (k * v + c * d1) * per_mass
-    d3 = drive[2] - (k * d1 + c * d2) * per_mass
+    d1 = excitation[0] - (k * z + c * v + force) * per_mass
+    d2 = excitation[1] - (k * v + c * d1) * per_mass
+    d3 = excitation[2] - (k * d1 + c * d2) * per_mass
     d4 = -(k * d2 + c * d3) * per_mass
     d5 = -(k * d3 + c * d4) * per_mass
     return d1, d2, d3, d4, d5
@@ -117,7 +123,7 @@ def _release(n0: float, n1: float, n2: float, bound: float) -> tuple[float, floa
         square = n1 * n1 - 4.0 * n2 * beyond
         if square < 0.0:
             continue
-        # Citardauq form beside the usual one: no cancellation when the parabola is nearly a line.
+        # Citardauq form besides the quadratic formula: no cancellation when the parabola is nearly a line.
         half = -0.5 * (n1 + math.copysign(math.sqrt(square), n1))
         if half != 0.0:
             y = beyond / half
@@ -202,8 +208,8 @@ def advance_sample(
                 break
         rest = (1.0 - u) * period
         t = min(rest, period / pieces)
-        drive = -(a0 + u * (b + u * d)), -(b + 2.0 * u * d) / period, -2.0 * d / (period * period)
-        d1, d2, d3, d4, d5 = rates(z, v, s * f, drive, k, c, per_mass)
+        excitation = -(a0 + u * (b + u * d)), -(b + 2.0 * u * d) / period, -2.0 * d / (period * period)
+        d1, d2, d3, d4, d5 = rates(z, v, s * f, excitation, k, c, per_mass)
         end = velocity(v, d1, d2, d3, d4, d5, t)
         stops = s * end <= 0.0
         if stops:

@@ -1,4 +1,4 @@
-"""The last seconds of samples, and the parameters that the free run fits best to them."""
+"""History of the last seconds of samples, and the free run's parameters that fit them best."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ Samples = NDArray[np.float32]
 MOST_RUNS, CONVERGED = 14, 1.0e-4
 #: Largest relative change of stiffness and viscous coefficient within one step of a descent.
 LARGEST_CHANGE = 0.5
-#: Ratio of the errors near jumps by which point values and band-limited samples are told apart.
-TOLD_APART = 1.5
+#: Ratio of the errors near jumps by which point values and band-limited samples are distinguished.
+DISTINGUISHED = 1.5
 
 
 @dataclass(slots=True)
 class History:
-    """The last ``length`` samples of both channels since ``clear``, m/s^2."""
+    """History: the last ``length`` samples of both channels since ``clear``, m/s^2."""
 
     length: int
     taken: int = field(default=0, init=False)
@@ -63,16 +63,16 @@ class History:
         return np.ascontiguousarray(both[0]), np.ascontiguousarray(both[1])
 
 
-def told_apart(pointwise: float, band_limited: float, present: bool) -> bool:
-    """Return whether samples are point values, by the squared errors left; where not told, ``present``."""
-    if pointwise * TOLD_APART < band_limited:
+def sampled_pointwise(pointwise: float, band_limited: float, present: bool) -> bool:
+    """Return whether samples are point values, by the squared errors left; else ``present``."""
+    if pointwise * DISTINGUISHED < band_limited:
         return True
-    return present and not band_limited * TOLD_APART < pointwise
+    return present and not band_limited * DISTINGUISHED < pointwise
 
 
 @dataclass(frozen=True, slots=True)
 class Descent:
-    """What the free run fits best to a stretch of samples.
+    """Descent: what the free run fits best to a stretch of samples.
 
     Attributes:
         parameters: k (N/m), c (N s/m), F_c (N), shape (3,).
@@ -100,7 +100,7 @@ class Descent:
 
 @dataclass(frozen=True, slots=True)
 class Fitter:
-    """Fits the free run to stretches of samples.
+    """Fitter of the free run to stretches of samples.
 
     Args:
         sample_period: s.
@@ -164,7 +164,7 @@ class Fitter:
             grams[number], sums[number] = prediction.gram, prediction.sums
             scores[number] = prediction.product - prediction.noise_score
         prediction.clear()
-        prediction.pointwise = told_apart(
+        prediction.pointwise = sampled_pointwise(
             float(sums[:, POINTWISE].sum()), float(sums[:, BAND_LIMITED].sum()), prediction.pointwise
         )
         target = float(sums[:, TARGET].sum() / max(1.0, sums[:, COUNT].sum()))
@@ -252,6 +252,6 @@ class Fitter:
         return present
 
     def _bounded(self, step: Array, parameters: Array) -> Array:
-        """Return ``step``, shortened where it changes a parameter by too much at once."""
+        """Return ``step``, shortened where it changes a parameter by too much in one step."""
         room = LARGEST_CHANGE * np.maximum(np.abs(parameters), 0.2 * self.scale)
         return step * min(1.0, float(np.min(room / np.maximum(np.abs(step), 1e-300))))

@@ -1,7 +1,7 @@
-"""The model run beside the machine: its prediction error, and how that depends on its parameters.
+"""Prediction error of the model run in parallel with the machine, and its derivatives by the parameters.
 
-The body's measured acceleration drives the model; the spool's measured acceleration less the predicted one is
-the prediction error, and its derivatives by the parameters are the regressors (recursive prediction error
+The body's measured acceleration excites the model; the spool's measured acceleration less the predicted one
+is the prediction error, and its derivatives by the parameters are the regressors (recursive prediction error
 method: Ljung, System Identification, 1999, ch. 11). Nothing measured is integrated, and a reversal happens in
 the model when it happens, not at a sample. Error and derivatives pass one and the same high-pass, so constant
 and slowly changing sensor errors vanish.
@@ -46,7 +46,7 @@ _MEMORY, _STATES = 61, 71
 
 @dataclass(slots=True)
 class Prediction:
-    """One valve's model run beside it, and the sums of least squares for the samples since ``clear``.
+    """Prediction: one valve's model run in parallel, and the sums of least squares since ``clear``.
 
     Args:
         sample_period: s.

@@ -30,8 +30,8 @@ def slip_matrix(period: float, mass: float, parameters: Array, matrix: Array) ->
         z, v, s, a0, am, a1 = unit
         b = -3.0 * a0 + 4.0 * am - a1
         d = 2.0 * a0 - 4.0 * am + 2.0 * a1
-        drive = -a0, -b / period, -2.0 * d / (period * period)
-        d1, d2, d3, d4, d5 = rates(z, v, s * f, drive, k, c, per_mass)
+        excitation = -a0, -b / period, -2.0 * d / (period * period)
+        d1, d2, d3, d4, d5 = rates(z, v, s * f, excitation, k, c, per_mass)
         matrix[0, column] = displacement(z, v, d1, d2, d3, d4, period)
         matrix[1, column] = velocity(v, d1, d2, d3, d4, d5, period)
         force_by = (z, v, d1, d2), (v, d1, d2, d3), (s, 0.0, 0.0, 0.0)

@@ -47,7 +47,7 @@ class EstimatorNode(ManagedNode):
             "valve_file", "4weh10_soft", "Path of a YAML file or name of a shipped valve.", structural=True,
         ),
         Parameter(
-            "method", "prediction", "The model run beside the machine, or equation error.", structural=True,
+            "method", "prediction", "The model run in parallel, or equation error.", structural=True,
             choices=tuple(ESTIMATORS),
         ),
         Parameter(
@@ -73,7 +73,7 @@ class EstimatorNode(ManagedNode):
         Parameter("refit_window", 4.0, "Length of the refitted window.", "s", 2.0, 60.0, structural=True),
         Parameter("refit_model", "coulomb", "Name of a model or path of a YAML file.", structural=True),
         Parameter(
-            "gap_growth", 2.0, "Residual over what is usual from which model_gap is raised.",
+            "gap_growth", 2.0, "Residual over its median from which model_gap is raised.",
             "1", 1.1, 100.0, structural=True,
         ),
         Parameter(
@@ -206,7 +206,7 @@ class EstimatorNode(ManagedNode):
         self._core.update_temperature(nanoseconds(message.header.stamp), message.temperature, deviation)
 
     def _watch(self) -> None:
-        """Publish once that the estimate is held, and report another level or a refused block at once."""
+        """Publish once that the estimate is held, and report another level or a refused block immediately."""
         assert self._core is not None
         latest = self._core.latest
         silent = time.monotonic() - self._arrival > self.value("stale_after")

@@ -36,7 +36,7 @@ class GapService:
             valve: that is listened to.
             base: model that effects are added to.
             window: s that an analysis looks back.
-            growth: residual over what is usual from which the event is raised.
+            growth: residual over its median from which the event is raised.
         """
         self._node, self._valve, self._base = node, valve, base
         self._watch = GapWatch(growth)

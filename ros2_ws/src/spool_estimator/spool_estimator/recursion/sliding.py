@@ -1,4 +1,4 @@
-"""Least squares over a sliding window of chunks: what is older than the window is forgotten at once."""
+"""Least squares over a sliding window of chunks: what is older than the window is forgotten completely."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ class Resonance(Detector):
         if off >= on:
             raise InputError(
                 f"amplification_off ({off:g}) must lie below amplification_on ({on:g}): "
-                "what is raised would be cleared at once"
+                "what is raised would be cleared immediately"
             )
 
     def update(self, moment: Moment) -> Finding | None:

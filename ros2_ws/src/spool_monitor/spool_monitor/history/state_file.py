@@ -114,7 +114,7 @@ class StateFile:
         self._sound = False
 
     def _look(self, path: Path) -> dict[Path, Found]:
-        """Return the whole states of ``path`` and of the copies beside it; what is damaged is warned of."""
+        """Return the whole states of ``path`` and of the copies next to it; what is damaged is warned of."""
         found = {}
         for one in (path, _beside(path, NEW), _beside(path, LAST)):
             try:

@@ -150,7 +150,7 @@ class TrendStore:
             raise InputError(f"{path}: there is no such file")
         mode = "ro" if read_only else "rwc"
         if not read_only:
-            private_file(path)  # SQLite gives the files beside it the same permissions
+            private_file(path)  # SQLite gives the files next to it the same permissions
             for ending in ("-wal", "-shm"):
                 restrict(path.with_name(path.name + ending), FILE_MODE)
         with _named(path):
@@ -260,7 +260,7 @@ class TrendStore:
 def own_file(path: Path, patience: float = PATIENCE) -> Path:
     """Return the file that this version keeps trends in.
 
-    That is ``path``, or, where a later version wrote that one, ``NAME.format1.sqlite`` beside it.
+    That is ``path``, or, where a later version wrote that one, ``NAME.format1.sqlite`` next to it.
     """
     try:
         TrendStore(path, read_only=True, patience=patience).close()

@@ -29,7 +29,7 @@ class TrendWriter:
     What can't be written, since another program holds the file or the disk is full, is held (a day of minutes
     at most) and written as soon as that is possible; :attr:`trouble` says so meanwhile. ``warn`` is called
     with one line for people when that begins and when it ends. A damaged file is put aside under
-    ``NAME.damaged`` and a new one begun; one of a later version is left alone, and another kept beside it.
+    ``NAME.damaged`` and a new one begun; one of a later version is left alone, and another kept next to it.
     Nothing is written while ``allowed`` says no: the folder may be another monitor's.
     """
 

@@ -17,7 +17,7 @@ from .state_file import FolderLock, StateFile
 
 ALARMS, BASELINE, TRENDS = "alarms.json", "baseline.json", "trends.sqlite"
 
-#: ns between two attempts to write what could not be written; a full disk is rarely emptied within seconds.
+#: ns between two attempts to write what could not be written; a full disk is not emptied within seconds.
 RETRY = 10_000_000_000
 
 

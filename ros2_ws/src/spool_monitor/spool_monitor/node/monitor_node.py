@@ -54,12 +54,12 @@ _KEEPING = (
 )  # fmt: skip
 
 #: s that an estimator or simulator of the same namespace may take to start: kernels of several nodes may be
-#: compiled, one after the other. Once it was heard, or without one, silence is told at once.
+#: compiled, one after the other. Once it was heard, or without one, silence is told immediately.
 STARTS = 180.0
 
 
 class MonitorNode(ManagedNode):
-    """Judge resonance, drift and silence of one valve from its blocks and estimates."""
+    """Node ``monitor``: judges resonance, drift and silence of one valve from its blocks and estimates."""
 
     PARAMETERS: ClassVar = (*_SETTINGS, *_KEEPING)
 

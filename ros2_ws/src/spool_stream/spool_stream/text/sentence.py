@@ -97,7 +97,7 @@ def change(
         return f"{name} as before at {intervals}"
     verb = "rose" if difference > 0 else "fell"
     size = f"{_percent(abs(100 * difference / begin))} %" if relative and begin else ""
-    return f"{name} {verb} by {size or f'{_plain(abs(difference), there.value)}{suffix}'} to {intervals}"
+    return f"{name} {verb} by {size or f'{_in_digits(abs(difference), there.value)}{suffix}'} to {intervals}"
 
 
 def duration(seconds: float) -> str:
@@ -131,7 +131,7 @@ def _percent(value: Decimal) -> str:
     return f"{value:.0f}" if value >= 10 else f"{value:.2g}" if value >= 1 else f"{value:.1g}"
 
 
-def _plain(difference: Decimal, like: str) -> str:
+def _in_digits(difference: Decimal, like: str) -> str:
     """Return ``difference`` down to the last digit of ``like``, with its power of ten."""
     mantissa, mark, power = like.partition("e")
     decimals = len(mantissa.partition(".")[2])

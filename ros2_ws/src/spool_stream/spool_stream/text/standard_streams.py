@@ -25,7 +25,7 @@ def keep_standard_streams() -> None:
 
 
 def drop_output() -> None:
-    """Let what is still to be printed go nowhere: whoever read it (``| head``) has ended."""
+    """Let what is still to be printed go nowhere: the reader (``| head``) has ended."""
     null = os.open(os.devnull, os.O_WRONLY)
     for stream in (sys.stdout, sys.stderr):
         try:
