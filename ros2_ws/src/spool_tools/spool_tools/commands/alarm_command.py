@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -40,9 +40,7 @@ def acknowledge(valve: Valve, alarm: Name = "", who: Who = "", comment: Comment 
 
     Example: ./spool alarm acknowledge valve_1 resonance --comment "speed reduced"
     """
-    from spool_tools.operations.alarm_client import acknowledge as do  # noqa: PLC0415
-
-    do(valve, alarm, who, comment)
+    _ask(valve, "acknowledge_alarm", alarm=alarm, who=who, comment=comment)
 
 
 @app.command()
@@ -58,9 +56,8 @@ def shelve(
 
     Example: ./spool alarm shelve valve_1 resonance --minutes 30
     """
-    from spool_tools.operations.alarm_client import shelve as do  # noqa: PLC0415
-
-    do(valve, alarm, minutes, who, comment, back=back)
+    duration = 60.0 * minutes
+    _ask(valve, "shelve_alarm", alarm=alarm, who=who, comment=comment, shelved=not back, duration=duration)
 
 
 @app.command()
@@ -76,9 +73,10 @@ def suppress(
 
     Example: ./spool alarm suppress valve_1 --maintenance --comment "pump is changed"
     """
-    from spool_tools.operations.alarm_client import suppress as do  # noqa: PLC0415
+    from spool_msgs.srv import SuppressAlarm  # noqa: PLC0415 - slow to load
 
-    do(valve, alarm, who, comment, service=maintenance, back=back)
+    way = SuppressAlarm.Request.OUT_OF_SERVICE if maintenance else SuppressAlarm.Request.BY_DESIGN
+    _ask(valve, "suppress_alarm", alarm=alarm, who=who, comment=comment, suppressed=not back, way=way)
 
 
 @app.command()
@@ -87,9 +85,13 @@ def reset(valve: Valve, alarm: Name = "", who: Who = "", comment: Comment = "") 
 
     Example: ./spool alarm reset valve_1 stuck_spool
     """
-    from spool_tools.operations.alarm_client import reset as do  # noqa: PLC0415
+    _ask(valve, "reset_alarms", alarm=alarm, who=who, comment=comment)
 
-    do(valve, alarm, who, comment)
+
+def _ask(valve: str, service: str, **fields: Any) -> None:
+    from spool_tools.operations.alarm_client import ask  # noqa: PLC0415 - slow to load
+
+    ask(valve, service, **fields)
 
 
 COMMAND = Command(app, place=160, line="an operator's part: acknowledge, shelve, reset")

@@ -22,6 +22,7 @@ from spool_tools.console.cli_options import (
 )
 from spool_tools.console.command import Command
 from spool_tools.console.completion import valve_names
+from spool_tools.console.result_files import ResultFiles
 
 
 def compare(
@@ -63,11 +64,10 @@ def compare(
     """
     from spool_tools.input.record_loading import selection  # noqa: PLC0415
     from spool_tools.operations.comparison import run_compare  # noqa: PLC0415 - slow to load, as below
-    from spool_tools.operations.fit_run import Outputs  # noqa: PLC0415
 
     code = run_compare(
         records, valve or (), models.split(",") if models else (), selection(name, columns, start, stop),
-        Outputs(json, report, None, out), held_out=holdout or (), together=together,
+        ResultFiles(json, report, None, out), held_out=holdout or (), together=together,
         sensor_gain=sensor_gain, sensor_delay=sensor_delay,
     )  # fmt: skip
     raise typer.Exit(code)

@@ -24,6 +24,7 @@ from spool_tools.console.cli_options import (
     StopOption,
 )
 from spool_tools.console.command import Command
+from spool_tools.console.result_files import ResultFiles
 
 
 def fit(
@@ -58,12 +59,13 @@ def fit(
     Example: ./spool fit record.csv --valve my_valve.yaml --model stribeck --fix coulomb_force=0.3
     """
     from spool_tools.input.record_loading import selection  # noqa: PLC0415 - slow to load, as below
-    from spool_tools.operations.fit_run import Outputs, run_fit  # noqa: PLC0415
+    from spool_tools.operations.fit_run import run_fit  # noqa: PLC0415
 
+    files = ResultFiles(json, report, save_model, out)
     code = run_fit(
-        records, valve, model, selection(name, columns, start, stop), Outputs(json, report, save_model, out),
-        held_out=holdout or (), free=free or (), fixed=fix or (), sensor_gain=sensor_gain,
-        sensor_delay=sensor_delay,
+        records, valve, model, selection(name, columns, start, stop), files,
+        held_out=holdout or (), free=free or (), fixed=fix or (),
+        sensor_gain=sensor_gain, sensor_delay=sensor_delay,
     )  # fmt: skip
     raise typer.Exit(code)
 

@@ -22,6 +22,7 @@ from spool_tools.console.cli_options import (
 )
 from spool_tools.console.command import Command
 from spool_tools.console.completion import model_names
+from spool_tools.console.result_files import ResultFiles
 
 
 def gap(
@@ -70,11 +71,11 @@ def gap(
     Example: ./spool gap rig.csv --kind imposed --holdout other.csv
     """
     from spool_tools.input.record_loading import selection  # noqa: PLC0415
-    from spool_tools.operations.gap_run import GapOutputs, run_gap  # noqa: PLC0415 - slow to load, as below
+    from spool_tools.operations.gap_run import run_gap  # noqa: PLC0415 - slow to load, as below
 
     code = run_gap(
         records, valve, base, kind, selection(name, columns, start, stop),
-        GapOutputs(json, save_model, report), holdout=holdout or (),
+        ResultFiles(json, report, save_model), holdout=holdout or (),
         gain_tolerance=gain_tolerance, delay_tolerance=delay_tolerance,
     )  # fmt: skip
     raise typer.Exit(code)

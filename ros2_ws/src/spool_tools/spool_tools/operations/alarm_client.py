@@ -20,6 +20,12 @@ from spool_msgs.srv import AcknowledgeAlarm, ResetAlarms, ShelveAlarm, SuppressA
 from spool_node import qos
 from spool_stream.errors import InputError
 
+SERVICES: dict[str, Any] = {
+    "acknowledge_alarm": AcknowledgeAlarm,
+    "shelve_alarm": ShelveAlarm,
+    "suppress_alarm": SuppressAlarm,
+    "reset_alarms": ResetAlarms,
+}
 #: s that a running monitor may take to be found and to answer.
 PATIENCE = 5.0
 
@@ -51,32 +57,6 @@ def show_alarms(valve: str, *, every: bool) -> int:
     return 1 if any(one.state in _WAITING for one in listed) else 0
 
 
-def acknowledge(valve: str, alarm: str, who: str, comment: str) -> None:
-    """Say that somebody has seen it."""
-    request = AcknowledgeAlarm.Request(alarm=alarm, who=_who(who), comment=comment)
-    _ask(valve, AcknowledgeAlarm, "acknowledge_alarm", request)
-
-
-def shelve(valve: str, alarm: str, minutes: float, who: str, comment: str, *, back: bool) -> None:
-    """Put it aside for a time, or take it back."""
-    request = ShelveAlarm.Request(
-        alarm=alarm, shelved=not back, duration=60.0 * minutes, who=_who(who), comment=comment
-    )
-    _ask(valve, ShelveAlarm, "shelve_alarm", request)
-
-
-def suppress(valve: str, alarm: str, who: str, comment: str, *, service: bool, back: bool) -> None:
-    """Put it aside by the plant's logic or for maintenance, or take it back."""
-    request = SuppressAlarm.Request(alarm=alarm, suppressed=not back, who=_who(who), comment=comment)
-    request.way = request.OUT_OF_SERVICE if service else request.BY_DESIGN
-    _ask(valve, SuppressAlarm, "suppress_alarm", request)
-
-
-def reset(valve: str, alarm: str, who: str, comment: str) -> None:
-    """Let go of latched alarms."""
-    _ask(valve, ResetAlarms, "reset_alarms", ResetAlarms.Request(alarm=alarm, who=_who(who), comment=comment))
-
-
 def _who(given: str) -> str:
     """Return the name given, else the one that the user is logged in by."""
     try:
@@ -89,13 +69,20 @@ def _clock(at: Time) -> str:
     return datetime.fromtimestamp(at.sec, timezone.utc).strftime("%Y-%m-%d %H:%M:%S UTC")
 
 
-def _ask(valve: str, kind: Any, service: str, request: Any) -> None:
+def ask(valve: str, service: str, *, who: str, **fields: object) -> None:
     """Call a service of the valve's monitor and say what changed.
+
+    Args:
+        valve: namespace.
+        service: one of ``SERVICES``.
+        who: does it; empty: the one that the user is logged in by.
+        fields: of the request.
 
     Raises:
         InputError: no monitor answers, or it refuses; its reason is given.
-
     """
+    kind = SERVICES[service]
+    request = kind.Request(who=_who(who), **fields)
     with _node(valve) as node:
         client = node.create_client(kind, f"/{valve}/monitor/{service}")
         _meet(node, valve)

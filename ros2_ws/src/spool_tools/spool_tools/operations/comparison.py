@@ -10,16 +10,15 @@ from spool_identification.fit_result import FitSettings
 from spool_sim.model import Model, load_model
 from spool_stream.errors import InputError
 
-from spool_tools.console.outputs import write_json
+from spool_tools.console.outputs import write_file, write_json
 from spool_tools.console.progress import progress
+from spool_tools.console.result_files import ResultFiles
 from spool_tools.console.terminal import warn
 from spool_tools.input.fit_data import FitData, load_data
 from spool_tools.input.record_loading import Selection
 from spool_tools.report.comparison_tables import comparison_dictionary, print_comparison
 from spool_tools.report.ranking import FittedSeries, rank
 from spool_tools.report.validated_fit import fit_and_validate
-
-from .fit_run import Outputs
 
 #: The paper's four models and the two that dry friction is usually told by.
 DEFAULT_MODELS = ("fluid", "coulomb", "stribeck", "microwedge", "mixed", "coulomb_hydrodynamic")
@@ -30,7 +29,7 @@ def run_compare(
     valves: Sequence[str],
     models: Sequence[str],
     selection: Selection,
-    outputs: Outputs,
+    outputs: ResultFiles,
     *,
     held_out: Sequence[Path] = (),
     together: bool = False,
@@ -60,10 +59,9 @@ def run_compare(
     print_comparison(series, ranking, Console())
     if wanted.report is not None and ranking.preferred is not None:
         from spool_tools.report.compare_page import compare_page  # noqa: PLC0415 - matplotlib is needed here only
-        from spool_tools.report.fit_page import write_page  # noqa: PLC0415
 
         with progress("drawing"):
-            write_page(wanted.report, compare_page(series, ranking))
+            write_file(wanted.report, compare_page(series, ranking), "--report")
         print(f"{wanted.report}: pictures and tables")
     return 0 if ranking.preferred is not None else 1
 

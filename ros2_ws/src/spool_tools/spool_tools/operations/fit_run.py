@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
@@ -12,8 +11,9 @@ from spool_sim.model import Model, load_model
 from spool_sim.valve.description import Valve
 from spool_stream.errors import InputError
 
-from spool_tools.console.outputs import STANDARD_OUTPUT, check_output, write_json
+from spool_tools.console.outputs import write_file, write_json
 from spool_tools.console.progress import progress
+from spool_tools.console.result_files import ResultFiles
 from spool_tools.console.terminal import warn
 from spool_tools.input.fit_data import load_data
 from spool_tools.input.record_loading import Selection
@@ -22,44 +22,12 @@ from spool_tools.report.model_file import LONGEST_NAME, save_model
 from spool_tools.report.validated_fit import fit_and_validate
 
 
-@dataclass(frozen=True, slots=True)
-class Outputs:
-    """Files to write, ``None`` for those not wanted; ``folder`` gives those a place that are not named."""
-
-    json: Path | None = None
-    report: Path | None = None
-    model: Path | None = None
-    folder: Path | None = None
-
-    def within(self, stem: str, *, model: bool = False) -> Outputs:
-        """Return these with every file of ``folder`` named; the folder is made.
-
-        Raises:
-            InputError: the folder cannot be made, or a file in it is there already.
-        """
-        if self.folder is None:
-            return self
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"--out {self.folder}: cannot be made: {error.strerror}") from error
-        named = Outputs(
-            self.json or self.folder / f"{stem}.json",
-            self.report or self.folder / f"{stem}.html",
-            self.model or (self.folder / "model.yaml" if model else None),
-        )
-        for path in (named.json, named.report, named.model):
-            if path != STANDARD_OUTPUT:
-                check_output(path, "--out")
-        return named
-
-
 def run_fit(
     records: Sequence[Path],
     valve: str | None,
     model_name: str,
     selection: Selection,
-    outputs: Outputs,
+    outputs: ResultFiles,
     *,
     held_out: Sequence[Path] = (),
     free: Sequence[str] = (),
@@ -93,10 +61,10 @@ def run_fit(
         save_model(wanted.model, model, name, validated.fit.values, validated.fit.parameters, comment)
         print(f"{wanted.model}: the fitted model")
     if wanted.report is not None:
-        from spool_tools.report.fit_page import fit_page, write_page  # noqa: PLC0415 - matplotlib is needed here only
+        from spool_tools.report.fit_page import fit_page  # noqa: PLC0415 - matplotlib is needed here only
 
         with progress("drawing"):
-            write_page(wanted.report, fit_page(validated))
+            write_file(wanted.report, fit_page(validated), "--report")
         print(f"{wanted.report}: pictures and tables")
     return 0
 

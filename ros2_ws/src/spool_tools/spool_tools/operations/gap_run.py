@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -17,13 +17,14 @@ from spool_gap.force.force_analyse import analyse_forces
 from spool_gap.force.force_record import ForceRecord
 from spool_gap.result import COUNTED, GapResult, GapSettings
 from spool_identification.record_parts import LARGEST
-from spool_sim.model import load_model
+from spool_sim.model import Model, load_model
 from spool_sim.valve.description import Valve, find_valve
 from spool_stream.errors import InputError
 from spool_stream.uncertainty import LEGEND, PLUS_MINUS, interval
 
-from spool_tools.console.outputs import write_json
+from spool_tools.console.outputs import write_file, write_json
 from spool_tools.console.progress import progress
+from spool_tools.console.result_files import ResultFiles
 from spool_tools.console.terminal import warn
 from spool_tools.input.fit_data import check
 from spool_tools.input.record_loading import Selection, load_recordings, stretches_of
@@ -35,22 +36,13 @@ from spool_tools.report.provenance import sources
 DOUBTED_CONFIDENCE = 0.5
 
 
-@dataclass(frozen=True, slots=True)
-class GapOutputs:
-    """Files to write, ``None`` for those not wanted."""
-
-    json: Path | None = None
-    model: Path | None = None
-    report: Path | None = None
-
-
 def run_gap(
     records: Sequence[Path],
     valve: str | None,
     base: str,
     kind: str,
     selection: Selection,
-    outputs: GapOutputs,
+    outputs: ResultFiles,
     *,
     holdout: Sequence[Path] = (),
     gain_tolerance: float = 0.05,
@@ -63,54 +55,80 @@ def run_gap(
     """
     settings = GapSettings(gain_tolerance=gain_tolerance, delay_tolerance=delay_tolerance)
     model = load_model(base)
-    done = 0.0
-    described: Valve | None = None
+    described: Valve | None
     with progress("looking for the gap", 1.0) as advance:
-
-        def tell(_what: str, share: float) -> None:
-            nonlocal done
-            advance(max(0.0, share - done))
-            done = max(done, share)
-
+        tell = Shares(advance).tell
         if kind == "accelerations":
-            bounded = replace(selection, longest=LARGEST)
-            recordings, described = load_recordings(records, valve, bounded)
-            held = load_recordings(holdout, valve, bounded)[0] if holdout else []
-            for recording in held:
-                check(recording)
-            result = analyse(
-                stretches_of(recordings), described, model, holdout=stretches_of(held), settings=settings,
-                progress=tell,
-            )  # fmt: skip
-            result = doubted(result, check_records(described, stretches_of(recordings)))
+            result, described = _of_accelerations(records, valve, model, selection, holdout, settings, tell)
         else:
+            # Who imposes a motion measures the force on whatever is moved: no mass is known.
             described = find_valve(valve) if valve is not None and kind == "driven" else None
-            known = None if described is None else described.moving_mass
-            forces, held_forces = (_force_records(paths, kind, selection) for paths in (records, holdout))
+            mass = None if described is None else described.moving_mass
+            forces, held = (_force_records(paths, kind, selection) for paths in (records, holdout))
             result = analyse_forces(
-                forces, model, kind, holdout=held_forces, mass=known, settings=settings, progress=tell
+                forces, model, kind, holdout=held, mass=mass, settings=settings, progress=tell
             )
     # Files first: who reads only the first lines of what is shown (`| head`) has them all the same.
-    written = []
-    if outputs.json is not None:
-        write_json(outputs.json, result.to_dict())
-    if outputs.report is not None:
-        from spool_tools.report.fit_page import write_page  # noqa: PLC0415 - matplotlib is needed here only
-        from spool_tools.report.gap_page import gap_page  # noqa: PLC0415
-
-        write_page(outputs.report, gap_page(result, sources([*records, *holdout], described)))
-        written.append(f"{outputs.report}: the report")
-    if outputs.model is not None:
-        found = f"{result.base_model} with what the gap analysis of {result.record} found: {result.verdict}"
-        name = f"{result.model.name[:LONGEST_NAME]}_gap"
-        save_model(outputs.model, result.model, name, result.model.values, result.parameters, found)
-        written.append(f"{outputs.model}: the model with what was found")
+    written = _write(result, outputs, sources([*records, *holdout], described) if outputs.report else [])
     # Off a terminal names must not be cut to some width that nobody has.
     console = Console()
     show(result, console if console.is_terminal else Console(width=140))
     for line in written:
         print(line)
     return 0
+
+
+@dataclass(slots=True)
+class Shares:
+    """Progress of a search that says how much of it is done, sometimes less than before."""
+
+    advance: Callable[[float], None]
+    done: float = 0.0
+
+    def tell(self, _what: str, share: float) -> None:
+        """Take the share that is done, 0 to 1."""
+        self.advance(max(0.0, share - self.done))
+        self.done = max(self.done, share)
+
+
+def _of_accelerations(
+    records: Sequence[Path],
+    valve: str | None,
+    model: Model,
+    selection: Selection,
+    holdout: Sequence[Path],
+    settings: GapSettings,
+    tell: Callable[[str, float], None],
+) -> tuple[GapResult, Valve]:
+    """Return what ``model`` lacks in records of two accelerometers, and the valve that they are of."""
+    bounded = replace(selection, longest=LARGEST)
+    recordings, described = load_recordings(records, valve, bounded)
+    held = load_recordings(holdout, valve, bounded)[0] if holdout else []
+    for recording in held:
+        check(recording)
+    result = analyse(
+        stretches_of(recordings), described, model, holdout=stretches_of(held), settings=settings,
+        progress=tell,
+    )  # fmt: skip
+    return doubted(result, check_records(described, stretches_of(recordings))), described
+
+
+def _write(result: GapResult, outputs: ResultFiles, made_from: Sequence[tuple[str, str]]) -> list[str]:
+    """Write the files that are wanted; return a line about each that people look for."""
+    written = []
+    if outputs.json is not None:
+        write_json(outputs.json, result.to_dict())
+    if outputs.report is not None:
+        from spool_tools.report.gap_page import gap_page  # noqa: PLC0415 - matplotlib is needed here only
+
+        write_file(outputs.report, gap_page(result, made_from), "--report")
+        written.append(f"{outputs.report}: the report")
+    if outputs.model is not None:
+        found = f"{result.base_model} with what the gap analysis of {result.record} found: {result.verdict}"
+        name = f"{result.model.name[:LONGEST_NAME]}_gap"
+        save_model(outputs.model, result.model, name, result.model.values, result.parameters, found)
+        written.append(f"{outputs.model}: the model with what was found")
+    return written
 
 
 def doubted(result: GapResult, doubts: Sequence[str]) -> GapResult:

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from spool_stream.uncertainty import LEGEND
-
-from spool_tools.console.outputs import write_file
 
 from . import fit_curves as curves
 from . import fit_pictures as pictures
@@ -110,12 +107,3 @@ def correlations(validated: ValidatedFit) -> list[str]:
         f"{first} and {second} are correlated by {value:+.3f}".replace("_", " ")
         for first, second, value in correlated(validated.fit)
     ]
-
-
-def write_page(path: Path, text: str) -> None:
-    """Write a page.
-
-    Raises:
-        InputError: it cannot be written, or is there already.
-    """
-    write_file(path, text, "--report")
