@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from rich.console import Console
 from spool_blind.case import make
 from spool_evaluation.bench import run_bench, table_of
@@ -48,6 +49,14 @@ def test_the_records_are_fresh_and_hide_only_what_a_library_can_hold():
     assert len(set(chosen)) == 8
     assert min(chosen) >= FRESH
     assert min(seeds(2, 50_000)) >= 50_000
+
+
+@pytest.fixture(autouse=True)
+def _few_settings(monkeypatch):
+    """Of the settings that are searched, one that does well."""
+    monkeypatch.setattr(gap_peer, "THRESHOLDS", (0.02, 0.05))
+    monkeypatch.setattr(gap_peer, "RIDGES", (1e-3,))
+    monkeypatch.setattr(gap_peer, "LARGEST", 2000)
 
 
 def test_the_benchmark_runs_on_any_seed(monkeypatch, tmp_path):

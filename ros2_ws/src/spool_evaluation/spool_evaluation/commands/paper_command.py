@@ -15,7 +15,7 @@ def paper(
     out: Annotated[Path, typer.Option(help="Folder for page, pictures and tables.")] = Path("spool_paper"),
     _force: Force = False,
 ) -> None:
-    """Run the paper's four series and four models; write figures and tables beside the printed numbers.
+    """Run the paper's four series and four models; write figures and tables with the printed numbers.
 
     The authors' measurements are not published: the data are made by a stated truth.
 

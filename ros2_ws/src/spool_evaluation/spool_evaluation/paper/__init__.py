@@ -1,1 +1,1 @@
-"""The paper's series, models, figures and tables on simulated data."""
+"""Paper: its series, models, figures and tables on simulated data."""

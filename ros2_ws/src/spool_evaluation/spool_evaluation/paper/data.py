@@ -1,4 +1,4 @@
-"""What the paper prints: its measurement series, its fitted values, its model equations.
+"""Printed data of the paper: its measurement series, its fitted values, its model equations.
 
 Stosiak, Karpenko, Deptula, Urbanowicz, Skackauskas, Cieslicki, Deptula: Modelling and Experimental
 Verification of the Interaction in a Hydraulic Directional Control Valve Spool Pair (2022), CC BY. It prints
@@ -13,8 +13,8 @@ from spool_sim.valve.description import Valve
 
 
 @dataclass(frozen=True, slots=True)
-class Series:
-    """One measurement series: a pair of springs and an oil (tables 1 and 2).
+class PaperSeries:
+    """Measurement series: a pair of springs and an oil (tables 1 and 2).
 
     Attributes:
         number: as in table 1.
@@ -53,11 +53,11 @@ class Series:
         )
 
 
-SERIES: tuple[Series, ...] = (
-    Series(1, 1632.0, "Azolla ZS22", 0.0198, 6, 17),
-    Series(2, 5846.0, "HL68", 0.0612, 7, 15),
-    Series(3, 5846.0, "Azolla ZS22", 0.0198, 8, 16),
-    Series(4, 1632.0, "HL68", 0.0612, 9, 14),
+SERIES: tuple[PaperSeries, ...] = (
+    PaperSeries(1, 1632.0, "Azolla ZS22", 0.0198, 6, 17),
+    PaperSeries(2, 5846.0, "HL68", 0.0612, 7, 15),
+    PaperSeries(3, 5846.0, "Azolla ZS22", 0.0198, 8, 16),
+    PaperSeries(4, 1632.0, "HL68", 0.0612, 9, 14),
 )
 
 
@@ -113,7 +113,7 @@ MODELS: tuple[PrintedModel, ...] = (
 )  # fmt: skip
 
 
-def printed_parameters(model: PrintedModel, series: Series) -> dict[str, float]:
+def printed_parameters(model: PrintedModel, series: PaperSeries) -> dict[str, float]:
     """Return the parameters, by this suite's names, that the paper's table gives for ``series``."""
     values = model.values[series.number]
     if model.name == "microwedge":

@@ -1,4 +1,4 @@
-"""The paper's figures 6 to 17, from made data and fits."""
+"""Figures 6 to 17 of the paper, from made data and fits."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .data import MODELS, SERIES, Series
-from .fit import Fit, waveform_step
-from .simulation import Response
+from .data import MODELS, SERIES, PaperSeries
+from .fit import PaperFit, waveform_step
+from .simulation import SteppedResponse
 
-#: Okabe and Ito's colours with a marker each: apart for the colour-blind and in print.
+#: Okabe and Ito's colours with a marker each: distinct for the colour-blind and in print.
 BODY, SPOOL, MEASURED = "#0072B2", "#D55E00", "#999999"
 MODEL_STYLES = {
     "microwedge": ("#E69F00", "o"),
@@ -23,10 +23,10 @@ MODEL_STYLES = {
 SERIES_STYLES = {1: ("#E69F00", "o"), 2: ("#0072B2", "s"), 3: ("#009E73", "^"), 4: ("#CC79A7", "D")}
 MODEL_NAMES = {model.name: f"model {model.number} {model.equation}" for model in MODELS}
 
-Fits = Mapping[tuple[int, str], Fit]
+Fits = Mapping[tuple[int, str], PaperFit]
 
 
-def amplitude_figure(data: Mapping[int, Response]) -> Figure:
+def amplitude_figure(data: Mapping[int, SteppedResponse]) -> Figure:
     """Return figures 6 to 9: amplitudes of body and spool over frequency, one panel a series."""
     figure, panels = _panels("frequency, Hz", "acceleration amplitude, m/s²")
     for axis, series in zip(panels, SERIES, strict=True):
@@ -41,7 +41,7 @@ def amplitude_figure(data: Mapping[int, Response]) -> Figure:
     return figure
 
 
-def comparison_figure(data: Mapping[int, Response]) -> Figure:
+def comparison_figure(data: Mapping[int, SteppedResponse]) -> Figure:
     """Return figures 10 and 11: body and spool of all series."""
     figure = Figure(figsize=(9, 4), layout="constrained")
     axes = figure.subplots(1, 2)
@@ -61,7 +61,7 @@ def comparison_figure(data: Mapping[int, Response]) -> Figure:
 
 
 def objective_figure(fits: Fits) -> Figure:
-    """Return figure 12: the objective by model and series, ours beside the print; scales are their own."""
+    """Return figure 12: the objective by model and series, ours and the print; scales are their own."""
     figure = Figure(figsize=(9, 4), layout="constrained")
     axes = figure.subplots(1, 2)
     for place, model in enumerate(MODELS):
@@ -83,7 +83,7 @@ def objective_figure(fits: Fits) -> Figure:
     return figure
 
 
-def waveform_figure(response: Response, series: Series, fits: Fits) -> Figure:
+def waveform_figure(response: SteppedResponse, series: PaperSeries, fits: Fits) -> Figure:
     """Return figure 13: the spool's acceleration at 60 Hz, data in grey, the four models in colour."""
     step = waveform_step(response)
     frequency = response.plan.frequencies[step]
@@ -99,7 +99,7 @@ def waveform_figure(response: Response, series: Series, fits: Fits) -> Figure:
     return figure
 
 
-def ratio_figure(data: Mapping[int, Response], fits: Fits) -> Figure:
+def ratio_figure(data: Mapping[int, SteppedResponse], fits: Fits) -> Figure:
     """Return figures 14 to 17: fitted over measured amplitude, one panel a series."""
     figure, panels = _panels("frequency, Hz", "amplitude ratio a_est / a_pom")
     for axis, series in zip(panels, sorted(SERIES, key=lambda entry: entry.ratio_figure), strict=True):
@@ -116,7 +116,10 @@ def ratio_figure(data: Mapping[int, Response], fits: Fits) -> Figure:
 
 
 def lock_figure(
-    series: Series, measured: Response, printed: Response, friction: tuple[Sequence[float], Sequence[float]]
+    series: PaperSeries,
+    measured: SteppedResponse,
+    printed: SteppedResponse,
+    friction: tuple[Sequence[float], Sequence[float]],
 ) -> Figure:
     """Return the picture of table 4's values at work: amplitudes of body and spool, and the friction law.
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize
 from spool_sim.sensors import PAPER_CHAIN
 
-from .data import Series
-from .simulation import NOISE, Response, as_measured, respond
+from .data import PaperSeries
+from .simulation import NOISE, SteppedResponse, as_measured, respond
 
 Array = NDArray[np.float64]
 
@@ -25,8 +25,8 @@ STEP = 1e-2
 
 
 @dataclass(frozen=True, slots=True)
-class Unknown:
-    """A fitted parameter: its bounds, a typical step, and where a fit starts from, in its unit."""
+class FittedNumber:
+    """Fitted number: its bounds, a typical step, and where a fit starts from, in its unit."""
 
     name: str
     unit: str
@@ -36,25 +36,25 @@ class Unknown:
     starts: tuple[float, ...]
 
 
-GAP = Unknown("h", "m", 2e-6, 1e-3, 1e-5, (5e-6, 1e-5, 2e-5, 4e-5))
-#: Only k_t (d_k0 - a_k0) acts in model 1: the three of table 3 cannot be told apart.
-UNKNOWNS: dict[str, tuple[Unknown, ...]] = {
-    "microwedge": (Unknown("k_t (d_k0 - a_k0)", "N", 0.0, 10.0, 0.1, (0.0, 0.1, 0.4, 0.8, 1.6)),),
+GAP = FittedNumber("h", "m", 2e-6, 1e-3, 1e-5, (5e-6, 1e-5, 2e-5, 4e-5))
+#: Only k_t (d_k0 - a_k0) acts in model 1: the three of table 3 cannot be distinguished.
+UNKNOWNS: dict[str, tuple[FittedNumber, ...]] = {
+    "microwedge": (FittedNumber("k_t (d_k0 - a_k0)", "N", 0.0, 10.0, 0.1, (0.0, 0.1, 0.4, 0.8, 1.6)),),
     "mixed": (
-        Unknown("C1", "sqrt(s/m)", 0.0, 20.0, 0.1, (0.0, 0.1, 0.4)),
-        Unknown("C2", "m/s", 0.0, 20.0, 1e-3, (0.0, 1e-3, 4e-3)),
+        FittedNumber("C1", "sqrt(s/m)", 0.0, 20.0, 0.1, (0.0, 0.1, 0.4)),
+        FittedNumber("C2", "m/s", 0.0, 20.0, 1e-3, (0.0, 1e-3, 4e-3)),
     ),
     "coulomb_hydrodynamic": (
-        Unknown("mu_0", "1", 0.0, 2.0, 0.1, (0.0, 0.1, 0.2)),
-        Unknown("K_V", "1", -20.0, 0.95, 0.3, (-0.5, 0.0, 0.5)),
+        FittedNumber("mu_0", "1", 0.0, 2.0, 0.1, (0.0, 0.1, 0.2)),
+        FittedNumber("K_V", "1", -20.0, 0.95, 0.3, (-0.5, 0.0, 0.5)),
     ),
     "fluid": (GAP,),
 }
 
 
 @dataclass(frozen=True, slots=True)
-class Fit:
-    """One model fitted to one series.
+class PaperFit:
+    """Fit of one model to one series.
 
     Attributes:
         series: its number.
@@ -85,19 +85,19 @@ class Fit:
     decrease: float
 
 
-def uncertainty(measured: Response) -> Array:
+def uncertainty(measured: SteppedResponse) -> Array:
     """Return sigma_i of (33), m/s^2, shape (steps, 1): the chain's 5 % as even bounds, and the noise."""
     gain = PAPER_CHAIN.relative_uncertainty / np.sqrt(3.0) * measured.spool_amplitudes
     return np.asarray(np.sqrt(gain**2 + NOISE**2)[:, None])
 
 
-def unknowns(model: str, free_gap: bool) -> tuple[Unknown, ...]:
+def unknowns(model: str, free_gap: bool) -> tuple[FittedNumber, ...]:
     """Return what is fitted in ``model``."""
     own = UNKNOWNS[model]
     return (*own, GAP) if free_gap and GAP not in own else own
 
 
-def parameters(model: str, series: Series, values: dict[str, float]) -> dict[str, float]:
+def parameters(model: str, series: PaperSeries, values: dict[str, float]) -> dict[str, float]:
     """Return the parameters, by the suite's names, for fitted values by the paper's."""
     gap = series.valve.model_copy(update={"radial_clearance": values.get("h", CLEARANCE)})
     given = {"viscous_coefficient": gap.viscous_coefficient}
@@ -119,7 +119,7 @@ def parameters(model: str, series: Series, values: dict[str, float]) -> dict[str
     return given
 
 
-def fit_both(series: Series, model: str, measured: Response) -> tuple[Fit, ...]:
+def fit_both(series: PaperSeries, model: str, measured: SteppedResponse) -> tuple[PaperFit, ...]:
     """Return the fit with h as in table 2 and the one with h fitted.
 
     Each starts from what it contains, too: model 3 from model 4, those with h fitted from model 4 and from
@@ -135,7 +135,7 @@ def fit_both(series: Series, model: str, measured: Response) -> tuple[Fit, ...]:
     return held, fit(series, model, measured, free_gap=True, also=also)
 
 
-def fit_held(series: Series, model: str, measured: Response, gap: float) -> Fit:
+def fit_held(series: PaperSeries, model: str, measured: SteppedResponse, gap: float) -> PaperFit:
     """Return the fit of ``model`` with h held, where ``gap`` (m) is that of the fit of model 4.
 
     Model 3 with mu_0 = 0 and K_V = 1 - h / gap is model 4.
@@ -148,8 +148,13 @@ def fit_held(series: Series, model: str, measured: Response, gap: float) -> Fit:
 
 
 def fit(
-    series: Series, model: str, measured: Response, *, free_gap: bool = False, also: tuple[Array, ...] = ()
-) -> Fit:
+    series: PaperSeries,
+    model: str,
+    measured: SteppedResponse,
+    *,
+    free_gap: bool = False,
+    also: tuple[Array, ...] = (),
+) -> PaperFit:
     """Fit ``model`` to the windows of ``measured``, from the best points of a coarse grid on.
 
     Args:
@@ -163,7 +168,7 @@ def fit(
     sigma = uncertainty(measured)
     wanted = unknowns(model, free_gap)
 
-    def simulated(point: Array) -> Response:
+    def simulated(point: Array) -> SteppedResponse:
         named = {unknown.name: float(value) for unknown, value in zip(wanted, point, strict=True)}
         return respond(series.valve, model, parameters(model, series, named), plan)
 
@@ -181,7 +186,7 @@ def fit(
     best = simulated(point)
     jacobian = _jacobian(residuals, point, wanted)
     amplitudes = best.spool_amplitudes
-    return Fit(
+    return PaperFit(
         series.number,
         model,
         free_gap,
@@ -198,7 +203,7 @@ def fit(
     )
 
 
-def _descend(residuals: Callable[[Array], Array], start: Array, wanted: Sequence[Unknown]) -> Array:
+def _descend(residuals: Callable[[Array], Array], start: Array, wanted: Sequence[FittedNumber]) -> Array:
     found = least_squares(
         residuals,
         start,
@@ -212,7 +217,7 @@ def _descend(residuals: Callable[[Array], Array], start: Array, wanted: Sequence
     return np.asarray(found.x)
 
 
-def _polish(cost: Callable[[Array], float], start: Array, wanted: Sequence[Unknown]) -> Array:
+def _polish(cost: Callable[[Array], float], start: Array, wanted: Sequence[FittedNumber]) -> Array:
     """Return the best point around ``start``; where sticking sets in, slopes mislead a descent."""
     scale = np.array([unknown.scale for unknown in wanted])
     bounds = [(unknown.low / unknown.scale, unknown.high / unknown.scale) for unknown in wanted]
@@ -227,7 +232,7 @@ def _polish(cost: Callable[[Array], float], start: Array, wanted: Sequence[Unkno
     return np.asarray(found.x * scale)
 
 
-def _jacobian(residuals: Callable[[Array], Array], point: Array, wanted: Sequence[Unknown]) -> Array:
+def _jacobian(residuals: Callable[[Array], Array], point: Array, wanted: Sequence[FittedNumber]) -> Array:
     columns = []
     for place, unknown in enumerate(wanted):
         step = STEP * max(abs(float(point[place])), 0.1 * unknown.scale)
@@ -237,7 +242,7 @@ def _jacobian(residuals: Callable[[Array], Array], point: Array, wanted: Sequenc
     return np.array(columns).T
 
 
-def _left(jacobian: Array, residual: Array, point: Array, wanted: Sequence[Unknown]) -> float:
+def _left(jacobian: Array, residual: Array, point: Array, wanted: Sequence[FittedNumber]) -> float:
     inside = [
         unknown.low + 1e-6 * unknown.scale < value < unknown.high - 1e-6 * unknown.scale
         for unknown, value in zip(wanted, point, strict=True)
@@ -249,7 +254,7 @@ def _left(jacobian: Array, residual: Array, point: Array, wanted: Sequence[Unkno
     return float(np.sum(explained**2) / np.sum(residual**2))
 
 
-def waveform_step(measured: Response) -> int:
+def waveform_step(measured: SteppedResponse) -> int:
     """Return the step whose frequency is nearest to 60 Hz, that of figure 13."""
     return int(np.argmin(np.abs(np.array(measured.plan.frequencies) - 60.0)))
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .data import MODELS, SERIES, Series
-from .fit import Fit
-from .simulation import TRUTH, Plan, Response, respond, truth_model
+from .data import MODELS, SERIES, PaperSeries
+from .fit import PaperFit
+from .simulation import TRUTH, Plan, SteppedResponse, respond, truth_model
 
 Array = NDArray[np.float64]
 
@@ -26,11 +26,11 @@ class Regime:
     """Data and fits of one regime of motion, by series number and model name; h is held but in model 4."""
 
     name: str
-    data: Mapping[int, Response]
-    fits: Mapping[tuple[int, str], Fit]
+    data: Mapping[int, SteppedResponse]
+    fits: Mapping[tuple[int, str], PaperFit]
 
 
-def full_stroke(series: Series, plan: Plan) -> Plan:
+def full_stroke(series: PaperSeries, plan: Plan) -> Plan:
     """Return ``plan`` up to 60 Hz, the body shaken so that with fluid friction alone each step has STROKE.
 
     Body acceleration a and relative displacement z of m z'' + c z' + k z = -m a: abs(a) = abs(z) abs(k -

@@ -1,4 +1,4 @@
-"""The paper's experiment, simulated: a body shaken at stepped frequencies, two accelerometers, a truth."""
+"""Experiment of the paper, simulated: a body shaken at stepped frequencies, two accelerometers, a truth."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from spool_sim.simulator import Simulator
 from spool_sim.valve.description import Valve
 from spool_stream.block import Block
 
-from .data import Series
+from .data import PaperSeries
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ NOISE = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """How the body is shaken and what is looked at.
+    """Plan: how the body is shaken and what is looked at.
 
     Attributes:
         frequencies: of the steps, Hz; whole multiples of 1 / window, so that a window holds whole periods.
@@ -53,7 +53,7 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class Response:
+class SteppedResponse:
     """Accelerations (m/s^2) of body and spool in the windows of a plan, shape (steps, samples)."""
 
     plan: Plan
@@ -80,7 +80,7 @@ def respond(
     body_sensor: Sensor | None = None,
     spool_sensor: Sensor | None = None,
     seed: int = 0,
-) -> Response:
+) -> SteppedResponse:
     """Return what the accelerometers read while the body goes through the steps of ``plan``.
 
     Raises:
@@ -108,7 +108,7 @@ def respond(
         )
         blocks += simulator.records(plan.dwell * len(plan.frequencies) / len(excitations))
     kept = slice(-plan.samples, None)
-    return Response(
+    return SteppedResponse(
         plan,
         np.array([block.body[kept] for block in blocks], dtype=np.float64),
         np.array([block.spool[kept] for block in blocks], dtype=np.float64),
@@ -126,7 +126,7 @@ def sensors(seed: int) -> tuple[Sensor, Sensor]:
     return PAPER_CHAIN.sensor(generator, noise=NOISE), PAPER_CHAIN.sensor(generator, noise=NOISE)
 
 
-def measure(series: Series, plan: Plan, seed: int) -> Response:
+def measure(series: PaperSeries, plan: Plan, seed: int) -> SteppedResponse:
     """Return the data of ``series``; the same two accelerometers measure every series of a ``seed``."""
     body, spool = sensors(seed)
     return respond(
@@ -135,7 +135,7 @@ def measure(series: Series, plan: Plan, seed: int) -> Response:
     )  # fmt: skip
 
 
-def as_measured(plan: Plan, measured: Response) -> Plan:
+def as_measured(plan: Plan, measured: SteppedResponse) -> Plan:
     """Return ``plan`` with the body's amplitude as the accelerometer has it: a fit knows no other."""
     if not plan.amplitudes:
         return replace(plan, amplitude=float(measured.body_amplitudes.mean()))

@@ -1,4 +1,4 @@
-"""The paper's tables 3 to 7 beside what the fits on made data give, and the same as CSV."""
+"""Tables 3 to 7 of the paper with what the fits on made data give, and the same as CSV."""
 
 from __future__ import annotations
 
@@ -8,20 +8,21 @@ from pathlib import Path
 
 import numpy as np
 from spool_stream.uncertainty import PLUS_MINUS, Z_95
+from spool_tools.operations.valve_quantities import SPEED, friction_coefficient
 
 from .data import MODELS, SERIES, PrintedModel
-from .fit import Fit
-from .simulation import Response
+from .fit import PaperFit
+from .simulation import SteppedResponse
 
-Row = dict[str, object]
+TableRow = dict[str, object]
 
 
-def parameter_table(model: PrintedModel, fits: Mapping[tuple[int, str], Fit]) -> list[Row]:
+def parameter_table(model: PrintedModel, fits: Mapping[tuple[int, str], PaperFit]) -> list[TableRow]:
     """Return table 3, 4, 5 or 6: printed values, then the fitted ones with half widths of 95 %."""
     rows = []
     for series in SERIES:
         fit = fits[series.number, model.name]
-        row: Row = {"series": series.label}
+        row: TableRow = {"series": series.label}
         for column, value in zip(model.columns, model.values[series.number], strict=True):
             row[f"{column}, printed"] = value
         if model.name == "microwedge":
@@ -39,9 +40,9 @@ def parameter_table(model: PrintedModel, fits: Mapping[tuple[int, str], Fit]) ->
     return rows
 
 
-def mean_table(fits: Mapping[tuple[int, str], Fit]) -> list[Row]:
+def mean_table(fits: Mapping[tuple[int, str], PaperFit]) -> list[TableRow]:
     """Return table 7: means over the four series."""
-    rows: list[Row] = []
+    rows: list[TableRow] = []
     for model in MODELS:
         own = [fits[series.number, model.name] for series in SERIES]
         rows.append(
@@ -57,11 +58,13 @@ def mean_table(fits: Mapping[tuple[int, str], Fit]) -> list[Row]:
     return rows
 
 
-def gap_table(fits: Mapping[tuple[int, str], Fit], free: Mapping[tuple[int, str], Fit]) -> list[Row]:
+def gap_table(
+    fits: Mapping[tuple[int, str], PaperFit], free: Mapping[tuple[int, str], PaperFit]
+) -> list[TableRow]:
     """Return the objectives with h held at table 2's value and with h fitted."""
-    rows: list[Row] = []
+    rows: list[TableRow] = []
     for series in SERIES:
-        row: Row = {"series": series.label}
+        row: TableRow = {"series": series.label}
         for model in MODELS:
             if model.name == "fluid":
                 row["model 4, h fitted"] = fits[series.number, "fluid"].objective
@@ -73,16 +76,16 @@ def gap_table(fits: Mapping[tuple[int, str], Fit], free: Mapping[tuple[int, str]
 
 
 def amplitude_table(
-    data: Mapping[int, Response],
-    fits: Mapping[tuple[int, str], Fit],
-    printed: Mapping[tuple[int, str], Response],
-) -> list[Row]:
+    data: Mapping[int, SteppedResponse],
+    fits: Mapping[tuple[int, str], PaperFit],
+    printed: Mapping[tuple[int, str], SteppedResponse],
+) -> list[TableRow]:
     """Return all amplitudes (m/s^2): data, fitted models, and models with the printed values."""
-    rows: list[Row] = []
+    rows: list[TableRow] = []
     for series in SERIES:
         response = data[series.number]
         for step, frequency in enumerate(response.plan.frequencies):
-            row: Row = {
+            row: TableRow = {
                 "series": series.number,
                 "frequency_Hz": frequency,
                 "body_m_s2": float(response.body_amplitudes[step]),
@@ -101,7 +104,25 @@ def amplitude_table(
     return rows
 
 
-def write_csv(path: Path, rows: Sequence[Row]) -> None:
+def derived_table() -> list[TableRow]:
+    """Return what equation (6) and lambda say of each series."""
+    rows: list[TableRow] = []
+    for series in SERIES:
+        valve = series.valve
+        rows.append(
+            {
+                "series": series.label,
+                "natural frequency (Hz)": valve.natural_frequency,
+                "damping ratio": valve.damping_ratio,
+                f"eta (6) at {SPEED:g} m/s": friction_coefficient(valve),
+                "roughness at lambda = 3 (µm)": 1e6 * valve.radial_clearance / 3.0,
+                "roughness at lambda = 1 (µm)": 1e6 * valve.radial_clearance,
+            }
+        )
+    return rows
+
+
+def write_csv(path: Path, rows: Sequence[TableRow]) -> None:
     """Write ``rows``, all of the same columns, with a header."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(rows[0]))
