@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,12 +31,14 @@ class GapSettings:
         delay_tolerance: delay between the channels that the measuring system allows, s.
         longest: samples at most that are simulated, for the fit and again for the held-out part.
         most_effects: at most that are named in one record.
+        left_out: names of stages of the selection that are not run, to see what they are worth.
     """
 
     gain_tolerance: float = 0.05
     delay_tolerance: float = 0.5e-3
     longest: int = 30_000
     most_effects: int = 3
+    left_out: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +147,7 @@ class NamedEffect:
 
 
 @dataclass(frozen=True, slots=True)
-class Hypothesis:
+class RankedHypothesis:
     """One row of the ranking.
 
     Attributes:
@@ -154,7 +155,7 @@ class Hypothesis:
         beside: effects that were already accepted when it was tried.
         nrmse_after: held out, with it, everything else refitted.
         evidence: twice the log likelihood ratio on held-out data, less the price of its parameters; of small
-            effects over all data, see :mod:`.small_effects`.
+            effects over all data, see :mod:`.stages.small_effects`.
         parameters: values by name.
         accepted: it is part of the verdict.
         reason: why not, where it is not.
@@ -167,6 +168,15 @@ class Hypothesis:
     parameters: Mapping[str, float]
     accepted: bool = False
     reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """Change of the choice: the stage that made it, and the effects chosen before and after it."""
+
+    stage: str
+    before: tuple[str, ...]
+    after: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,7 +204,8 @@ class GapResult:
         model: with everything that was found, to simulate with.
         warnings: what a reader should know, one line each.
         seconds: of data used; ``elapsed``: s of computing.
-        foretold: share of what is left that can be foretold, by what from, see :mod:`.remainder`.
+        foretold: predictable share of what is left, by what from, see :mod:`.screening.remainder`.
+        trace: which stage of the selection changed the choice.
     """
 
     record: str
@@ -204,9 +215,9 @@ class GapResult:
     confidence: float
     sentence: str
     effects: tuple[NamedEffect, ...]
-    runner_up: Hypothesis | None
+    runner_up: RankedHypothesis | None
     candidates: tuple[str, ...]
-    ranking: tuple[Hypothesis, ...]
+    ranking: tuple[RankedHypothesis, ...]
     base: tuple[Quantity, ...]
     parameters: tuple[Quantity, ...]
     where: Where
@@ -223,17 +234,4 @@ class GapResult:
     elapsed: float = 0.0
     advice: str = ""
     foretold: Mapping[str, float] = field(default_factory=dict)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result in plain types, as ``--json`` writes it: SI units, ``None`` for unknown."""
-        from spool_gap.report.serialisation import result_to_dict  # noqa: PLC0415 - only needed for files
-
-        return result_to_dict(self)
-
-
-@dataclass(frozen=True, slots=True)
-class Found:
-    """A set of effects with their fitted numbers, between two steps of the search."""
-
-    effects: tuple[str, ...] = ()
-    values: Mapping[str, float] = field(default_factory=dict)
+    trace: tuple[Change, ...] = ()

@@ -6,8 +6,10 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from spool_gap.analyse import analyse, given_by
+from spool_gap.report.serialisation import result_to_dict
 from spool_gap.result import GapResult, GapSettings
+from spool_gap.workflow.analyse import analyse
+from spool_gap.workflow.preparation import given_by
 from spool_identification.record import Record
 from spool_sim.excitation.kinds import SweptSine
 from spool_sim.model import MODELS, model_from_mapping
@@ -101,7 +103,7 @@ def test_another_record_can_be_held_out() -> None:
 
 def test_the_result_survives_json_and_pickle() -> None:
     result = with_cubic()
-    plain = json.loads(json.dumps(result.to_dict(), allow_nan=False))
+    plain = json.loads(json.dumps(result_to_dict(result), allow_nan=False))
     assert plain["verdict"] == "cubic_stiffness"
     assert set(plain["where"]) >= {"frequency", "displacement", "velocity", "time"}
     assert {"low_Hz", "high_Hz", "share"} <= set(plain["where"]["frequency"][0])

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from spool_gap.analyse import motions_for
 from spool_gap.effect import Effect, Motion
 from spool_gap.registry import EFFECTS, effect
+from spool_gap.workflow.preparation import motions_for
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
 from spool_sim.model import MODELS
 from spool_sim.terms import term

@@ -6,13 +6,13 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from spool_gap.analyse import analyse
 from spool_gap.result import GapSettings
-from spool_gap.selection.median_window import usual_share
+from spool_gap.selection.windows import median_share
 from spool_gap.simulation.contact_free import bridged, in_free_flight, without_hits
 from spool_gap.simulation.contacts import Contacts, find_contacts
 from spool_gap.simulation.segments import Stretch, stretches_of
 from spool_gap.simulation.shooting import RUN_IN
+from spool_gap.workflow.analyse import analyse
 from spool_identification.record import Record
 from spool_sim.excitation.kinds import SweptSine
 from spool_sim.model import MODELS, Model
@@ -130,10 +130,10 @@ def test_friction_beside_a_stop_is_named_with_its_size() -> None:
     assert found["stop_gap"] == pytest.approx(1.5e-3, rel=0.02)
 
 
-def test_a_window_that_goes_astray_does_not_say_what_usually_stays_of_the_gap() -> None:
+def test_a_window_that_goes_astray_does_not_say_what_stays_of_the_gap_in_the_median() -> None:
     before = [np.full((1, 10), 2.0)] * 5
     after = [np.full((1, 10), 0.2)] * 4 + [np.full((1, 10), 3.0)]
     nothing = [np.zeros((1, 10))] * 5
-    assert usual_share(before, after, nothing) == pytest.approx(0.1)
-    assert usual_share(before, after, [np.full((1, 10), 0.2)] * 5) == 0.0
-    assert usual_share(before, before, nothing) == pytest.approx(1.0)
+    assert median_share(before, after, nothing) == pytest.approx(0.1)
+    assert median_share(before, after, [np.full((1, 10), 0.2)] * 5) == 0.0
+    assert median_share(before, before, nothing) == pytest.approx(1.0)

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from spool_gap.analyse import motions_for
+from spool_gap.fitting.hypothesis import Fitting
 from spool_gap.result import GapSettings
-from spool_gap.selection.rules import Rules
 from spool_gap.simulation.batches import steps_a_sample
 from spool_gap.simulation.point import Point
 from spool_gap.simulation.segments import stretches_of
 from spool_gap.simulation.shooting import pieces_of
 from spool_gap.simulation.simulate import Simulation
 from spool_gap.simulation.switchable import SwitchableMotion
+from spool_gap.workflow.preparation import motions_for
 from spool_identification.record import records_from_blocks
 from spool_sim.excitation.kinds import SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
@@ -31,8 +31,8 @@ COULOMB = (*BASE, "coulomb_friction")
 SWEEP = SweptSine(start_frequency=6.0, stop_frequency=60.0, duration=8.0, amplitude=8.0)
 
 
-@pytest.fixture(scope="module", name="rules")
-def _rules() -> Rules:
+@pytest.fixture(scope="module", name="fitting")
+def _fitting() -> Fitting:
     """Pieces of a record with dry friction."""
     sensor = Sensor(noise=0.02)
     simulator = Simulator(
@@ -42,7 +42,7 @@ def _rules() -> Rules:
     (record,) = records_from_blocks(simulator.records(10.0), "dry")
     stretches = stretches_of([record], [], FLUID, VALVE, damping=2.0)
     pieces = pieces_of(stretches, 9000)
-    return Rules(pieces, Simulation(pieces, motions_for(FLUID)), FLUID, VALVE, GapSettings())
+    return Fitting(Simulation(pieces, motions_for(FLUID)), FLUID, VALVE, GapSettings())
 
 
 def points() -> list[Point]:
@@ -51,8 +51,8 @@ def points() -> list[Point]:
     return [start, start.moved(("coulomb_force", "spool_delay"), (0.35, 1e-4))]
 
 
-def test_all_windows_in_one_call_move_as_each_alone(rules: Rules) -> None:
-    simulation = rules.simulation
+def test_all_windows_in_one_call_move_as_each_alone(fitting: Fitting) -> None:
+    simulation = fitting.simulation
     chosen = list(range(len(simulation.places)))
     together = simulation.run(points(), chosen)
     for place in chosen:
@@ -89,14 +89,15 @@ def test_a_base_without_drag_has_none_in_the_kernel_that_holds_it() -> None:
     np.testing.assert_allclose(one.acceleration, other.acceleration, rtol=1e-9, atol=1e-9)
 
 
-def test_a_fit_that_came_to_rest_is_fitted_again_only_after_the_weight_changed(rules: Rules) -> None:
-    step = rules.fit(("coulomb_friction",), points()[:1], rounds=30)
+def test_a_fit_that_came_to_rest_is_fitted_again_only_after_the_weight_changed(fitting: Fitting) -> None:
+    step = fitting.fit(("coulomb_friction",), points()[:1], rounds=30)
     assert step.fitted.point.get("coulomb_force") == pytest.approx(0.3, rel=0.03)
-    assert rules.polished(step) is step
-    rules.take_weight(step)
-    again = rules.polished(step, rounds=30)
+    assert fitting.polished(step) is step
+    weighed = fitting.weighed_by(step)
+    again = weighed.polished(step, rounds=30)
     assert again is not step
-    assert rules.polished(again) is again
+    assert weighed.polished(again) is again
+    assert fitting.polished(step) is step, "another weight leaves the first problem as it is"
 
 
 def test_steps_grow_shorter_with_stiffness_and_where_a_force_has_kinks() -> None:

@@ -7,8 +7,8 @@ import re
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from spool_gap.analyse import analyse
 from spool_gap.result import GapResult
+from spool_gap.workflow.analyse import analyse
 from spool_identification.record import Record
 from spool_sim.excitation.kinds import SweptSine
 from spool_sim.model import MODELS

@@ -1,4 +1,4 @@
-"""What is left of a model: noise is not foretold, a missing force is, and by what it is a function of."""
+"""What is left of a model: noise is not predictable, a missing force is, by what it is a function of."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from spool_gap.analyse import motions_for
 from spool_gap.screening.remainder import Remainder, remainder
 from spool_gap.simulation.point import Point
 from spool_gap.simulation.response import responses
 from spool_gap.simulation.segments import stretches_of
 from spool_gap.simulation.simulate import Simulation
+from spool_gap.workflow.preparation import motions_for
 from spool_identification.record import records_from_blocks
 from spool_sim.excitation.kinds import SweptSine
 from spool_sim.model import MODELS
@@ -66,10 +66,10 @@ def looked_at(simulation: Simulation, point: Point, added: Callable[[int], Array
     )
 
 
-def test_noise_cannot_be_foretold(simulation: Simulation, point: Point) -> None:
+def test_noise_is_not_predictable(simulation: Simulation, point: Point) -> None:
     left = looked_at(simulation, point, None)
     assert left.share < 0.01
-    assert not left.tells(1.0, 1.0)
+    assert not left.counts(1.0, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -91,9 +91,9 @@ def test_a_force_that_is_missing_is_told_by_what_it_follows(
     )
     left = looked_at(simulation, point, lambda _number: 0.02 * row[np.newaxis])
     assert left.follows == follows, left.shares
-    assert left.tells(0.05, 0.05)
-    assert not left.tells(1e-3, 1e-3), "less than two simulations differ by"
-    assert not left.tells(0.05, 50.0), "next to nothing of the gap"
+    assert left.counts(0.05, 0.05)
+    assert not left.counts(1e-3, 1e-3), "less than two simulations differ by"
+    assert not left.counts(0.05, 50.0), "next to nothing of the gap"
 
 
 def test_the_answer_to_a_force_is_that_of_the_simulation(simulation: Simulation, point: Point) -> None:

@@ -10,11 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from spool_gap.registry import EFFECTS
-from spool_gap.selection.rules import BY_CHANCE, CLEARLY, FEWEST, in_windows
-from spool_gap.selection.sliding_laws import APART, FAR, too_far, usual_sum
+from spool_gap.selection.evidence import in_windows
+from spool_gap.selection.windows import trimmed_sum
 from spool_gap.simulation.segments import Stretch, span_of
+from spool_gap.stages.sliding_laws import too_far
+from spool_gap.thresholds import THRESHOLDS
 from spool_identification.record import Record
 
+FEWEST, BY_CHANCE = int(THRESHOLDS.fewest_windows), THRESHOLDS.by_chance
 WINDOWS = st.integers(FEWEST, 60)
 SIZES = st.floats(1e-3, 1e3)
 
@@ -43,7 +46,7 @@ def test_gains_of_either_sign_win_as_rarely_as_said(count: int) -> None:
 
 @given(count=st.integers(1, FEWEST - 1), share=st.floats(0.0, 1.0))
 def test_few_windows_decide_by_the_share_of_all(count: int, share: float) -> None:
-    assert in_windows(np.ones(count), share) == (share > CLEARLY)
+    assert in_windows(np.ones(count), share) == (share > THRESHOLDS.clearly)
 
 
 @given(count=st.integers(10, 60), outlier=st.floats(-1e9, 1e9), seed=st.integers(0, 2**32 - 1))
@@ -51,20 +54,20 @@ def test_no_single_window_decides_between_laws(count: int, outlier: float, seed:
     """With play a run goes another way in one window, and leaves any amount there."""
     gains = np.random.default_rng(seed).uniform(0.5, 1.5, count)
     gains[0] = outlier
-    assert 0.5 * count < usual_sum(gains) < 1.5 * count
+    assert 0.5 * count < trimmed_sum(gains) < 1.5 * count
 
 
 @given(count=WINDOWS, behind=st.floats(1.0, 2.0), seed=st.integers(0, 2**32 - 1))
 def test_a_law_is_given_up_that_is_behind_in_every_window(count: int, behind: float, seed: int) -> None:
     costs = np.random.default_rng(seed).uniform(0.5, 1.5, count)
-    if abs(behind - APART) > 1e-6:
-        assert too_far(costs, behind * costs) == (behind > APART)
+    if abs(behind - THRESHOLDS.too_far_everywhere) > 1e-6:
+        assert too_far(costs, behind * costs) == (behind > THRESHOLDS.too_far_everywhere)
 
 
 @given(count=st.integers(1, FEWEST - 1), behind=st.floats(1.0, 2.0))
 def test_few_windows_give_up_a_law_only_that_is_a_third_behind(count: int, behind: float) -> None:
-    if abs(behind - FAR) > 1e-6:
-        assert too_far(np.ones(count), np.full(count, behind)) == (behind > FAR)
+    if abs(behind - THRESHOLDS.too_far) > 1e-6:
+        assert too_far(np.ones(count), np.full(count, behind)) == (behind > THRESHOLDS.too_far)
 
 
 @given(seconds=st.floats(10.0, 4000.0), sign=st.sampled_from([-1.0, 1.0]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from spool_gap.selection.small_effects import spread
+from spool_gap.selection.all_windows import spread
 from spool_gap.simulation.simulate import median_over_mean, smoothed
 
 WINDOWS, NUMBERS = 400, 30

@@ -1,4 +1,4 @@
-"""Runs coupled to the measured motion follow it where free runs take another way."""
+"""Runs synchronised to the measured motion follow it where free runs take another way."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from spool_gap.analyse import motions_for
-from spool_gap.fitting.synchronised import coupled_simulation, coupled_start, following
+from spool_gap.fitting.hypothesis import Fitting
+from spool_gap.fitting.synchronised import following, synchronised_simulation, synchronised_start
 from spool_gap.result import GapSettings
-from spool_gap.selection.rules import Rules
 from spool_gap.simulation.point import Point
 from spool_gap.simulation.segments import Stretch, stretches_of
 from spool_gap.simulation.shooting import pieces_of
 from spool_gap.simulation.simulate import Simulation
+from spool_gap.workflow.preparation import motions_for
 from spool_identification.record import records_from_blocks
 from spool_sim.excitation.kinds import SteppedSine
 from spool_sim.model import MODELS, model_from_mapping
@@ -31,8 +31,8 @@ TRUTH, NOISE = 2.5e-4, 0.02
 
 
 @pytest.fixture(scope="module", name="play")
-def _play() -> tuple[Rules, list[Stretch], Point]:
-    """A spool with play, at steps of frequency through its resonance: rules, stretches and the truth."""
+def _play() -> tuple[Fitting, list[Stretch], Point]:
+    """A spool with play, at steps of frequency through its resonance: problem, stretches and the truth."""
     drive = SteppedSine(
         start_frequency=15.0, stop_frequency=72.0, frequency_step=3.0, dwell=1.0, amplitude=4.0
     )
@@ -45,9 +45,9 @@ def _play() -> tuple[Rules, list[Stretch], Point]:
     damping = VALVE.viscous_coefficient
     whole = stretches_of([record], [], FLUID, VALVE, damping=damping)
     pieces = pieces_of(whole, 30_000)
-    rules = Rules(pieces, Simulation(pieces, motions_for(FLUID)), FLUID, VALVE, GapSettings())
-    point = Point(rules.terms_of(("spring_backlash",)), {**FLUID.values_for(VALVE), "backlash": TRUTH})
-    return rules, whole, point
+    fitting = Fitting(Simulation(pieces, motions_for(FLUID)), FLUID, VALVE, GapSettings())
+    point = Point(fitting.terms_of(("spring_backlash",)), {**FLUID.values_for(VALVE), "backlash": TRUTH})
+    return fitting, whole, point
 
 
 def left(simulation: Simulation, point: Point) -> float:
@@ -55,32 +55,32 @@ def left(simulation: Simulation, point: Point) -> float:
     return float(simulation.nrmse(simulation.errors([point], every), every)[0])
 
 
-def test_coupled_runs_of_the_truth_follow_the_motion_where_free_ones_go_another_way(
-    play: tuple[Rules, list[Stretch], Point],
+def test_synchronised_runs_of_the_truth_follow_the_motion_where_free_ones_go_another_way(
+    play: tuple[Fitting, list[Stretch], Point],
 ) -> None:
-    rules, whole, truth = play
+    fitting, whole, truth = play
     noise = math.sqrt(2.0) * NOISE / float(np.std(whole[0].record.spool))  # of both channels
-    coupled = left(coupled_simulation(rules, whole, 0.3, 30_000), truth)
-    free = left(rules.simulation, truth)
-    assert coupled < 1.5 * noise
-    assert free > 5.0 * coupled
-    assert left(following(rules, whole, truth, 0.3), truth) < 0.9 * free
+    synchronised = left(synchronised_simulation(fitting, whole, 0.3, 30_000), truth)
+    free = left(fitting.simulation, truth)
+    assert synchronised < 1.5 * noise
+    assert free > 5.0 * synchronised
+    assert left(following(fitting, whole, truth, 0.3), truth) < 0.9 * free
 
 
 @pytest.mark.parametrize("share", [0.1, 0.4, 3.0])
-def test_fits_end_in_one_valley_wherever_they_begin(
-    play: tuple[Rules, list[Stretch], Point], share: float
+def test_fits_end_in_one_minimum_wherever_they_begin(
+    play: tuple[Fitting, list[Stretch], Point], share: float
 ) -> None:
-    rules, whole, truth = play
+    fitting, whole, truth = play
     start = truth.moved(("backlash", "spring_stiffness"), (share * TRUTH, 1.03 * VALVE.spring_stiffness))
-    found = coupled_start(rules, whole, ("spring_backlash",), [start])
+    found = synchronised_start(fitting, whole, ("spring_backlash",), [start])
     assert found is not None
     assert found.get("backlash") == pytest.approx(TRUTH, rel=0.005)
     assert found.get("spring_stiffness") == pytest.approx(VALVE.spring_stiffness, rel=0.01)
     assert found.get("viscous_coefficient") == pytest.approx(VALVE.viscous_coefficient, rel=0.05)
 
 
-def test_a_base_without_viscous_drag_holds_no_damper(play: tuple[Rules, list[Stretch], Point]) -> None:
-    rules, whole, truth = play
-    bare = replace(rules, base=model_from_mapping({"name": "bare", "terms": ["inertia", "spring"]}, "own"))
-    assert coupled_start(bare, whole, ("spring_backlash",), [truth]) is None
+def test_a_base_without_viscous_drag_holds_no_damper(play: tuple[Fitting, list[Stretch], Point]) -> None:
+    fitting, whole, truth = play
+    bare = replace(fitting, base=model_from_mapping({"name": "bare", "terms": ["inertia", "spring"]}, "own"))
+    assert synchronised_start(bare, whole, ("spring_backlash",), [truth]) is None

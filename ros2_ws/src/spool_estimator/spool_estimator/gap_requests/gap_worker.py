@@ -113,14 +113,15 @@ class GapAnswer:
 
 def analyse_task(task: GapTask) -> GapAnswer:
     """Return the analysis of ``task``; a record that cannot be analysed is an answer with a reason."""
-    from spool_gap.analyse import analyse  # noqa: PLC0415 - loaded in the worker only
+    from spool_gap.report.serialisation import result_to_dict  # noqa: PLC0415
+    from spool_gap.workflow.analyse import analyse  # noqa: PLC0415 - loaded in the worker only
 
     seconds = sum(record.duration for record in task.records)
     try:
         found = analyse(task.records, task.valve, task.base)
     except InputError as error:
         return GapAnswer(task.stamp, False, str(error), seconds)
-    text = json.dumps(found.to_dict(), allow_nan=False)
+    text = json.dumps(result_to_dict(found), allow_nan=False)
     return GapAnswer(task.stamp, True, found.sentence, seconds, found.verdict, found.confidence, text)
 
 

@@ -83,12 +83,13 @@ def judge_seed(seed: int, hidden: str | None = None, factor: float | None = None
 
 def judge(case: BlindCase) -> BlindVerdict:
     """Return what the workflow says to ``case``; a crash is a row too, and counts as wrong."""
-    from spool_gap.analyse import analyse  # noqa: PLC0415 - counting needs none of its kernels
+    from spool_gap.report.serialisation import result_to_dict  # noqa: PLC0415
+    from spool_gap.workflow.analyse import analyse  # noqa: PLC0415 - counting needs none of its kernels
 
     record, valve = given(case)
     watch = Stopwatch()
     try:
-        result = analyse([record], valve, MODELS[BASE]).to_dict()
+        result = result_to_dict(analyse([record], valve, MODELS[BASE]))
     except InputError as error:
         return row_of(case, {"verdict": REFUSED}, watch.read(), str(error))
     except Exception:  # one crash must not end the study; its last lines are kept

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from spool_gap.simulation.point import Point
 from spool_gap.simulation.segments import Stretch
 from spool_gap.simulation.simulate import Simulation
 
-from .descent import Fitted, descend
+from .descent import ENOUGH, Fitted, descend
 
 Array = NDArray[np.float64]
 
@@ -31,9 +31,9 @@ OFF = 5.0
 WIDE = {GAIN: 0.5, DELAY: 5e-3}
 
 
-@dataclass(slots=True)
-class Step:
-    """A hypothesis that was fitted by simulation.
+@dataclass(frozen=True, slots=True, eq=False)
+class Hypothesis:
+    """Hypothesis that was fitted by simulation.
 
     Attributes:
         effects: ids, in the order in which they were accepted.
@@ -45,35 +45,75 @@ class Step:
 
     effects: tuple[str, ...]
     fitted: Fitted
-    train: list[Array]
-    held: list[Array]
+    train: Sequence[Array] = ()
+    held: Sequence[Array] = ()
     cost: float = math.nan
     costs: Array = field(default_factory=lambda: np.zeros(0))
     trials: Mapping[str, Trial] = field(default_factory=dict)
 
-    def take(self, other: Step) -> None:
-        """Take the numbers of ``other``, another fit of the same effects."""
-        self.fitted, self.train, self.held = other.fitted, other.train, other.held
-        self.cost, self.costs = other.cost, other.costs
+    @property
+    def point(self) -> Point:
+        """Its numbers."""
+        return self.fitted.point
+
+    @property
+    def newest(self) -> str:
+        """The effect that was added last."""
+        return self.effects[-1]
+
+    @property
+    def own_values(self) -> dict[str, float]:
+        """Numbers of its newest effect, SI."""
+        return {name: self.point.get(name) for name in EFFECTS[self.newest].fitted}
+
+    @property
+    def free_values(self) -> dict[str, float]:
+        """Fitted numbers, SI."""
+        return {free.name: self.point.get(free.name) for free in self.fitted.free}
+
+    @property
+    def has_jumps(self) -> bool:
+        """Whether its force jumps where the velocity changes its sign."""
+        return bool(self._laws & {"sliding_law", "memory_law"})
+
+    @property
+    def has_kinks(self) -> bool:
+        """Whether its force jumps, or its slope over the displacement does."""
+        return self.has_jumps or "levels_law" in self._laws
+
+    @property
+    def _laws(self) -> set[str]:
+        return {law for name in self.point.active for law in term(name).laws}
+
+    def at(self, point: Point) -> Hypothesis:
+        """Return this with the numbers of ``point``, from which it is not fitted yet."""
+        return replace(self, fitted=replace(self.fitted, point=point, settled=None))
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Fitting:
-    """What is fitted, and how, over one set of stretches.
+    """Least-squares problem of hypotheses: windows with a weight, and what is fitted to them.
 
     Attributes:
-        stretches: with their windows.
-        simulation: of those windows.
+        simulation: of the windows.
         base: model that effects are added to.
         valve: gives what is held.
         settings: tolerances.
     """
 
-    stretches: Sequence[Stretch]
     simulation: Simulation
     base: Model
     valve: Valve
     settings: GapSettings
+
+    @property
+    def stretches(self) -> Sequence[Stretch]:
+        """The stretches with their windows."""
+        return self.simulation.stretches
+
+    def over(self, simulation: Simulation) -> Fitting:
+        """Return the same problem over the windows, or with the weight, of ``simulation``."""
+        return replace(self, simulation=simulation)
 
     def terms_of(self, effects: Sequence[str]) -> tuple[str, ...]:
         """Return the terms that are switched on."""
@@ -128,41 +168,46 @@ class Fitting:
         *,
         rounds: int = 6,
         tries: int = 1,
-        enough: float = 2e-4,
-    ) -> Step:
-        """Return the hypothesis ``effects`` fitted from the best of ``starts``."""
+        enough: float = ENOUGH,
+        trials: Mapping[str, Trial] | None = None,
+    ) -> Hypothesis:
+        """Return the hypothesis ``effects`` with their ``trials``, fitted from the best of ``starts``."""
         free = self.free_of(effects, starts[0])
         fitted = descend(self.simulation, starts, free, rounds=rounds, tries=tries, enough=enough)
-        return self.measured(Step(effects, fitted, [], []))
+        return self.measured(Hypothesis(effects, fitted, trials=trials or {}))
 
-    def measured(self, step: Step) -> Step:
-        """Return ``step`` with its errors on all windows."""
-        simulation = self.simulation
-        training, held = simulation.training, simulation.held_out
-        errors = simulation.errors([step.fitted.point], [*training, *held])
-        step.train, step.held = errors[: len(training)], errors[len(training) :]
-        self.score(step)
-        return step
+    def polished(self, hypothesis: Hypothesis, rounds: int = 7) -> Hypothesis:
+        """Return ``hypothesis`` fitted on from its own numbers, ``rounds`` at most, or settled as it is."""
+        if hypothesis.fitted.settled is self.simulation.weighing:
+            return hypothesis
+        return self.fit(hypothesis.effects, [hypothesis.point], rounds=rounds, trials=hypothesis.trials)
 
-    def score(self, step: Step) -> None:
-        """Work out the held-out cost with the present weight."""
-        simulation = self.simulation
-        held = simulation.held_out
-        step.costs = simulation.costs(simulation.weigh(step.held, held), held)[0]
-        step.cost = float(step.costs.sum())
+    def without(self, hypothesis: Hypothesis, names: Collection[str]) -> Hypothesis:
+        """Return ``hypothesis`` without the effects ``names``, fitted."""
+        effects = tuple(entry for entry in hypothesis.effects if entry not in names)
+        trials = {e: t for e, t in hypothesis.trials.items() if e not in names}
+        return self.fit(effects, [replace(hypothesis.point, active=self.terms_of(effects))], trials=trials)
 
-    def nrmse(self, step: Step) -> float:
-        """Held out."""
-        return float(self.simulation.nrmse(step.held, self.simulation.held_out)[0])
+    def measured(self, hypothesis: Hypothesis) -> Hypothesis:
+        """Return ``hypothesis`` with its errors on all windows."""
+        training, held = self.simulation.training, self.simulation.held_out
+        errors = self.simulation.errors([hypothesis.point], [*training, *held])
+        train, held_errors = errors[: len(training)], errors[len(training) :]
+        return self.scored(replace(hypothesis, train=train, held=held_errors))
 
-    def take_weight(self, step: Step) -> None:
-        """Weigh by what ``step`` leaves on the training windows, at least by the channels' noise."""
-        self.simulation.take_weight(step.train, self.simulation.training, self.least_density)
+    def scored(self, hypothesis: Hypothesis) -> Hypothesis:
+        """Return ``hypothesis`` with its held-out cost by the present weight."""
+        held = self.simulation.held_out
+        costs = self.simulation.costs(self.simulation.weigh(hypothesis.held, held), held)[0]
+        return replace(hypothesis, costs=costs, cost=float(costs.sum()))
 
-    @property
-    def least_density(self) -> list[float]:
-        """Power density of what is left by which a stretch is weighed at least, (m/s^2)^2/Hz."""
-        return [stretch.noise.spool * 0.5 for stretch in self.stretches]
+    def nrmse(self, hypothesis: Hypothesis) -> float:
+        """Return rms(model - measured) / rms(measured), held out."""
+        return float(self.simulation.nrmse(hypothesis.held, self.simulation.held_out)[0])
+
+    def weighed_by(self, hypothesis: Hypothesis) -> Fitting:
+        """Return this weighing by what ``hypothesis`` leaves on the training windows."""
+        return self.over(self.simulation.weighed_by(hypothesis.train))
 
 
 def parameters_of(name: str) -> tuple[Parameter, ...]:

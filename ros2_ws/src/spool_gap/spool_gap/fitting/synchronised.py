@@ -35,7 +35,7 @@ def holds_damper(fitting: Fitting) -> bool:
     return any(entry.name == "viscous_friction" for entry in fitting.base.terms)
 
 
-def coupled_start(
+def synchronised_start(
     fitting: Fitting, whole: Sequence[Stretch], effects: tuple[str, ...], starts: Sequence[Point]
 ) -> Point | None:
     """Return the best of ``starts`` with the numbers of base and ``effects`` as fitted with the dampers.
@@ -46,14 +46,16 @@ def coupled_start(
         return None
     free = fitting.free_of(effects, starts[0])
     for number, ratio in enumerate(DAMPING_RATIOS):
-        simulation = coupled_simulation(fitting, whole, ratio, fitting.settings.longest // SHARE)
+        simulation = synchronised_simulation(fitting, whole, ratio, fitting.settings.longest // SHARE)
         # Far from the truth most windows are bad; counted by their logarithm they make another valley.
-        simulation.robust = number > 0
+        simulation = simulation.counting_robustly(robust=number > 0)
         starts = [descend(simulation, starts, free, rounds=ROUNDS, tries=TRIES, enough=1e-3).point]
     return starts[0]
 
 
-def coupled_simulation(fitting: Fitting, whole: Sequence[Stretch], ratio: float, longest: int) -> Simulation:
+def synchronised_simulation(
+    fitting: Fitting, whole: Sequence[Stretch], ratio: float, longest: int
+) -> Simulation:
     """Return pieces of ``whole``, coupled to the motion that is measured with gain and delay of each point.
 
     Args:
@@ -91,7 +93,7 @@ def following(fitting: Fitting, whole: Sequence[Stretch], point: Point, ratio: f
         )
         for stretch in pieces
     ]
-    coupled = coupled_simulation(fitting, before, ratio, 2 * fitting.settings.longest)
+    coupled = synchronised_simulation(fitting, before, ratio, 2 * fitting.settings.longest)
     runs = iter(coupled.run([point], range(len(coupled.places))))
     found = []
     for stretch in pieces:

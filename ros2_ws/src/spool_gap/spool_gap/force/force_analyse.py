@@ -13,7 +13,7 @@ from spool_stream.errors import InputError
 
 from spool_gap.effect import Effect
 from spool_gap.registry import EFFECTS
-from spool_gap.result import GapResult, GapSettings, Hypothesis
+from spool_gap.result import GapResult, GapSettings, RankedHypothesis
 from spool_gap.screening.screening import FRICTIONS
 
 from .force_balance import ForceBalance, ForceFit, independent_samples
@@ -77,7 +77,7 @@ def analyse_forces(
     steps: list[tuple[Chosen, ForceFit]] = [((), balance.fit([]))]
     if kind == "driven":
         check_mass(balance, steps[0][1], train[0].name, mass)
-    ranking: list[Hypothesis] = []
+    ranking: list[RankedHypothesis] = []
     while len(steps) <= chosen_settings.most_effects:
         tell(f"trying effects beside {' + '.join(steps[-1][1].effects) or 'the base'}", 0.3)
         better = _forward(balance, steps[-1], ranking, kind)
@@ -133,7 +133,7 @@ def _cannot_tell(balance: ForceBalance) -> tuple[str, ...]:
 
 
 def _forward(
-    balance: ForceBalance, step: tuple[Chosen, ForceFit], ranking: list[Hypothesis], kind: str
+    balance: ForceBalance, step: tuple[Chosen, ForceFit], ranking: list[RankedHypothesis], kind: str
 ) -> tuple[Chosen, ForceFit] | None:
     chosen, fit = step
     before = balance.nrmse(fit)
@@ -170,7 +170,7 @@ def _forward(
         elif entry.id == "asymmetric_friction":
             reason = "the difference of the directions is not told from the load cell's zero"
         ranking.append(
-            Hypothesis(entry.id, tuple(e.id for e, _ in chosen), after, evidence, values, False, reason)
+            RankedHypothesis(entry.id, tuple(e.id for e, _ in chosen), after, evidence, values, False, reason)
         )
         if not reason:
             found.append((evidence, after, tried, result, entry))
@@ -184,7 +184,7 @@ def _forward(
             best = row
     for number, entry_ in enumerate(ranking):
         if entry_.id == best[4].id and entry_.beside == tuple(e.id for e, _ in chosen):
-            ranking[number] = Hypothesis(
+            ranking[number] = RankedHypothesis(
                 entry_.id, entry_.beside, entry_.nrmse_after, entry_.evidence, entry_.parameters, True
             )
     return best[2], best[3]

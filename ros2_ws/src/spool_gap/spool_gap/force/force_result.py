@@ -18,7 +18,7 @@ from spool_stream.uncertainty import PLUS_MINUS, percent, with_interval
 from spool_gap.effect import Effect
 from spool_gap.registry import EFFECTS
 from spool_gap.report.location import Residual, locate, surface
-from spool_gap.result import Agreement, Curves, GapResult, Hypothesis, NamedEffect
+from spool_gap.result import Agreement, Curves, GapResult, NamedEffect, RankedHypothesis
 from spool_gap.screening.screening import FRICTIONS
 
 from .force_balance import ForceBalance, ForceFit
@@ -40,7 +40,7 @@ def result_of(
     kind: str,
     balance: ForceBalance,
     steps: list[tuple[Chosen, ForceFit]],
-    ranking: list[Hypothesis],
+    ranking: list[RankedHypothesis],
     warnings: list[str],
     alike: tuple[str, ...],
     begun: float,
@@ -93,7 +93,7 @@ def result_of(
     )  # fmt: skip
 
 
-def _confidence(ranking: Sequence[Hypothesis], named: tuple[str, ...]) -> float:
+def _confidence(ranking: Sequence[RankedHypothesis], named: tuple[str, ...]) -> float:
     sure = 0.95
     for name in named:
         own = next((h for h in ranking if h.id == name and h.accepted), None)

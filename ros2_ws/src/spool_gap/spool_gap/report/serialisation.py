@@ -7,7 +7,7 @@ from typing import Any
 
 from spool_stream.quantity import Quantity
 
-from spool_gap.result import Agreement, GapResult, Hypothesis, Share, Where
+from spool_gap.result import Agreement, GapResult, RankedHypothesis, Share, Where
 
 
 def result_to_dict(result: GapResult) -> dict[str, Any]:
@@ -71,7 +71,7 @@ def _agreement(agreement: Agreement) -> dict[str, Any]:
     return {"nrmse": number(agreement.nrmse), "amplitude_ratio": number(agreement.amplitude_ratio)}
 
 
-def _hypothesis(entry: Hypothesis) -> dict[str, Any]:
+def _hypothesis(entry: RankedHypothesis) -> dict[str, Any]:
     return {
         "id": entry.id,
         "beside": list(entry.beside),

@@ -7,7 +7,7 @@ so a share that is says that the model is not complete, and of what the missing 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,14 +18,10 @@ from spool_gap.simulation.point import Point
 from spool_gap.simulation.response import responses
 from spool_gap.simulation.segments import Stretch
 from spool_gap.simulation.simulate import Simulation
+from spool_gap.thresholds import THRESHOLDS
 
 Array = NDArray[np.float64]
 
-#: Share of the weighed squares, and evidence, from which what is left is not noise alone.
-FORETOLD, EVIDENCE = 0.07, 40.0
-#: Its amplitude, over that of the measured acceleration and of the gap that there was, up to which it is
-#: within what two right simulations differ by, with kinks in the force and without.
-SMALLEST, OF_GAP, SMOOTH = 1e-3, 0.02, 5e-3
 #: Relative eigenvalue of the columns' products below which a combination of columns is not fitted.
 ALIKE = 1e-6
 
@@ -57,14 +53,16 @@ class Remainder:
         """Twice the log likelihood ratio on held-out data of foretelling over not foretelling."""
         return -self.numbers * float(np.log(max(1e-12, 1.0 - self.share)))
 
-    def tells(self, nrmse: float, before: float, *, kinks: bool = True) -> bool:
+    def counts(self, nrmse: float, before: float, *, kinks: bool = True) -> bool:
         """Whether a model that leaves ``nrmse``, and the base ``before``, is not complete.
 
         ``kinks`` says whether its forces have any.
         """
         size = float(np.sqrt(max(0.0, self.share))) * nrmse
-        least = max(SMALLEST, (OF_GAP if kinks else SMOOTH) * before)
-        return self.share > FORETOLD and self.evidence > EVIDENCE and size > least
+        share = THRESHOLDS.predictable_of_gap if kinks else THRESHOLDS.predictable_of_gap_smooth
+        least = max(THRESHOLDS.predictable_smallest, share * before)
+        enough = self.evidence > THRESHOLDS.predictable_evidence
+        return self.share > THRESHOLDS.predictable and enough and size > least
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,8 +74,10 @@ class _Motion:
     acceleration: Array
 
 
-def remainder(simulation: Simulation, point: Point, train: list[Array], held: list[Array]) -> Remainder:
-    """Return what foretells the errors that ``point`` leaves.
+def remainder(
+    simulation: Simulation, point: Point, train: Sequence[Array], held: Sequence[Array]
+) -> Remainder:
+    """Return the predictable shares of the errors that ``point`` leaves.
 
     Args:
         simulation: the windows, with a weight.

@@ -5,26 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from spool_gap.effect import Effect
-from spool_gap.fitting.hypothesis import Step
+from spool_gap.effect import Effect, Motion
+from spool_gap.fitting.hypothesis import Hypothesis
 from spool_gap.registry import EFFECTS
 from spool_gap.simulation.segments import Stretch
 from spool_gap.simulation.simulate import Simulation
+from spool_gap.thresholds import THRESHOLDS
 
 from .regression import Balance, Screened
-from .spectral_lines import lines_beside_the_drive
-from .unexplained import screen_left_over
+from .residual import screened_by_residual
+from .spectral_lines import lines_beside_excitation
 
-#: Fall of the weighed sum of squares by the regression from which an effect is simulated, and by the answer
-#: of the base to it beside other effects, or where the regression finds less than ``CLEAR``.
-SCREENED, LEFT, LEFT_ALONE = 25.0, 25.0, 5.0
-CLEAR = 300.0
-#: The same over all windows.
-LEFT_SMALL = 15.0
 #: Hypotheses that are simulated in each step.
 SIMULATED = 7
-#: Share of the best one's fall that another one needs, and where the two are easily confused.
-NEAR, CONFUSED = 0.25, 0.05
 #: Laws of dry friction: of these a machine has one.
 FRICTIONS = frozenset(name for name in EFFECTS if name.endswith("_friction"))
 
@@ -34,57 +27,76 @@ def balance_of(stretches: Sequence[Stretch], values: Mapping[str, float]) -> Bal
     return Balance(stretches, values["mass"], values["spring_stiffness"], values["viscous_coefficient"])
 
 
-def candidates(
-    simulation: Simulation, stretches: Sequence[Stretch], catalogue: Sequence[Effect], step: Step
+def regression_candidates(
+    stretches: Sequence[Stretch], catalogue: Sequence[Effect], step: Hypothesis
 ) -> list[Screened]:
-    """Return what may be added to ``step``: by the regression, and by what its free run leaves."""
-    values = step.fitted.point.values
+    """Return what the regression says may be added to ``step``."""
+    values = step.point.values
     balance = balance_of(stretches, values)
-    contained = {name for entry in step.effects for name in (entry, *EFFECTS[entry].replaces)}
-    effects = [entry for entry in catalogue if entry.id not in contained]
-    peaks = lines_beside_the_drive(stretches, values)
+    effects = _addable(catalogue, step)
+    peaks = lines_beside_excitation(stretches, values)
     rough = _screened(balance, effects, step, peaks)
-    found: list[Screened] = []
-    if rough:
-        balance.prepare([*step.trials.values(), rough[0].trial])
-        balance.reweigh()
-        found = promising(_screened(balance, effects, step, peaks))
-    if not step.effects and found and found[0].gain > CLEAR:
-        return found
-    known = {entry.effect.id for entry in found}
+    if not rough:
+        return []
+    balance.prepare([*step.trials.values(), rough[0].trial])
+    balance.reweigh()
+    return promising(_screened(balance, effects, step, peaks))
+
+
+def residual_candidates(
+    simulation: Simulation,
+    stretches: Sequence[Stretch],
+    catalogue: Sequence[Effect],
+    step: Hypothesis,
+    known: Sequence[Screened],
+) -> list[Screened]:
+    """Return what may be added to ``step`` and to ``known``, by what its free run leaves."""
+    if not step.effects and known and known[0].gain > THRESHOLDS.screened_clearly:
+        return []
     # In place of its friction a law comes by the regression alone.
-    others = [entry for entry in effects if not (entry.id in FRICTIONS and FRICTIONS & set(step.effects))]
-    left = screen_left_over(
-        simulation, step, others, balance.joined(peaks), LEFT if step.effects else LEFT_ALONE
-    )
-    return found + [entry for entry in left if entry.effect.id not in known]
+    one_law = FRICTIONS & set(step.effects)
+    others = [entry for entry in _addable(catalogue, step) if not (entry.id in FRICTIONS and one_law)]
+    least = THRESHOLDS.screened_residual if step.effects else THRESHOLDS.screened_residual_alone
+    names = {entry.effect.id for entry in known}
+    found = screened_by_residual(simulation, step, others, _motion(stretches, step), least)
+    return [entry for entry in found if entry.effect.id not in names]
+
+
+def _addable(catalogue: Sequence[Effect], step: Hypothesis) -> list[Effect]:
+    """Return the effects that ``step`` neither has nor contains."""
+    contained = {name for entry in step.effects for name in (entry, *EFFECTS[entry].replaces)}
+    return [entry for entry in catalogue if entry.id not in contained]
+
+
+def _motion(stretches: Sequence[Stretch], step: Hypothesis) -> Motion:
+    values = step.point.values
+    return balance_of(stretches, values).joined(lines_beside_excitation(stretches, values))
 
 
 def overlooked(
-    stretches: Sequence[Stretch], catalogue: Sequence[Effect], step: Step, known: Sequence[Screened]
+    stretches: Sequence[Stretch], catalogue: Sequence[Effect], step: Hypothesis, known: Sequence[Screened]
 ) -> list[Screened]:
     """Return what the regression sees beside ``known``, of which none helps, if runs may part with it."""
-    values = step.fitted.point.values
+    values = step.point.values
     balance = balance_of(stretches, values)
-    peaks = lines_beside_the_drive(stretches, values)
+    peaks = lines_beside_excitation(stretches, values)
     names = {*step.effects, *(entry.effect.id for entry in known)}
     effects = [entry for entry in catalogue if entry.id not in names and (entry.valleys or entry.rare)]
     balance.prepare([*step.trials.values(), *(entry.trial for entry in known[:1])])
     balance.reweigh()
-    return [entry for entry in _screened(balance, effects, step, peaks) if entry.gain > SCREENED]
+    return [entry for entry in _screened(balance, effects, step, peaks) if entry.gain > THRESHOLDS.screened]
 
 
 def small_candidates(
-    simulation: Simulation, stretches: Sequence[Stretch], catalogue: Sequence[Effect], step: Step
+    simulation: Simulation, stretches: Sequence[Stretch], catalogue: Sequence[Effect], step: Hypothesis
 ) -> list[Screened]:
     """Return what explains most of what the free run of ``step``, without effects, leaves."""
-    values = step.fitted.point.values
-    motion = balance_of(stretches, values).joined(lines_beside_the_drive(stretches, values))
-    return screen_left_over(simulation, step, catalogue, motion, LEFT_SMALL)
+    motion = _motion(stretches, step)
+    return screened_by_residual(simulation, step, catalogue, motion, THRESHOLDS.screened_small)
 
 
 def _screened(
-    balance: Balance, effects: Sequence[Effect], step: Step, peaks: tuple[float, ...]
+    balance: Balance, effects: Sequence[Effect], step: Hypothesis, peaks: tuple[float, ...]
 ) -> list[Screened]:
     """Return what the regression says about ``effects`` beside ``step``, or in place of its friction."""
     own = [name for name in step.trials if name in FRICTIONS]
@@ -102,12 +114,13 @@ def _screened(
 
 def promising(screened: Sequence[Screened]) -> list[Screened]:
     """Return what is worth simulating: near the best by the regression, or confused with it."""
-    if not screened or screened[0].gain < SCREENED:
+    if not screened or screened[0].gain < THRESHOLDS.screened:
         return []
     best = screened[0]
     found = []
     for entry in screened:
         near = entry.effect.id in best.effect.confused_with or best.effect.id in entry.effect.confused_with
-        if entry.gain >= max(SCREENED, (CONFUSED if near else NEAR) * best.gain):
+        share = THRESHOLDS.screened_confusable if near else THRESHOLDS.screened_near
+        if entry.gain >= max(THRESHOLDS.screened, share * best.gain):
             found.append(entry)
     return found[:SIMULATED]

@@ -8,17 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spool_gap.simulation.segments import Stretch
+from spool_gap.thresholds import THRESHOLDS
 
 Array = NDArray[np.float64]
 
-#: How far a line must stand out of its neighbourhood, in amplitude.
-STANDS_OUT = 4.0
+#: Lines at most.
 MOST = 4
-#: Prominence that lines of noise have, too.
-NOISE = 2.5
 
 
-def lines_beside_the_drive(stretches: Sequence[Stretch], values: Mapping[str, float]) -> tuple[float, ...]:
+def lines_beside_excitation(stretches: Sequence[Stretch], values: Mapping[str, float]) -> tuple[float, ...]:
     """Return frequencies (Hz), strongest first, at which the balance of forces has a line, the body none."""
     stretch = max(stretches, key=lambda entry: entry.record.body.size)
     record, motion = stretch.record, stretch.motion
@@ -33,11 +31,11 @@ def lines_beside_the_drive(stretches: Sequence[Stretch], values: Mapping[str, fl
     frequency: Array = np.asarray(np.fft.rfftfreq(force.size, record.sample_period), dtype=np.float64)
     inside = (frequency > 2.0 * stretch.low_cut) & (frequency < 0.45 / record.sample_period)
     prominence = residual / _neighbourhood(residual)
-    driven = body / _neighbourhood(body) > np.maximum(NOISE, 0.3 * prominence)
+    driven = body / _neighbourhood(body) > np.maximum(THRESHOLDS.line_of_noise, 0.3 * prominence)
     prominence[(~inside) | driven] = 0.0
     found: list[float] = []
     for place in np.argsort(prominence)[::-1][:40].tolist():
-        if prominence[place] < STANDS_OUT or len(found) >= MOST:
+        if prominence[place] < THRESHOLDS.line or len(found) >= MOST:
             break
         if all(abs(frequency[place] - other) > 5.0 / record.duration for other in found):
             found.append(_refined(frequency, residual, place))

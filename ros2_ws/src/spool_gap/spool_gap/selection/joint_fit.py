@@ -1,31 +1,31 @@
-"""The fit of an effect beside what is accepted: from which places, and with which sensors let free."""
+"""Joint fit of a further effect with what is accepted: from which places, and with which sensors let free."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spool_gap.effect import Effect
-from spool_gap.fitting.hypothesis import BASE_NUMBERS, DELAY, GAIN, Step, parameters_of
-from spool_gap.fitting.synchronised import coupled_start
+from spool_gap.fitting.hypothesis import BASE_NUMBERS, DELAY, GAIN, Fitting, Hypothesis, parameters_of
+from spool_gap.fitting.synchronised import synchronised_start
 from spool_gap.registry import EFFECTS
 from spool_gap.screening.regression import Screened
-from spool_gap.screening.screening import FRICTIONS
+from spool_gap.screening.screening import FRICTIONS, balance_of
 from spool_gap.simulation.point import Point
+from spool_gap.simulation.segments import Stretch
+from spool_gap.thresholds import THRESHOLDS
 
-from .rules import EVIDENCE
-
-if TYPE_CHECKING:
-    from .search import Search
+from .context import Context
+from .sense import tolerance
+from .state import State
 
 Array = NDArray[np.float64]
 
-#: Share of what the regression says of an effect from which its fit beside others starts, too: with so little
-#: of it no base is far off.
+#: Share of what the regression says of an effect from which its joint fit starts, too: with so little of it
+#: no base is far off.
 HINT = 0.01
 #: Rounds of a first fit, and the fall of the sum of squares that ends it: what is far behind is soon seen.
 ROUNDS, ENOUGH = 3, 5e-3
@@ -33,28 +33,50 @@ ROUNDS, ENOUGH = 3, 5e-3
 MANY, FOLLOWED = 6, 3
 
 
-def tried_beside(search: Search, step: Step, entry: Screened) -> Step:
-    """Return ``step`` with the effect of ``entry``, fitted for a first comparison."""
+def fitted_base(
+    fitting: Fitting, regressed: Sequence[Stretch], start: Point, rounds: int = 10
+) -> tuple[Fitting, Hypothesis]:
+    """Return the base fitted from ``start`` and the regression, and windows whose starts ring as it does."""
+    values = start.values
+    balance = balance_of(regressed, values)
+    balance.prepare()
+    numbers = joint_numbers(balance.coefficients()[:4], start)
+    fitting = fitting.over(fitting.simulation.ringing_as(values["mass"], *numbers[:2]))
+    step = fitting.fit((), [start, start.moved(BASE_NUMBERS, numbers)], rounds=rounds, tries=2)
+    found = step.point.values
+    simulation = fitting.simulation.ringing_as(
+        found["mass"], found["spring_stiffness"], found["viscous_coefficient"]
+    )
+    return fitting.over(simulation), step
+
+
+def jointly_fitted(context: Context, state: State, entry: Screened) -> Hypothesis:
+    """Return the accepted hypothesis with the effect of ``entry``, fitted for a first comparison."""
+    fitting, step = state.fitting, state.hypothesis
     effects = _with(step.effects, entry.effect)
-    known = replace(step.fitted.point, active=search.terms_of(effects))
+    known = replace(step.point, active=fitting.terms_of(effects))
     joint = known.moved(BASE_NUMBERS, joint_numbers(entry.base, known))
-    nominal = joint.moved(("spring_stiffness", GAIN, DELAY), (search.valve.spring_stiffness, 0.0, 0.0))
+    nominal = nominal_base(fitting, joint)
     starts = []
-    for values in entry.effect.starts(entry.values, search.reach):
+    for values in entry.effect.starts(entry.values, context.reach):
         own = _bounded(entry.effect, values)
         starts += [replace(point, values={**point.values, **own}) for point in (joint, known, nominal)]
     tries = FOLLOWED if len(starts) > MANY else 1
     hint = {name: HINT * starts[1].values[name] for name in entry.effect.amplitudes}
     if step.effects and hint:
         starts.append(replace(starts[1], values={**starts[1].values, **hint}))
-    found = search.fit(effects, starts, rounds=ROUNDS, tries=tries, enough=ENOUGH)
-    if search.coupled is None and any(EFFECTS[name].valleys for name in effects):
-        start = coupled_start(search, search.whole, effects, starts[2::3])
+    found = fitting.fit(effects, starts, rounds=ROUNDS, tries=tries, enough=ENOUGH)
+    if not state.synchronised and any(EFFECTS[name].valleys for name in effects):
+        start = synchronised_start(fitting, context.whole, effects, starts[2::3])
         if start:
-            found = min(found, search.fit(effects, [start], rounds=ROUNDS), key=lambda one: one.cost)
-    found = _widened(search, found)
-    found.trials = {**{e: t for e, t in step.trials.items() if e in effects}, entry.effect.id: entry.trial}
-    return found
+            found = min(found, fitting.fit(effects, [start], rounds=ROUNDS), key=lambda one: one.cost)
+    trials = {**{e: t for e, t in step.trials.items() if e in effects}, entry.effect.id: entry.trial}
+    return replace(_widened(fitting, found), trials=trials)
+
+
+def nominal_base(fitting: Fitting, point: Point) -> Point:
+    """Return ``point`` with the spring of the description and a spool's channel without error."""
+    return point.moved(("spring_stiffness", GAIN, DELAY), (fitting.valve.spring_stiffness, 0.0, 0.0))
 
 
 def joint_numbers(base: Array, point: Point) -> list[float]:
@@ -89,15 +111,15 @@ def _bounded(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
     }
 
 
-def _widened(search: Search, step: Step) -> Step:
+def _widened(fitting: Fitting, step: Hypothesis) -> Hypothesis:
     """Return ``step`` with gain or delay let free beyond its tolerance, where it pushes against that."""
     for name in (GAIN, DELAY):
         if name not in step.fitted.at_bound or name in step.effects:
             continue
         effects = (*step.effects[:-1], name, step.effects[-1])
-        wider = search.fit(effects, [step.fitted.point], rounds=ROUNDS, enough=ENOUGH)
-        value, spread = wider.fitted.point.get(name), wider.fitted.deviations[name]
-        beyond = abs(value) > search.tolerance(name) + 3.0 * spread
-        if beyond and wider.cost < step.cost - EVIDENCE:
+        wider = fitting.fit(effects, [step.point], rounds=ROUNDS, enough=ENOUGH)
+        value, spread = wider.point.get(name), wider.fitted.deviations[name]
+        beyond = abs(value) > tolerance(fitting.settings, name) + 3.0 * spread
+        if beyond and wider.cost < step.cost - THRESHOLDS.evidence:
             step = wider
     return step

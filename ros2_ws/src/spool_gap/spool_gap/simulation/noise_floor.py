@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,11 +28,11 @@ class Floor:
     """
 
     nrmse: float
-    errors: list[Array]
+    errors: Sequence[Array]
     spool: list[float]
 
 
-def noise_floor(simulation: Simulation, point: Point, errors: list[Array], seed: int = 0) -> Floor:
+def noise_floor(simulation: Simulation, point: Point, errors: Sequence[Array], seed: int = 0) -> Floor:
     """Return the floor of ``point``: simulated again with the body's noise, plus the spool's noise.
 
     Args:
@@ -69,15 +70,10 @@ def noise_floor(simulation: Simulation, point: Point, errors: list[Array], seed:
             off = generator.normal(0.0, window.wander)
             window = replace(window, state=(window.state[0] + off[0], window.state[1] + off[1]))
         places[number] = (stretch, window, training)
-    kept = simulation.places
-    try:
-        simulation.places = places
-        noisy = simulation.errors([point], held)
-    finally:
-        simulation.places = kept
+    noisy = simulation.over(places).errors([point], held)
     total = []
     for number, one, other in zip(held, clean, noisy, strict=True):
-        stretch, window, _ = kept[number]
+        stretch, window, _ = simulation.places[number]
         index = [s is stretch for s in simulation.stretches].index(True)
         sigma = float(np.sqrt(spool[index] * 0.5 * stretch.noise.rate))
         mask = stretch.kept[window.start : window.stop]
@@ -97,7 +93,7 @@ def response_of(simulation: Simulation, frequency: Array, period: float) -> Arra
     return np.asarray(np.maximum(np.abs(interval_mean_response(frequency, period)) ** 2, 0.2))
 
 
-def excess(simulation: Simulation, errors: list[Array], floor: Floor) -> float:
+def excess(simulation: Simulation, errors: Sequence[Array], floor: Floor) -> float:
     """Return the held-out residual's power over the floor's, up to three times the drive's band."""
     held = simulation.held_out
     ratios, weights = [], []

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, signal
+from spool_identification.free_run import Window
 from spool_identification.signals.spectra import floor_of, smoothed
 
 from .batches import Batches, Run
@@ -41,7 +43,9 @@ class _Way:
 
 
 class Simulation:
-    """The windows of all stretches.
+    """Free runs over the windows of all stretches, with one way to compare and to weigh what they leave.
+
+    What changes that way returns another simulation of the same windows and leaves this one as it is.
 
     Attributes:
         stretches: as given.
@@ -107,26 +111,34 @@ class Simulation:
             found.append(np.nan_to_num(error, copy=False, nan=FAR) * mask)
         return found
 
-    def choose_sampling(self, point: Point) -> bool:
-        """Compare samples beside known jumps of ``point`` where that leaves less; say whether it changed."""
+    def sampled_for(self, point: Point) -> Simulation:
+        """Return this, comparing samples next to known jumps of ``point`` where that leaves less."""
         everything = list(range(len(self.places)))
-        known, masks = self.jumps, {}
-        for place, run in zip(everything, self.run([point], everything), strict=True):
-            masks[place] = beside_no_jump(run.velocity[0])
-        left = []
-        for candidate in (None, masks):
-            self.compare(candidate)
-            errors = self.errors([point], everything)
-            share = 1.0 if candidate is None else float(np.mean(np.concatenate(list(masks.values()))))
-            cost = self.cost(self.weigh(errors, everything), everything)
-            left.append(float(cost[0]) / max(share, 0.2))
-        self.compare(masks if left[1] < left[0] else None)
-        return (known is None) != (self.jumps is None) or self.jumps is not None
+        masks = {
+            place: beside_no_jump(run.velocity[0])
+            for place, run in zip(everything, self.run([point], everything), strict=True)
+        }
+        means, samples = self.comparing(None), self.comparing(masks)
+        share = float(np.mean(np.concatenate(list(masks.values()))))
+        left = [simulation.cost_of(point) for simulation in (means, samples)]
+        return samples if left[1] / max(share, 0.2) < left[0] else means
 
-    def compare(self, jumps: dict[int, Array] | None) -> None:
-        """Compare means over sample intervals, or with ``jumps`` the samples that those keep (1, else 0)."""
-        self.jumps = jumps
-        self._reweighed()
+    def cost_of(self, point: Point) -> float:
+        """Return the sum of :meth:`costs` that ``point`` leaves in all windows."""
+        everything = list(range(len(self.places)))
+        return float(self.cost(self.weigh(self.errors([point], everything), everything), everything)[0])
+
+    def comparing(self, jumps: dict[int, Array] | None) -> Simulation:
+        """Return this, comparing means over sample intervals, or samples that ``jumps`` keep (1, else 0)."""
+        found = self._reweighed()
+        found.jumps = jumps
+        return found
+
+    def over(self, places: Sequence[tuple[Stretch, Window, bool]]) -> Simulation:
+        """Return this over other ``places``, which have the lengths of its own."""
+        found = copy.copy(self)
+        found.places = list(places)
+        return found
 
     def weigh(self, errors: Sequence[Array], chosen: Sequence[int]) -> Array:
         """Return ``errors`` weighed to variance 1, shape (s, m)."""
@@ -219,28 +231,40 @@ class Simulation:
             sizes.append(2 * lines[self.band(stretch, lines)].size)
         return np.concatenate([[0], np.cumsum(sizes)]), BAD * np.array(sizes, dtype=np.float64)
 
-    def _reweighed(self) -> None:
-        self._ways, self.weighing = {}, object()
+    def _reweighed(self) -> Simulation:
+        """Return a copy whose weights are worked out anew."""
+        found = copy.copy(self)
+        found._ways, found.weighing = {}, object()
+        return found
 
-    def forget_weight(self) -> None:
-        """Weigh by the channels' noise again, and count bad windows by the logarithm of their squares."""
-        self.robust = True
-        self._lines = [np.array([0.0, 0.5 * s.noise.rate]) for s in self.stretches]
-        self.density = [np.full(2, s.noise.spool + s.noise.body) for s in self.stretches]
-        self._reweighed()
+    def counting_robustly(self, *, robust: bool = True) -> Simulation:
+        """Return this, counting bad windows by the logarithm of their squares or not."""
+        found = copy.copy(self)
+        found.robust = robust
+        return found
 
-    def take_way(self, other: Simulation) -> None:
-        """Weigh means over intervals as ``other`` does, which has the same stretches or more."""
-        self.robust, self.ringing = other.robust, other.ringing
+    def weighed_by_channels(self) -> Simulation:
+        """Return this with the weight of the channels' noise, counting robustly."""
+        found = self._reweighed()
+        found.robust = True
+        found._lines = [np.array([0.0, 0.5 * s.noise.rate]) for s in self.stretches]
+        found.density = [np.full(2, s.noise.spool + s.noise.body) for s in self.stretches]
+        return found
+
+    def weighed_like(self, other: Simulation) -> Simulation:
+        """Return this, weighing means over intervals as ``other`` does, which has these stretches or more."""
+        found = self._reweighed()
+        found.robust, found.ringing = other.robust, other.ringing
         numbers = [other._number[id(stretch)] for stretch in self.stretches]
-        self.density = [other.density[number] for number in numbers]
-        self._lines = [other._lines[number] for number in numbers]
-        self._reweighed()
+        found.density = [other.density[number] for number in numbers]
+        found._lines = [other._lines[number] for number in numbers]
+        return found
 
-    def let_start_ring(self, mass: float, stiffness: float, damping: float) -> None:
-        """Take out of all errors what an error of the windows' starts makes of them."""
-        self.ringing = mass, stiffness, damping
-        self._reweighed()
+    def ringing_as(self, mass: float, stiffness: float, damping: float) -> Simulation:
+        """Return this with what an error of the windows' starts makes of them taken out of all errors."""
+        found = self._reweighed()
+        found.ringing = mass, stiffness, damping
+        return found
 
     @staticmethod
     def band(stretch: Stretch, frequency: Array) -> slice:
@@ -274,16 +298,22 @@ class Simulation:
             found.append((np.asarray(frequency), smoothed(np.asarray(middle), SMOOTHED // len(rows))))
         return found
 
-    def take_weight(self, errors: Sequence[Array], chosen: Sequence[int], floor: Sequence[float]) -> None:
-        """Weigh from now on by the spectrum of ``errors``, at least by ``floor`` of each stretch.
+    def weighed_by(self, errors: Sequence[Array]) -> Simulation:
+        """Return this weighing by the spectrum of ``errors`` of the fitted windows, at least by the noise's.
 
-        Harmonics of friction stand in that floor: what is left below it without them is a floor, too.
+        Half the spool channel's noise is the least; harmonics of friction stand in that: what is left below
+        it without them is a noise floor, too.
         """
-        for number, (frequency, density) in enumerate(self.spectra(errors, chosen, usual=self.robust)):
-            self._lines[number] = frequency
-            least = min(floor[number], LEAST * floor_of(density)) if density.size > 8 else floor[number]
-            self.density[number] = np.maximum(density, least)
-        self._reweighed()
+        found = self._reweighed()
+        found._lines, found.density = [], []
+        spectra = self.spectra(errors, self.training, usual=self.robust)
+        for stretch, (frequency, density) in zip(self.stretches, spectra, strict=True):
+            least = 0.5 * stretch.noise.spool
+            if density.size > 8:
+                least = min(least, LEAST * floor_of(density))
+            found._lines.append(frequency)
+            found.density.append(np.maximum(density, least))
+        return found
 
     @property
     def training(self) -> list[int]:

@@ -12,10 +12,11 @@ from rich.console import Console
 from rich.table import Table
 from spool_bag.tables.csv_record import DISPLACEMENT, FORCE, read_csv
 from spool_estimator.plausibility import check_records
-from spool_gap.analyse import analyse
 from spool_gap.force.force_analyse import analyse_forces
 from spool_gap.force.force_record import ForceRecord
+from spool_gap.report.serialisation import result_to_dict
 from spool_gap.result import COUNTED, GapResult, GapSettings
+from spool_gap.workflow.analyse import analyse
 from spool_identification.record_parts import LARGEST
 from spool_sim.model import Model, load_model
 from spool_sim.valve.description import Valve, find_valve
@@ -117,7 +118,7 @@ def _write(result: GapResult, outputs: ResultFiles, made_from: Sequence[tuple[st
     """Write the files that are wanted; return a line about each that people look for."""
     written = []
     if outputs.json is not None:
-        write_json(outputs.json, result.to_dict())
+        write_json(outputs.json, result_to_dict(result))
     if outputs.report is not None:
         from spool_tools.report.gap_page import gap_page  # noqa: PLC0415 - matplotlib is needed here only
 

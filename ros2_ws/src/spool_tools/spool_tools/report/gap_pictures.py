@@ -11,7 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from spool_gap.result import Curves, GapResult, Hypothesis, Share, Surface, Where
+from spool_gap.result import Curves, GapResult, RankedHypothesis, Share, Surface, Where
 
 from .fit_pictures import DARK, MEASURED, WIDTH
 
@@ -111,7 +111,7 @@ def ranking_figure(result: GapResult) -> Figure:
     return figure
 
 
-def _hypothesis(row: Hypothesis) -> str:
+def _hypothesis(row: RankedHypothesis) -> str:
     joint = f"  (jointly with {', '.join(_said(name) for name in row.beside)})" if row.beside else ""
     return _said(row.id) + joint
 

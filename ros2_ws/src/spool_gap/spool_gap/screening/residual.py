@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spool_gap.effect import Effect, Motion
-from spool_gap.fitting.hypothesis import BASE_NUMBERS, Step
+from spool_gap.fitting.hypothesis import BASE_NUMBERS, Hypothesis
 from spool_gap.simulation.response import responses
 from spool_gap.simulation.simulate import Simulation
 
@@ -25,8 +25,8 @@ Array = NDArray[np.float64]
 SIMULATED = 4
 
 
-def screen_left_over(
-    simulation: Simulation, step: Step, effects: Sequence[Effect], motion: Motion, least: float
+def screened_by_residual(
+    simulation: Simulation, step: Hypothesis, effects: Sequence[Effect], motion: Motion, least: float
 ) -> list[Screened]:
     """Return those of ``effects`` that explain most of what ``step`` leaves, best first.
 
@@ -38,7 +38,7 @@ def screen_left_over(
         least: fall of the weighed sum of squares from which an effect is worth simulating.
     """
     training = simulation.training
-    point = step.fitted.point
+    point = step.point
     sizes = [s.record.body.size if any(s.training) else 0 for s in simulation.stretches]
     firsts = np.concatenate([[0], np.cumsum(sizes)])
 

@@ -1,0 +1,72 @@
+"""Sentence of the verdict: what is missing, how big, what it means, what to check."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from spool_stream.quantity import Quantity
+from spool_stream.uncertainty import PLUS_MINUS, percent, with_interval
+
+from spool_gap.registry import EFFECTS
+from spool_gap.selection.state import State
+from spool_gap.simulation.jitter import Jitter
+from spool_gap.thresholds import THRESHOLDS
+
+from .residual import Residue
+
+
+def missing_nothing(state: State, noise_floor: float) -> str:
+    """Return the sentence where nothing is missing."""
+    _, after = _errors(state)
+    return (
+        f"Nothing is missing: '{state.fitting.base.name}' leaves {percent(after)} of the spool's "
+        f"acceleration, noise alone {percent(noise_floor)}."
+    )
+
+
+def unnamed(state: State, residue: Residue, candidates: tuple[str, ...], jitter: Jitter | None) -> str:
+    """Return the sentence where what is missing has no name, or the samples' jitter is all there is."""
+    before, after = _errors(state)
+    base, rest = state.fitting.base.name, residue.remainder
+    if jitter is not None and not candidates:
+        return (
+            f"No force is missing, but {jitter.sentence}. '{base}' leaves {percent(after)} of the "
+            "spool's acceleration."
+        )
+    near = f"; nearest come {', '.join(candidates)}" if candidates else ""
+    if rest.share > THRESHOLDS.predictable:
+        near += f". What is left follows {rest.follows}: {100.0 * rest.share:.0f} % of it can be foretold"
+    return (
+        f"Something is missing that has no name here: '{base}' leaves {percent(before)} of "
+        f"the spool's acceleration, the best of the catalogue {percent(after)}, "
+        f"noise would leave {percent(residue.floor.nrmse)}{near}."
+    )
+
+
+def named(state: State, effects: tuple[str, ...], extra: Mapping[str, Quantity], noise_floor: float) -> str:
+    """Return the sentence where ``effects`` are missing, with ``extra`` numbers of the channels."""
+    before, after = _errors(state)
+    parts = []
+    for name in effects:
+        entry = EFFECTS[name]
+        numbers = [_number(state, parameter, extra) for parameter in entry.fitted]
+        told = f"{', '.join(numbers)}; {PLUS_MINUS}"
+        parts.append(f"{name.replace('_', ' ')} ({told}): {entry.on_the_machine}; check {entry.to_check}")
+    return (
+        f"The model lacks {'; and '.join(parts)}. With it the error falls from {percent(before)} to "
+        f"{percent(after)} of the spool's acceleration (noise alone: {percent(noise_floor)})."
+    )
+
+
+def _number(state: State, parameter: str, extra: Mapping[str, Quantity]) -> str:
+    final, known = state.hypothesis, extra.get(parameter)
+    if known is not None:
+        return f"{parameter} {with_interval(known.value, known.standard_deviation, known.unit)}"
+    spread = final.fitted.deviations.get(parameter, math.nan)
+    return f"{parameter} {with_interval(final.point.get(parameter), spread, final.point.unit(parameter))}"
+
+
+def _errors(state: State) -> tuple[float, float]:
+    """Return the held-out error of the base and of what was accepted."""
+    return state.fitting.nrmse(state.steps[0]), state.fitting.nrmse(state.hypothesis)

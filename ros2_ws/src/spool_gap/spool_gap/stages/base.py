@@ -1,0 +1,21 @@
+"""Fit of the base: twice, the second time counting bad windows robustly."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from spool_gap.selection.context import Context
+from spool_gap.selection.joint_fit import fitted_base
+from spool_gap.selection.state import State
+
+
+def fit_base(context: Context, state: State) -> State:
+    """Fit of the base, which is the first step."""
+    context.progress("fitting the base", 0.15)
+    fitting, step = fitted_base(state.fitting, context.regressed, context.start)
+    fitting = fitting.weighed_by(step)
+    step = fitting.fit((), [step.point], rounds=6)
+    fitting = fitting.over(fitting.simulation.weighed_by_channels())
+    fitting, base = fitted_base(fitting, context.regressed, step.point, rounds=6)
+    judging = state.judging.counting_robustly()
+    return replace(state, fitting=fitting, judging=judging, accepted=base, steps=(step,))

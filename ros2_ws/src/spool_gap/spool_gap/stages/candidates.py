@@ -1,0 +1,120 @@
+"""Candidates for the next effect: fitted by simulation, ranked with one weight, and the best one chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from spool_identification.least_squares.parallel import in_parallel
+
+from spool_gap.fitting.hypothesis import DELAY, GAIN, Hypothesis
+from spool_gap.fitting.synchronised import holds_damper
+from spool_gap.result import RankedHypothesis
+from spool_gap.screening.screening import overlooked
+from spool_gap.selection.completeness import is_closed
+from spool_gap.selection.context import Context
+from spool_gap.selection.evidence import evidence_of
+from spool_gap.selection.joint_fit import jointly_fitted
+from spool_gap.selection.sense import refusal
+from spool_gap.selection.state import Candidate, State
+
+#: Hypotheses that are refined with the weight of the best one.
+REFINED = 3
+
+
+def fit_candidates(context: Context, state: State) -> State:
+    """Fits of the screened effects, each jointly with what is accepted."""
+    return replace(
+        state, fits=tuple(in_parallel(lambda entry: jointly_fitted(context, state, entry), state.screened))
+    )
+
+
+def free_sensors(_context: Context, state: State) -> State:
+    """Gain or delay as a candidate, where it pushes against its tolerance."""
+    step = state.hypothesis
+    found = [
+        state.fitting.fit((*step.effects, name), [step.point], trials=step.trials)
+        for name in (GAIN, DELAY)
+        if name in step.fitted.at_bound and name not in step.effects
+    ]
+    return replace(state, fits=(*state.fits, *found))
+
+
+def rank_candidates(_context: Context, state: State) -> State:
+    """Ranking of the fits, the best of them refined."""
+    return ranked(state, state.fits)
+
+
+def add_overlooked(context: Context, state: State) -> State:
+    """Effects with which runs may part from the motion, where none helps and the base leaves a gap."""
+    step = state.hypothesis
+    if step.effects or not all(entry.reason for entry in state.candidates) or not follows(state):
+        return state
+    closed, state = is_closed(state, step)
+    if closed:
+        return state
+    more = overlooked(context.regressed, state.catalogue, step, state.screened)
+    known = [entry.hypothesis for entry in state.candidates]
+    return ranked(state, [*known, *(jointly_fitted(context, state, entry) for entry in more)])
+
+
+def follows(state: State) -> bool:
+    """Whether runs can be synchronised to the measured motion, and are not yet."""
+    return not state.synchronised and holds_damper(state.fitting)
+
+
+def note_candidates(_context: Context, state: State) -> State:
+    """Rows of the ranking for all candidates."""
+    for entry in state.candidates:
+        state = noted(state, entry)
+    return state
+
+
+def choose_candidate(_context: Context, state: State) -> State:
+    """Choice of the candidate with the most evidence that is not refused."""
+    sensible = [entry.hypothesis for entry in state.candidates if not entry.reason]
+    return replace(state, chosen=state.fitting.polished(sensible[0])) if sensible else state
+
+
+def ranked(state: State, fits: Sequence[Hypothesis]) -> State:
+    """Return ``state`` with ``fits`` as candidates, ranked with one weight: what the best of them leaves.
+
+    What is accepted is fitted on with that, too: what it still gains on its own is no evidence for an effect.
+    """
+    if not fits:
+        return replace(state, candidates=())
+    fitting, step = state.fitting, state.hypothesis
+    best = min(fits, key=lambda entry: entry.cost)
+    own = step
+    if best.has_jumps:
+        fitting = fitting.over(fitting.simulation.sampled_for(best.point))
+        own, best, fits = (
+            fitting.measured(own),
+            fitting.measured(best),
+            [fitting.measured(fit) for fit in fits],
+        )
+    fitting = fitting.weighed_by(best)
+    fits = sorted(fits, key=lambda entry: entry.cost)
+    fits = in_parallel(lambda entry: fitting.polished(entry, rounds=5), fits[:REFINED]) + fits[REFINED:]
+    own = fitting.scored(own)
+    closer = fitting.polished(own, rounds=5)
+    own = min(own, closer, key=lambda entry: entry.cost)
+    state = replace(state.refitted(step, own), fitting=fitting)
+    found = [candidate(state, fitting.scored(entry)) for entry in fits]
+    return replace(state, candidates=tuple(sorted(found, key=lambda entry: -entry.evidence)))
+
+
+def candidate(state: State, hypothesis: Hypothesis) -> Candidate:
+    """Return ``hypothesis`` with its evidence over what is accepted and why it is refused."""
+    evidence = evidence_of(state.fitting, state.hypothesis, hypothesis)
+    reason = refusal(state.fitting, state.hypothesis, hypothesis, evidence, state.noise_floor)
+    return Candidate(hypothesis, evidence, reason)
+
+
+def noted(state: State, entry: Candidate) -> State:
+    """Return ``state`` with ``entry`` in its ranking."""
+    one, effects = entry.hypothesis, state.hypothesis.effects
+    row = RankedHypothesis(
+        one.newest, effects, state.fitting.nrmse(one), entry.evidence, one.free_values, reason=entry.reason
+    )
+    return replace(state, ranking=(*state.ranking, row), tried={**state.tried, (one.newest, effects): one})

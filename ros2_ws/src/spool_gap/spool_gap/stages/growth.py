@@ -1,0 +1,69 @@
+"""Forward and backward selection, effect by effect, down to the noise floor."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from spool_gap.selection.completeness import is_complete
+from spool_gap.selection.context import Context
+from spool_gap.selection.state import Stage, State, run_stages
+
+from .acceptance import accept, prefer_sensor_alone, require_lasting_gain, require_more_than_noise
+from .candidates import (
+    add_overlooked,
+    choose_candidate,
+    fit_candidates,
+    free_sensors,
+    note_candidates,
+    rank_candidates,
+)
+from .needless import drop_needless
+from .other_laws import try_other_laws
+from .pairwise import compare_pairwise
+from .screen import screen_by_regression, screen_residual
+from .similar_laws import start_from_best_law, start_from_contained, take_closest_law, take_simplest_law
+from .synchronise import synchronise
+
+#: Stages that look for one further effect.
+FORWARD: tuple[Stage, ...] = (
+    screen_by_regression,
+    screen_residual,
+    fit_candidates,
+    start_from_contained,
+    start_from_best_law,
+    free_sensors,
+    rank_candidates,
+    add_overlooked,
+    note_candidates,
+    choose_candidate,
+    take_closest_law,
+    take_simplest_law,
+    compare_pairwise,
+    prefer_sensor_alone,
+    require_lasting_gain,
+    require_more_than_noise,
+    accept,
+)
+#: Stages that look back at the effects, once there is a further one.
+BACKWARD: tuple[Stage, ...] = (synchronise, drop_needless, try_other_laws)
+
+
+def grow(context: Context, state: State) -> State:
+    """Forward and backward selection from what is accepted."""
+    while len(state.hypothesis.effects) < state.fitting.settings.most_effects:
+        known = " + ".join(state.hypothesis.effects) or "the base"
+        context.progress(f"trying effects beside {known}", 0.25)
+        state = replace(state, chosen=None, margin=-math.inf, decided=False)
+        state = run_stages(FORWARD, context, state)
+        if state.chosen is None:
+            break
+        state = run_stages(BACKWARD, context, replace(state, chosen=None))
+        step = state.hypothesis
+        if step.effects in [entry.effects for entry in state.steps]:
+            break
+        state = replace(state, steps=(*state.steps, step))
+        complete, state = is_complete(state, step)
+        if complete:
+            break
+    return state

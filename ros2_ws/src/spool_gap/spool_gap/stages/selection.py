@@ -1,0 +1,53 @@
+"""Selection of effects: its stages in their order."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from spool_gap.selection.context import Context
+from spool_gap.selection.state import Stage, State, run_stages
+
+from .base import fit_base
+from .growth import grow
+from .other_start import try_other_start
+from .polish import polish
+from .sliding_laws import compare_sliding_laws
+from .small_effects import find_small_effect
+from .two_directions import split_by_direction
+from .whole_windows import (
+    drop_insignificant,
+    fit_whole_windows,
+    measure_ranking,
+    measure_whole_windows,
+    swap_law_by_free_runs,
+)
+
+#: Stages that name effects over short pieces of the records.
+SELECTION: tuple[Stage, ...] = (
+    fit_base,
+    grow,
+    try_other_start,
+    polish,
+    split_by_direction,
+    find_small_effect,
+)
+#: Stages that fit and judge what was named by free runs over whole windows.
+FINAL: tuple[Stage, ...] = (
+    measure_whole_windows,
+    fit_whole_windows,
+    swap_law_by_free_runs,
+    compare_sliding_laws,
+    drop_insignificant,
+    measure_ranking,
+)
+
+
+def select(context: Context, state: State) -> State:
+    """Selection over pieces: what is accepted is the last step, the base where no effect is."""
+    state = run_stages(SELECTION, context, state)
+    return replace(state, accepted=state.steps[-1])
+
+
+def judge(context: Context, state: State) -> State:
+    """Judging of what was selected by free runs over whole windows."""
+    return run_stages(FINAL, context, state)

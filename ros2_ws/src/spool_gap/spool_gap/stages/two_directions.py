@@ -1,0 +1,67 @@
+"""One friction force for each direction, where the start from rest shows that."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from spool_gap.fitting.hypothesis import Fitting, Hypothesis
+from spool_gap.registry import EFFECTS
+from spool_gap.result import RankedHypothesis
+from spool_gap.selection.context import Context
+from spool_gap.selection.state import State
+from spool_gap.simulation.start_from_rest import Asymmetry, asymmetry
+from spool_gap.thresholds import THRESHOLDS
+
+ONE, TWO = "coulomb_friction", "asymmetric_friction"
+
+
+def split_by_direction(_context: Context, state: State) -> State:
+    """Two forces of friction in place of one, with the evidence of one and of the start from rest."""
+    contained = EFFECTS[TWO].replaces
+    one = next((row.evidence for row in state.ranking if row.accepted and row.id in contained), 0.0)
+    return split(state, one)
+
+
+def split(state: State, one: float) -> State:
+    """Return ``state`` with two forces where a start from rest shows them; ``one``: evidence for one."""
+    step = state.hypothesis
+    shown = _shown(state.fitting, step) if ONE in step.effects else None
+    if shown is None:
+        return state
+    better = state.fitting.measured(_with_two_forces(state.fitting, step, shown))
+    values = {name: better.point.values[name] for name in EFFECTS[TWO].fitted}
+    beside = step.effects[: step.effects.index(ONE)]
+    error = state.fitting.nrmse(better)
+    row = RankedHypothesis(TWO, beside, error, one + shown.evidence, values, accepted=True)
+    return replace(state, accepted=better, steps=(*state.steps, better), ranking=(*state.ranking, row))
+
+
+def _shown(fitting: Fitting, step: Hypothesis) -> Asymmetry | None:
+    """Return the asymmetry that the start of a record shows clearly, if one does."""
+    for stretch in fitting.stretches:
+        found = asymmetry(fitting.simulation, stretch, step.point, fitting.base, fitting.valve)
+        if found is None or found.evidence < THRESHOLDS.two_forces_evidence:
+            continue
+        least = max(THRESHOLDS.two_forces_ratio, THRESHOLDS.two_forces_deviations * found.deviation)
+        if abs(found.ratio) >= least:
+            return found
+    return None
+
+
+def _with_two_forces(fitting: Fitting, step: Hypothesis, found: Asymmetry) -> Hypothesis:
+    effects = tuple(TWO if name == ONE else name for name in step.effects)
+    old = step.fitted
+    mean, spread = old.point.values["coulomb_force"], old.deviations["coulomb_force"]
+    forces = {"forward_force": (1.0 + found.ratio) * mean, "backward_force": (1.0 - found.ratio) * mean}
+    deviation = math.hypot(spread, mean * found.deviation)
+    free = tuple(f for f in old.free if f.name != "coulomb_force")
+    free += tuple(replace(f, name=name) for name in forces for f in old.free if f.name == "coulomb_force")
+    values = {**old.point.values, **forces}
+    fitted = replace(
+        old,
+        point=replace(old.point, active=fitting.terms_of(effects), values=values),
+        free=free,
+        deviations={**old.deviations, **dict.fromkeys(forces, deviation)},
+    )
+    return replace(step, effects=effects, fitted=fitted)

@@ -1,0 +1,1 @@
+"""Workflow of a gap analysis, from records to a result."""

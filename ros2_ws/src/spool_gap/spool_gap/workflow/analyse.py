@@ -1,0 +1,107 @@
+"""Workflow of a gap analysis: fit the base, locate the gap, name what is missing, add it, look again."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+from spool_identification.record import Record
+from spool_sim.model import Model
+from spool_sim.valve.description import Valve
+
+from spool_gap.checks import conditions
+from spool_gap.checks.saturation import find_saturation
+from spool_gap.report.assembly import assembled
+from spool_gap.report.outcome import judge_outcome
+from spool_gap.result import GapResult, GapSettings
+from spool_gap.selection.context import Progress
+from spool_gap.selection.state import State
+from spool_gap.simulation.point import Point
+from spool_gap.simulation.segments import parts_of
+from spool_gap.stages.selection import judge, select
+from spool_gap.stages.stops import select_with_stop
+from spool_gap.thresholds import THRESHOLDS
+
+from .preparation import Task, first_look, motions_for, prepared
+
+#: Samples that are looked at before windows are chosen.
+LONGEST_LOOKED_AT = 600_000
+
+
+def analyse(
+    records: Sequence[Record],
+    valve: Valve,
+    base: Model,
+    *,
+    holdout: Sequence[Record] = (),
+    settings: GapSettings | None = None,
+    progress: Progress | None = None,
+) -> GapResult:
+    """Return what ``base`` lacks in ``records``, judged on data that no fit has seen.
+
+    Args:
+        records: two accelerations each, of one valve.
+        valve: gives the mass, which two accelerometers cannot see, and what is expected.
+        base: any composition of force terms.
+        holdout: records to judge on; without them every other window of ``records`` is held out.
+        settings: tolerances and amounts.
+        progress: takes what is done and the share of the work.
+
+    Raises:
+        InputError: the records cannot be analysed; what is wrong is named.
+    """
+    begun = time.monotonic()
+    tell = progress or (lambda _what, _share: None)
+    tell("checking the record", 0.0)
+    usable, warnings, trusted = _checked(records, valve)
+    held = _parts(conditions.usable(holdout)[0]) if holdout else []
+    saturation = find_saturation([*usable, *held])
+    warnings += saturation.warnings
+    tell("preparing", 0.05)
+    task = Task(usable, held, saturation, base, valve, settings or GapSettings(), motions_for(base), tell)
+    point, has_stops = first_look(task)
+    state = _with_stop(task, point) if has_stops else None
+    state = state or _without_stop(task, point)
+    tell("measuring what is left", 0.9)
+    outcome = judge_outcome(state, saturation, trusted=trusted)
+    left = state.fitting.nrmse(state.hypothesis)
+    if left > THRESHOLDS.explains_nothing:
+        warnings.append(
+            f"even the best model leaves {100.0 * left:.3g} % of the spool's acceleration: units of both "
+            "channels, order and sign of the columns, valve file?"
+        )
+    outcome = replace(outcome, warnings=(*warnings, *outcome.warnings))
+    return assembled(records, base, state, outcome, time.monotonic() - begun)
+
+
+def _checked(records: Sequence[Record], valve: Valve) -> tuple[list[Record], list[str], bool]:
+    """Return the parts that are looked at, what is odd about them, and whether they can be trusted."""
+    usable, warnings = conditions.usable(records)
+    trusted = True
+    for record in usable[:3]:
+        found, good = conditions.judge(record, valve)
+        warnings += [line for line in found if line not in warnings]
+        trusted = trusted and good
+    return _parts(usable), warnings, trusted
+
+
+def _parts(records: Sequence[Record]) -> list[Record]:
+    return parts_of(records, LONGEST_LOOKED_AT)
+
+
+def _with_stop(task: Task, point: Point) -> State | None:
+    """Return what was selected with a stop, if hits are what is missing and that explains the motion.
+
+    Through many hits a free run is judged over the pieces that it is fitted over.
+    """
+    context, state = prepared(task, point, point.get("viscous_coefficient"), task.settings.longest)
+    found = select_with_stop(context, state, select)
+    if found is None or found.fitting.nrmse(found.hypothesis) > THRESHOLDS.explains_nothing:
+        return None
+    return found
+
+
+def _without_stop(task: Task, point: Point) -> State:
+    context, state = prepared(task, point, point.get("viscous_coefficient"), task.settings.longest)
+    return judge(context, select(context, state))
