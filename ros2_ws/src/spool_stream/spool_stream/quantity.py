@@ -30,3 +30,7 @@ class Quantity:
     def known(self) -> bool:
         """Whether the value may be used: valid, or held from when it was."""
         return self.validity in (Validity.VALID, Validity.HELD)
+
+    def to_dict(self) -> dict[str, float | str]:
+        """Return value, standard deviation and unit as results in JSON have them."""
+        return {"value": self.value, "std": self.standard_deviation, "unit": self.unit}

@@ -8,32 +8,25 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from spool_bag.reading.information import MOST_STEPS
 from spool_bag.reading.timeline import Timeline, duration_of, step_text
-from spool_estimator.estimate import Estimate
 from spool_estimator.estimator import phase_of, settings_for
 from spool_estimator.estimators import make_estimator
 from spool_estimator.plausibility import ValveCheck, check_rate
-from spool_estimator.refit import Refit, RefitSettings, WindowRefits
-from spool_monitor.detectors import JUDGEMENT_TEXTS, MonitorSettings
-from spool_monitor.events.event import Event
-from spool_monitor.health import Health
+from spool_estimator.refit import RefitSettings, WindowRefits
+from spool_monitor.detectors import MonitorSettings
 from spool_monitor.monitor import Monitor
 from spool_monitor.replay import Replay
 from spool_sim.model import load_model
 from spool_sim.valve.description import Valve
 from spool_stream.block import Block
 from spool_stream.errors import InputError
-from spool_stream.quantity import Quantity
 
 from spool_tools.console.progress import progress
 from spool_tools.input.csv_blocks import CsvSource
 from spool_tools.input.record_loading import Source, open_source
-from spool_tools.input.valve_choice import ChosenValve, choose_valves
-
-#: ns by which an event's stamp may lie before that of the one before it.
-ORDER = 10_000_000_000
+from spool_tools.input.valve_choice import choose_valves
+from spool_tools.report.replay_dictionary import valve_dictionary
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,11 +84,9 @@ def replay_bag(
         )  # fmt: skip
     first = min((timeline.spans[0].first for timeline in times.values() if timeline.spans), default=0)
     for name, one in result["valves"].items():
-        result["valves"][name] = {
-            **_valve_result(one, times[name], first),
-            "valve": _chosen(valves[name]),
-            "warnings": [text for text in (valves[name].warning(name), *_doubts(one)) if text],
-        }
+        doubts = [] if one.check is None else one.check.doubts()
+        warnings = [text for text in (valves[name].warning(name), *doubts) if text]
+        result["valves"][name] = valve_dictionary(one, times[name], first, valves[name], warnings)
     result["duration_s"] = duration_of(list(times.values()))
     result["warnings"] = _warnings(reader, times)
     return result
@@ -113,28 +104,6 @@ def _warnings(reader: Source, times: Mapping[str, Timeline]) -> list[str]:
         for topic, count in left_out.items()
     ]
     return told
-
-
-@dataclass(slots=True)
-class Clock:
-    """Time since the record's first stamp, across the steps of a clock that was set.
-
-    Attributes:
-        timeline: of the valve.
-        first: the record's first stamp, ns.
-    """
-
-    timeline: Timeline
-    first: int
-    _told: int = 0
-
-    def since(self, stamp: int) -> float:
-        """Return the time (s) of ``stamp`` (ns); stamps come in the order in which they were told."""
-        if not self.timeline.spans:
-            return (stamp - self.first) * 1e-9
-        passed = self.timeline.since(stamp, self._told)
-        self._told = max(self._told, passed - ORDER)
-        return (passed + self.timeline.spans[0].first - self.first) * 1e-9
 
 
 def replay_valve(
@@ -173,90 +142,3 @@ def replay_valve(
                 one.update_temperature(item.stamp, item.celsius, deviation)
     one.flush()
     return one
-
-
-def _chosen(chosen: ChosenValve) -> dict[str, Any]:
-    """Return which valve a replay took."""
-    return {
-        "id": chosen.valve.id,
-        "source": chosen.source,
-        "file": chosen.file or None,
-        "moving_mass_kg": chosen.valve.moving_mass,
-        "natural_frequency_Hz": chosen.valve.natural_frequency,
-        "sentence": chosen.sentence(),
-    }
-
-
-def _doubts(one: Replay) -> list[str]:
-    """Return what speaks against the valve's description."""
-    return [] if one.check is None else one.check.doubts()
-
-
-def _valve_result(one: Replay, timeline: Timeline, first: int) -> dict[str, Any]:
-    gate = one.estimator.gate
-    events, refits = Clock(timeline, first), Clock(timeline, first)
-    return {
-        "blocks": gate.accepted,
-        "lost_blocks": gate.lost,
-        "samples": one.samples,
-        "estimate": _estimate(one.estimator.latest),
-        "health": _health(one.monitor.health),
-        "events": [_event(event, events) for event in one.events],
-        **({} if one.refits is None else {"refits": [_refit(found, refits) for found in one.refitted]}),
-    }
-
-
-def _refit(found: Refit, clock: Clock) -> dict[str, Any]:
-    return {
-        "t_s": clock.since(found.stamp),
-        "model": found.model,
-        "state": found.state.name.lower(),
-        "reason": found.reason,
-        "parameters": {quantity.name: _quantity(quantity) for quantity in found.parameters},
-        "fitted": list(found.fitted),
-        "correlations": np.reshape(found.correlations, (len(found.fitted),) * 2).tolist(),
-        "objective": found.objective.value,
-        "amplitude_ratio": found.amplitude_ratio.value,
-        "nrmse": found.nrmse.value,
-    }
-
-
-def _health(health: Health) -> dict[str, Any]:
-    """Return the last judgement; what could not be judged is said by detector."""
-    return {
-        "level": health.level.name.lower(),
-        "baseline": health.baseline.name.lower(),
-        "summary": health.summary,
-        "judgements": {name: JUDGEMENT_TEXTS[judgement] for name, judgement in health.judgements},
-    }
-
-
-def _estimate(estimate: Estimate | None) -> dict[str, Any]:
-    if estimate is None:
-        nothing = dict.fromkeys(("model", "state", "natural_frequency_Hz", "damping_ratio", "nrmse"))
-        return {**nothing, "parameters": {}}
-    return {
-        "model": estimate.model,
-        "state": estimate.state.name.lower(),
-        "parameters": {quantity.name: _quantity(quantity) for quantity in estimate.parameters},
-        "natural_frequency_Hz": estimate.natural_frequency.value,
-        "damping_ratio": estimate.damping_ratio.value,
-        "nrmse": estimate.residual.value,
-    }
-
-
-def _quantity(quantity: Quantity) -> dict[str, Any]:
-    return {"value": quantity.value, "std": quantity.standard_deviation, "unit": quantity.unit}
-
-
-def _event(event: Event, clock: Clock) -> dict[str, Any]:
-    return {
-        "t_s": clock.since(event.stamp),
-        "kind": event.kind,
-        "state": event.state.name.lower(),
-        "severity": event.severity.name.lower(),
-        "cause": event.cause or None,
-        "value": event.quantity.value,
-        "unit": event.quantity.unit,
-        "message": event.message,
-    }

@@ -8,7 +8,6 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 from spool_identification.fit_result import Fit
-from spool_stream.quantity import Quantity
 from spool_stream.uncertainty import PLUS_MINUS, UNKNOWN, exact, interval, number, unit_text
 
 from .validated_fit import ValidatedFit, damping_ratio, natural_frequency
@@ -27,8 +26,8 @@ def to_dictionary(validated: ValidatedFit) -> dict[str, Any]:
         "converged": found.converged,
         "reason": found.reason,
         "warnings": [*data.doubts, *found.warnings],
-        "parameters": {quantity.name: _quantity(quantity) for quantity in found.parameters},
-        "combinations": {quantity.name: _quantity(quantity) for quantity in found.combinations},
+        "parameters": {quantity.name: quantity.to_dict() for quantity in found.parameters},
+        "combinations": {quantity.name: quantity.to_dict() for quantity in found.combinations},
         "not_observable": list(found.not_observable),
         "at_bound": list(found.at_bound),
         "held": {
@@ -52,10 +51,6 @@ def to_dictionary(validated: ValidatedFit) -> dict[str, Any]:
         "seconds_held_out": 0.0 if validated.held_out is None else validated.held_out.seconds,
         "samples": 0 if fitted is None else fitted.samples,
     }
-
-
-def _quantity(quantity: Quantity) -> dict[str, Any]:
-    return {"value": quantity.value, "std": quantity.standard_deviation, "unit": quantity.unit}
 
 
 def parameter_rows(found: Fit) -> list[dict[str, str]]:
