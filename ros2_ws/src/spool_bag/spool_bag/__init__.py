@@ -1,1 +1,1 @@
-"""What is kept: recorder, reader, import and export."""
+"""Bags: recorder, reader, recovery, import and export."""

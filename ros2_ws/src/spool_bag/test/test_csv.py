@@ -179,11 +179,11 @@ def test_compressed_and_cut(tmp_path: Path) -> None:
 
 
 def test_loggers_dialects(tmp_path: Path) -> None:
-    plain = read_csv(save(tmp_path, record(50)))
+    alone = read_csv(save(tmp_path, record(50)))
     german = [";".join([*row.split(","), "ok"]).replace(".", ",") for row in record(50).splitlines()]
     found = read_csv(save(tmp_path, "\ufeff" + "\r\n".join(german) + "\r\n\r\n"))
-    np.testing.assert_array_equal(found.time, plain.time)
-    for name, values in plain.columns.items():
+    np.testing.assert_array_equal(found.time, alone.time)
+    for name, values in alone.columns.items():
         np.testing.assert_array_equal(found.columns[name], values)
     with pytest.raises(InputError, match="column time_s is there 2 times"):
         read_csv(

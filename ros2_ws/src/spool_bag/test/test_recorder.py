@@ -96,5 +96,5 @@ def test_a_recorder_that_is_started_again_finds_a_free_name(tmp_path: Path) -> N
 
 
 def test_changes_of_limits_are_recorded() -> None:
-    """Whoever reads a bag later has to know by which limits it was judged."""
+    """A reader of a bag has to know by which limits it was judged."""
     assert select_topics(GRAPH)["/parameter_events"] == "rcl_interfaces/msg/ParameterEvent"

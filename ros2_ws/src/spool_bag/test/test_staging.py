@@ -108,6 +108,6 @@ def test_the_file_alone_tells_what_rosbag2_asks_of_it(bag: Path) -> None:
     with (bag / "whole_0.mcap").open("rb") as stream:
         (record,) = [one for one in make_reader(stream).iter_metadata() if one.name == "rosbag2"]
     told = yaml.safe_load(record.metadata["serialized_metadata"])
-    beside_it = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-    assert told == beside_it
+    in_the_folder = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert told == in_the_folder
     assert (told["ros_distro"], told["message_count"]) == ("jazzy", 200)

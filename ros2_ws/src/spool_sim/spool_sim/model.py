@@ -1,4 +1,4 @@
-"""A model is a named list of force terms."""
+"""Model: a named list of force terms."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ NEEDED: tuple[str, ...] = ("inertia", "spring")
 
 @dataclass(frozen=True)
 class Model:
-    """Force terms that add up to zero, with the values that differ from the terms' start values.
+    """Model: force terms that add up to zero, with the values that differ from the terms' start values.
 
     Attributes:
         name: as in reports.

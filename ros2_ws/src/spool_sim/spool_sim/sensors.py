@@ -1,4 +1,4 @@
-"""What an accelerometer and its measuring chain make of an acceleration."""
+"""Accelerometers and their measuring chain: what they make of an acceleration."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _NODES = 6
 
 
 class Sensor(BaseModel):
-    """Errors of one accelerometer, in the order in which they act. Frozen.
+    """Sensor errors of one accelerometer, in the order in which they act. Frozen.
 
     Attributes:
         delay_samples: delay behind the true acceleration, in samples, whole or not.
@@ -41,7 +41,7 @@ class Sensor(BaseModel):
 
 
 class SensorChannel:
-    """A sensor that is read sample after sample; readings do not depend on how reads are split."""
+    """Sensor channel: a sensor read sample after sample; readings do not depend on how reads are split."""
 
     def __init__(self, sensor: Sensor, seed: int | np.random.SeedSequence) -> None:
         self.sensor = sensor
@@ -62,7 +62,7 @@ class SensorChannel:
 
 
 class FractionalDelay:
-    """A delay by any number of samples, causal, over a signal that comes in pieces.
+    """Fractional delay: by any number of samples, causal, over a signal that comes in pieces.
 
     A polynomial of degree 5 through six past samples, centred around the delayed instant where the delay is
     2 samples or more. Before the first sample the signal is taken as zero.
@@ -92,7 +92,7 @@ def _weight(position: float, place: int, places: list[int]) -> float:
 
 
 class MeasuringChain(BaseModel):
-    """From accelerometer to reading: a = a_acc K1 K2, the paper's equations (30) to (32). Frozen.
+    """Measuring chain: a = a_acc K1 K2, the paper's equations (30) to (32). Frozen.
 
     Attributes:
         accelerometer: relative uncertainty of the accelerometer.
@@ -138,7 +138,7 @@ PAPER_CHAIN = MeasuringChain(accelerometer=0.01, conditioner=0.01, oscilloscope=
 
 
 class Sensors(BaseModel):
-    """The two accelerometers of a valve. Frozen."""
+    """Sensors: the two accelerometers of a valve. Frozen."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

@@ -1,4 +1,4 @@
-"""Two accelerometers on a simulated valve: blocks of samples, as a measuring system would send them."""
+"""Simulator of two accelerometers on a valve: blocks of samples, as a measuring system would send them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _TRIAL_SAMPLES = 4000
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """What really holds at one instant (kg, N/m, N s/m, N, deg C); ``time`` in s since the start."""
+    """True parameters at one instant (kg, N/m, N s/m, N, deg C); ``time`` in s since the start."""
 
     time: float
     mass: float
@@ -54,7 +54,7 @@ class Truth:
 
 @dataclass(frozen=True, slots=True)
 class _Ramp:
-    """A value that runs linearly from ``start`` to ``target`` from sample ``first`` on."""
+    """Ramp: a value that runs linearly from ``start`` to ``target`` from sample ``first`` on."""
 
     start: float
     target: float
@@ -70,7 +70,7 @@ class _Ramp:
 
 
 class Simulator:
-    """Source of the blocks of one valve.
+    """Simulator of one valve: source of its blocks.
 
     Blocks depend on the arguments alone: same arguments, same numbers, however they are fetched.
     """
@@ -244,10 +244,10 @@ class Simulator:
         return self._records(math.ceil(round(seconds * self.sample_rate, 6) / self.block_size))
 
     def _records(self, blocks: int) -> Iterator[Block]:
-        at_once = max(1, _INNER_SAMPLES // self.block_size)
+        count_read = max(1, _INNER_SAMPLES // self.block_size)
         size = self.block_size
         while blocks > 0:
-            count = min(blocks, at_once)
+            count = min(blocks, count_read)
             first = self._sample
             body, spool = self._read(count * size)
             for number in range(count):

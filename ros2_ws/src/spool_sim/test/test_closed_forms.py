@@ -23,7 +23,7 @@ def motion_of(*terms: str) -> ComposedMotion:
 def harmonic(
     motion: ComposedMotion, values: dict[str, float], ratio: float, push: float, periods: int, rate: float
 ) -> tuple[Trajectory, int]:
-    """Drive at ``ratio`` times the natural frequency with an inertia force of ``push`` N, peak."""
+    """Excite at ``ratio`` times the natural frequency with an inertia force of ``push`` N, peak."""
     frequency = ratio * math.sqrt(STIFFNESS / MASS) / (2.0 * math.pi)
     per_period = round(rate / frequency)
     rate = per_period * frequency

@@ -29,7 +29,7 @@ from spool_sim.valve.description import Valve
 from spool_stream.errors import InputError
 
 SWEEP = SweptSine(start_frequency=8.0, stop_frequency=110.0, duration=3.0, amplitude=10.0, soft_start=0.0)
-# Several dry laws, memory, contacts and time at once.
+# Several dry laws, memory, contacts and time together.
 EVERYTHING = (
     "inertia",
     "spring",
@@ -139,7 +139,7 @@ def test_energy_of_any_composition(name: str, valve: Valve) -> None:
     assert set(energy.taken) == {entry.name for entry in motion.terms} - {"inertia"}
 
 
-def test_everything_at_once_converges_and_keeps_its_energy() -> None:
+def test_everything_together_converges_and_keeps_its_energy() -> None:
     motion, values = everything()
     substeps, error = checked_substeps(
         motion, values, SWEEP.acceleration, seconds=0.5, sample_rate=2000.0, highest_frequency=110.0

@@ -56,9 +56,9 @@ z, end = motion.advance(MotionState(), body, motion.table(values, 300), sample_p
 print(COMPILED, notice() is None, *[float(x).hex() for x in z.acceleration])
 """
     compiled = run(code).split()
-    plain = run(code, "numba").split()
+    uncompiled = run(code, "numba").split()
     assert compiled[1] == "True" if compiled[0] == "True" else compiled[1] == "False"
-    assert plain[:2] == ["False", "False"]
-    values = [[float.fromhex(x) for x in words[2:]] for words in (compiled, plain)]
+    assert uncompiled[:2] == ["False", "False"]
+    values = [[float.fromhex(x) for x in words[2:]] for words in (compiled, uncompiled)]
     assert len(values[0]) == 300
     assert max(abs(a - b) for a, b in zip(*values, strict=True)) < 1e-9

@@ -242,14 +242,14 @@ def test_swept_phase_is_continuous_where_runs_meet(
 )
 def test_wrong_excitation_is_refused_in_one_line(mapping: dict[str, Any], said: str) -> None:
     with pytest.raises(InputError, match=said) as caught:
-        from_mapping(mapping, "drive.yaml")
-    assert str(caught.value).startswith("drive.yaml: ")
+        from_mapping(mapping, "excitation.yaml")
+    assert str(caught.value).startswith("excitation.yaml: ")
     assert "\n" not in str(caught.value)
 
 
 def test_load_by_name_or_file(tmp_path: Path) -> None:
     assert load_excitation("sweep") is PRESETS["sweep"]
-    path = tmp_path / "drive.yaml"
+    path = tmp_path / "excitation.yaml"
     path.write_text("kind: swept_sine\nstart_frequency: 10\nstop_frequency: 1e2\nduration: 5\namplitude: 8\n")
     assert load_excitation(path) == SweptSine(
         start_frequency=10.0, stop_frequency=100.0, duration=5.0, amplitude=8.0

@@ -39,7 +39,7 @@ def relative_rms(value: Array, reference: Array) -> float:
 
 
 def slow_reference(body: Array, h: float, coulomb_force: float, every: int) -> Array:
-    """Moreau's implicit midpoint step in plain Python: another scheme, sticking by projection."""
+    """Moreau's implicit midpoint step in Python: another scheme, sticking by projection."""
     m, c, k = MASS, SOFT["viscous_coefficient"], SOFT["spring_stiffness"]
     inertia = m + 0.5 * h * c + 0.25 * h * h * k
     z = v = 0.0

@@ -118,7 +118,7 @@ def test_friction_at_rest_can_take_up_what_it_takes_to_slip(
     values = in_excess(entry, values)
     low, high = entry.at_rest(0.0, values)
     assert low <= 0.0 <= high
-    slipping = entry.plain("sliding_law")
+    slipping = entry.uncompiled("sliding_law")
     assert slipping is not None
     given_values = [values[parameter.name] for parameter in entry.parameters]
     assert slipping(0.0, 0.0, 1.0, *given_values) <= high * (1.0 + 1e-12)
@@ -178,7 +178,7 @@ def test_every_term_says_what_to_check_and_refuses_what_is_out_of_range(entry: T
             assert f"{parameter.low:g} to {parameter.high:g}" in str(refused.value)
 
 
-def test_printed_variants_stand_beside_the_corrected_ones() -> None:
+def test_printed_variants_stand_next_to_the_corrected_ones() -> None:
     printed = {name for name in TERMS if name.endswith("_printed")}
     assert len(printed) == 5
     for name in printed:

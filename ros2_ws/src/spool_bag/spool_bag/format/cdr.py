@@ -20,7 +20,7 @@ LONGEST_NAME = 256
 
 
 class CdrError(ValueError):
-    """Bytes are not the CDR of the expected message."""
+    """CDR bytes are not those of the expected message."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class OilTemperature:
 
 
 class _Order:
-    """Precompiled layouts of one byte order."""
+    """Byte order: its precompiled layouts."""
 
     def __init__(self, mark: str) -> None:
         self.head = struct.Struct(mark + "iII")
@@ -47,7 +47,7 @@ _LITTLE, _BIG = _Order("<"), _Order(">")
 
 
 def _header(data: bytes) -> tuple[_Order, int, int, int]:
-    """Return byte order, stamp (ns), length of the ``frame_id``, and where an 8-byte field behind it starts."""
+    """Return byte order, stamp (ns), length of the ``frame_id``, where an 8-byte field behind it starts."""
     if data[:4] == LITTLE_ENDIAN:  # as nearly all are
         order = _LITTLE
     elif len(data) < 4 or data[0] != 0 or data[1] > 1:

@@ -20,7 +20,7 @@ SEPARATOR = "=" * 80
 
 @dataclass(frozen=True, slots=True)
 class Definition:
-    """One message type: ``text`` in ``encoding`` with its dependencies, ``digest`` the RIHS01 hash."""
+    """Definition of a message: ``text`` in ``encoding`` with dependencies, ``digest`` the RIHS01 hash."""
 
     name: str
     text: str

@@ -1,4 +1,4 @@
-"""The ``metadata.yaml`` of a rosbag2 directory (version 9, as ROS 2 Jazzy writes it)."""
+"""Metadata of a bag: ``metadata.yaml`` of a rosbag2 directory (version 9, as ROS 2 Jazzy writes it)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ UNFINISHED = {"recording": "not finished"}
 
 @dataclass(slots=True)
 class TopicCount:
-    """A topic of the bag and how many messages it has so far."""
+    """Topic of the bag and how many messages it has so far."""
 
     name: str
     type: str
@@ -40,7 +40,7 @@ class TopicCount:
 
 @dataclass(frozen=True, slots=True)
 class BagMetadata:
-    """What the file says of a bag; times in ns."""
+    """Metadata of a bag; times in ns."""
 
     file: str
     start: int
@@ -50,7 +50,7 @@ class BagMetadata:
 
 
 class _Dumper(yaml.SafeDumper):
-    """PyYAML's safe dumper with an empty value for ``None``."""
+    """YAML dumper with an empty value for ``None``."""
 
 
 _Dumper.add_representer(type(None), lambda dumper, _: dumper.represent_scalar("tag:yaml.org,2002:null", ""))

@@ -1,4 +1,4 @@
-"""Unpack a chunk of an MCAP file within bounds, whatever its head claims."""
+"""Chunk of an MCAP file: decompression within bounds, whatever its head claims."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FREE_EXPANSION = 1 << 28
 
 
 class ChunkError(ValueError):
-    """A chunk is not what its head says."""
+    """Chunk that is not what its head says."""
 
 
 def unpack(head: ChunkHead, content: bytes) -> bytes:

@@ -1,4 +1,4 @@
-"""What the channels of an MCAP file carry, from its schemas and channels, within bounds."""
+"""Topics of an MCAP file, from its schemas and channels, within bounds."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MOST_DEFINITIONS = 1 << 24
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """What a channel carries."""
+    """Topic: what a channel carries."""
 
     name: str
     type: str
@@ -38,7 +38,7 @@ class _Schema(NamedTuple):
 
 @dataclass(slots=True)
 class Definitions:
-    """The topics by channel number; writers repeat definitions, which costs a comparison only."""
+    """Definitions: topics by channel number; writers repeat them, which costs a comparison only."""
 
     topics: dict[int, Topic] = field(default_factory=dict)
     _schemas: dict[int, _Schema] = field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""Read the messages of one MCAP file in the order of writing, finished or not, with bounded memory."""
+"""MCAP file: its messages in the order of writing, finished or not, with bounded memory."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LARGEST_SUMMARY = 1 << 27
 
 
 class McapMessage(NamedTuple):
-    """A message as stored; times in ns."""
+    """Message as stored; times in ns."""
 
     channel: int
     sequence: int
@@ -32,7 +32,7 @@ class McapMessage(NamedTuple):
 
 @dataclass(slots=True)
 class McapFile:
-    """One MCAP file.
+    """MCAP file, finished or not.
 
     Attributes:
         closed: the file ends as a finished one does.
@@ -86,20 +86,20 @@ class McapFile:
         accepted: dict[int, bool] = {}
         with self.path.open("rb") as stream:
             walk = Walk(stream, self._size, self._start, report, quiet_tail=quiet_tail)
-            for stretch in walk:
+            for run in walk:
                 try:
-                    yield from self._messages(stretch, walk, wanted, accepted)
+                    yield from self._messages(run, walk, wanted, accepted)
                 except InputError:
                     raise
                 except Exception as error:  # struct, Unicode, mcap, MemoryError: whatever a bad byte brings
-                    size = FRAME.size + stretch.frame.length
-                    walk.damaged(Damage(stretch.frame.offset, size, str(error) or type(error).__name__))
+                    size = FRAME.size + run.frame.length
+                    walk.damaged(Damage(run.frame.offset, size, str(error) or type(error).__name__))
             self.density = walk.messages / walk.size if walk.size else 0.0
 
     def _messages(
-        self, stretch: RecordRun, walk: Walk, wanted: Callable[[Topic], bool], accepted: dict[int, bool]
+        self, run: RecordRun, walk: Walk, wanted: Callable[[Topic], bool], accepted: dict[int, bool]
     ) -> Iterator[McapMessage]:
-        data = stretch.records
+        data = run.records
         at, end, found, nowhere = 0, len(data), 0, 0
         unpack_frame, unpack_message, message = FRAME.unpack_from, MESSAGE.unpack_from, int(Opcode.MESSAGE)
         while at < end:
@@ -125,7 +125,7 @@ class McapFile:
         walk.messages += found
         if nowhere:
             reason = "messages of a channel that is nowhere described"
-            walk.damaged(Damage(stretch.frame.offset, FRAME.size + stretch.frame.length, reason, nowhere))
+            walk.damaged(Damage(run.frame.offset, FRAME.size + run.frame.length, reason, nowhere))
 
     def _any_chunk(self, stream: BinaryIO) -> bool:
         """Return whether a chunk can be read behind a damaged beginning."""

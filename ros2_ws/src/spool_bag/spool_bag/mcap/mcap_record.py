@@ -1,4 +1,4 @@
-"""Layout of the records of an MCAP file, and whether bytes can be one: for finding the way behind damage.
+"""Record layout of an MCAP file, and whether bytes can be a record: for resynchronising behind damage.
 
 Layout: the MCAP format specification, section "Records" (https://mcap.dev/spec): opcode, length as uint64,
 content.
@@ -35,7 +35,7 @@ _LOOSE = re.compile(rb"[\x03-\x05](?=[\s\S]{5}\x00{3})")
 
 
 class Frame(NamedTuple):
-    """A record's kind, where it starts and the length of its content in bytes."""
+    """Frame of a record: its kind, where it starts and the length of its content in bytes."""
 
     opcode: int
     offset: int
@@ -48,7 +48,7 @@ class Frame(NamedTuple):
 
 
 class ChunkHead(NamedTuple):
-    """A chunk without its data: times in ns, sizes in B, ``start`` of the data within the content."""
+    """Head of a chunk: times in ns, sizes in B, ``start`` of the data within the content."""
 
     message_start_time: int
     message_end_time: int

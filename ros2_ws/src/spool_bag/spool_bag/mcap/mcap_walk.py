@@ -1,4 +1,4 @@
-"""Walk through the records of an MCAP file in the order of writing, going on behind any damage."""
+"""Sequential scan of the records of an MCAP file, resynchronising behind any damage."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _HOLDS_DATA = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 
 
 class Damage(NamedTuple):
-    """Bytes of a file that cannot be used: where, how many, why, and messages lost (``None``: unknown)."""
+    """Damage: unusable bytes of a file: where, how many, why, and messages lost (``None``: unknown)."""
 
     offset: int
     size: int
@@ -36,14 +36,14 @@ class Damage(NamedTuple):
 
 
 class RecordRun(NamedTuple):
-    """Records as they were written: those of one chunk, or one that stands outside of chunks."""
+    """Run of records as they were written: those of one chunk, or one that stands outside of chunks."""
 
     frame: Frame
     records: bytes
 
 
 class Walk:
-    """The stretches of one file.
+    """Sequential scan of one file: its runs of records.
 
     A record that cannot be one is damaged; the walk goes on with the next chunk or index of one, wherever it
     begins. What was lost in between is counted from the index that follows each chunk.
@@ -85,9 +85,9 @@ class Walk:
                 offset = self._step_over(offset, "a message stands outside of the chunks")
                 continue
             if frame.opcode == Opcode.CHUNK:
-                stretch = self._chunk(frame)
-                if stretch is not None:
-                    yield stretch
+                run = self._chunk(frame)
+                if run is not None:
+                    yield run
             elif frame.opcode == Opcode.MESSAGE_INDEX:
                 self._index(content, frame.length)
             elif frame.opcode in _HOLDS_DATA:

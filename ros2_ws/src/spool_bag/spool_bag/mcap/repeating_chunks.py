@@ -1,4 +1,4 @@
-"""Definitions that a lost chunk does not take with it: they are repeated in later ones.
+"""Repeated definitions: a lost chunk does not take them with it, later ones hold them again.
 
 A file then loses nothing but the chunk that is damaged, even if it is the first one. Definitions may be
 repeated (MCAP specification, "Channel": identical records with the same id).
@@ -16,7 +16,7 @@ FIRST, EVERY = 4, 8
 
 
 class RepeatingChunks(ChunkBuilder):
-    """Put the schema and channel of a message into a chunk before its first message there."""
+    """Chunk builder that puts schema and channel before the first message of a channel in a chunk."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,1 +1,1 @@
-"""Reading and recovering bags."""
+"""Reading of bags by acquisition time."""

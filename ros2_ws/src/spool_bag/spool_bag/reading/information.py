@@ -1,4 +1,4 @@
-"""What a bag holds and what was lost on the way into it."""
+"""Summary of a bag: what it holds and what was lost on the way into it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MOST_STEPS = 10
 
 @dataclass(frozen=True, slots=True)
 class TopicSummary:
-    """One topic; ``rate`` in 1/s over the bag's duration, ``None`` where that is not known."""
+    """Summary of a topic; ``rate`` in 1/s over the bag's duration, ``None`` where that is not known."""
 
     name: str
     type: str
@@ -33,7 +33,7 @@ class TopicSummary:
 
 @dataclass(frozen=True, slots=True)
 class ValveSummary:
-    """The accelerations of one valve.
+    """Summary of the accelerations of one valve.
 
     ``sample_rate`` in Hz and ``first_stamp`` and ``end_stamp`` in ns are those of the usable blocks, ``None``
     without any; ``lost_blocks`` come from jumps in ``sequence``; ``refused_blocks`` are malformed,
@@ -58,7 +58,7 @@ class ValveSummary:
 
 @dataclass(frozen=True, slots=True)
 class BagInformation:
-    """A bag as a whole: ``size`` in bytes, stamps in ns.
+    """Summary of a bag as a whole: ``size`` in bytes, stamps in ns.
 
     ``duration`` in s is by acquisition time, without the steps of a clock that was set; ``lost_messages``
     were in damaged places, and are ``lost_estimated`` where nothing but their size tells.
@@ -167,7 +167,7 @@ def _topic(reader: BagReader, valve: str) -> str:
 
 @dataclass(slots=True)
 class _Pass:
-    """What one pass over a valve's blocks counts."""
+    """Counts of one pass over a valve's blocks."""
 
     gate: BlockGate = field(default_factory=BlockGate)
     timeline: Timeline = field(default_factory=Timeline)

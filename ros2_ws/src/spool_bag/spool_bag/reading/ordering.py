@@ -1,4 +1,4 @@
-"""Put messages in order of acquisition within a window of time, with bounded memory."""
+"""Reordering of messages by acquisition time within a window, with bounded memory."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ WINDOW = 5_000_000_000
 #: Messages, and B of them, that are held at most: 10 s of 2000 messages a second, or of 8 MB a second.
 LONGEST_QUEUE = 20_000
 LARGEST_QUEUE = 80_000_000
-#: B of all valves together, and what a message costs beside its own bytes (its arrays and objects).
+#: B of all valves together, and what a message costs on top of its own bytes (its arrays and objects).
 LARGEST_QUEUES = 4 * LARGEST_QUEUE
 OVERHEAD = 1000
 
@@ -25,7 +25,7 @@ Item = Block | OilTemperature
 
 
 class Keyed(NamedTuple):
-    """An item by its stamp (ns) and sequence; ``size`` in B of the message."""
+    """Item with its sort key: its stamp (ns) and sequence; ``size`` in B of the message."""
 
     stamp: int
     sequence: int
@@ -38,7 +38,7 @@ _STAMP, _KEY = itemgetter(0), itemgetter(0, 1)
 
 @dataclass(slots=True)
 class OrderingWindow:
-    """The items of one valve that may still be overtaken; a stamp further back is a new start of time."""
+    """Reordering window of one valve: items that may still be overtaken; a stamp further back starts anew."""
 
     _queue: list[Keyed] = field(default_factory=list)
     _lowest: int = 0
@@ -84,7 +84,7 @@ class OrderingWindow:
 
 @dataclass(slots=True)
 class OrderingWindows:
-    """A window for each valve; together they hold ``LARGEST_QUEUES`` at most."""
+    """Reordering windows, one for each valve; together they hold ``LARGEST_QUEUES`` at most."""
 
     _windows: dict[str, OrderingWindow] = field(default_factory=dict)
     _size: int = 0

@@ -1,4 +1,4 @@
-"""Read a bag by acquisition time: blocks, oil temperature and any other message."""
+"""Reader of a bag by acquisition time: blocks, oil temperature and any other message."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ MOST_LISTED = 12
 
 
 class TopicInformation(NamedTuple):
-    """A topic of a bag: its type and number of messages."""
+    """Topic of a bag: its type and number of messages."""
 
     type: str
     messages: int
 
 
 class BagReader:
-    """A rosbag2 directory or an ``.mcap`` file.
+    """Reader of a rosbag2 directory or an ``.mcap`` file.
 
     Everything is read in passes over the file; of the messages of a valve at most two ``WINDOW`` (10 s of
     stamps, and never more than ``LONGEST_QUEUE`` messages or ``LARGEST_QUEUE`` B) are held, so that messages
@@ -264,7 +264,7 @@ def _parts(topic: str) -> tuple[str, str]:
 
 
 class _Source(NamedTuple):
-    """A topic that is read by stamp, its type and how to decode it."""
+    """Source: a topic that is read by stamp, its type and how to decode it."""
 
     name: str
     type: str

@@ -1,4 +1,4 @@
-"""The times in a record: a clock that is set, or a source that starts again, begins a time of its own."""
+"""Time base of a record: a clock that is set, or a source that starts again, begins a time of its own."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LONGEST = 10.0
 
 
 class TimeSpan(NamedTuple):
-    """Stamps of the first sample and behind the last one, and what had passed ``before``; all in ns."""
+    """Time span: stamps of the first sample and behind the last, what had passed ``before``; in ns."""
 
     first: int
     end: int
@@ -27,7 +27,7 @@ class TimeSpan(NamedTuple):
 
 
 class ClockStep(NamedTuple):
-    """A clock's step: ``at`` s after the record's beginning, by ``by`` s (negative: back)."""
+    """Clock step: ``at`` s after the record's beginning, by ``by`` s (negative: back)."""
 
     at: float
     by: float
@@ -41,7 +41,7 @@ class _BlockPlace(NamedTuple):
 
 @dataclass(slots=True)
 class Timeline:
-    """The spans of time that the blocks of one valve cover, in their order.
+    """Time base of one valve: the spans that its blocks cover, in their order.
 
     A block that does not follow begins a new span only if the next one follows it: a wrong stamp is none.
     """

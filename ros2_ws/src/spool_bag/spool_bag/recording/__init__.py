@@ -1,1 +1,1 @@
-"""Recording: the node, its writer and snapshots."""
+"""Recording: the node, its writer, snapshots, and recovery into a new bag."""

@@ -14,7 +14,7 @@ FLOWS = 2.0
 
 
 class Monitored(enum.Enum):
-    """Whether somebody watches a valve; the value is the text people read."""
+    """State of supervision of a valve; the value is the text people read."""
 
     YES = "monitored"
     NOT_YET = "not monitored yet: no health since data flow"
@@ -31,7 +31,7 @@ class _Heard:
 
 @dataclass(slots=True)
 class MonitoringWatch:
-    """Take note of what arrives of each valve, and say which valves nobody monitors; times in steady s."""
+    """Watchdog of the monitors: which valves nobody monitors, by what arrives of each; times in steady s."""
 
     _valves: dict[str, _Heard] = field(default_factory=dict)
 

@@ -1,4 +1,4 @@
-"""What a recorder keeps: which topics belong to the valves, and what it saw getting lost."""
+"""Recorder without ROS: which topics belong to the valves, and which blocks were lost."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ class _LastBlock:
 
 @dataclass(slots=True)
 class LossCount:
-    """Count the blocks that never arrived, by topic, from jumps in ``sequence``.
+    """Loss count: blocks that never arrived, by topic, from jumps in ``sequence``.
 
     A jump that is far beyond what the stamps say went by is a wrong number, not a loss. Where the next block
     goes on from there it is another source, of which nothing is lost.

@@ -81,7 +81,7 @@ class RecorderNode(ManagedNode):
         Parameter(
             "snapshot_folder",
             "",
-            "Where an alarm's surroundings are kept as a bag of their own; empty: snapshots beside the bag.",
+            "Where an alarm's surroundings are kept as a bag of their own; empty: snapshots next to the bag.",
             structural=True,
         ),
         Parameter("snapshot_before", 60.0, "Kept from before an alarm.", "s", 0.0, 600.0, structural=True),

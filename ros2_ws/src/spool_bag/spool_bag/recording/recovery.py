@@ -1,4 +1,4 @@
-"""Make a readable bag of a damaged or unfinished one."""
+"""Recovery: a readable bag of a damaged or unfinished one."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .writer import BagWriter
 
 @dataclass(frozen=True, slots=True)
 class RecoveryResult:
-    """What was saved and what was not.
+    """Result of a recovery: what was saved and what was not.
 
     ``messages`` counts by topic what the new bag holds, as read back from it. ``undecodable`` counts messages
     whose bytes do not fit their definition; they are left out. ``expected`` counts by topic what the old bag
@@ -97,7 +97,7 @@ def _lost(
     undecodable: Mapping[str, int],
     expected: Mapping[str, int] | None,
 ) -> tuple[int, bool]:
-    """Return the messages lost beside those not decodable, and whether that is estimated."""
+    """Return the messages lost in addition to those not decodable, and whether that is estimated."""
     found = sum(saved.values()) + sum(undecodable.values())
     if expected is not None:
         return max(sum(expected.values()) - found, 0), False

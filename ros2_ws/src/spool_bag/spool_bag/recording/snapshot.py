@@ -1,4 +1,4 @@
-"""What happened around an alarm, as a bag of its own: the time before, from memory, and the time after."""
+"""Snapshots: what happened around an alarm, before it from memory and after it, as a bag of its own."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _RAISED, _ALARM = 1, 2
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """A message as received: ``received`` and ``published`` in ns, ``data`` its CDR."""
+    """Message as received: ``received`` and ``published`` in ns, ``data`` its CDR."""
 
     topic: str
     kind: str
@@ -41,7 +41,7 @@ class Message:
 
 @dataclass(slots=True)
 class Snapshot:
-    """The messages around the alarm ``event`` of a valve, collected until ``end`` (ns, time of reception)."""
+    """Snapshot: the messages around the alarm ``event``, collected until ``end`` (ns, time of reception)."""
 
     valve: str
     event: str
@@ -102,7 +102,7 @@ class _Ring:
 
 @dataclass(slots=True)
 class SnapshotKeeper:
-    """Hold the last ``before`` s of every valve in memory; collect ``after`` s more once an alarm is raised.
+    """Ring buffers of the last ``before`` s of every valve; ``after`` s more are collected on an alarm.
 
     An alarm counts where its stamp lies within the blocks that are held: a recorder that joins late hears old
     events, too.

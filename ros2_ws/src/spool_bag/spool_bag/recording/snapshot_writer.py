@@ -1,4 +1,4 @@
-"""Write the recorder's snapshots beside its work."""
+"""Writer of the recorder's snapshots, on a thread of its own."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .snapshot import Snapshot, SnapshotKeeper
 
 
 class Log(Protocol):
-    """What takes lines for people."""
+    """Log for people."""
 
     def info(self, message: str) -> object:
         """Say what was done."""
@@ -22,7 +22,7 @@ class Log(Protocol):
 
 
 class SnapshotWriter:
-    """Write what ``keeper`` has complete into ``folder``, one after the other, on a thread of its own.
+    """Writer of what ``keeper`` has complete into ``folder``, one after the other, on a thread of its own.
 
     Attributes:
         written: bags that were made.

@@ -1,4 +1,4 @@
-"""Write a rosbag2 directory with MCAP storage so that a kill or a power loss costs a second at most."""
+"""Writer of a rosbag2 directory with MCAP storage: a kill or a power loss costs a second at most."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ METADATA_INTERVAL = 5.0
 
 
 class RecordingError(OSError):
-    """The bag could not be written on; what was flushed before is kept and readable."""
+    """Recording failed: the bag could not be written on; what was flushed before is kept and readable."""
 
 
 @dataclass(slots=True)
@@ -42,7 +42,7 @@ class _Channel:
 
 
 class _Output:
-    """Unbuffered file: mcap hands over whole chunks, and a full disk must be seen at once.
+    """Unbuffered file: mcap hands over whole chunks, and a full disk must be seen immediately.
 
     Not derived from ``io.RawIOBase``, around which mcap puts a buffer: so mcap declares no such type.
     """
@@ -76,7 +76,7 @@ class _Output:
 
 
 class BagWriter:
-    """A rosbag2 directory being written: ``metadata.yaml`` and ``NAME_0.mcap``.
+    """Writer of a rosbag2 directory: ``metadata.yaml`` and ``NAME_0.mcap``.
 
     Chunks are closed and synced to the disk once ``flush_interval`` seconds of wall time have passed; call
     :meth:`flush_if_due` as well where messages may stay away. ``bytes`` counts message payload.

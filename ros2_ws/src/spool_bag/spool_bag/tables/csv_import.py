@@ -1,4 +1,4 @@
-"""Turn a data logger's record into a bag."""
+"""Import of a data logger's record into a bag."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ TEMPERATURE_INTERVAL = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class ImportResult:
-    """What went into the bag: ``lost_blocks`` stand for gaps, ``period`` and ``duration`` are in s."""
+    """Result of an import: ``lost_blocks`` stand for gaps, ``period`` and ``duration`` are in s."""
 
     bag: Path
     valve: str

@@ -1,4 +1,4 @@
-"""Read a data logger's CSV file into arrays and judge it."""
+"""CSV record of a data logger: reading into arrays, and plausibility."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class CsvRecord:
-    """A record as arrays of shape (n,).
+    """CSV record as arrays of shape (n,).
 
     ``time`` is in s and increases, ``columns`` are by contract name in the unit of that name, ``period``
     in s is the sampling period. ``gaps`` holds the index of each first sample after a gap, ``warnings`` one
@@ -135,7 +135,7 @@ def _check_period(path: Path, period: float, *, slowest: float) -> None:
 
 
 def _unit_of_time(period: float) -> str:
-    """Return the unit in which ``period`` would be usual."""
+    """Return the unit in which ``period`` would be plausible."""
     units = {
         "milliseconds": 1e-3,
         "microseconds": 1e-6,
@@ -143,8 +143,8 @@ def _unit_of_time(period: float) -> str:
         "minutes": 60.0,
         "hours": 3600.0,
     }
-    usual = [unit for unit, size in units.items() if 1e-5 <= period * size <= LONGEST_USUAL_PERIOD]
-    return usual[0] if usual else "seconds"
+    plausible = [unit for unit, size in units.items() if 1e-5 <= period * size <= LONGEST_USUAL_PERIOD]
+    return plausible[0] if plausible else "seconds"
 
 
 def _table(path: Path, wanted: Callable[[list[str]], list[str]]) -> tuple[list[str], dict[str, list[Array]]]:

@@ -1,4 +1,4 @@
-"""Read the text of a CSV file, packed or not, in bounded pieces of whole lines."""
+"""CSV text, packed or not, in bounded pieces of whole lines."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _PIECE = 1 << 22
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """The names in a file's header and how it separates."""
+    """Dialect of a CSV file: the names in its header and how it separates."""
 
     header: list[str]
     delimiter: str
@@ -31,7 +31,7 @@ class Dialect:
 
 @dataclass(frozen=True, slots=True)
 class TextPiece:
-    """Whole lines of a file and the number of the first of them, from 1."""
+    """Piece of a text: whole lines and the number of the first of them, from 1."""
 
     content: bytes
     line: int
@@ -44,10 +44,10 @@ def pieces(path: Path) -> Iterator[TextPiece]:
         InputError: unreadable, cut off, binary, or beyond the bounds.
     """
     try:
-        with path.open("rb") as plain:
-            packed = plain.read(2) == b"\x1f\x8b"
-            plain.seek(0)
-            yield from _split(path, cast(BinaryIO, gzip.GzipFile(fileobj=plain)) if packed else plain)
+        with path.open("rb") as raw:
+            packed = raw.read(2) == b"\x1f\x8b"
+            raw.seek(0)
+            yield from _split(path, cast(BinaryIO, gzip.GzipFile(fileobj=raw)) if packed else raw)
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise InputError(
             f"{path}: the compressed file is cut off or damaged ({error}): copy it again"

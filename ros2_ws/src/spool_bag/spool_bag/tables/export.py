@@ -1,4 +1,4 @@
-"""Turn a bag into a table for other tools."""
+"""Export of a bag as a table for other tools."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ BATCH_ROWS = 1 << 16
 
 @dataclass(frozen=True, slots=True)
 class ExportResult:
-    """What went into ``file``; ``refused_blocks`` are malformed and left out, ``warnings`` a line each."""
+    """Result of an export; ``refused_blocks`` are malformed and left out, ``warnings`` a line each."""
 
     file: Path
     valves: tuple[str, ...]
@@ -95,7 +95,7 @@ def export_bag(
 
 @dataclass(slots=True)
 class _ValveTable:
-    """What a valve's rows are made with: the bag's first stamp (ns), the name as a cell, judgements."""
+    """Table of one valve: the bag's first stamp (ns), the name as a cell, judgements of its blocks."""
 
     start: int
     cell: str
@@ -117,8 +117,8 @@ def _cell(out: Path, valve: str) -> str:
     """Return a valve's name as a cell: in a CSV file nothing that a spreadsheet takes for a formula."""
     if _kind(out) == ".parquet":
         return valve
-    plain = printable(valve).translate(str.maketrans(',;"', "___"))
-    return "'" + plain if plain[:1] in tuple("=+-@") else plain
+    cell = printable(valve).translate(str.maketrans(',;"', "___"))
+    return "'" + cell if cell[:1] in tuple("=+-@") else cell
 
 
 def _schema(*, several: bool, thermal: bool) -> pa.Schema:
@@ -146,7 +146,7 @@ def _writer(kind: str, part: Path, schema: pa.Schema) -> AbstractContextManager[
 
 
 class _CsvSink:
-    """A CSV writer that closes its stream, too."""
+    """CSV writer that closes its stream, too."""
 
     def __init__(self, sink: Any, schema: pa.Schema, options: pa_csv.WriteOptions) -> None:
         self._sink = sink

@@ -1,4 +1,4 @@
-"""What every excitation has in common."""
+"""Excitation: what every kind has in common."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TURN = 2.0 * math.pi
 
 
 class Excitation(BaseModel, ABC):
-    """Body acceleration as a pure function of time; frozen, no state.
+    """Excitation: body acceleration as a pure function of time; frozen, no state.
 
     Attributes:
         soft_start: s over which the amplitude rises from zero at t = 0 (raised cosine); 0 for none.

@@ -15,7 +15,7 @@ from .base import Array, Excitation, sum_of_lines, turns_to_sine
 
 
 class Multisine(Excitation):
-    """Lines of equal amplitude on whole multiples of 1 / period; repeats exactly after ``period``.
+    """Multisine: lines of equal amplitude on whole multiples of 1 / period; repeats exactly after ``period``.
 
     Attributes:
         low_frequency, high_frequency: band, Hz.
@@ -65,7 +65,7 @@ class Multisine(Excitation):
 
 
 class MachineOrders(Excitation):
-    """Harmonics of a shaft whose speed changes, on top of stationary broadband.
+    """Orders of a machine: harmonics of a shaft whose speed changes, on top of stationary broadband.
 
     Attributes:
         speed_profile: points (time s, shaft speed rpm), linear in between, held before and after.

@@ -1,4 +1,4 @@
-"""Body acceleration over time: every kind under one name, from mappings, YAML files and presets."""
+"""Excitations of every kind, from mappings, YAML files and presets."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ SingleExcitation = Annotated[
 
 
 class Part(BaseModel):
-    """One stretch of a sequence.
+    """Part of a sequence.
 
     Attributes:
         duration: s.
@@ -54,7 +54,7 @@ class Part(BaseModel):
 
 
 class Sequence(Excitation):
-    """Several excitations one after the other, cross-faded so that nothing jumps.
+    """Sequence of excitations one after the other, cross-faded so that nothing jumps.
 
     Attributes:
         parts: the stretches; the last one goes on when all are over, unless ``repeat``.

@@ -1,4 +1,4 @@
-"""Body acceleration as it was recorded, between and at the samples."""
+"""Recorded excitation: body acceleration at the samples and interpolated between them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _samples(given: object) -> Array:
 
 
 class Recorded(Excitation):
-    """A recorded body acceleration; the body stands still before and after it.
+    """Recorded body acceleration; the body stands still before and after it.
 
     Between samples it is band-limited: sinc under a window over 48 samples, within 2e-4 of the truth up to
     0.4 of the sample rate; at the samples it is the samples. Beyond the ends the record goes on as its mirror

@@ -14,7 +14,7 @@ from .base import Array, Excitation, turns_to_sine
 
 
 class Standstill(Excitation):
-    """The body rests."""
+    """Standstill of the body."""
 
     kind: Literal["standstill"] = "standstill"
 
@@ -28,7 +28,7 @@ class Standstill(Excitation):
 
 
 class SteadySine(Excitation):
-    """One sine.
+    """Steady sine.
 
     Attributes:
         frequency: Hz.
@@ -52,7 +52,7 @@ class SteadySine(Excitation):
 
 
 class SteppedSine(Excitation):
-    """A sine that dwells on one frequency after the other, then starts over; the phase never jumps.
+    """Stepped sine: it dwells on one frequency after the other, then starts over; the phase never jumps.
 
     Either ``frequencies``, or ``start_frequency``, ``stop_frequency`` and ``frequency_step``.
 
@@ -114,7 +114,7 @@ class SteppedSine(Excitation):
 
 
 class SweptSine(Excitation):
-    """A sine whose frequency runs between two values, again and again; the phase never jumps.
+    """Swept sine: its frequency runs between two values, again and again; the phase never jumps.
 
     Attributes:
         start_frequency, stop_frequency: Hz.

@@ -1,1 +1,1 @@
-"""Files of users: YAML within bounds, and its validation."""
+"""Files of users and their validation."""

@@ -1,4 +1,4 @@
-"""What every YAML file of the suite has in common: reading it and saying in one line what is wrong."""
+"""Validation of a YAML file of the suite: what is wrong with it, in one line."""
 
 from __future__ import annotations
 

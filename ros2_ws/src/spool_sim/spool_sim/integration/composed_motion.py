@@ -1,4 +1,4 @@
-"""Motion under any composition of force terms, for one valve or many at once.
+"""Motion under any composition of force terms, for one valve or many in parallel.
 
     m z'' + sum of the terms = -m w''
 
@@ -29,7 +29,7 @@ SMALLEST_SHARE = 16
 
 @dataclass(frozen=True, slots=True)
 class MotionState:
-    """State at one instant: relative displacement (m), velocity (m/s), direction of slip.
+    """State of motion at one instant: relative displacement (m), velocity (m/s), direction of slip.
 
     ``direction`` is +1 or -1 while slipping and 0 while sticking; ``memory`` holds the force (N) of each term
     that remembers, in the order of the terms, and stays empty until there is one.
@@ -43,7 +43,7 @@ class MotionState:
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
-    """Motion at n sample instants.
+    """Trajectory: motion at n sample instants.
 
     Attributes:
         displacement: relative to the body, m, shape (n,).
@@ -68,7 +68,7 @@ def _shares(count: int) -> list[slice]:
 
 
 class ComposedMotion:
-    """Steps a list of force terms, compiled for that list.
+    """Time stepping of a list of force terms, compiled for that list.
 
     Attributes:
         terms: in the order of the list, with inertia among them.
@@ -154,7 +154,7 @@ class ComposedMotion:
         first_sample: int | Sequence[int] = 0,
         stands_on: Sequence[int] | None = None,
     ) -> tuple[Trajectory, list[MotionState]]:
-        """Advance b valves at once, on all processors; every array of the result has b as its first axis.
+        """Advance b valves in parallel, on all processors; every array of the result has b as its first axis.
 
         Args:
             states: of the b valves at the first sample.

@@ -1,4 +1,4 @@
-"""Writes the kernel of a model from the laws of its terms and loads it, compiled once per machine."""
+"""Kernel generation from the laws of the terms of a model; compiled once per machine."""
 
 from __future__ import annotations
 

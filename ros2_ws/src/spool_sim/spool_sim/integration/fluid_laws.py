@@ -1,4 +1,4 @@
-"""The laws of the model ``fluid``, as :mod:`spool_sim.integration.composition` writes them."""
+"""Laws of the model ``fluid``, as :mod:`spool_sim.integration.composition` writes them."""
 
 # Which law uses which argument differs from model to model.
 # ruff: noqa: ARG001

@@ -35,7 +35,7 @@ def slopes(
 @lru_cache(maxsize=256)  # of many hypotheses most terms keep their numbers
 def _slopes(entry: Term, given: tuple[float, ...], largest_displacement: float) -> tuple[float, float]:
     smooth, sliding, memory, levels = (
-        entry.plain(law) for law in ("force_law", "sliding_law", "memory_law", "levels_law")
+        entry.uncompiled(law) for law in ("force_law", "sliding_law", "memory_law", "levels_law")
     )
     places = np.linspace(-largest_displacement, largest_displacement, 21).tolist()
     gap = 1e-3 * largest_displacement

@@ -1,4 +1,4 @@
-"""The step for any composition of force terms: smooth Runge-Kutta pieces between located events.
+"""Time step for any composition of force terms: smooth Runge-Kutta pieces between located events.
 
 Written for the model ``fluid``; :mod:`spool_sim.integration.composition` puts the laws of another model in
 the place of ``fluid_laws`` and compiles the result as a module of its own.
@@ -84,7 +84,7 @@ def release(n0: float, n1: float, n2: float, low: float, high: float) -> tuple[f
     """Return the first y in (0, 1] at which n0 + n1 y + n2 y^2 leaves [low, high] and the side, or 2."""
     first, side = 2.0, 0.0
     for sign, bound in ((-1.0, low), (1.0, high)):
-        # Citardauq form beside the usual one: no cancellation when the parabola is nearly a line.
+        # Citardauq form in addition to the textbook one: no cancellation when the parabola is nearly a line.
         square = n1 * n1 - 4.0 * n2 * (n0 - bound)
         if square < 0.0:
             continue

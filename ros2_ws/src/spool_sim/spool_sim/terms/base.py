@@ -1,6 +1,6 @@
-"""What a force term tells about itself.
+"""Force term: what it tells about itself.
 
-A term's file holds the class and its laws: module-level functions of plain numbers that the project
+A term's file holds the class and its laws: module-level functions of numbers that the project
 compiles (:mod:`spool_stream.kernels.compiled`). After the arguments named here come the term's parameters,
 in their order.
 
@@ -47,7 +47,7 @@ LAWS: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One parameter of a force term.
+    """Parameter of a force term.
 
     Attributes:
         name: as in YAML files, messages and reports.
@@ -91,11 +91,11 @@ class Parameter:
 
 
 class Term(ABC):
-    """A force in the balance of the spool; all terms of a model add up to zero.
+    """Force term in the balance of the spool; all terms of a model add up to zero.
 
     Attributes:
         name: as in model files and reports.
-        parameters: what the force depends on beside the motion.
+        parameters: what the force depends on apart from the motion.
         law: the force as text.
         source: equation in the paper, and what was decided about the print.
         meaning: what it stands for on the machine.
@@ -133,7 +133,17 @@ class Term(ABC):
                 raise TypeError(f"{self.name}.{name}{given}: must take {LAWS[name] + names}")
         return found
 
-    def plain(self, law: str) -> Callable[..., Any] | None:
+    @property
+    def slides(self) -> bool:
+        """Whether it is dry friction that depends on the motion of the moment alone."""
+        return "sliding_law" in self.laws
+
+    @property
+    def jumps(self) -> bool:
+        """Whether it is dry friction, whose force jumps where the velocity changes its sign."""
+        return self.slides or "memory_law" in self.laws
+
+    def uncompiled(self, law: str) -> Callable[..., Any] | None:
         """Return a law uncompiled, for single values; ``None`` where the term has none of that name."""
         found = self.laws.get(law)
         return getattr(found, "py_func", found)
@@ -158,7 +168,7 @@ class Term(ABC):
         given = [float(values[parameter.name]) for parameter in self.parameters]
         z, v = displacement.tolist(), velocity.tolist()
         total = np.zeros(displacement.size)
-        smooth, sliding = self.plain("force_law"), self.plain("sliding_law")
+        smooth, sliding = self.uncompiled("force_law"), self.uncompiled("sliding_law")
         if smooth is not None:
             t = [0.0] * len(z) if time is None else time.tolist()
             total += [smooth(*point, *given) for point in zip(z, v, t, strict=True)]
@@ -172,7 +182,7 @@ class Term(ABC):
     def at_rest(self, displacement: float, values: Mapping[str, float]) -> tuple[float, float]:
         """Return the lowest and the highest force (N) that dry friction can take up at rest."""
         given = [float(values[parameter.name]) for parameter in self.parameters]
-        rest, sliding = self.plain("rest_law"), self.plain("sliding_law")
+        rest, sliding = self.uncompiled("rest_law"), self.uncompiled("sliding_law")
         if rest is not None:
             low, high = rest(displacement, *given)
             return float(low), float(high)

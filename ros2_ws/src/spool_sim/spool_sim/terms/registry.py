@@ -1,4 +1,4 @@
-"""Finds every force term in this folder."""
+"""Registry of the force terms in this folder."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ def sliding_law(
 ) -> float:
     """Return the friction while slipping, N."""
     ratio = speed / stribeck_velocity
-    # The usual exponent costs a tenth of a power.
+    # The default exponent costs a tenth of a power.
     power = ratio * ratio if stribeck_exponent == 2.0 else ratio**stribeck_exponent
     return coulomb_force + (static_force - coulomb_force) * math.exp(-power)
 

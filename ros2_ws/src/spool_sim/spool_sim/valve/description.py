@@ -1,4 +1,4 @@
-"""A valve's description: the YAML file of the contract and what follows from it."""
+"""Description of a valve: the YAML file of the contract and what follows from it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .viscosity import OILS
 
 
 class Valve(BaseModel):
-    """A spool with its centring springs, its land and its oil. Frozen; SI units.
+    """Valve: a spool with its centring springs, its land and its oil. Frozen; SI units.
 
     Attributes:
         id: name of the valve, the ``frame_id`` of its blocks.

@@ -1,4 +1,4 @@
-"""Quantities that tell how a spool is lubricated."""
+"""Lubrication of a spool: its characteristic quantities."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from enum import Enum
 
 
 class LubricationRegime(Enum):
-    """What carries the load between two surfaces."""
+    """Lubrication regime: what carries the load between two surfaces."""
 
     BOUNDARY = "boundary"
     MIXED = "mixed"
@@ -40,7 +40,7 @@ def film_parameter(film_thickness: float, roughness_spool: float, roughness_bore
     """Return lambda: gap height over the combined rms roughness of both surfaces; no unit.
 
     The paper names gap height and rms roughness (reference 20); the combination sqrt(R1^2 + R2^2) is the
-    usual one of tribology.
+    common one in tribology.
 
     Args:
         film_thickness: m.

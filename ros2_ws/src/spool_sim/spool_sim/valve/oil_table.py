@@ -1,4 +1,4 @@
-"""The viscosity of a valve's oil over temperature, quick enough for every sample."""
+"""Viscosity table of a valve's oil over temperature, quick enough for every sample."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ STEP = 0.1
 
 @dataclass(slots=True)
 class OilTable:
-    """Ratio of the viscosity to that at the valve's reference temperature, made at its first use."""
+    """Viscosity table: ratio to the viscosity at the valve's reference temperature, made at its first use."""
 
     valve: Valve
     _temperatures: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0), init=False)

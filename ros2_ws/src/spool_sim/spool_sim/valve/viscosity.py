@@ -21,7 +21,7 @@ LOWEST_VISCOSITY = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Oil:
-    """A hydraulic oil by its catalogue points.
+    """Hydraulic oil by its catalogue points.
 
     Attributes:
         name: as in valve files.
