@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 from spool_bag.reading.reader import BagReader
 from spool_estimator.estimate import State
-from spool_estimator.estimator import Estimator, EstimatorSettings
+from spool_estimator.estimator import Estimator
+from spool_estimator.stream_estimator import EstimatorSettings
 from spool_stream.quantity import Validity
 
 BAGS = Path(__file__).resolve().parent.parent / "bags"

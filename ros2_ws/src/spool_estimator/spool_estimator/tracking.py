@@ -25,11 +25,11 @@ from spool_estimator.recursion.recursive import RecursiveLeastSquares
 from spool_estimator.recursion.sliding import SlidingLeastSquares
 from spool_estimator.recursion.window import ChunkWindow
 
+from .stream_estimator import CHUNK
+
 Array = NDArray[np.float64]
 Samples = NDArray[np.float32]
 
-#: s, samples are taken into the regression in chunks of this length.
-CHUNK = 0.1
 #: N, force noise that the prior is weighed with, and the least that a record is believed to have.
 NOISE, SMALLEST_NOISE = 0.05, 1.0e-3
 #: s of samples that are kept for starts, and how many of them the first one needs.

@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_estimator.estimate import Estimate, State
-from spool_estimator.estimator import Estimator, EstimatorSettings, settings_for
+from spool_estimator.estimator import Estimator, settings_for
+from spool_estimator.stream_estimator import EstimatorSettings
 from spool_sim.excitation.kinds import Excitation, MachineOrders, Multisine, Part, Sequence, Standstill
 from spool_sim.excitation.presets import PRESETS
 from spool_sim.sensors import Sensor

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from spool_estimator.estimate import Estimate, State
-from spool_estimator.estimator import WINDOW, Estimator, settings_for
+from spool_estimator.estimator import Estimator, settings_for
+from spool_estimator.stream_estimator import WINDOW
 from spool_sim.excitation.kinds import Excitation, Multisine, Part, Sequence
 from spool_sim.excitation.presets import PRESETS
 from spool_sim.sensors import Sensor

@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from spool_estimator.estimate import Estimate
-from spool_estimator.estimators import StreamEstimator
 from spool_estimator.gap_requests.gap_watch import GapWatch
 from spool_estimator.plausibility import ValveCheck
 from spool_estimator.refit import Refit, WindowRefits, refit
+from spool_estimator.stream_estimator import StreamEstimator
 from spool_stream.block import Block
 from spool_stream.block_gate import BlockGate, SharedGate
 

@@ -1,0 +1,298 @@
+"""Stream estimator: blocks in, estimates out; what holds whichever way the parameters are found."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_identification.oil import OilLaw, OilReference
+from spool_stream.block import Block, Samples
+from spool_stream.block_gate import BlockGate, Fault, Verdict
+from spool_stream.kernels.standing import StandingWatch
+from spool_stream.quantity import Quantity, Validity
+
+from .estimate import Estimate, State
+from .last_good import LATE, LastGood
+
+Array = NDArray[np.float64]
+
+#: s, samples are taken in and judged in chunks of this length.
+CHUNK = 0.1
+
+NAMES = ("spring_stiffness", "viscous_coefficient", "coulomb_force")
+_UNITS = ("N/m", "N s/m", "N")
+
+#: Ways to forget: by an exponential, in excited directions only, or by a window that slides.
+EXPONENTIAL, WINDOW = FORGETTING = ("exponential", "window")
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorSettings:
+    """Settings of an estimator: what it needs to know beforehand.
+
+    Two accelerometers see forces per mass only: ``moving_mass`` (kg) sets the scale of every parameter.
+    ``spring_stiffness`` (N/m), ``viscous_coefficient`` (N s/m) and ``coulomb_force`` (N) are orders of
+    magnitude to start from. ``memory`` (s): time constant of forgetting, or length of the window;
+    ``forgetting``: one of FORGETTING. ``low_cut``, ``high_cut`` (Hz): the band. ``minimum_excitation``
+    (m/s^2): rms body acceleration in the band below which parameters are held. ``period`` (s): one estimate
+    in this time; the first one comes ``phase`` chunks early, see ``phase_of``. ``oil``: the law by which the
+    viscous coefficient is referred to one temperature, where it is known.
+    """
+
+    moving_mass: float
+    spring_stiffness: float = 3000.0
+    viscous_coefficient: float = 5.0
+    coulomb_force: float = 0.5
+    memory: float = 4.0
+    forgetting: str = EXPONENTIAL
+    low_cut: float = 4.0
+    high_cut: float = 300.0
+    sliding_velocity: float = 1.0e-3
+    minimum_excitation: float = 0.2
+    period: float = 1.0
+    phase: int = 0
+    oil: OilLaw | None = None
+
+    @property
+    def scale(self) -> Array:
+        """Orders of magnitude of k (N/m), c (N s/m) and F_c (N), shape (3,)."""
+        return np.array([self.spring_stiffness, self.viscous_coefficient, self.coulomb_force])
+
+
+@dataclass(frozen=True, slots=True)
+class Learned:
+    """Learned state of an estimator at the end of a chunk.
+
+    Attributes:
+        values, covariance: of k (N/m), c (N s/m), F_c (N), shapes (3,) and (3, 3).
+        certain: whether the values are known well enough to be told.
+        excited, settling: of the chunk.
+        powers: mean squares of error and inertia force (N^2), body acceleration and displacement, shape (4,).
+        delay: s, of the described motion behind the newest sample.
+
+    """
+
+    values: Array
+    covariance: Array
+    certain: bool
+    excited: bool
+    settling: bool
+    powers: Array
+    delay: float
+
+    @property
+    def state(self) -> State:
+        """State of an estimate that is made of it."""
+        if self.settling:
+            return State.SETTLING
+        if not self.excited:
+            return State.NOT_EXCITED
+        return State.TRACKING if self.certain else State.LEARNING
+
+    @property
+    def validity(self) -> Validity:
+        """Validity of the parameters."""
+        if not self.certain:
+            return Validity.UNKNOWN
+        return Validity.VALID if self.excited else Validity.HELD
+
+
+@dataclass(slots=True)
+class StreamEstimator(ABC):
+    """Estimator of one valve's stiffness, viscous coefficient and Coulomb force from its blocks.
+
+    No clock of its own; picklable, bounded, the same for any split into blocks that are shorter than 0.5 s:
+    the sample rate is confirmed by their stamps. Parameters are held as they were last while a channel stands
+    still or the stamps do not confirm the sample rate; what was learned from such samples is forgotten.
+    """
+
+    settings: EstimatorSettings
+    gate: BlockGate = field(default_factory=BlockGate)
+    oil: OilReference = field(init=False)
+    latest: Estimate | None = field(default=None, init=False)
+    _samples: int = field(default=0, init=False)
+    _fresh: int = field(default=0, init=False)
+    _chunks: int = field(default=0, init=False)
+    _good: LastGood[Any] = field(default_factory=LastGood, init=False)
+    _stands: bool = field(default=False, init=False)
+    _gone_back: bool = field(default=False, init=False)
+
+    def __post_init__(self) -> None:
+        self.oil = OilReference(self.settings.oil, self.settings.memory)
+
+    @property
+    @abstractmethod
+    def _missing(self) -> tuple[int, int]:
+        """Samples in a chunk, and those that the present one lacks; 0 and 0 before the first block."""
+
+    @property
+    @abstractmethod
+    def _standing(self) -> StandingWatch:
+        """What watches whether the channels change."""
+
+    @abstractmethod
+    def _restart(self, period: float) -> None:
+        """Begin the motion anew with samples ``period`` s apart; what was learned is kept."""
+
+    @abstractmethod
+    def _take(self, body: Samples, spool: Samples) -> bool:
+        """Take samples, shape (n,), m/s^2, at most what the chunk lacks; return whether it is full."""
+
+    @abstractmethod
+    def _close_chunk(self) -> int:
+        """Learn from a full chunk, whose standstill was judged; return how many of its samples were used."""
+
+    @abstractmethod
+    def _learned(self) -> Learned:
+        """Return what is known now."""
+
+    @abstractmethod
+    def _parameter(self, name: str, unit: str, value: float, deviation: float, learned: Learned) -> Quantity:
+        """Return a parameter that is known."""
+
+    @abstractmethod
+    def _knowledge(self) -> Any:
+        """Return a copy of what is known now, for ``_restore``."""
+
+    @abstractmethod
+    def _restore(self, known: Any | None) -> None:
+        """Go back to what was ``known``, or to nothing."""
+
+    @property
+    def lacking(self) -> int:
+        """Samples until the next estimate falls due; 0 before the first block."""
+        size, missing = self._missing
+        done = (self._chunks + self.settings.phase) % self._every
+        return (self._every - done - 1) * size + missing if size else 0
+
+    @property
+    def _every(self) -> int:
+        """Chunks from one estimate to the next."""
+        return max(1, round(self.settings.period / CHUNK))
+
+    def update(self, block: Block) -> list[Estimate]:
+        """Take one block; return the estimates that fell due within it, none for most blocks."""
+        verdict = self.gate.judge(block)
+        if verdict is Verdict.REFUSED:
+            if self.gate.fault is Fault.RATE and not self._gone_back:
+                self._go_back(max(self.gate.rate.began, block.stamp - round(LATE * 1e9)))
+            return []
+        self._gone_back = False
+        if verdict is Verdict.RESTARTS or not self._missing[0]:
+            self._restart(block.sample_period)
+        estimates = []
+        taken = 0
+        while taken < block.body.size:
+            start = taken
+            taken = min(start + self._missing[1], block.body.size)
+            if not self._take(block.body[start:taken], block.spool[start:taken]):
+                continue
+            self._chunks += 1
+            stamp = block.stamp + round((taken - 1) * block.sample_period * 1e9)
+            self._watch(stamp)
+            used = self._close_chunk()
+            self._samples += used
+            self._fresh += used
+            if (self._chunks + self.settings.phase) % self._every == 0:
+                self.latest = self._judged(stamp, block.sequence)
+                estimates.append(self.latest)
+        return estimates
+
+    def update_temperature(self, stamp: int, celsius: float, deviation: float = math.nan) -> None:
+        """Take the oil's temperature at ``stamp`` (ns), deg C, its standard deviation (NaN: unknown)."""
+        self.oil.take(stamp, celsius, deviation)
+
+    def stale(self) -> Estimate | None:
+        """Return the last estimate as one that is held because no data arrive; ``None`` before the first."""
+        if self.latest is None:
+            return None
+        return replace(self.latest.held(), lost_blocks=self.gate.lost, refused_blocks=self.gate.refused)
+
+    def _watch(self, stamp: int) -> None:
+        """Forget what was learned since a channel stands still, as the chunk that ends at ``stamp`` shows."""
+        stands = self._standing.stands
+        if stands and not self._stands:
+            # The first of the equal samples is still a good one; stamps are rounded.
+            period = self._standing.sample_period
+            age = self._standing.age or self._missing[0] * period
+            self._go_back(stamp - round((age - 0.5 * period) * 1e9))
+        self._stands = stands
+
+    def _go_back(self, stamp: int) -> None:
+        """Go back to the last estimate that was good at ``stamp`` (ns)."""
+        self._gone_back = True
+        self._restore(self._good.back(stamp))
+        if self.latest is not None:
+            self.latest = self._good.held(self.latest, State.SETTLING)
+
+    def _judged(self, stamp: int, sequence: int) -> Estimate:
+        """Return the estimate that is due: what the samples give, or the last good one."""
+        estimate = self._estimate(stamp, sequence)
+        if self._stands or self._standing.doubtful:
+            return self._good.held(estimate, State.NOT_EXCITED)
+        if not self.gate.confirmed and (self._good.any or estimate.parameters[0].known):
+            return self._good.held(estimate, State.SETTLING)
+        if estimate.state is State.TRACKING:
+            self._good.keep(estimate, self._knowledge())
+        return estimate
+
+    def _estimate(self, stamp: int, sequence: int) -> Estimate:
+        learned = self._learned()
+        deviations = np.sqrt(np.diag(learned.covariance))
+        parameters = tuple(
+            self._parameter(*named, value, deviation, learned) if learned.certain else Quantity(*named)
+            for named, value, deviation in zip(
+                zip(NAMES, _UNITS, strict=True), learned.values.tolist(), deviations.tolist(), strict=True
+            )
+        )
+        described = stamp - round(learned.delay * 1e9)
+        self.oil.follow(described, self._fresh * self._standing.sample_period)
+        self._fresh = 0
+        return Estimate(
+            stamp=stamp,
+            model="coulomb",
+            state=learned.state,
+            last_sequence=sequence,
+            samples=self._samples,
+            delay=learned.delay,
+            memory=self.settings.memory,
+            parameters=parameters,
+            **_derived(learned, self.settings.moving_mass),
+            referred_viscous_coefficient=self.oil.referred(parameters[1]),
+            oil_temperature=self.oil.temperature(described),
+            lost_blocks=self.gate.lost,
+            refused_blocks=self.gate.refused,
+        )
+
+
+def _derived(learned: Learned, mass: float) -> dict[str, Quantity]:
+    """Return what follows from the parameters and what the signals themselves show; ``mass`` in kg."""
+    validity, covariance = learned.validity, learned.covariance
+    stiffness, viscous, _ = learned.values.tolist()
+    frequency = Quantity("natural_frequency", "Hz")
+    damping = Quantity("damping_ratio", "1")
+    if validity is not Validity.UNKNOWN:
+        natural = math.sqrt(stiffness / mass) / (2.0 * math.pi)
+        deviation = 0.5 * natural * math.sqrt(covariance[0, 0]) / stiffness
+        frequency = Quantity("natural_frequency", "Hz", natural, deviation, validity)
+        ratio = viscous / (2.0 * math.sqrt(stiffness * mass))
+        slope = np.array([-0.5 * ratio / stiffness, ratio / viscous if viscous else 0.0])
+        deviation = math.sqrt(max(0.0, float(slope @ covariance[:2, :2] @ slope)))
+        damping = Quantity("damping_ratio", "1", ratio, deviation, validity)
+    residual, target, body, displacement = learned.powers.tolist()
+    seen = Validity.UNKNOWN if math.isnan(body) else Validity.VALID
+    relative = math.sqrt(residual / target) if target > 0.0 and validity is Validity.VALID else math.nan
+    fit = Validity.UNKNOWN if math.isnan(relative) else Validity.VALID
+    return {
+        "natural_frequency": frequency,
+        "damping_ratio": damping,
+        "residual": Quantity("residual", "1", relative, validity=fit),
+        "excitation": Quantity("excitation", "m/s^2", math.sqrt(body), validity=seen),
+        "relative_displacement": Quantity(
+            "relative_displacement", "m", math.sqrt(displacement), validity=seen
+        ),
+    }
