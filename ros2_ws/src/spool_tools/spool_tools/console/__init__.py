@@ -1,1 +1,1 @@
-"""The terminal: options, progress, output files."""
+"""Console: options, progress, output files."""

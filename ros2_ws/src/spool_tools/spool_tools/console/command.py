@@ -10,7 +10,7 @@ from typer import Typer
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Command: a module ``NAME_command.py`` declares one as ``COMMAND`` and needs no other entry anywhere.
+    """Command, declared as ``COMMAND`` by a module ``NAME_command.py``; there is no other list of commands.
 
     Attributes:
         run: function with options and arguments in its annotations, or a group of such functions; its

@@ -38,7 +38,7 @@ def progress(
 
 @dataclass(slots=True)
 class _Lines:
-    """Lines about one piece of work, written by a thread of their own."""
+    """Progress lines about one piece of work, written by a thread of their own."""
 
     what: str
     total: float | None

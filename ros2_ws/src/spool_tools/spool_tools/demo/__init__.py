@@ -1,1 +1,1 @@
-"""The demonstration: live nodes, their recording and its report."""
+"""Demonstration: live nodes, their recording and its report."""

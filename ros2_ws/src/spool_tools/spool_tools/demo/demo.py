@@ -1,4 +1,4 @@
-"""The demonstration: the main job live, its recording, the analysis of that and a report."""
+"""Demonstration: the main job live, its recording, the analysis of that and a report."""
 
 from __future__ import annotations
 

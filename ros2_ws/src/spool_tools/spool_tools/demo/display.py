@@ -1,4 +1,4 @@
-"""Display of the demonstration: one per valve, and the events as they come."""
+"""Display of the demonstration: a line for each valve, and the events as they come."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Nodes as processes of their own, found as `ros2 run` finds them."""
+"""Node processes, found as `ros2 run` finds them."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def replace_by_node(package: str, executable: str, arguments: Sequence[str]) -> 
 
 @dataclass(slots=True)
 class Nodes:
-    """A group of node processes; leaving the context ends all that still run.
+    """Node processes; leaving the context ends all that still run.
 
     ``log`` takes what they print.
     """

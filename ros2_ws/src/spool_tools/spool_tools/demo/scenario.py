@@ -1,4 +1,4 @@
-"""What happens in the demonstration: two valves, a resonance passage and a friction drift each."""
+"""Scenario of the demonstration: two valves, a resonance passage and a friction drift each."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DRIFT = (0.63, 0.10)
 
 @dataclass(frozen=True, slots=True)
 class DemoValve:
-    """One valve of the demonstration.
+    """Valve of the demonstration.
 
     ``steady_speed`` and ``resonant_speed`` (rpm) of the shaft that shakes it; ``drift`` is the quantity that
     changes, from its start value to ``drift_target`` (SI unit).

@@ -1,4 +1,4 @@
-"""A valve's description in a bag."""
+"""Valve description in a bag."""
 
 from __future__ import annotations
 

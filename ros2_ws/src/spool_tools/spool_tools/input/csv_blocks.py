@@ -1,4 +1,4 @@
-"""A CSV record read as if it were a bag: blocks and oil temperatures of one valve."""
+"""CSV record read as if it were a bag: blocks and oil temperatures of one valve."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BLOCK_DURATION = 0.02
 
 
 class CsvSource:
-    """A CSV record, with what of :class:`spool_bag.reading.reader.BagReader` a replay needs.
+    """CSV record, with what of :class:`spool_bag.reading.reader.BagReader` a replay needs.
 
     Attributes:
         path: the file.

@@ -1,4 +1,4 @@
-"""What `fit` and `compare` work on: records with motion in them, in fitted and held-out parts."""
+"""Fit data: records with motion in them, in fitted and held-out parts."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ PIECES = 8
 
 @dataclass(frozen=True, slots=True)
 class FitData:
-    """Records of one valve.
+    """Fit data: records of one valve.
 
     Attributes:
         name: of the whole, for tables.

@@ -1,4 +1,4 @@
-"""Records for offline work: bags and CSV files, as stretches without gaps, and the valve they are of."""
+"""Record loading for offline work: bags and CSV files, as stretches without gaps, and the valve they are of."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """One bag or CSV file of one valve.
+    """Recording: one bag or CSV file of one valve.
 
     Attributes:
         path: where it is.
@@ -51,7 +51,7 @@ class Recording:
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """What to take of each record.
+    """Selection of what to take of each record.
 
     Attributes:
         name: namespace of the valve, needed where a bag holds several.

@@ -19,7 +19,7 @@ DEFAULT_VALVE = "4weh10_soft"
 
 @dataclass(frozen=True, slots=True)
 class ChosenValve:
-    """A valve's description.
+    """Valve description that was chosen.
 
     Attributes:
         valve: the description.

@@ -1,1 +1,1 @@
-"""Reports: pages, pictures and tables."""
+"""Reports: fits judged and ranked, their pages, pictures and tables."""

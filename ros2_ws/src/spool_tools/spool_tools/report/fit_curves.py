@@ -30,7 +30,7 @@ ONE_FREQUENCY = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Excerpt:
-    """Samples worth looking at.
+    """Excerpt of a recording that is worth looking at.
 
     Attributes:
         title: why.
@@ -48,7 +48,7 @@ class Excerpt:
 
 @dataclass(frozen=True, slots=True)
 class FrictionCurve:
-    """What of the balance of forces is neither inertia nor spring, over the relative velocity.
+    """Friction over velocity: what of the balance of forces is neither inertia nor spring.
 
     Measured: - m a_spool - k z with the fitted k, from both accelerations without phase; the law passed the
     same filter, so that like is compared with like.
@@ -71,7 +71,7 @@ class FrictionCurve:
 
 @dataclass(frozen=True, slots=True)
 class Overlay:
-    """Measured and simulated spool acceleration in the windows of a free run, m/s^2."""
+    """Overlay of measured and simulated spool acceleration in the windows of a free run, m/s^2."""
 
     run: FreeRun
     responses: tuple[Response, ...]

@@ -36,7 +36,7 @@ UNEXPLAINED = 3.0
 
 @dataclass(frozen=True, slots=True)
 class FittedSeries:
-    """One set of data and every model fitted to it."""
+    """Series: one set of data and every model fitted to it."""
 
     data: FitData
     validated: tuple[ValidatedFit, ...]
@@ -44,7 +44,7 @@ class FittedSeries:
 
 @dataclass(frozen=True, slots=True)
 class ResidualSum:
-    """What a model leaves over away from jumps: squared sum (m^2/s^4) and number of samples."""
+    """Residual sum of a model away from jumps: sum of squares (m^2/s^4) and number of samples."""
 
     squares: float
     samples: int
@@ -57,7 +57,7 @@ class ResidualSum:
 
 @dataclass(frozen=True, slots=True)
 class Rank:
-    """A model over all series.
+    """Rank of a model over all series.
 
     Attributes:
         model: name.
@@ -85,7 +85,7 @@ class Rank:
 
 @dataclass(frozen=True, slots=True)
 class Ranking:
-    """All models, best first.
+    """Ranking of all models, best first.
 
     Attributes:
         ranks: first those that do equally well, fewest parameters first, then the next that do, and so on.

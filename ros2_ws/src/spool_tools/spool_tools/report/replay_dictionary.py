@@ -23,7 +23,7 @@ ORDER = 10_000_000_000
 
 @dataclass(slots=True)
 class Clock:
-    """Time since the record's first stamp, across the steps of a clock that was set.
+    """Clock of a record: time since its first stamp, across the steps of a clock that was set.
 
     Attributes:
         timeline: of the valve.

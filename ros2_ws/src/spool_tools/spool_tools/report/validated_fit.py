@@ -19,7 +19,7 @@ ROUNDS = 2
 
 @dataclass(frozen=True, slots=True)
 class ValidatedFit:
-    """A fit and how it does on data that it has not seen, ``None`` where there are none."""
+    """Fit, and how it does on data that it has not seen, ``None`` where there are none."""
 
     data: FitData
     fit: Fit
