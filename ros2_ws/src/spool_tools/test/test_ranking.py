@@ -44,7 +44,7 @@ def test_a_larger_model_that_is_worth_its_parameters_is_preferred() -> None:
     )
 
 
-def test_twins_are_not_told_apart() -> None:
+def test_twins_are_not_distinguished() -> None:
     ranking = ordered([entry("a_law", 3, 1.0), entry("another", 3, 1.01), entry("worse", 3, 1.2)])
     assert ranking.sentences[0].startswith("a law and another cannot be distinguished on these data")
 

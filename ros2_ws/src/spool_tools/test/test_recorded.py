@@ -131,7 +131,7 @@ def test_oil_temperature_sets_the_viscosity_and_is_recorded(
     assert "oil temperature: 200 deg C is out of range for HL68" in capsys.readouterr().err
 
 
-def test_oil_that_warms_is_recorded_beside_the_valve(
+def test_oil_that_warms_is_recorded_with_the_valve(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"

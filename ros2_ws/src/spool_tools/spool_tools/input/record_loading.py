@@ -1,4 +1,4 @@
-"""Record loading for offline work: bags and CSV files, as stretches without gaps, and the valve they are of."""
+"""Record loading: bags and CSV files, as stretches without gaps, and the valve that they are of."""
 
 from __future__ import annotations
 
