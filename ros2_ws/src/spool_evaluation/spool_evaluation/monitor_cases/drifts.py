@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from .healthy import Generator, draw_case, draw_valve, with_speeds, with_standstills, with_warming
+from .healthy import Generator, draw_case, draw_valve, with_warming
 from .scenario import Change, Expected, Scenario
 
 #: s, from when on something may happen, and s within which it must be found once it is large enough.
@@ -66,51 +66,15 @@ def tires(draw: Generator, case: Scenario) -> Scenario:
     return replace(case, follows=("resonance",))
 
 
-def wear_ramp(draw: Generator) -> Scenario:
-    """The clearance grows: less drag at the same temperature, little by little."""
-    return wears(draw, draw_case(draw, "wear, ramp"))
+def thickens(draw: Generator, case: Scenario) -> Scenario:
+    """Let the drag rise at the same temperature: oil that is too thick."""
+    drag = case.drawn_valve.viscous_coefficient
+    change = ("viscous_coefficient", drag, drag * float(draw.uniform(1.35, 1.9)))
+    return drift(draw, case, change, 0.2 * drag, ("friction_drift", "oil_viscosity"))
 
 
-def wear_slow(draw: Generator) -> Scenario:
-    """The clearance grows over minutes."""
-    return wears(draw, draw_case(draw, "wear, slow ramp", seconds=420.0), (200.0, 300.0))
-
-
-def wear_step(draw: Generator) -> Scenario:
-    """The clearance grows in a step."""
-    return wears(draw, draw_case(draw, "wear, step"), (0.0, 0.0))
-
-
-def wear_warming(draw: Generator) -> Scenario:
-    """The clearance grows while the oil warms."""
-    return wears(draw, with_warming(draw, draw_case(draw, "wear, oil warms")))
-
-
-def wear_speed(draw: Generator) -> Scenario:
-    """The clearance grows while the machine changes its speed."""
-    return wears(draw, with_speeds(draw, draw_case(draw, "wear, speed changes")))
-
-
-def contamination(draw: Generator) -> Scenario:
-    """Dry friction rises."""
-    return rubs(draw, draw_case(draw, "contamination"))
-
-
-def contamination_slow(draw: Generator) -> Scenario:
-    """Dry friction rises over minutes."""
-    return rubs(draw, draw_case(draw, "contamination, slow ramp", seconds=420.0), (200.0, 300.0))
-
-
-def contamination_warming(draw: Generator) -> Scenario:
-    """Dry friction rises while the oil warms."""
-    return rubs(draw, with_warming(draw, draw_case(draw, "contamination, oil warms")))
-
-
-def contamination_standstill(draw: Generator) -> Scenario:
-    """Dry friction rises on a machine that stands still at times."""
-    case = with_standstills(draw, draw_case(draw, "contamination, standstills"))
-    case = rubs(draw, case)
-    # What can't be seen while the machine stands still may be found as much later.
+def seen_after_standstill(_: Generator, case: Scenario) -> Scenario:
+    """Let what happens be found later by as much as the machine stands still: nothing is seen then."""
     begin, end = case.machine.rests[1]
     event = case.expected[0]
     if event.by + 2.0 > begin:
@@ -118,28 +82,10 @@ def contamination_standstill(draw: Generator) -> Scenario:
     return replace(case, expected=(event,), seconds=200.0)
 
 
-def other_oil(draw: Generator) -> Scenario:
-    """The drag rises at the same temperature: oil that is too thick."""
-    case = draw_case(draw, "oil viscosity, unexplained")
-    drag = case.drawn_valve.viscous_coefficient
-    change = ("viscous_coefficient", drag, drag * float(draw.uniform(1.35, 1.9)))
-    return drift(draw, case, change, 0.2 * drag, ("friction_drift", "oil_viscosity"))
-
-
-def spring_fatigue(draw: Generator) -> Scenario:
-    """A spring loses stiffness."""
-    return tires(draw, draw_case(draw, "spring change"))
-
-
-def spring_speed(draw: Generator) -> Scenario:
-    """A spring loses stiffness while the machine changes its speed."""
-    return tires(draw, with_speeds(draw, draw_case(draw, "spring change, speed changes")))
-
-
 def passes(draw: Generator, kind: str, spring: int) -> Scenario:
     """Let the machine run into resonance, from above or below, stay there and leave it."""
     valve = draw_valve(draw, spring=spring, oil=1)
-    case = draw_case(draw, kind, valve)
+    case = draw_case(draw, kind, valve=valve)
     natural, at = valve.natural_frequency, float(draw.uniform(HAPPENS[0], 100.0))
     start = case.machine.speed_profile[0][1] / 60.0
     ramp, stay = draw.uniform(3.0, 15.0), draw.uniform(5.0, 20.0)
@@ -158,11 +104,7 @@ def passes(draw: Generator, kind: str, spring: int) -> Scenario:
     return replace(case, machine=machine, expected=(event,))
 
 
-def resonance_15(draw: Generator) -> Scenario:
-    """The machine passes the soft spring's natural frequency."""
-    return passes(draw, "resonance near 15 Hz", 0)
-
-
-def resonance_29(draw: Generator) -> Scenario:
-    """The machine passes the stiff spring's natural frequency."""
-    return passes(draw, "resonance near 29 Hz", 1)
+def passes_and_wears(draw: Generator, kind: str) -> Scenario:
+    """Let the clearance grow, and the machine run into resonance, while the oil warms."""
+    case = passes(draw, kind, int(draw.integers(2)))
+    return wears(draw, with_warming(draw, case))

@@ -72,7 +72,7 @@ def draw_speeds(draw: Generator, valve: Valve, seconds: float, *, below: bool) -
     return tuple(points)
 
 
-def draw_case(draw: Generator, kind: str, valve: Valve | None = None, seconds: float = 180.0) -> Scenario:
+def draw_case(draw: Generator, kind: str, seconds: float = 180.0, valve: Valve | None = None) -> Scenario:
     """Return a case to which nothing happens; its machine overcomes its dry friction."""
     valve = valve or draw_valve(draw)
     machine = draw_machine(draw, valve)
@@ -91,7 +91,7 @@ def draw_case(draw: Generator, kind: str, valve: Valve | None = None, seconds: f
 
 
 def with_speeds(draw: Generator, case: Scenario) -> Scenario:
-    """Let the machine change its speed again and again."""
+    """Let the machine change its speed again and again, away from resonance."""
     valve = case.drawn_valve
     below = case.machine.speed_profile[0][1] < 60.0 * valve.natural_frequency
     profile = draw_speeds(draw, valve, case.seconds, below=below)
@@ -110,26 +110,6 @@ def with_warming(draw: Generator, case: Scenario) -> Scenario:
     """Let the oil warm by 10 to 25 K."""
     warms = Change("oil_temperature", float(draw.uniform(50.0, 65.0)), 10.0, case.seconds - 20.0)
     return replace(case, changes=(*case.changes, warms))
-
-
-def healthy(draw: Generator) -> Scenario:
-    """Nothing happens."""
-    return draw_case(draw, "healthy")
-
-
-def healthy_warming(draw: Generator) -> Scenario:
-    """The oil warms."""
-    return with_warming(draw, draw_case(draw, "healthy, oil warms"))
-
-
-def healthy_speed(draw: Generator) -> Scenario:
-    """The machine changes its speed again and again, away from resonance."""
-    return with_speeds(draw, draw_case(draw, "healthy, speed changes"))
-
-
-def healthy_standstill(draw: Generator) -> Scenario:
-    """The machine stands still twice."""
-    return with_standstills(draw, draw_case(draw, "healthy, standstills"))
 
 
 def healthy_hour(draw: Generator) -> Scenario:

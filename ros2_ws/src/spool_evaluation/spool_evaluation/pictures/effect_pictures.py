@@ -119,13 +119,13 @@ def _one_effect(entry: Effect) -> str:
     units = {p.name: p.unit for name in entry.terms for p in term(name).parameters}
     own = {"spool_gain_error": "1", "spool_delay": "s", "saturation_limit": "m/s^2"}
     numbers = ", ".join(f"`{name}` ({units.get(name, own.get(name, ''))})" for name in entry.fitted)
-    alike = ", ".join(f"`{name}`" for name in entry.confused_with) or "nothing of the catalogue"
+    alike = ", ".join(f"`{name}`" for name in entry.confusable_with) or "nothing of the catalogue"
     kinds = "" if len(entry.kinds) == 3 else f" Seen in records of kind {', '.join(entry.kinds)}."
     return (
         f"#### `{entry.id}`\n\n    {entry.law}\n\n"
         f"{sentence(entry.on_the_machine)} Check: {entry.to_check}.{kinds}\n\n"
         f"![signature of {entry.id}](effects/{entry.id}.png)\n\n"
-        f"Numbers: {numbers}. Confused with: {alike}. Distinguished by: {entry.told_by}.\n"
+        f"Numbers: {numbers}. Confused with: {alike}. Distinguished by: {entry.distinguished_by}.\n"
     )
 
 
