@@ -19,7 +19,7 @@ from rclpy.qos import QoSProfile
 from spool_stream.errors import InputError
 from spool_stream.kernels.compile_lock import alone
 
-from .parameters import Parameter, Value, declare
+from .parameters import NodeParameter, Value, declare
 from .stopping import STOP, Phase
 
 #: s of compiling after which it is said: kernels that are cached are loaded in less.
@@ -28,7 +28,7 @@ COMPILES = 3.0
 Message = TypeVar("Message")
 P = ParamSpec("P")
 
-AUTOSTART = Parameter(
+AUTOSTART = NodeParameter(
     "autostart", True, "Configure and activate at start, without a life cycle manager.", read_only=True
 )
 
@@ -42,7 +42,7 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
     :meth:`subscribe`, :meth:`every` and :meth:`serve` live while the node is active.
     """
 
-    PARAMETERS: ClassVar[tuple[Parameter, ...]] = ()
+    PARAMETERS: ClassVar[tuple[NodeParameter, ...]] = ()
 
     def __init__(self, name: str = "node", namespace: str | None = None) -> None:
         super().__init__(name, namespace=namespace)

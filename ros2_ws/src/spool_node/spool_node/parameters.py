@@ -23,7 +23,7 @@ _TYPES: Mapping[type, str] = {bool: "bool", int: "integer", float: "double", str
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class NodeParameter:
     """One parameter: its name, default (which fixes the type), meaning, unit and range.
 
     ``read_only`` ones take effect at the process's start, ``structural`` ones when the node is configured:
@@ -85,7 +85,7 @@ class Parameter:
         return None
 
 
-def declare(node: Node, table: Sequence[Parameter], overrides: Mapping[str, Any]) -> None:
+def declare(node: Node, table: Sequence[NodeParameter], overrides: Mapping[str, Any]) -> None:
     """Declare ``table`` on ``node``; ``overrides`` are the values it was started with.
 
     Raises:

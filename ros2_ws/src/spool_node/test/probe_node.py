@@ -11,7 +11,7 @@ from typing import ClassVar
 
 from spool_node import qos
 from spool_node.managed_node import ManagedNode
-from spool_node.parameters import Parameter, Value
+from spool_node.parameters import NodeParameter, Value
 from spool_node.running import run
 from spool_node.stopping import STOP
 from spool_stream.errors import InputError
@@ -20,13 +20,13 @@ from std_msgs.msg import String
 
 class Probe(ManagedNode):
     PARAMETERS: ClassVar = (
-        Parameter("gain", 1.0, "A number that may change while running.", "N", 0.0, 10.0),
-        Parameter("limit", 5.0, "Never below gain.", "N", 0.0, 10.0),
-        Parameter("count", 3, "A whole number.", "", 1, 5),
-        Parameter("mode", "slow", "A word.", choices=("slow", "fast")),
-        Parameter("size", 2, "A whole number that what is built depends on.", "", 1, 9, structural=True),
-        Parameter("label", "probe", "Fixed at start.", read_only=True),
-        Parameter("failing", "", "Hook that raises; with a ! an error of the user's input."),
+        NodeParameter("gain", 1.0, "A number that may change while running.", "N", 0.0, 10.0),
+        NodeParameter("limit", 5.0, "Never below gain.", "N", 0.0, 10.0),
+        NodeParameter("count", 3, "A whole number.", "", 1, 5),
+        NodeParameter("mode", "slow", "A word.", choices=("slow", "fast")),
+        NodeParameter("size", 2, "A whole number that what is built depends on.", "", 1, 9, structural=True),
+        NodeParameter("label", "probe", "Fixed at start.", read_only=True),
+        NodeParameter("failing", "", "Hook that raises; with a ! an error of the user's input."),
     )
 
     def __init__(self) -> None:

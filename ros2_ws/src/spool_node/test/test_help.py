@@ -4,7 +4,7 @@ from typing import ClassVar
 
 import pytest
 from spool_node.managed_node import ManagedNode
-from spool_node.parameters import Parameter
+from spool_node.parameters import NodeParameter
 from spool_node.running import run
 
 
@@ -15,8 +15,8 @@ class Pump(ManagedNode):
     """
 
     PARAMETERS: ClassVar = (
-        Parameter("speed", 1500.0, "Speed of the shaft.", "rpm", 0.0, 3000.0),
-        Parameter("side", "left", "Where it sits.", choices=("left", "right")),
+        NodeParameter("speed", 1500.0, "Speed of the shaft.", "rpm", 0.0, 3000.0),
+        NodeParameter("side", "left", "Where it sits.", choices=("left", "right")),
     )
 
 

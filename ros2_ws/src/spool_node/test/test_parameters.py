@@ -13,14 +13,14 @@ from rcl_interfaces.msg import ParameterType
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter as Given
-from spool_node.parameters import Parameter, declare
+from spool_node.parameters import NodeParameter, declare
 from spool_stream.errors import InputError
 
 PROBE = Path(__file__).with_name("probe_node.py")
 PARAMETERS = (
-    Parameter("gain", 1.0, "A number.", "N", 0.0, 10.0),
-    Parameter("count", 3, "A whole number.", "", 1, 5),
-    Parameter("mode", "slow", "A word.", choices=("slow", "fast")),
+    NodeParameter("gain", 1.0, "A number.", "N", 0.0, 10.0),
+    NodeParameter("count", 3, "A whole number.", "", 1, 5),
+    NodeParameter("mode", "slow", "A word.", choices=("slow", "fast")),
 )
 
 

@@ -12,7 +12,7 @@ from spool_node import qos
 from spool_node.diagnostics import DiagnosticPublisher, Level, Status, key
 from spool_node.managed_node import ManagedNode
 from spool_node.messages import from_block, to_time
-from spool_node.parameters import Parameter, Value
+from spool_node.parameters import NodeParameter, Value
 from spool_node.running import run
 from spool_node.throttle import Throttle
 from spool_stream.errors import InputError
@@ -35,11 +35,11 @@ class SimulatorNode(ManagedNode):
     """Publish ``acceleration`` at the pace of the node's clock."""
 
     PARAMETERS: ClassVar = (
-        Parameter(
+        NodeParameter(
             "valve_file", "4weh10_soft", "Valve: path of a YAML file, or a shipped name.", structural=True
         ),
-        Parameter("model", "coulomb", "Force terms: name of a model or a YAML file.", structural=True),
-        Parameter(
+        NodeParameter("model", "coulomb", "Force terms: name of a model or a YAML file.", structural=True),
+        NodeParameter(
             "coulomb_force",
             0.1,
             "Coulomb friction of the model 'coulomb'; other models bring their own values.",
@@ -48,16 +48,20 @@ class SimulatorNode(ManagedNode):
             1e4,
             structural=True,
         ),
-        Parameter(
+        NodeParameter(
             "excitation", "orders", "Body acceleration: a preset's name or a YAML file.", structural=True
         ),
-        Parameter("sample_rate", 2000.0, "Samples a second.", "Hz", 10.0, 1e5, structural=True),
-        Parameter("block_rate", 50.0, "Blocks a second.", "Hz", 0.1, 1000.0, structural=True),
-        Parameter("noise", 0.05, "Noise of both accelerometers, rms.", "m/s^2", 0.0, 1e3, structural=True),
-        Parameter("body_gain_error", 0.0, "Relative gain error, body.", "1", -0.5, 0.5, structural=True),
-        Parameter("spool_gain_error", 0.0, "Relative gain error, spool.", "1", -0.5, 0.5, structural=True),
-        Parameter("seed", 0, "Seed of the noise.", "", 0, 2**31 - 1, structural=True),
-        Parameter(
+        NodeParameter("sample_rate", 2000.0, "Samples a second.", "Hz", 10.0, 1e5, structural=True),
+        NodeParameter("block_rate", 50.0, "Blocks a second.", "Hz", 0.1, 1000.0, structural=True),
+        NodeParameter(
+            "noise", 0.05, "Noise of both accelerometers, rms.", "m/s^2", 0.0, 1e3, structural=True
+        ),
+        NodeParameter("body_gain_error", 0.0, "Relative gain error, body.", "1", -0.5, 0.5, structural=True),
+        NodeParameter(
+            "spool_gain_error", 0.0, "Relative gain error, spool.", "1", -0.5, 0.5, structural=True
+        ),
+        NodeParameter("seed", 0, "Seed of the noise.", "", 0, 2**31 - 1, structural=True),
+        NodeParameter(
             "wait_for_subscribers",
             0,
             "Hold the first block until so many listen.",
@@ -66,10 +70,10 @@ class SimulatorNode(ManagedNode):
             100,
             structural=True,
         ),
-        Parameter(
+        NodeParameter(
             "drift_quantity", "none", "Parameter that drifts; setting it starts.", choices=("none", *DRIFTING)
         ),
-        Parameter(
+        NodeParameter(
             "drift_target",
             0.0,
             "Value that the drifting parameter ends at, SI unit or deg C.",
@@ -77,7 +81,7 @@ class SimulatorNode(ManagedNode):
             -40.0,
             1e8,
         ),
-        Parameter("drift_duration", 10.0, "Time of the drift; 0: a step.", "s", 0.0, 1e6),
+        NodeParameter("drift_duration", 10.0, "Time of the drift; 0: a step.", "s", 0.0, 1e6),
     )
 
     def __init__(self) -> None:

@@ -15,7 +15,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from spool_node.diagnostics import DiagnosticPublisher, Level, Status
 from spool_node.managed_node import ManagedNode
-from spool_node.parameters import Parameter
+from spool_node.parameters import NodeParameter
 from spool_node.running import run
 from spool_stream.errors import InputError
 
@@ -41,29 +41,29 @@ UNLIMITED = QosTime(9223372036, 854775807)
 class RecorderNode(ManagedNode):
     """Record while active; each activation makes a new bag."""
 
-    PARAMETERS: ClassVar[tuple[Parameter, ...]] = (
-        Parameter(
+    PARAMETERS: ClassVar[tuple[NodeParameter, ...]] = (
+        NodeParameter(
             "output",
             "",
             "Bag to be made, a path; empty: recording_<UTC time> in the working directory. "
             "A second activation puts _1 behind it, and so on.",
             structural=True,
         ),
-        Parameter(
+        NodeParameter(
             "number_output",
             False,
             "Put _1 behind output where it exists, and so on, instead of refusing it: for a recorder that is "
             "started again by itself.",
             structural=True,
         ),
-        Parameter(
+        NodeParameter(
             "valves",
             [""],
             "Namespaces to record, e.g. [valve_1, valve_2]; empty: every namespace that has an acceleration, "
             "estimate, health or events topic of spool_msgs.",
             structural=True,
         ),
-        Parameter(
+        NodeParameter(
             "depth",
             1000,
             "Messages per topic that may wait for the disk; 1000 are 20 s at 50 blocks/s.",
@@ -71,22 +71,24 @@ class RecorderNode(ManagedNode):
             maximum=100000,
             structural=True,
         ),
-        Parameter(
+        NodeParameter(
             "minimum_free_space",
             200_000_000,
             "Recording ends cleanly when the disk has less than this left; below twice as much it warns.",
             unit="B",
             minimum=0,
         ),
-        Parameter(
+        NodeParameter(
             "snapshot_folder",
             "",
             "Where an alarm's surroundings are kept as a bag of their own; empty: snapshots next to the bag.",
             structural=True,
         ),
-        Parameter("snapshot_before", 60.0, "Kept from before an alarm.", "s", 0.0, 600.0, structural=True),
-        Parameter("snapshot_after", 60.0, "Kept from after it.", "s", 0.0, 600.0, structural=True),
-        Parameter(
+        NodeParameter(
+            "snapshot_before", 60.0, "Kept from before an alarm.", "s", 0.0, 600.0, structural=True
+        ),
+        NodeParameter("snapshot_after", 60.0, "Kept from after it.", "s", 0.0, 600.0, structural=True),
+        NodeParameter(
             "snapshot_limit",
             100,
             "Bags in that folder at which no more are made; 0: no snapshots.",

@@ -12,7 +12,7 @@ from spool_node import qos
 from spool_node.diagnostics import DiagnosticPublisher, Level, Status, block_faults, block_values, key
 from spool_node.managed_node import ManagedNode
 from spool_node.messages import nanoseconds, to_block
-from spool_node.parameters import Parameter
+from spool_node.parameters import NodeParameter
 from spool_node.throttle import Throttle
 from spool_sim.model import load_model
 from spool_sim.valve.description import Valve, find_valve
@@ -44,43 +44,45 @@ class EstimatorNode(ManagedNode):
     """Identify the model of one valve from its acceleration blocks."""
 
     PARAMETERS: ClassVar = (
-        Parameter(
+        NodeParameter(
             "valve_file", "4weh10_soft", "Path of a YAML file or name of a shipped valve.", structural=True,
         ),
-        Parameter(
+        NodeParameter(
             "method", "prediction", "The model run in parallel, or equation error.", structural=True,
             choices=tuple(ESTIMATORS),
         ),
-        Parameter(
+        NodeParameter(
             "forgetting", EXPONENTIAL, "How the past is forgotten.", choices=FORGETTING, structural=True,
         ),
-        Parameter(
+        NodeParameter(
             "memory", 4.0, "Time constant of forgetting, or length of the window.",
             "s", 0.2, 3600.0, structural=True,
         ),
-        Parameter("low_cut", 4.0, "Lower edge of the band.", "Hz", 0.1, 100.0, structural=True),
-        Parameter("high_cut", 300.0, "Upper edge of the band.", "Hz", 10.0, 1e4, structural=True),
-        Parameter(
+        NodeParameter("low_cut", 4.0, "Lower edge of the band.", "Hz", 0.1, 100.0, structural=True),
+        NodeParameter("high_cut", 300.0, "Upper edge of the band.", "Hz", 10.0, 1e4, structural=True),
+        NodeParameter(
             "minimum_excitation", 0.2, "Rms body acceleration below which parameters are held.",
             "m/s^2", 0.0, 1e3, structural=True,
         ),
-        Parameter("period", 1.0, "Time between estimates, in data time.", "s", 0.1, 60.0, structural=True),
-        Parameter(
+        NodeParameter(
+            "period", 1.0, "Time between estimates, in data time.", "s", 0.1, 60.0, structural=True
+        ),
+        NodeParameter(
             "stale_after", 1.5, "Silence after which the estimate is stale.", "s", 0.2, 60.0,
         ),
-        Parameter(
+        NodeParameter(
             "refit_period", 0.0, "Data time between refits, 0: none.", "s", 0.0, 3.6e3, structural=True,
         ),
-        Parameter("refit_window", 4.0, "Length of the refitted window.", "s", 2.0, 60.0, structural=True),
-        Parameter("refit_model", "coulomb", "Name of a model or path of a YAML file.", structural=True),
-        Parameter(
+        NodeParameter("refit_window", 4.0, "Length of the refitted window.", "s", 2.0, 60.0, structural=True),
+        NodeParameter("refit_model", "coulomb", "Name of a model or path of a YAML file.", structural=True),
+        NodeParameter(
             "gap_growth", 2.0, "Residual over its median from which model_gap is raised.",
             "1", 1.1, 100.0, structural=True,
         ),
-        Parameter(
+        NodeParameter(
             "gap_window", 60.0, "How far ~/analyse_gap looks back.", "s", 6.0, 600.0, structural=True,
         ),
-        Parameter(
+        NodeParameter(
             "gap_base", "fluid", "Model that ~/analyse_gap adds to: name or YAML file.", structural=True,
         ),
     )  # fmt: skip

@@ -14,7 +14,7 @@ from spool_node import qos
 from spool_node.diagnostics import DiagnosticPublisher
 from spool_node.managed_node import ManagedNode
 from spool_node.messages import to_block
-from spool_node.parameters import Parameter, Value
+from spool_node.parameters import NodeParameter, Value
 from spool_stream.errors import InputError
 
 from spool_monitor.alarms.alarm_store import AlarmStore
@@ -33,7 +33,7 @@ from .diagnostic_tasks import condition_status, data_status
 from .messages import to_event_message, to_health_message
 
 _SETTINGS = tuple(
-    Parameter(
+    NodeParameter(
         limit.name, limit.default, limit.description, limit.unit, limit.minimum, limit.maximum,
         structural=limit.structural,
     )
@@ -41,13 +41,13 @@ _SETTINGS = tuple(
 )  # fmt: skip
 
 _KEEPING = (
-    Parameter(
+    NodeParameter(
         "state_folder", "",
         "Where alarms, baseline and trends are kept, each valve in a folder of its own; empty: "
         "$XDG_STATE_HOME/spool, else ~/.local/state/spool; none: nowhere.",
         structural=True,
     ),
-    Parameter(
+    NodeParameter(
         "latched_kinds", list(latching_kinds()), "Kinds of events whose alarms stay until they are reset.",
         structural=True,
     ),
