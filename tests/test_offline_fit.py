@@ -47,5 +47,5 @@ def test_the_study_writes_what_it_counted(tmp_path: Path) -> None:
     counted = json.loads((tmp_path / "estimation.json").read_text())["summary"]
     assert counted[-1]["fits"] == len(told)
     page = (tmp_path / "estimation_study.md").read_text()
-    assert "`./spool study estimation --cases 5 --seed 1`" in page
+    assert "`./spool study estimation --cases 5 --seed 1 --out DIR`" in page
     assert (tmp_path / "estimation_scores.png").stat().st_size > 1000
