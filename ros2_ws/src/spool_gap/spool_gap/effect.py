@@ -1,7 +1,8 @@
-"""What an effect of the catalogue tells about itself.
+"""Effect of the catalogue: what its file says about it.
 
 An effect's file in ``catalogue/`` holds one class. Its law is that of force terms of :mod:`spool_sim.terms`;
-what stands here is how to find it: its signature at a measured motion, where a fit starts, its look-alikes.
+what stands here is how to find it: its signature at a measured motion, where a fit starts, and with what it
+is confusable.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_sim.terms import term
+from spool_identification.least_squares.unknown import Unknown
+from spool_sim.terms import Parameter, term
 
 Array = NDArray[np.float64]
 
@@ -27,8 +29,10 @@ class Motion:
         time: s, from where laws count it.
         period: s between samples.
         velocity_noise: rms, m/s: below it the sign of the velocity is not known.
-        peaks: frequencies (Hz) that stand out of the residual and are not the drive's.
+        peaks: frequencies (Hz) that stand out of the residual and are not the excitation's.
         mass, stiffness, damping: of the base as fitted, kg, N/m, N s/m.
+        reading: of the spool's channel, free of noise, m/s^2; empty where the record has none.
+        low_cut: Hz, below which the motion is not known.
     """
 
     displacement: Array
@@ -41,6 +45,8 @@ class Motion:
     stiffness: float
     damping: float
     peaks: tuple[float, ...] = ()
+    reading: Array = field(default_factory=lambda: np.empty(0))
+    low_cut: float = 0.0
 
     @property
     def sign(self) -> Array:
@@ -79,16 +85,21 @@ class Effect(ABC):
         id: as in the contract.
         kinds: of records that can show it.
         terms: force terms that hold its law, switched on together; none for an effect of the data channels.
-        replaces: effects that it contains; one of them is not added beside it.
+        replaces: effects that it contains; none of them is added jointly with it.
         fitted: parameters that are its own, in the order of its report.
+        amplitudes: those of them that are 0 where the effect is absent.
         meaning: on the machine.
         check: what to look at there.
-        confused_with: effects with a similar signature.
-        told_by: which drive tells them apart.
-        rare: it acts in few stretches of a record only.
-        follows_time: in a sweep it goes with the drive's frequency, as small errors of any model do.
-        valleys: with it the motion can go several ways at one drive, so that a fit of free runs may end in a
-            wrong valley: runs are coupled to the measured motion.
+        confusable_with: effects with a similar signature.
+        distinguished_by: which excitation distinguishes them.
+        localised: it acts in few stretches of a record only.
+        follows_time: in a sweep it goes with the excitation's frequency, as small errors of any model do.
+        local_minima: with it the motion can go several ways at one excitation, so that a fit of free runs may
+            end in a wrong local minimum: runs are synchronised to the measured motion.
+        searched: it is looked for along the measured motion; else where ``meaning`` or its file says.
+        load_cell_zero: force records cannot tell it from the zero of their load cell.
+        scanned: numbers in which the force is not linear that are taken from a list, not refined.
+        may_vanish: numbers that may end at a bound without harm: parts of its force that vanish.
         picture: what its signature is drawn over: ``velocity``, ``displacement``, ``time`` or ``samples``.
     """
 
@@ -97,13 +108,18 @@ class Effect(ABC):
     terms: ClassVar[tuple[str, ...]] = ()
     replaces: ClassVar[tuple[str, ...]] = ()
     fitted: ClassVar[tuple[str, ...]] = ()
+    amplitudes: ClassVar[tuple[str, ...]] = ()
     meaning: ClassVar[str] = ""
     check: ClassVar[str] = ""
-    confused_with: ClassVar[tuple[str, ...]] = ()
-    told_by: ClassVar[str] = ""
-    rare: ClassVar[bool] = False
+    confusable_with: ClassVar[tuple[str, ...]] = ()
+    distinguished_by: ClassVar[str] = ""
+    localised: ClassVar[bool] = False
     follows_time: ClassVar[bool] = False
-    valleys: ClassVar[bool] = False
+    local_minima: ClassVar[bool] = False
+    searched: ClassVar[bool] = True
+    load_cell_zero: ClassVar[bool] = False
+    scanned: ClassVar[tuple[str, ...]] = ()
+    may_vanish: ClassVar[tuple[str, ...]] = ()
     picture: ClassVar[str] = "velocity"
 
     @property
@@ -120,6 +136,26 @@ class Effect(ABC):
     def law(self) -> str:
         """Its law as text."""
         return term(self.terms[0]).law if self.terms else ""
+
+    @property
+    def numbers(self) -> tuple[Parameter, ...]:
+        """The parameters that are its own, in the order of its terms."""
+        return tuple(p for name in self.terms for p in term(name).parameters if p.name in self.fitted)
+
+    @property
+    def is_friction(self) -> bool:
+        """Whether it is a law of dry friction: one of them is enough."""
+        return any(term(name).jumps for name in self.terms)
+
+    def unknowns(self, values: Mapping[str, float], seconds: float) -> list[Unknown]:  # noqa: ARG002
+        """Return what a fit finds of it, in size as the present ``values``, in records of ``seconds``."""
+        return [
+            Unknown(
+                p.name, p.unit, p.low, p.high,
+                abs(values.get(p.name, p.start)) or p.start or 1e-3 * p.high,
+            )
+            for p in self.numbers
+        ]  # fmt: skip
 
     def shapes(self, motion: Motion) -> list[dict[str, float]]:  # noqa: ARG002
         """Return the choices to try of the numbers in which the force is not linear."""
@@ -152,7 +188,7 @@ class Effect(ABC):
         return {}
 
     def speeds_to_try(self, fastest: float) -> list[dict[str, float]]:  # noqa: ARG002
-        """Return choices of the speeds in its law, along which its fits end in valleys; none: it has none.
+        """Return choices of the speeds in its law, along which fits have local minima; none: it has none.
 
         Args:
             fastest: speed that the spool hardly exceeds, m/s.
@@ -169,11 +205,6 @@ class Effect(ABC):
     def trifling(self, values: Mapping[str, float], seconds: float) -> bool:  # noqa: ARG002
         """Whether the fitted ``values`` mean nothing on a machine in a record of ``seconds``."""
         return False
-
-    @property
-    def amplitudes(self) -> tuple[str, ...]:
-        """Parameters that are 0 where the effect is absent."""
-        return ()
 
 
 def scan(low: float, high: float, count: int) -> list[float]:

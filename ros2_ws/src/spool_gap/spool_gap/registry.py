@@ -1,4 +1,4 @@
-"""Finds every effect in the folder ``catalogue``."""
+"""Registry of the effects in the folder ``catalogue``."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from spool_stream.errors import InputError
 from .effect import Effect
 
 EFFECTS: dict[str, Effect] = {entry.id: entry() for entry in classes_in(f"{__package__}.catalogue", Effect)}
+
+#: Ids of the laws of dry friction: of these a machine has one.
+FRICTIONS = frozenset(name for name, entry in EFFECTS.items() if entry.is_friction)
 
 
 def effect(name: str) -> Effect:

@@ -65,8 +65,7 @@ class Residuals:
         self.band_limited = True
         self.kept: list[Array] = [np.ones(window.measured.size) for window in run.windows]
         self.spectrum: list[Spectrum | None] = [None] * len(run.records)
-        laws = {law for entry in run.model.terms for law in entry.laws}
-        self._jumps = bool(laws & {"sliding_law", "memory_law"})
+        self._jumps = any(entry.jumps for entry in run.model.terms)
 
     @property
     def has_jumps(self) -> bool:

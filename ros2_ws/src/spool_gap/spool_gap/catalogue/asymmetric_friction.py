@@ -16,8 +16,10 @@ class AsymmetricFriction(Effect):
     terms = ("asymmetric_friction",)
     replaces = ("coulomb_friction",)
     fitted = ("forward_force", "backward_force")
-    confused_with = ("coulomb_friction",)
-    told_by = "the start of the motion from rest: two accelerometers see the difference only there"
+    searched = False
+    load_cell_zero = True
+    confusable_with = ("coulomb_friction",)
+    distinguished_by = "the start of the motion from rest: two accelerometers see the difference only there"
 
     def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:  # noqa: ARG002
         """Return the sign of the velocity, and 1 for the difference."""

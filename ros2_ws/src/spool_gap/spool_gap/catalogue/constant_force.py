@@ -16,9 +16,11 @@ class ConstantForce(Effect):
     kinds = ("driven", "imposed")
     terms = ("constant_force",)
     fitted = ("push",)
+    amplitudes = ("push",)
+    load_cell_zero = True
     picture = "time"
-    confused_with = ()
-    told_by = "a force record"
+    confusable_with = ()
+    distinguished_by = "a force record"
 
     def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:  # noqa: ARG002
         """Return -1 throughout."""
@@ -32,8 +34,3 @@ class ConstantForce(Effect):
     ) -> dict[str, float] | None:
         """Return the push."""
         return {"push": float(coefficients[0])}
-
-    @property
-    def amplitudes(self) -> tuple[str, ...]:
-        """Parameters that are 0 where the effect is absent."""
-        return ("push",)

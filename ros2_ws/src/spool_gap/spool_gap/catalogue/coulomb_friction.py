@@ -15,14 +15,16 @@ class CoulombFriction(Effect):
     id = "coulomb_friction"
     terms = ("coulomb_friction",)
     fitted = ("coulomb_force",)
-    confused_with = (
+    amplitudes = ("coulomb_force",)
+    may_vanish = ("coulomb_force",)
+    confusable_with = (
         "stribeck_friction",
         "mixed_friction",
         "presliding_friction",
         "asymmetric_friction",
         "quadratic_damping",
     )
-    told_by = "low speeds and sticking in the record; several amplitudes"
+    distinguished_by = "low speeds and sticking in the record; several amplitudes"
 
     def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:  # noqa: ARG002
         """Return the sign of the velocity."""
@@ -36,8 +38,3 @@ class CoulombFriction(Effect):
     ) -> dict[str, float] | None:
         """Return the force."""
         return {"coulomb_force": float(coefficients[0])} if coefficients[0] > 0.0 else None
-
-    @property
-    def amplitudes(self) -> tuple[str, ...]:
-        """Parameters that are 0 where the effect is absent."""
-        return ("coulomb_force",)

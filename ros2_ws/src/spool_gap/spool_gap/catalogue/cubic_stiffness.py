@@ -15,9 +15,10 @@ class CubicStiffness(Effect):
     id = "cubic_stiffness"
     terms = ("cubic_stiffness",)
     fitted = ("cubic_coefficient",)
+    amplitudes = ("cubic_coefficient",)
     picture = "displacement"
-    confused_with = ("end_stop", "spring_backlash", "spring_preload")
-    told_by = "amplitudes from small to the whole stroke"
+    confusable_with = ("end_stop", "spring_backlash", "spring_preload")
+    distinguished_by = "amplitudes from small to the whole stroke"
 
     def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:  # noqa: ARG002
         """Return z^3."""
@@ -31,8 +32,3 @@ class CubicStiffness(Effect):
     ) -> dict[str, float] | None:
         """Return the coefficient."""
         return {"cubic_coefficient": float(coefficients[0])}
-
-    @property
-    def amplitudes(self) -> tuple[str, ...]:
-        """Parameters that are 0 where the effect is absent."""
-        return ("cubic_coefficient",)

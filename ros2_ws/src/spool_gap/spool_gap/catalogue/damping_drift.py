@@ -18,10 +18,11 @@ class DampingDrift(Effect):
     id = "damping_drift"
     terms = ("damping_drift",)
     fitted = ("damping_drift_rate",)
+    amplitudes = ("damping_drift_rate",)
     picture = "time"
     follows_time = True
-    confused_with = ("quadratic_damping",)
-    told_by = "the same drive at the beginning and at the end of the record"
+    confusable_with = ("quadratic_damping",)
+    distinguished_by = "the same drive at the beginning and at the end of the record"
 
     def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:  # noqa: ARG002
         """Return the velocity times the time."""
@@ -40,8 +41,3 @@ class DampingDrift(Effect):
     def trifling(self, values: Mapping[str, float], seconds: float) -> bool:
         """Whether the drag changes by less than any oil's temperature does to it."""
         return abs(values["damping_drift_rate"]) * seconds < TRIFLE
-
-    @property
-    def amplitudes(self) -> tuple[str, ...]:
-        """Parameters that are 0 where the effect is absent."""
-        return ("damping_drift_rate",)

@@ -17,11 +17,13 @@ class EndStop(Effect):
 
     id = "end_stop"
     terms = ("end_stop",)
+    may_vanish = ("stop_dissipation", "stop_damping")
     fitted = ("stop_gap", "stop_stiffness", "stop_dissipation", "stop_damping")
-    rare = True
+    amplitudes = ("stop_stiffness",)
+    localised = True
     picture = "displacement"
-    confused_with = ("cubic_stiffness",)
-    told_by = "an amplitude that reaches the stop, and one that does not"
+    confusable_with = ("cubic_stiffness",)
+    distinguished_by = "an amplitude that reaches the stop, and one that does not"
 
     def shapes(self, motion: Motion) -> list[dict[str, float]]:
         """Return the shapes to try."""
@@ -69,8 +71,3 @@ class EndStop(Effect):
         if values["stop_stiffness"] < STIFFER * values.get("spring_stiffness", 0.0):
             return f"stop_stiffness is not even {STIFFER:g} times the spring's"
         return super().sensible(values, deviations)
-
-    @property
-    def amplitudes(self) -> tuple[str, ...]:
-        """Parameters that are 0 where the effect is absent."""
-        return ("stop_stiffness",)

@@ -22,8 +22,10 @@ class MixedFriction(Effect):
     terms = ("mixed_friction",)
     replaces = ("coulomb_friction",)
     fitted = ("mixed_root_coefficient", "mixed_inverse_coefficient", "mixed_velocity")
-    confused_with = ("stribeck_friction", "coulomb_friction")
-    told_by = "a wide range of speeds: several amplitudes, from sticking to fast slip"
+    amplitudes = ("mixed_inverse_coefficient",)
+    may_vanish = ("mixed_root_coefficient", "mixed_velocity")
+    confusable_with = ("stribeck_friction", "coulomb_friction")
+    distinguished_by = "a wide range of speeds: several amplitudes, from sticking to fast slip"
 
     def shapes(self, motion: Motion) -> list[dict[str, float]]:  # noqa: ARG002
         """Return the shapes to try."""
@@ -67,8 +69,3 @@ class MixedFriction(Effect):
         if values["mixed_velocity"] > FASTEST:
             return "the contact part hardly falls with speed: that is Coulomb friction"
         return super().sensible(values, deviations)
-
-    @property
-    def amplitudes(self) -> tuple[str, ...]:
-        """Parameters that are 0 where the effect is absent."""
-        return ("mixed_inverse_coefficient",)

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
+from spool_identification.least_squares.unknown import Unknown
 
 from spool_gap.effect import Array, Effect, Motion
+
+#: Hz, lowest frequency that is fitted: slower ones are drift.
+LOWEST = 0.1
 
 
 class PeriodicForce(Effect):
@@ -15,9 +20,19 @@ class PeriodicForce(Effect):
     id = "periodic_force"
     terms = ("periodic_force",)
     fitted = ("force_frequency", "force_amplitude", "force_phase")
+    amplitudes = ("force_amplitude",)
+    scanned = ("force_frequency",)
     picture = "time"
-    confused_with = ()
-    told_by = "a record long enough to tell its frequency from the drive's"
+    confusable_with = ()
+    distinguished_by = "a record long enough to tell its frequency from the drive's"
+
+    def unknowns(self, values: Mapping[str, float], seconds: float) -> list[Unknown]:
+        """Return its numbers; a line of a record of ``seconds`` is as wide as steps of its frequency."""
+        found = {unknown.name: unknown for unknown in super().unknowns(values, seconds)}
+        scales = {"force_frequency": 0.05 / seconds, "force_phase": 0.5}
+        found |= {name: replace(found[name], scale=size, absolute=True) for name, size in scales.items()}
+        found["force_frequency"] = replace(found["force_frequency"], low=LOWEST)
+        return list(found.values())
 
     def shapes(self, motion: Motion) -> list[dict[str, float]]:
         """Return the shapes to try."""
@@ -41,8 +56,3 @@ class PeriodicForce(Effect):
             "force_amplitude": float(np.hypot(sine, cosine)),
             "force_phase": float(np.arctan2(cosine, sine)),
         }
-
-    @property
-    def amplitudes(self) -> tuple[str, ...]:
-        """Parameters that are 0 where the effect is absent."""
-        return ("force_amplitude",)

@@ -21,9 +21,10 @@ class PreslidingFriction(Effect):
     terms = ("presliding_friction",)
     replaces = ("coulomb_friction",)
     fitted = ("dahl_force", "dahl_stiffness")
+    amplitudes = ("dahl_force",)
     picture = "displacement"
-    confused_with = ("coulomb_friction", "spring_backlash")
-    told_by = "motion with amplitudes of the order of the pre-sliding travel"
+    confusable_with = ("coulomb_friction", "spring_backlash")
+    distinguished_by = "motion with amplitudes of the order of the pre-sliding travel"
 
     def shapes(self, motion: Motion) -> list[dict[str, float]]:
         """Return the shapes to try."""
@@ -51,11 +52,6 @@ class PreslidingFriction(Effect):
         if values["dahl_force"] < SHORTEST * values["dahl_stiffness"]:
             return "it slides after no travel: that is Coulomb friction"
         return super().sensible(values, deviations)
-
-    @property
-    def amplitudes(self) -> tuple[str, ...]:
-        """Parameters that are 0 where the effect is absent."""
-        return ("dahl_force",)
 
 
 @compiled

@@ -15,8 +15,9 @@ class QuadraticDamping(Effect):
     id = "quadratic_damping"
     terms = ("quadratic_damping",)
     fitted = ("quadratic_coefficient",)
-    confused_with = ("coulomb_friction", "damping_drift")
-    told_by = "several amplitudes, in a wide band"
+    amplitudes = ("quadratic_coefficient",)
+    confusable_with = ("coulomb_friction", "damping_drift")
+    distinguished_by = "several amplitudes, in a wide band"
 
     def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:  # noqa: ARG002
         """Return v abs(v)."""
@@ -30,8 +31,3 @@ class QuadraticDamping(Effect):
     ) -> dict[str, float] | None:
         """Return the coefficient."""
         return {"quadratic_coefficient": float(coefficients[0])} if coefficients[0] > 0.0 else None
-
-    @property
-    def amplitudes(self) -> tuple[str, ...]:
-        """Parameters that are 0 where the effect is absent."""
-        return ("quadratic_coefficient",)

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from spool_gap.effect import Effect
+from collections.abc import Mapping
+
+from spool_sim.terms import Parameter
+
+from spool_gap.effect import Array
+from spool_gap.sensor_effect import SensorEffect
 
 
-class SpoolGainError(Effect):
-    """Always part of the base within its tolerance; named beyond."""
+class SpoolGainError(SensorEffect):
+    """Gain error: always part of the base within its tolerance; named beyond."""
 
     id = "spool_gain_error"
-    kinds = ("accelerations",)
-    fitted = ("spool_gain_error",)
+    parameters = (Parameter("spool_gain_error", "1", -0.5, 0.5, 0.15, "relative error of the reading"),)
+    searched = False
+    equation = "reading = (1 + g) acceleration"
     meaning = "the spool's accelerometer or its amplifier reads too much or too little"
     check = "calibration of both channels side by side, amplifier setting, cable, mounting"
-    picture = "samples"
-    confused_with = ("spool_delay",)
-    told_by = "drive well below the resonance"
+    confusable_with = ("spool_delay",)
+    distinguished_by = "drive well below the resonance"
 
-    @property
-    def law(self) -> str:
-        """Its law as text."""
-        return "reading = (1 + g) acceleration"
+    def reading(self, acceleration: Array, period: float, values: Mapping[str, float]) -> Array:  # noqa: ARG002
+        """Return the reading with its gain."""
+        return acceleration * (1.0 + values["spool_gain_error"])

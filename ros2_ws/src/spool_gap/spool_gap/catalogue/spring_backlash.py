@@ -15,10 +15,11 @@ class SpringBacklash(Effect):
     id = "spring_backlash"
     terms = ("spring_backlash",)
     fitted = ("backlash",)
+    amplitudes = ("backlash",)
     picture = "displacement"
-    valleys = True
-    confused_with = ("cubic_stiffness", "spring_preload", "presliding_friction")
-    told_by = "amplitudes from below the dead zone to the stroke"
+    local_minima = True
+    confusable_with = ("cubic_stiffness", "spring_preload", "presliding_friction")
+    distinguished_by = "amplitudes from below the dead zone to the stroke"
 
     def shapes(self, motion: Motion) -> list[dict[str, float]]:
         """Return the shapes to try."""
@@ -40,8 +41,3 @@ class SpringBacklash(Effect):
         if share <= 0.1:
             return None
         return {"backlash": shape["backlash"] * min(share, 1.5)}
-
-    @property
-    def amplitudes(self) -> tuple[str, ...]:
-        """Parameters that are 0 where the effect is absent."""
-        return ("backlash",)

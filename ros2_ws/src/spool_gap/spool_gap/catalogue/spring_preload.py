@@ -14,11 +14,13 @@ class SpringPreload(Effect):
 
     id = "spring_preload"
     terms = ("spring_preload",)
+    may_vanish = ("preload_travel",)
     fitted = ("preload_force", "preload_travel")
+    amplitudes = ("preload_force",)
     picture = "displacement"
-    valleys = True
-    confused_with = ("cubic_stiffness", "spring_backlash")
-    told_by = "amplitudes from below the give of the seats to the stroke"
+    local_minima = True
+    confusable_with = ("cubic_stiffness", "spring_backlash")
+    distinguished_by = "amplitudes from below the give of the seats to the stroke"
 
     def shapes(self, motion: Motion) -> list[dict[str, float]]:
         """Return the shapes to try."""
@@ -38,8 +40,3 @@ class SpringPreload(Effect):
         """Return force and travel."""
         force = float(coefficients[0])
         return {**shape, "preload_force": force} if force > 0.0 else None
-
-    @property
-    def amplitudes(self) -> tuple[str, ...]:
-        """Parameters that are 0 where the effect is absent."""
-        return ("preload_force",)

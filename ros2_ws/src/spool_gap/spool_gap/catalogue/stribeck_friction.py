@@ -19,8 +19,9 @@ class StribeckFriction(Effect):
     terms = ("stribeck_friction",)
     replaces = ("coulomb_friction",)
     fitted = ("coulomb_force", "static_force", "stribeck_velocity", "stribeck_exponent")
-    confused_with = ("coulomb_friction", "mixed_friction")
-    told_by = "low speeds and sticking: small amplitudes, low frequencies"
+    may_vanish = ("coulomb_force", "stribeck_exponent")
+    confusable_with = ("coulomb_friction", "mixed_friction")
+    distinguished_by = "low speeds and sticking: small amplitudes, low frequencies"
 
     def shapes(self, motion: Motion) -> list[dict[str, float]]:
         """Return the shapes to try."""

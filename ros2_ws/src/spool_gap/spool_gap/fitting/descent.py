@@ -87,7 +87,7 @@ def descend(
 ) -> Fitted:
     """Return the best fit from ``starts``, whose terms differ in ``free`` only; ``tries`` are followed."""
     problem = HypothesisResiduals(simulation, starts[0], free)
-    rough = any("sliding_law" in term(name).laws for name in starts[0].active)
+    rough = any(term(name).slides for name in starts[0].terms)
     stopping = Stopping(rounds, enough, LEAST_FALL, ROUGH_STEPS if rough else (STEP,))
     numbers = np.array([[start.get(unknown.name) for unknown in free] for start in starts])
     end = least_squares(problem, numbers, stopping, tries)

@@ -16,7 +16,7 @@ from spool_sim.valve.description import Valve
 from spool_gap.effect import Trial
 from spool_gap.registry import EFFECTS
 from spool_gap.result import GapSettings
-from spool_gap.simulation.point import Point
+from spool_gap.simulation.point import DELAY, GAIN, Point
 from spool_gap.simulation.segments import Stretch
 from spool_gap.simulation.simulate import Simulation
 
@@ -24,7 +24,6 @@ from .descent import ENOUGH, Fitted, descend
 
 Array = NDArray[np.float64]
 
-GAIN, DELAY = "spool_gain_error", "spool_delay"
 BASE_NUMBERS = ("spring_stiffness", "viscous_coefficient", GAIN, DELAY)
 #: Factor by which the spring may be off its description: play and stops have valleys without a spring.
 OFF = 5.0
@@ -74,16 +73,12 @@ class Hypothesis:
     @property
     def has_jumps(self) -> bool:
         """Whether its force jumps where the velocity changes its sign."""
-        return bool(self._laws & {"sliding_law", "memory_law"})
+        return any(term(name).jumps for name in self.point.terms)
 
     @property
     def has_kinks(self) -> bool:
         """Whether its force jumps, or its slope over the displacement does."""
-        return self.has_jumps or "levels_law" in self._laws
-
-    @property
-    def _laws(self) -> set[str]:
-        return {law for name in self.point.active for law in term(name).laws}
+        return self.has_jumps or any("levels_law" in term(name).laws for name in self.point.terms)
 
     def at(self, point: Point) -> Hypothesis:
         """Return this with the numbers of ``point``, from which it is not fitted yet."""
@@ -116,8 +111,8 @@ class Fitting:
         return replace(self, simulation=simulation)
 
     def terms_of(self, effects: Sequence[str]) -> tuple[str, ...]:
-        """Return the terms that are switched on."""
-        own = [name for entry in effects if entry in EFFECTS for name in EFFECTS[entry].terms]
+        """Return the terms that are switched on, and the sensor effects."""
+        own = [name for entry in effects if entry in EFFECTS for name in EFFECTS[entry].terms or (entry,)]
         return tuple(dict.fromkeys([*(entry.name for entry in self.base.terms), *own]))
 
     def free_of(self, effects: Sequence[str], point: Point) -> list[Unknown]:
@@ -131,30 +126,10 @@ class Fitting:
                 if parameter.name == "spring_stiffness":
                     low, high = max(low, start / OFF), min(high, start * OFF)
                 found.append(Unknown(parameter.name, parameter.unit, low, high, start))
+        seconds = max(stretch.record.duration for stretch in self.stretches)
         for name in effects:
-            if name not in EFFECTS or not EFFECTS[name].terms:
-                continue
-            own = [p for entry in EFFECTS[name].terms for p in parameters_of(entry)]
-            for parameter in own:
-                if parameter.name not in EFFECTS[name].fitted:
-                    continue
-                value = abs(point.values.get(parameter.name, parameter.start))
-                if parameter.name == "force_frequency":
-                    seconds = max(stretch.record.duration for stretch in self.stretches)
-                    found.append(
-                        Unknown(
-                            parameter.name, parameter.unit, 0.1, parameter.high, 0.05 / seconds, absolute=True
-                        )
-                    )
-                elif parameter.name == "force_phase":
-                    found.append(
-                        Unknown(
-                            parameter.name, parameter.unit, parameter.low, parameter.high, 0.5, absolute=True
-                        )
-                    )
-                else:
-                    size = value or parameter.start or 1e-3 * parameter.high
-                    found.append(Unknown(parameter.name, parameter.unit, parameter.low, parameter.high, size))
+            if name in EFFECTS:
+                found += EFFECTS[name].unknowns(point.values, seconds)
         for name, tolerance in ((GAIN, self.settings.gain_tolerance), (DELAY, self.settings.delay_tolerance)):
             # Steps are bounded by the scale: what is out of tolerance has a longer way to go.
             bound, scale = (WIDE[name], tolerance) if name in effects else (tolerance, 0.2 * tolerance)

@@ -12,9 +12,8 @@ from spool_sim.model import Model
 from spool_stream.errors import InputError
 
 from spool_gap.effect import Effect
-from spool_gap.registry import EFFECTS
+from spool_gap.registry import EFFECTS, FRICTIONS
 from spool_gap.result import GapResult, GapSettings, RankedHypothesis
-from spool_gap.screening.screening import FRICTIONS
 
 from .force_balance import ForceBalance, ForceFit, independent_samples
 from .force_conditions import check_mass, conditions_of
@@ -144,13 +143,9 @@ def _forward(
     found: list[tuple[float, float, Chosen, ForceFit, Effect]] = []
     independent = sum(independent_samples(row) for row in fit.held)
     for entry in EFFECTS.values():
-        # The load cell's zero is in the base, and a constant push is not told from it.
-        if (
-            kind not in entry.kinds
-            or not entry.terms
-            or entry.id in contained
-            or entry.id == "constant_force"
-        ):
+        # The load cell's zero is in the base, and a constant push is not distinguished from it.
+        zero_alone = entry.load_cell_zero and entry.searched
+        if kind not in entry.kinds or not entry.terms or entry.id in contained or zero_alone:
             continue
         kept = tuple(pair for pair in chosen if pair[0].id not in entry.replaces)
         shape = balance.best_shape(entry, kept)
@@ -167,7 +162,7 @@ def _forward(
         reason = ""
         if after > (1.0 - SMALLEST) * before or evidence < EVIDENCE:
             reason = "it does not close the gap significantly"
-        elif entry.id == "asymmetric_friction":
+        elif entry.load_cell_zero:
             reason = "the difference of the directions is not told from the load cell's zero"
         ranking.append(
             RankedHypothesis(entry.id, tuple(e.id for e, _ in chosen), after, evidence, values, False, reason)
@@ -183,8 +178,8 @@ def _forward(
         if row[4].id in best[4].replaces and row[1] < SIMPLER * best[1]:
             best = row
     for number, entry_ in enumerate(ranking):
-        if entry_.id == best[4].id and entry_.beside == tuple(e.id for e, _ in chosen):
+        if entry_.id == best[4].id and entry_.jointly_with == tuple(e.id for e, _ in chosen):
             ranking[number] = RankedHypothesis(
-                entry_.id, entry_.beside, entry_.nrmse_after, entry_.evidence, entry_.parameters, True
+                entry_.id, entry_.jointly_with, entry_.nrmse_after, entry_.evidence, entry_.parameters, True
             )
     return best[2], best[3]

@@ -142,7 +142,7 @@ class ForceBalance:
         sums = [self.fit([*chosen, (effect, shape)]).squares for shape in shapes]
         best = shapes[int(np.argmin(sums))]
         for name in best:
-            if name == "force_frequency":
+            if name in effect.scanned:
                 continue
 
             def left(power: float, name: str = name, best: dict[str, float] = best) -> float:

@@ -16,10 +16,9 @@ from spool_stream.quantity import Quantity, Validity
 from spool_stream.uncertainty import PLUS_MINUS, percent, with_interval
 
 from spool_gap.effect import Effect
-from spool_gap.registry import EFFECTS
+from spool_gap.registry import EFFECTS, FRICTIONS
 from spool_gap.report.location import Residual, locate, surface
 from spool_gap.result import Agreement, Curves, GapResult, NamedEffect, RankedHypothesis
-from spool_gap.screening.screening import FRICTIONS
 
 from .force_balance import ForceBalance, ForceFit
 from .force_record import ForceRecord
@@ -72,7 +71,7 @@ def result_of(
         verdict, confidence = "unexplained", 0.6
     effects = [] if verdict in ("none", "unexplained") else _named(balance, steps, chosen, final)
     runner = max(
-        (h for h in ranking if not h.accepted and not h.beside), key=lambda h: h.evidence, default=None
+        (h for h in ranking if not h.accepted and not h.jointly_with), key=lambda h: h.evidence, default=None
     )
     where = locate(_residual(balance, first, floor * size))
     return GapResult(
@@ -80,7 +79,7 @@ def result_of(
         kind=kind, base_model=base.name, verdict=verdict, confidence=confidence,
         sentence=_sentence(verdict, effects, before, after, floor, alike), effects=tuple(effects),
         runner_up=runner, candidates=candidates,
-        ranking=tuple(sorted(ranking, key=lambda h: (len(h.beside), -h.evidence))),
+        ranking=tuple(sorted(ranking, key=lambda h: (len(h.jointly_with), -h.evidence))),
         base=_quantities(balance, first, ()), parameters=_quantities(balance, final, chosen),
         where=where, where_after=locate(_residual(balance, final, floor * size)),
         surface=surface(_residual(balance, first, floor * size)),
@@ -99,7 +98,7 @@ def _confidence(ranking: Sequence[RankedHypothesis], named: tuple[str, ...]) -> 
         own = next((h for h in ranking if h.id == name and h.accepted), None)
         if own is None:
             continue
-        rivals = [h for h in ranking if h.beside == own.beside and h.id != name and not h.reason]
+        rivals = [h for h in ranking if h.jointly_with == own.jointly_with and h.id != name and not h.reason]
         # A richer law that was passed over always has more evidence: how near it came to being taken counts.
         richer = [h for h in rivals if name in EFFECTS[h.id].replaces]
         nearest = max([1.0, *(own.nrmse_after / h.nrmse_after for h in richer)])

@@ -135,7 +135,7 @@ def _together(
     places = [_place(window, point, substeps) for (_, window), point in pairs]
     rows = {place: row for row, place in enumerate(dict.fromkeys(places))}
     stands_on = [rows[place] for place in places]
-    sets = np.array([motion.row(point.active, point.values) for point in points])
+    sets = np.array([motion.row(point.terms, point.values) for point in points])
     states = [_start(window, point) for (_, window), point in pairs]
     trajectory, _ = motion.advance_batch(
         [MotionState(z, v, float(np.sign(v))) for z, v in states],
@@ -147,23 +147,40 @@ def _together(
         stands_on=stands_on,
     )
     gains = np.array([1.0 + point.gain for _, point in pairs])[:, np.newaxis]
-    ahead = slice(lead, trajectory.velocity.shape[1] - 1)
-    means = np.diff(trajectory.velocity[:, lead:], axis=1) / period
-    means += np.array([drives[place].means[lead:-1] for place in rows])[stands_on]
-    means *= gains
+    distorted = any(point.sensors for point in points)
+    first = 0 if distorted else lead
+    ahead, counted = slice(first, trajectory.velocity.shape[1] - 1), slice(lead - first, None)
+    means = np.diff(trajectory.velocity[:, first:], axis=1) / period
+    means += np.array([drives[place].means[first:-1] for place in rows])[stands_on]
     acceleration = trajectory.acceleration[:, ahead]
     if drives[places[0]].pull is not None:
         acceleration = acceleration + np.array([drives[place].pull for place in rows])[stands_on, ahead]
-    acceleration = acceleration * gains
-    whole = acceleration, means, trajectory.displacement[:, ahead], trajectory.velocity[:, ahead]
+    if distorted:
+        acceleration, means = (_read(rows_, points, period) for rows_ in (acceleration, means))
+    whole = (
+        acceleration[:, counted] * gains,
+        means[:, counted] * gains,
+        trajectory.displacement[:, ahead][:, counted],
+        trajectory.velocity[:, ahead][:, counted],
+    )
     parts = [slice(first, first + len(points)) for first in range(0, len(pairs), len(points))]
     return [Run(*(array[part] for array in whole)) for part in parts]
+
+
+def _read(accelerations: Array, points: Sequence[Point], period: float) -> Array:
+    """Return what the spool's channel reads by the sensor effects of ``points``, whose rows take turns."""
+    read = accelerations.copy()
+    for number, point in enumerate(points):
+        own = slice(number, None, len(points))
+        for sensor in point.sensors:
+            read[own] = sensor.reading(read[own], period, point.values)
+    return read
 
 
 def steps_a_sample(point: Point, period: float, highest_frequency: float) -> int:
     """Return how many steps a sample (``period`` s) needs for the terms of ``point``."""
     # However steep a law of sliding is near rest, the reversal itself is located within the step.
-    terms = [term(name) for name in dict.fromkeys((*ALWAYS, *point.active))]
+    terms = [term(name) for name in dict.fromkeys((*ALWAYS, *point.terms))]
     terms = [entry for entry in terms if "sliding_law" not in entry.laws or "force_law" in entry.laws]
     values = {p.name: p.start for entry in terms for p in entry.parameters} | dict(point.values)
     if not any("levels_law" in entry.laws for entry in terms):

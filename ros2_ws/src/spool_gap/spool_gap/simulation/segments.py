@@ -11,7 +11,7 @@ from spool_identification.free_run import FreeRun, Window, excitation_limit
 from spool_identification.record import Record
 from spool_identification.signals.channel_noise import ChannelNoise, noise_of
 from spool_identification.signals.denoised_excitation import Quiet, quiet
-from spool_identification.signals.zero_phase import RelativeMotion, ZeroPhase, relative_motion
+from spool_identification.signals.zero_phase import RelativeMotion, ZeroPhase, delayed, relative_motion
 from spool_sim.model import Model
 from spool_sim.valve.description import Valve
 from spool_stream.errors import InputError
@@ -59,12 +59,8 @@ def corrected(record: Record, gain: float, delay: float) -> Record:
     """Return ``record`` with the spool's channel freed of a relative gain error and a delay (s)."""
     if gain == 0.0 and delay == 0.0:
         return record
-    n = record.spool.size
-    reach = min(n - 1, 256)
-    padded = np.pad(record.spool, reach, mode="reflect", reflect_type="odd")
-    frequency = np.fft.rfftfreq(padded.size, record.sample_period)
-    shifted = np.fft.irfft(np.fft.rfft(padded) * np.exp(2j * np.pi * frequency * delay), padded.size)
-    return replace(record, spool=shifted[reach : reach + n] / (1.0 + gain))
+    spool = delayed(record.spool, -delay, record.sample_period) / (1.0 + gain)
+    return replace(record, spool=spool)
 
 
 def parts_of(records: Sequence[Record], longest: int) -> list[Record]:

@@ -87,7 +87,7 @@ class Simulation:
 
     def run(self, points: Sequence[Point], chosen: Sequence[int]) -> list[Run]:
         """Simulate ``points`` (with the same terms) over the windows numbered ``chosen``."""
-        motion = next(entry for entry in self.motions if entry.has(points[0].active))
+        motion = next(entry for entry in self.motions if entry.has(points[0].terms))
         if self.damper:
             points = [point.damped(self.damper) for point in points]
         return self._batches.run(motion, points, [self.places[place][:2] for place in chosen])

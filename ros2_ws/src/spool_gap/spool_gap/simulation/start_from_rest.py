@@ -98,7 +98,7 @@ def asymmetry(
     margin = run.windows[0].margin + lead - run.windows[0].first
     window = replace(window, margin=margin)
     mean = point.values["coulomb_force"]
-    active = tuple("asymmetric_friction" if n == "coulomb_friction" else n for n in point.active)
+    active = tuple("asymmetric_friction" if n == "coulomb_friction" else n for n in point.terms)
     motion = next(entry for entry in simulation.motions if entry.has(active))
     rows = np.array(
         [
@@ -112,7 +112,7 @@ def asymmetry(
     substeps = 4
     drive = half_steps(window, period, substeps, point.delay)
     drive = drive[: 2 * substeps * size + 1]
-    rests = PLACES * point.values["backlash"] if PLAY in point.active else np.zeros(1)
+    rests = PLACES * point.values["backlash"] if PLAY in point.terms else np.zeros(1)
     trajectory, _ = motion.advance_batch(
         [MotionState(rest) for rest in rests.tolist() for _ in RATIOS],
         drive[np.newaxis],

@@ -15,6 +15,9 @@ from scipy import fft
 
 Array = NDArray[np.float64]
 
+#: Samples beyond both ends that a delayed signal is interpolated from.
+EDGE = 256
+
 
 @dataclass(frozen=True, slots=True)
 class ZeroPhase:
@@ -63,6 +66,17 @@ class ZeroPhase:
         continued = np.pad(columns, padding, mode="reflect", reflect_type="odd") if reach else columns
         filtered = fft.irfft(fft.rfft(continued, length, axis=-1) * response, length, axis=-1)
         return np.asarray(filtered[..., reach : reach + n])
+
+
+def delayed(rows: Array, delay: float, period: float) -> Array:
+    """Return ``rows`` (..., n), a sample every ``period`` s, later by ``delay`` s, band-limited between."""
+    count = rows.shape[-1]
+    reach = min(count - 1, EDGE)
+    padding = [(0, 0)] * (rows.ndim - 1) + [(reach, reach)]
+    padded = np.pad(rows, padding, mode="reflect", reflect_type="odd")
+    frequency = np.fft.rfftfreq(padded.shape[-1], period)
+    lines = np.fft.rfft(padded) * np.exp(-2j * np.pi * frequency * delay)
+    return np.asarray(np.fft.irfft(lines, padded.shape[-1])[..., reach : reach + count])
 
 
 def interval_mean_response(frequency: Array, sample_period: float) -> NDArray[np.complex128]:
