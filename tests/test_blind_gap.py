@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -51,29 +52,34 @@ def good() -> BlindCase:
     return make(3, "coulomb_friction")
 
 
+def slow(*values: object) -> Any:
+    """A case that is left to the slow tests."""
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
 @pytest.mark.parametrize(
     ("seed", "hidden"),
     [
-        (9023, "none"),  # the noise looks like a cubic spring to either half of the record
-        (12060, "none"),  # and here like a drag that drifts, to pieces of it
+        slow(9023, "none"),  # the noise looks like a cubic spring to either half of the record
+        slow(12060, "none"),  # and here like a drag that drifts, to pieces of it
         (1081, "none"),  # and to the half that is held out
         (12, "quadratic_damping"),
         # Few windows, in which the two simulators stick differently, favour a richer law.
         (15005, "coulomb_friction"),
         # A start that is hardly above the noise, and a law whose fit ends in the valley of another.
-        (8009, "asymmetric_friction"),
-        (7149, "mixed_friction"),
+        slow(8009, "asymmetric_friction"),
+        slow(7149, "mixed_friction"),
         # The spool swings in several ways at one drive: free runs of the truth leave 60 %.
         (10011, "spring_backlash"),
         # A stop that is hit without pause, as which a cubic spring acts, and one that is hit in few windows.
-        (11108, "end_stop"),
-        (10088, "end_stop"),
+        slow(11108, "end_stop"),
+        slow(10088, "end_stop"),
         # A law that held-out windows take for another.
-        (12044, "mixed_friction"),
+        slow(12044, "mixed_friction"),
         # Beside play no free run helps, and one window, in which runs part, speaks louder than all others.
-        (17176, "mixed_friction+spring_backlash"),
+        slow(17176, "mixed_friction+spring_backlash"),
         # A drift whose fit must start from hardly any of it.
-        (16134, "damping_drift+mixed_friction"),
+        slow(16134, "damping_drift+mixed_friction"),
     ],
 )
 def test_what_is_hidden_is_named_with_its_size(seed: int, hidden: str) -> None:
@@ -89,7 +95,7 @@ def test_forces_that_leave_most_of_the_gap_are_not_named() -> None:
     assert judge(make(18178, "skew_spring")).verdict == "unexplained"
 
 
-@pytest.mark.parametrize(("seed", "hidden"), [(902, "coulomb_friction"), (901, "cubic_stiffness")])
+@pytest.mark.parametrize(("seed", "hidden"), [(902, "coulomb_friction"), slow(901, "cubic_stiffness")])
 def test_an_effect_of_twice_what_can_be_seen_at_all_is_named(seed: int, hidden: str) -> None:
     """Less than a hundredth of what is clear, seen by a test that knows it at half of that."""
     seen = limit_case(seed, hidden, moderate=True)
@@ -114,7 +120,14 @@ def test_a_bad_record_is_refused_for_what_is_wrong(
     assert len(said.err.splitlines()) == 1
 
 
-@pytest.mark.parametrize("name", [name for name, spoiling in SPOILINGS.items() if spoiling.usable])
+@pytest.mark.parametrize(
+    "name",
+    [
+        slow(name) if name == "dead_halfway" else name
+        for name, spoiling in SPOILINGS.items()
+        if spoiling.usable
+    ],
+)
 def test_a_record_that_is_bad_in_part_is_judged_with_a_warning(name: str, tmp_path: Path) -> None:
     case, spoiling = good(), SPOILINGS[name]
     write(case, tmp_path)

@@ -177,7 +177,12 @@ def test_tab_completes_commands_and_names(typed: str, expected: set[str]) -> Non
         "COMP_CWORD": str(len(typed.split()) - 1),
     }
     done = subprocess.run(
-        [ROOT / "spool"], env={**os.environ, **asked}, capture_output=True, text=True, timeout=60, check=False
+        [ROOT / "spool"],
+        env={**os.environ, **asked},
+        capture_output=True,
+        text=True,
+        timeout=180,
+        check=False,
     )
     assert expected <= set(done.stdout.split()), done.stderr
     assert all(word.startswith(begun) for word in done.stdout.split())
@@ -187,7 +192,7 @@ def test_shown_completion_is_for_the_launcher() -> None:
     # The shell is found among the callers, so there has to be one: bash stays until after the call.
     script = '"$0" --show-completion; true'
     done = subprocess.run(
-        ["bash", "-c", script, ROOT / "spool"], capture_output=True, text=True, timeout=60, check=False
+        ["bash", "-c", script, ROOT / "spool"], capture_output=True, text=True, timeout=180, check=False
     )
     assert "_SPOOL_COMPLETE" in done.stdout + done.stderr
 
@@ -209,7 +214,7 @@ def test_names_in_a_bag_do_not_steer_the_terminal(tmp_path: Path) -> None:
     assert "[red]" in done.stdout
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_an_interrupted_demonstration_says_what_was_recorded(
     system: System, tmp_path: Path, number: int
 ) -> None:
@@ -224,7 +229,7 @@ def test_an_interrupted_demonstration_says_what_was_recorded(
     try:
         system.until(lambda: len(blocks.heard) > 50, "the valves are simulated")
         process.send_signal(number)
-        said, _ = process.communicate(timeout=60)
+        said, _ = process.communicate(timeout=180)
     finally:
         process.kill()
         process.wait()
@@ -253,7 +258,7 @@ def test_run_starts_a_node_that_ends_by_a_signal(system: System, tmp_path: Path,
         system.until(lambda: len(blocks.heard) > 10, "the node publishes")
         assert blocks.last.header.frame_id == "4weh10_stiff"
         process.send_signal(number)
-        assert process.wait(timeout=20) == 0
+        assert process.wait(timeout=180) == 0
     finally:
         process.kill()
         process.wait()

@@ -10,15 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
-from spool_bag.reading.reader import BagReader
-from spool_estimator.estimate import State
 from spool_msgs.msg import HealthEvent
-from spool_tools.input.bag_valve import recorded_valve
-from spool_tools.operations.record_replay import replay_valve
 
 if TYPE_CHECKING:
     from .conftest import System
@@ -118,16 +113,3 @@ def test_each_valve_has_its_own_frame(demo: Demo) -> None:
         {block.header.frame_id for block in demo.messages(f"/{valve}/acceleration")} for valve in VALVES
     ]
     assert frames == [{"4weh10_soft"}, {"4weh10_stiff"}]
-
-
-@pytest.mark.parametrize("valve", VALVES)
-def test_its_replay_is_the_run(demo: Demo, valve: str) -> None:
-    reader = BagReader(demo.bag)
-    description = recorded_valve(reader, valve)
-    assert description is not None
-    replayed = replay_valve(reader, valve, description, keep=True).estimates
-    live = [estimate for estimate in demo.messages(f"/{valve}/estimate") if estimate.state != State.STALE]
-    assert len(live) == len(replayed)
-    for one, other in zip(live, replayed, strict=True):
-        values = [[quantity.value for quantity in estimate.parameters] for estimate in (one, other)]
-        np.testing.assert_array_equal(*values)  # unknown is NaN, and equal

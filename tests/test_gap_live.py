@@ -8,14 +8,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 from spool_bag.reading.reader import BagReader
-from spool_estimator.estimator import Estimator, phase_of, settings_for
-from spool_monitor.detectors import MonitorSettings
-from spool_monitor.monitor import Monitor
-from spool_monitor.node.messages import to_event_message
-from spool_monitor.replay import Replay
 from spool_msgs.msg import GapAnalysis, HealthEvent, ModelEstimate, WindowRefit
 from spool_sim.model import load_model
-from spool_sim.valve.description import find_valve
 from spool_tools.cli import main
 from std_srvs.srv import Trigger
 
@@ -43,12 +37,12 @@ def test_an_effect_is_analysed_on_request_beside_the_stream_and_recorded(
     assert not early.success
     assert "no samples" in early.message
     simulator = system.start("simulator", excitation="multisine", coulomb_force=0.4, wait_for_subscribers=2)
-    system.until(lambda: estimates.heard and estimates.last.samples >= 12_000, "12 s came", timeout=60.0)
+    system.until(lambda: estimates.heard and estimates.last.samples >= 12_000, "12 s came")
     assert asked(system).success
     busy = asked(system)
     assert not busy.success
     before = estimates.last.samples
-    system.until(lambda: answers.heard, "the analysis ends", timeout=120.0)
+    system.until(lambda: answers.heard, "the analysis ends")
     assert estimates.last.samples > before
     found = answers.last
     assert found.state == GapAnalysis.STATE_DONE
@@ -61,39 +55,30 @@ def test_an_effect_is_analysed_on_request_beside_the_stream_and_recorded(
     assert BagReader(bag).topics["/valve_1/gap"].messages == 1
 
 
-def test_a_gap_that_opens_raises_its_event_live_and_in_a_replay(system: System, tmp_path: Path) -> None:
-    hardening, bag = tmp_path / "hardening.yaml", tmp_path / "bag"
+def test_a_gap_that_opens_raises_its_event(system: System, tmp_path: Path) -> None:
+    hardening = tmp_path / "hardening.yaml"
     hardening.write_text(
         "name: hardening\nterms: [inertia, spring, viscous_friction, cubic_stiffness]\n"
         "parameters: {cubic_coefficient: 8.0e8}\n"
     )
     events = system.listen(HealthEvent, "/valve_1/events", latched=True)
     estimates = system.listen(ModelEstimate, "/valve_1/estimate", latched=True)
-    recorder = system.start("recorder", namespace="", output=bag, valves="[valve_1]")
     system.start("estimator", period=0.2, memory=1.0)
-    simulator = system.start("simulator", excitation="multisine", model="fluid", wait_for_subscribers=2)
+    simulator = system.start("simulator", excitation="multisine", model="fluid", wait_for_subscribers=1)
     tracked = ModelEstimate.STATE_TRACKING
     system.until(
         lambda: sum(message.state == tracked for message in estimates.messages) > 25,
-        "what is usual is learned", timeout=60.0,
-    )  # fmt: skip
+        "what is normal is learned",
+    )
     assert not events.heard
     simulator.end()
-    system.start("simulator", excitation="multisine", model=hardening, wait_for_subscribers=2)
-    system.until(lambda: events.heard, "the gap is noticed", timeout=60.0)
+    system.start("simulator", excitation="multisine", model=hardening, wait_for_subscribers=1)
+    system.until(lambda: events.heard, "the gap is noticed")
     raised = events.last
     assert raised.kind == "model_gap"
     assert raised.state == HealthEvent.STATE_RAISED
     assert raised.quantity.name == "residual"
     assert "something is missing" in raised.message
-    assert recorder.end() == 0
-    valve = find_valve("4weh10_soft")
-    settings = settings_for(valve, phase=phase_of("valve_1"), period=0.2, memory=1.0)
-    replay = Replay(Estimator(settings), Monitor(MonitorSettings(natural_frequency=valve.natural_frequency)))
-    replay.run(BagReader(bag).blocks("valve_1"))
-    replayed = [event for event in replay.events if event.kind == "model_gap"]
-    # What is not known is NaN, which is not equal to itself.
-    assert str(to_event_message(replayed[0], valve.id)) == str(raised)
 
 
 def test_the_model_that_was_found_runs_in_simulator_and_estimator(
@@ -109,8 +94,8 @@ def test_the_model_that_was_found_runs_in_simulator_and_estimator(
     answers = system.listen(GapAnalysis, "/valve_1/gap", latched=True)
     system.start("estimator", gap_base=found, gap_window=12.0, refit_model=found, refit_period=6.0)
     system.start("simulator", excitation="multisine", model=found, wait_for_subscribers=1)
-    system.until(lambda: estimates.heard and estimates.last.samples >= 24_000, "12 s came", timeout=60.0)
-    system.until(lambda: refits.heard, "a window is refitted", timeout=60.0)
+    system.until(lambda: estimates.heard and estimates.last.samples >= 24_000, "12 s came")
+    system.until(lambda: refits.heard, "a window is refitted")
     seen = {one.name: one.value for one in estimates.last.parameters}
     assert estimates.last.state == ModelEstimate.STATE_TRACKING
     assert seen["spring_stiffness"] == pytest.approx(truth["spring_stiffness"], rel=0.02)
@@ -120,5 +105,5 @@ def test_the_model_that_was_found_runs_in_simulator_and_estimator(
     assert refit["coulomb_force"] == pytest.approx(truth["coulomb_force"], rel=0.05)
     # What was found is in the base now, so nothing is missing any more.
     assert asked(system).success
-    system.until(lambda: answers.heard, "the analysis ends", timeout=300.0)
+    system.until(lambda: answers.heard, "the analysis ends")
     assert answers.last.verdict == "none", answers.last.sentence

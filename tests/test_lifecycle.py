@@ -171,7 +171,7 @@ def test_wrong_parameters_end_a_node_in_one_line(
     system: System, node: str, parameters: dict[str, object], expected: str
 ) -> None:
     process = system.start(node, **parameters)
-    assert process.popen.wait(timeout=20) == 2
+    assert process.popen.wait(timeout=180) == 2
     assert expected in process.said
     assert "Traceback" not in process.said
     assert len(process.said.strip().splitlines()) == 1

@@ -26,7 +26,7 @@ def test_refits_come_beside_the_stream_and_are_those_of_the_replay(system: Syste
     recorder = system.start("recorder", namespace="", output=bag, valves="[valve_1]")
     estimator = system.start("estimator", refit_period=PERIOD, refit_window=WINDOW)
     simulator = system.start("simulator", excitation="multisine", coulomb_force=0.2, wait_for_subscribers=2)
-    system.until(lambda: len(refits.heard) >= 3, "three windows are fitted", timeout=60.0)
+    system.until(lambda: len(refits.heard) >= 3, "three windows are fitted")
     found = [message for message in refits.messages if message.state == WindowRefit.STATE_CONVERGED]
     assert found
     assert estimates.last.lost_blocks == 0

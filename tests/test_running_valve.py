@@ -64,13 +64,14 @@ def test_diagnostics_follow_the_rules(valve: Valve) -> None:
         "each task says which valve it is of",
     )
     begin = time.monotonic()
-    system.watch(3.5)
+    system.until(
+        lambda: all(len(system.statuses(task, after=begin)) >= 3 for task in TASKS),
+        "each task is told again and again",
+    )
     arrays = [one.message for one in system.diagnostics.heard if one.arrival >= begin]
     statuses = [status for array in arrays for status in array.status]
     assert {status.name for status in statuses} == TASKS
     assert {status.hardware_id for status in statuses} == {"4weh10_soft"}
-    for task in TASKS:
-        assert 2 <= len(system.statuses(task, after=begin)) <= 6
     for array in arrays:
         assert isinstance(array, DiagnosticArray)
         assert array.header.stamp.sec > 0

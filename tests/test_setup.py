@@ -367,7 +367,7 @@ def assert_ended_as_interrupted(process: subprocess.Popen[str]) -> None:
 
 def run_inside(folder: Path, code: str, **changes: str) -> str:
     """What a piece of Python prints in the environment that the set-up hands over."""
-    probe = folder / "tests" / "test_probe.py"
+    probe = folder / "test_probe.py"
     probe.write_text(f"def test_probe():\n    {code}\n")
     result = spool(folder, "test", "-q", "-s", "-p", "no:cacheprovider", str(probe), **changes)
     probe.unlink()

