@@ -18,6 +18,7 @@ from spool_evaluation.studies.gap_limit_page import page_parts as limit_parts
 from spool_evaluation.studies.gap_limit_summary import DetectionLimit, sentence, within
 from spool_evaluation.studies.gap_page import page_parts as gap_parts
 from spool_evaluation.studies.gap_summary import BlindVerdict
+from spool_gap import thresholds
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -39,6 +40,7 @@ EXPLAINING = {
     "gap.md": [("verdict",), ("matter", "what happens")],
     "glossary.md": [("term", "meaning")],
     "methods/estimation.md": [("question", "answer")],
+    "methods/gap.md": [("threshold", "value")],
     "methods/monitoring.md": [("detector", "what it judges"), ("what moved", "cause")],
     "methods/physics.md": [
         ("model", "equation"),
@@ -77,6 +79,10 @@ def test_tables_elsewhere_only_explain(page: Path) -> None:
     known = EXPLAINING.get(str(page.relative_to(DOCS)), [])
     measured = [names for names in headers(page.read_text(encoding="utf-8")) if names[:2] not in known]
     assert measured == []
+
+
+def test_the_method_page_of_the_gap_holds_the_thresholds_that_decide() -> None:
+    assert thresholds.table() in (DOCS / "methods" / "gap.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: str(path.relative_to(ROOT)))

@@ -1,4 +1,4 @@
-"""What an analysis of the model gap says."""
+"""Result of an analysis of the model gap."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ class NamedEffect:
         id: of the catalogue.
         parameters: each with its standard deviation.
         nrmse_before, nrmse_after: held out, without and with it, everything else refitted.
-        evidence: twice the log likelihood ratio on held-out data, without the price of its parameters.
+        evidence: twice the log likelihood ratio on held-out data, without the BIC penalty of its parameters.
         meaning: on the machine.
         check: what to look at there.
     """
@@ -152,22 +152,27 @@ class RankedHypothesis:
 
     Attributes:
         id: effect of the catalogue.
-        beside: effects that were already accepted when it was tried.
+        jointly_with: effects that were already accepted when it was tried.
         nrmse_after: held out, with it, everything else refitted.
-        evidence: twice the log likelihood ratio on held-out data, less the price of its parameters; of small
-            effects over all data, see :mod:`.stages.small_effects`.
+        evidence: twice the log likelihood ratio on held-out data, less the BIC penalty of its parameters; of
+            small effects over all data, see :mod:`.stages.small_effects`.
         parameters: values by name.
         accepted: it is part of the verdict.
         reason: why not, where it is not.
     """
 
     id: str
-    beside: tuple[str, ...]
+    jointly_with: tuple[str, ...]
     nrmse_after: float
     evidence: float
     parameters: Mapping[str, float]
     accepted: bool = False
     reason: str = ""
+
+    @property
+    def key(self) -> tuple[str, tuple[str, ...]]:
+        """What tells it from the other rows: its effect, and those that it was tried jointly with."""
+        return self.id, self.jointly_with
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,7 +209,7 @@ class GapResult:
         model: with everything that was found, to simulate with.
         warnings: what a reader should know, one line each.
         seconds: of data used; ``elapsed``: s of computing.
-        foretold: predictable share of what is left, by what from, see :mod:`.screening.remainder`.
+        predictable: predictable share of what is left, by what from, see :mod:`.screening.remainder`.
         trace: which stage of the selection changed the choice.
     """
 
@@ -233,5 +238,5 @@ class GapResult:
     seconds: float = 0.0
     elapsed: float = 0.0
     advice: str = ""
-    foretold: Mapping[str, float] = field(default_factory=dict)
+    predictable: Mapping[str, float] = field(default_factory=dict)
     trace: tuple[Change, ...] = ()

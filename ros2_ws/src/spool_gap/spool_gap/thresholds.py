@@ -255,3 +255,16 @@ def described() -> Mapping[str, tuple[float, str, str, str]]:
         )
         for entry in fields(Thresholds)
     }
+
+
+def table() -> str:
+    """Return the thresholds as a table in Markdown."""
+    rows = [
+        f"| `{name}` | {value:g} | {unit} | {decides} | {origin} |"
+        for name, (value, unit, decides, origin) in described().items()
+    ]
+    return "\n".join(["| threshold | value | unit | decides | origin |", "|---|---|---|---|---|", *rows])
+
+
+if __name__ == "__main__":
+    print(table())

@@ -45,9 +45,9 @@ def test_an_effect_says_what_a_reader_needs(name: str) -> None:
     assert entry.law
     assert entry.on_the_machine
     assert entry.to_check
-    assert entry.told_by
+    assert entry.distinguished_by
     assert entry.fitted
-    assert set(entry.confused_with) | set(entry.replaces) <= set(EFFECTS)
+    assert set(entry.confusable_with) | set(entry.replaces) <= set(EFFECTS)
     assert {parameter.name for law in entry.terms for parameter in term(law).parameters} >= (
         set(entry.fitted) if entry.terms else set()
     )

@@ -45,7 +45,7 @@ def assembled(
         effects=tuple(_named(state, outcome)),
         runner_up=outcome.runner_up,
         candidates=outcome.candidates,
-        ranking=tuple(sorted(state.ranking, key=lambda entry: (len(entry.beside), -entry.evidence))),
+        ranking=tuple(sorted(state.ranking, key=lambda entry: (len(entry.jointly_with), -entry.evidence))),
         base=_quantities(first),
         parameters=_quantities(final),
         where=where,
@@ -61,7 +61,7 @@ def assembled(
         seconds=sum((w.stop - w.start) * s.record.sample_period for s, w, _ in simulation.places),
         elapsed=elapsed,
         advice=outcome.advice,
-        foretold=outcome.rest.shares,
+        predictable=outcome.rest.shares,
         trace=state.trace,
     )
 
@@ -70,7 +70,7 @@ def model_of(base: Model, step: Hypothesis) -> Model:
     """Return ``base`` with the effects of ``step`` as terms, with the fitted numbers."""
     terms = [*base.terms]
     known = {entry.name for entry in terms}
-    terms += [term(name) for name in step.point.active if name not in known]
+    terms += [term(name) for name in step.point.terms if name not in known]
     names = {parameter.name for entry in terms for parameter in entry.parameters}
     values = {name: value for name, value in step.point.values.items() if name in names}
     extra = [entry for entry in step.effects if entry in EFFECTS and EFFECTS[entry].terms]

@@ -1,4 +1,4 @@
-"""Where the gap sits: shares of the residual force by frequency, displacement, velocity, time, phase."""
+"""Location of the gap: shares of the residual force by frequency, displacement, velocity, time, phase."""
 
 from __future__ import annotations
 

@@ -98,7 +98,7 @@ def _limit_of(saturation: Saturation) -> dict[str, Quantity]:
 
 def _advice(names: tuple[str, ...]) -> str:
     """Return which excitation distinguishes the effects ``names`` from confusable ones."""
-    told = (EFFECTS[name].told_by for name in names if name in EFFECTS)
+    told = (EFFECTS[name].distinguished_by for name in names if name in EFFECTS)
     return "; ".join(dict.fromkeys(text for text in told if text))
 
 
@@ -113,7 +113,7 @@ def _jitter(state: State, final: Hypothesis) -> Jitter | None:
 
 
 def _runner_up(state: State) -> RankedHypothesis | None:
-    others = [row for row in state.ranking if not row.accepted and not row.beside]
+    others = [row for row in state.ranking if not row.accepted and not row.jointly_with]
     return max(others, key=lambda row: row.evidence, default=None)
 
 
@@ -150,7 +150,7 @@ def _rivals(state: State, own: RankedHypothesis) -> list[RankedHypothesis]:
     return [
         row
         for row in state.ranking
-        if row.beside == own.beside
+        if row.jointly_with == own.jointly_with
         and row.id != own.id
         and not row.reason
         and row.id not in state.overruled

@@ -36,7 +36,7 @@ def unnamed(state: State, residue: Residue, candidates: tuple[str, ...], jitter:
         )
     near = f"; nearest come {', '.join(candidates)}" if candidates else ""
     if rest.share > THRESHOLDS.predictable:
-        near += f". What is left follows {rest.follows}: {100.0 * rest.share:.0f} % of it can be foretold"
+        near += f". What is left follows {rest.follows}: {100.0 * rest.share:.0f} % of it is predictable"
     return (
         f"Something is missing that has no name here: '{base}' leaves {percent(before)} of "
         f"the spool's acceleration, the best of the catalogue {percent(after)}, "

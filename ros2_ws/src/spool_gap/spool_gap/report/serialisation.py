@@ -1,4 +1,4 @@
-"""The result of an analysis in plain types: SI units, ``None`` for what is not known."""
+"""Serialisation of a result in types of JSON: SI units, ``None`` for what is not known."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def result_to_dict(result: GapResult) -> dict[str, Any]:
             "after": _agreement(result.after),
             "noise_floor": number(result.noise_floor),
         },
-        "foretold": {name: number(share) for name, share in result.foretold.items()},
+        "foretold": {name: number(share) for name, share in result.predictable.items()},
         "warnings": list(result.warnings),
         "advice": result.advice or None,
         "seconds_of_data": number(result.seconds),
@@ -74,7 +74,7 @@ def _agreement(agreement: Agreement) -> dict[str, Any]:
 def _hypothesis(entry: RankedHypothesis) -> dict[str, Any]:
     return {
         "id": entry.id,
-        "beside": list(entry.beside),
+        "beside": list(entry.jointly_with),
         "nrmse_after": number(entry.nrmse_after),
         "evidence": number(entry.evidence),
         "parameters": {name: number(value) for name, value in entry.parameters.items()},

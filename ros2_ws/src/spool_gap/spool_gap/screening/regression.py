@@ -1,4 +1,4 @@
-"""The balance of forces at the measured motion: a regression that is quick enough for every hypothesis.
+"""Regression of the balance of forces at the measured motion that is quick enough for every hypothesis.
 
     m s + c z' + k z + F(z, z', t) = 0
 
@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, signal
+from spool_identification.signals.spectra import smoothed
 from spool_identification.signals.zero_phase import ZeroPhase
 
 from spool_gap.effect import Effect, Motion, Trial
@@ -22,7 +23,7 @@ from spool_gap.simulation.segments import Stretch
 
 Array = NDArray[np.float64]
 
-#: Upper end of the band over that of the drive, and at least so many Hz.
+#: Upper end of the band over that of the excitation, and at least so many Hz.
 HARMONICS, AT_LEAST = 5.0, 250.0
 #: How far a sensor's gain (relative) and delay (s) are expected from 0, rms.
 PRIOR_GAIN, PRIOR_DELAY = 0.03, 0.3e-3
@@ -37,7 +38,8 @@ class Screened:
         gain: fall of the weighted sum of squares, a log likelihood ratio times two.
         values: parameter values to start from.
         trial: the best signature.
-        base: stiffness (N/m), damping (N s/m), relative gain and delay (s) of the spool's channel beside it.
+        base: stiffness (N/m), damping (N s/m), relative gain and delay (s) of the spool's channel, found
+            jointly with it.
     """
 
     effect: Effect
@@ -100,7 +102,7 @@ class Balance:
                 motion.displacement, motion.velocity, motion.acceleration,
                 np.asarray((record.first_sample + np.arange(record.body.size)) * period), period,
                 float(velocity_noise),
-                self.mass, stiffness, damping,
+                self.mass, stiffness, damping, (), driven, stretch.low_cut,
             ),
             motion.spool, conditioning.apply(driven), conditioning.apply(driven, -1),
             conditioning.apply(driven, 1),
@@ -207,15 +209,17 @@ class Balance:
         """Return the motion of all stretches, one after the other."""
         first = self._pieces[0].motion
         if len(self._pieces) == 1:
-            rows = [first.displacement, first.velocity, first.acceleration, first.time]
+            rows = [first.displacement, first.velocity, first.acceleration, first.time, first.reading]
         else:
             rows = [
                 np.concatenate([getattr(piece.motion, name) for piece in self._pieces])
-                for name in ("displacement", "velocity", "acceleration", "time")
+                for name in ("displacement", "velocity", "acceleration", "time", "reading")
             ]
         noise = max(piece.motion.velocity_noise for piece in self._pieces)
-        z, v, a, time = rows
-        return Motion(z, v, a, time, first.period, noise, self.mass, *self._base, peaks)
+        z, v, a, time, reading = rows
+        return Motion(
+            z, v, a, time, first.period, noise, self.mass, *self._base, peaks, reading, first.low_cut
+        )
 
     def reweigh(self) -> None:
         """Weigh by what is left where that exceeds the noise."""
@@ -226,9 +230,4 @@ class Balance:
             part = self._left[first : first + total].reshape(2, len(piece.slices), count)
             first += total
             power = np.mean(np.sum(part**2, axis=0), axis=0) / 2.0
-            width = np.maximum(3, (0.1 * np.arange(count)).astype(np.int64))
-            cumulated = np.concatenate([[0.0], np.cumsum(power)])
-            low = np.maximum(0, np.arange(count) - width)
-            high = np.minimum(count, np.arange(count) + width + 1)
-            smooth = (cumulated[high] - cumulated[low]) / (high - low)
-            piece.weight /= np.sqrt(np.maximum(1.0, smooth))
+            piece.weight /= np.sqrt(np.maximum(1.0, smoothed(power, 3, 0.1)))

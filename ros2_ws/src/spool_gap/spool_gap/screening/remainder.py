@@ -1,7 +1,7 @@
-"""What is left of a fitted model, looked at without a law: does it follow position, speed, time, the past?
+"""Predictable shares of a residual: does it follow position, speed, time, the past, whatever the law?
 
 Smooth functions of the measured motion, as forces through the linear base, are fitted to the errors of the
-training windows and must foretell those of the held-out ones. Noise cannot be foretold, whatever its level,
+training windows and must predict those of the held-out ones. Noise is not predictable, whatever its level,
 so a share that is says that the model is not complete, and of what the missing part is a function.
 """
 
@@ -28,10 +28,10 @@ ALIKE = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Remainder:
-    """How much of what is left can be foretold.
+    """Predictable shares of what is left.
 
     Attributes:
-        shares: of the weighed held-out squares, by what they are foretold from; 0 or less: not at all.
+        shares: of the weighed held-out squares, by what they are predicted from; 0 or less: not at all.
         numbers: weighed held-out numbers.
     """
 
@@ -40,7 +40,7 @@ class Remainder:
 
     @property
     def follows(self) -> str:
-        """What foretells most."""
+        """What predicts most."""
         return max(self.shares, key=lambda name: self.shares[name])
 
     @property
@@ -50,7 +50,7 @@ class Remainder:
 
     @property
     def evidence(self) -> float:
-        """Twice the log likelihood ratio on held-out data of foretelling over not foretelling."""
+        """Twice the log likelihood ratio on held-out data of predicting over not predicting."""
         return -self.numbers * float(np.log(max(1e-12, 1.0 - self.share)))
 
     def counts(self, nrmse: float, before: float, *, kinks: bool = True) -> bool:

@@ -1,4 +1,4 @@
-"""What is worth adding to accepted effects, from what their free run leaves.
+"""Screening by the residual of the free run: what is worth adding to accepted effects.
 
 The balance of forces at the measured motion, see :mod:`.balance`, is blunt once dry friction is in it: the
 instants of its jumps are not known to a part of a sample. A free run has them right, and what it leaves is,

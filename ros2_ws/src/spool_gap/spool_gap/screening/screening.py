@@ -1,4 +1,4 @@
-"""Which effects are worth simulating: what the regression says of each, beside what is already accepted."""
+"""Screening of effects that are worth simulating, jointly with what is already accepted."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from spool_gap.effect import Effect, Motion
 from spool_gap.fitting.hypothesis import Hypothesis
-from spool_gap.registry import EFFECTS
+from spool_gap.registry import EFFECTS, FRICTIONS
 from spool_gap.simulation.segments import Stretch
 from spool_gap.simulation.simulate import Simulation
 from spool_gap.thresholds import THRESHOLDS
@@ -18,8 +18,6 @@ from .spectral_lines import lines_beside_excitation
 
 #: Hypotheses that are simulated in each step.
 SIMULATED = 7
-#: Laws of dry friction: of these a machine has one.
-FRICTIONS = frozenset(name for name in EFFECTS if name.endswith("_friction"))
 
 
 def balance_of(stretches: Sequence[Stretch], values: Mapping[str, float]) -> Balance:
@@ -76,12 +74,14 @@ def _motion(stretches: Sequence[Stretch], step: Hypothesis) -> Motion:
 def overlooked(
     stretches: Sequence[Stretch], catalogue: Sequence[Effect], step: Hypothesis, known: Sequence[Screened]
 ) -> list[Screened]:
-    """Return what the regression sees beside ``known``, of which none helps, if runs may part with it."""
+    """Return what the regression sees but ``known``, of which none helps, if runs may part with it."""
     values = step.point.values
     balance = balance_of(stretches, values)
     peaks = lines_beside_excitation(stretches, values)
     names = {*step.effects, *(entry.effect.id for entry in known)}
-    effects = [entry for entry in catalogue if entry.id not in names and (entry.valleys or entry.rare)]
+    effects = [
+        entry for entry in catalogue if entry.id not in names and (entry.local_minima or entry.localised)
+    ]
     balance.prepare([*step.trials.values(), *(entry.trial for entry in known[:1])])
     balance.reweigh()
     return [entry for entry in _screened(balance, effects, step, peaks) if entry.gain > THRESHOLDS.screened]
@@ -98,7 +98,7 @@ def small_candidates(
 def _screened(
     balance: Balance, effects: Sequence[Effect], step: Hypothesis, peaks: tuple[float, ...]
 ) -> list[Screened]:
-    """Return what the regression says about ``effects`` beside ``step``, or in place of its friction."""
+    """Return what the regression says about ``effects`` jointly with ``step``, or in place of its law."""
     own = [name for name in step.trials if name in FRICTIONS]
     others = [entry for entry in effects if not (own and entry.id in FRICTIONS)]
     balance.prepare([*step.trials.values()])
@@ -113,13 +113,15 @@ def _screened(
 
 
 def promising(screened: Sequence[Screened]) -> list[Screened]:
-    """Return what is worth simulating: near the best by the regression, or confused with it."""
+    """Return what is worth simulating: near the best by the regression, or confusable with it."""
     if not screened or screened[0].gain < THRESHOLDS.screened:
         return []
     best = screened[0]
     found = []
     for entry in screened:
-        near = entry.effect.id in best.effect.confused_with or best.effect.id in entry.effect.confused_with
+        near = (
+            entry.effect.id in best.effect.confusable_with or best.effect.id in entry.effect.confusable_with
+        )
         share = THRESHOLDS.screened_confusable if near else THRESHOLDS.screened_near
         if entry.gain >= max(THRESHOLDS.screened, share * best.gain):
             found.append(entry)

@@ -1,4 +1,4 @@
-"""Lines of the residual's spectrum that the drive does not have: a periodic force from outside."""
+"""Spectral lines of the residual that the excitation does not have: a periodic force from outside."""
 
 from __future__ import annotations
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy import stats
 from spool_identification.least_squares.parallel import in_parallel
 
-from spool_gap.fitting.hypothesis import DELAY, GAIN, Fitting, Hypothesis
+from spool_gap.fitting.hypothesis import Fitting, Hypothesis
+from spool_gap.simulation.point import DELAY, GAIN
 from spool_gap.thresholds import THRESHOLDS
 
 Array = NDArray[np.float64]
@@ -50,7 +51,7 @@ def in_windows(gains: Array, share: float) -> bool:
     """Wilcoxon's signed-rank test: whether what a richer law gains in each window is more than chance.
 
     What simulations of friction err by is large in few windows: there a richer law gains by chance. The
-    windows are independent, so the sign and rank of each gain tell (Wilcoxon, Biometrics Bulletin 1, 1945).
+    windows are independent, so the sign and rank of each gain decide (Wilcoxon, Biometrics Bulletin 1, 1945).
 
     Args:
         gains: falls of the weighed sum of squares, one a window, shape (w,).

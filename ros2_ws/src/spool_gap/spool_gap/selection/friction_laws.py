@@ -9,8 +9,7 @@ import numpy as np
 
 from spool_gap.fitting.equivalent_start import acting_alike, slides
 from spool_gap.fitting.hypothesis import Fitting, Hypothesis, parameters_of
-from spool_gap.registry import EFFECTS
-from spool_gap.screening.screening import FRICTIONS
+from spool_gap.registry import EFFECTS, FRICTIONS
 from spool_gap.simulation.point import Point
 
 from .context import Context

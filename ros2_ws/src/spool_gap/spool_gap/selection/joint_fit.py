@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spool_gap.effect import Effect
-from spool_gap.fitting.hypothesis import BASE_NUMBERS, DELAY, GAIN, Fitting, Hypothesis, parameters_of
+from spool_gap.fitting.hypothesis import BASE_NUMBERS, Fitting, Hypothesis, parameters_of
 from spool_gap.fitting.synchronised import synchronised_start
-from spool_gap.registry import EFFECTS
+from spool_gap.registry import EFFECTS, FRICTIONS
 from spool_gap.screening.regression import Screened
-from spool_gap.screening.screening import FRICTIONS, balance_of
-from spool_gap.simulation.point import Point
+from spool_gap.screening.screening import balance_of
+from spool_gap.simulation.point import DELAY, GAIN, Point
 from spool_gap.simulation.segments import Stretch
 from spool_gap.thresholds import THRESHOLDS
 
@@ -66,7 +66,7 @@ def jointly_fitted(context: Context, state: State, entry: Screened) -> Hypothesi
     if step.effects and hint:
         starts.append(replace(starts[1], values={**starts[1].values, **hint}))
     found = fitting.fit(effects, starts, rounds=ROUNDS, tries=tries, enough=ENOUGH)
-    if not state.synchronised and any(EFFECTS[name].valleys for name in effects):
+    if not state.synchronised and any(EFFECTS[name].local_minima for name in effects):
         start = synchronised_start(fitting, context.whole, effects, starts[2::3])
         if start:
             found = min(found, fitting.fit(effects, [start], rounds=ROUNDS), key=lambda one: one.cost)
@@ -105,6 +105,7 @@ def _with(effects: Sequence[str], entry: Effect) -> tuple[str, ...]:
 def _bounded(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
     """Return ``values`` of the parameters of ``effect``, each within its bounds."""
     parameters = {p.name: p for name in effect.terms for p in parameters_of(name)}
+    parameters |= {p.name: p for p in effect.numbers}
     return {
         name: float(np.clip(value, parameters[name].low, parameters[name].high))
         for name, value in values.items()
@@ -123,3 +124,11 @@ def _widened(fitting: Fitting, step: Hypothesis) -> Hypothesis:
         if beyond and wider.cost < step.cost - THRESHOLDS.evidence:
             step = wider
     return step
+
+
+def synchronised_point(context: Context, fitting: Fitting, entry: Hypothesis) -> Point:
+    """Return the numbers of ``entry`` as fitted by synchronised runs."""
+    nominal = nominal_base(fitting, entry.point)
+    own = EFFECTS[entry.newest].starts(entry.own_values, context.reach) if entry.effects else [{}]
+    starts = [entry.point, *(replace(nominal, values={**nominal.values, **values}) for values in own)]
+    return synchronised_start(fitting, context.whole, entry.effects, starts) or entry.point

@@ -6,24 +6,14 @@ import math
 
 import numpy as np
 
-from spool_gap.fitting.hypothesis import DELAY, GAIN, Fitting, Hypothesis
+from spool_gap.fitting.hypothesis import Fitting, Hypothesis
 from spool_gap.registry import EFFECTS
 from spool_gap.result import GapSettings
+from spool_gap.simulation.point import DELAY, GAIN
 from spool_gap.simulation.segments import span_of
 from spool_gap.thresholds import THRESHOLDS
 
 from .evidence import enough, gain_in_most
-
-#: Numbers that may end at a bound without harm: contact parts that vanish.
-FREE_TO_VANISH = (
-    "mixed_root_coefficient",
-    "coulomb_force",
-    "stribeck_exponent",
-    "preload_travel",
-    "stop_dissipation",
-    "stop_damping",
-    "mixed_velocity",
-)
 
 
 def refusal(fitting: Fitting, one: Hypothesis, other: Hypothesis, evidence: float, noise_floor: float) -> str:
@@ -38,7 +28,7 @@ def refusal(fitting: Fitting, one: Hypothesis, other: Hypothesis, evidence: floa
     if evidence < enough(one.cost):
         return "it does not close the gap significantly"
     if too_small(fitting, one, other, noise_floor):
-        return "it is too small to be told from errors of the simulation"
+        return "it is too small to be distinguished from errors of the simulation"
     if one.effects and _by_chance(fitting, one, other, noise_floor):
         return "it helps in few windows only, as chance does where the motion is sensitive"
     name = other.newest
@@ -71,7 +61,7 @@ def _least_share(one: Hypothesis, before: float, noise_floor: float) -> float:
 def _by_chance(fitting: Fitting, one: Hypothesis, other: Hypothesis, noise_floor: float) -> bool:
     """Whether ``other`` helps ``one`` in few windows only, and not down to the noise floor."""
     name = other.newest
-    local = name not in EFFECTS or EFFECTS[name].rare or EFFECTS[name].follows_time
+    local = name not in EFFECTS or EFFECTS[name].localised or EFFECTS[name].follows_time
     closes = fitting.nrmse(other) < THRESHOLDS.at_noise_floor * noise_floor
     return not (local or closes) and gain_in_most(one, other) < THRESHOLDS.evidence
 
@@ -88,11 +78,11 @@ def median_nrmse(fitting: Fitting, hypothesis: Hypothesis) -> float:
 
 def senseless(hypothesis: Hypothesis, name: str) -> str:
     """Reason why the numbers of the effect ``name`` make no sense, or an empty string."""
-    own = [bound for bound in hypothesis.fitted.at_bound if bound in EFFECTS[name].fitted]
-    own = [bound for bound in own if bound not in FREE_TO_VANISH]
+    effect = EFFECTS[name]
+    own = [b for b in hypothesis.fitted.at_bound if b in effect.fitted and b not in effect.may_vanish]
     if own:
         return f"{', '.join(own)} stopped at a bound"
-    return EFFECTS[name].sensible(hypothesis.free_values, hypothesis.fitted.deviations)
+    return effect.sensible(hypothesis.free_values, hypothesis.fitted.deviations)
 
 
 def vanished(hypothesis: Hypothesis, name: str) -> bool:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from spool_gap.fitting.hypothesis import DELAY, GAIN
 from spool_gap.selection.all_windows import evidence_beyond_noise, evidence_in_noise
 from spool_gap.selection.completeness import is_closed
 from spool_gap.selection.context import Context
 from spool_gap.selection.evidence import evidence_of, lasting
 from spool_gap.selection.state import State
+from spool_gap.simulation.point import DELAY, GAIN
 
 from .candidates import candidate, noted
 
@@ -29,10 +29,10 @@ def prefer_sensor_alone(_context: Context, state: State) -> State:
     row = candidate(state, alone)
     if row.reason or not candidate(replace(state, accepted=alone), winner).reason:
         return state
-    reason = f"beside {' and '.join(freed)} it adds nothing that counts"
-    here = [own for own in state.ranking if own.beside == step.effects]
+    reason = f"jointly with {' and '.join(freed)} it adds nothing that counts"
+    here = [own for own in state.ranking if own.jointly_with == step.effects]
     others = [
-        replace(own, reason=reason) if set(freed) <= set(state.tried[own.id, own.beside].effects) else own
+        replace(own, reason=reason) if set(freed) <= set(state.tried[own.key].effects) else own
         for own in here
         if own.id != freed[-1]
     ]
@@ -71,7 +71,7 @@ def accept(_context: Context, state: State) -> State:
     if winner is None:
         return state
     name = winner.newest
-    row = next(own for own in reversed(state.ranking) if (own.id, own.beside) == (name, step.effects))
+    row = next(own for own in reversed(state.ranking) if own.key == (name, step.effects))
     evidence = max(row.evidence, evidence_of(state.fitting, step, winner), state.margin)
     state = marked(state, name, evidence=evidence, accepted=True, reason="")
     return replace(state, accepted=winner, tried={**state.tried, (name, step.effects): winner})
@@ -80,9 +80,7 @@ def accept(_context: Context, state: State) -> State:
 def marked(state: State, name: str, **changes: object) -> State:
     """Return ``state`` with ``changes`` in the last row of the ranking for ``name`` in this round."""
     place = max(
-        number
-        for number, row in enumerate(state.ranking)
-        if (row.id, row.beside) == (name, state.hypothesis.effects)
+        number for number, row in enumerate(state.ranking) if row.key == (name, state.hypothesis.effects)
     )
     ranking = list(state.ranking)
     ranking[place] = replace(ranking[place], **changes)  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""Candidates for the next effect: fitted by simulation, ranked with one weight, and the best one chosen."""
+"""Candidates for the next effect: screened, fitted by simulation, ranked with one weight, the best chosen."""
 
 from __future__ import annotations
 
@@ -7,19 +7,34 @@ from dataclasses import replace
 
 from spool_identification.least_squares.parallel import in_parallel
 
-from spool_gap.fitting.hypothesis import DELAY, GAIN, Hypothesis
+from spool_gap.fitting.hypothesis import Hypothesis
 from spool_gap.fitting.synchronised import holds_damper
 from spool_gap.result import RankedHypothesis
-from spool_gap.screening.screening import overlooked
+from spool_gap.screening.screening import overlooked, regression_candidates, residual_candidates
 from spool_gap.selection.completeness import is_closed
 from spool_gap.selection.context import Context
 from spool_gap.selection.evidence import evidence_of
 from spool_gap.selection.joint_fit import jointly_fitted
 from spool_gap.selection.sense import refusal
 from spool_gap.selection.state import Candidate, State
+from spool_gap.simulation.point import DELAY, GAIN
 
 #: Hypotheses that are refined with the weight of the best one.
 REFINED = 3
+
+
+def screen_by_regression(context: Context, state: State) -> State:
+    """Regression of the balance of forces: effects near the best one, or confusable with it."""
+    found = regression_candidates(context.regressed, state.catalogue, state.hypothesis)
+    return replace(state, screened=tuple(found))
+
+
+def screen_residual(context: Context, state: State) -> State:
+    """Residual of the free run: effects that explain most of it, where the regression is blunt."""
+    found = residual_candidates(
+        state.fitting.simulation, context.regressed, state.catalogue, state.hypothesis, state.screened
+    )
+    return replace(state, screened=(*state.screened, *found))
 
 
 def fit_candidates(context: Context, state: State) -> State:

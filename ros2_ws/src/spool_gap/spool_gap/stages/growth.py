@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from spool_gap.selection.completeness import is_complete
 from spool_gap.selection.context import Context
+from spool_gap.selection.evidence import without_needless
 from spool_gap.selection.state import Stage, State, run_stages
 
 from .acceptance import accept, prefer_sensor_alone, require_lasting_gain, require_more_than_noise
@@ -17,13 +18,19 @@ from .candidates import (
     free_sensors,
     note_candidates,
     rank_candidates,
+    screen_by_regression,
+    screen_residual,
 )
-from .needless import drop_needless
 from .other_laws import try_other_laws
 from .pairwise import compare_pairwise
-from .screen import screen_by_regression, screen_residual
 from .similar_laws import start_from_best_law, start_from_contained, take_closest_law, take_simplest_law
 from .synchronise import synchronise
+
+
+def drop_needless(_context: Context, state: State) -> State:
+    """Removal of an effect that is no longer needed jointly with the newest."""
+    return replace(state, accepted=without_needless(state.fitting, state.hypothesis))
+
 
 #: Stages that look for one further effect.
 FORWARD: tuple[Stage, ...] = (
@@ -53,7 +60,7 @@ def grow(context: Context, state: State) -> State:
     """Forward and backward selection from what is accepted."""
     while len(state.hypothesis.effects) < state.fitting.settings.most_effects:
         known = " + ".join(state.hypothesis.effects) or "the base"
-        context.progress(f"trying effects beside {known}", 0.25)
+        context.progress(f"trying effects jointly with {known}", 0.25)
         state = replace(state, chosen=None, margin=-math.inf, decided=False)
         state = run_stages(FORWARD, context, state)
         if state.chosen is None:

@@ -12,8 +12,7 @@ from spool_identification.least_squares.parallel import in_parallel
 
 from spool_gap.fitting.equivalent_start import slides
 from spool_gap.fitting.hypothesis import Hypothesis
-from spool_gap.registry import EFFECTS
-from spool_gap.screening.screening import FRICTIONS
+from spool_gap.registry import EFFECTS, FRICTIONS
 from spool_gap.selection.context import Context
 from spool_gap.selection.evidence import beats_simpler, evidence_by_numbers
 from spool_gap.selection.friction_laws import with_law

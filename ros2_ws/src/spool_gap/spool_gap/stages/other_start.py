@@ -24,7 +24,7 @@ def try_other_start(context: Context, state: State) -> State:
     if not found.effects:
         return state
     closed, state = is_closed(state, found)
-    first = next((row for row in state.ranking if row.accepted and not row.beside), None)
+    first = next((row for row in state.ranking if row.accepted and not row.jointly_with), None)
     if closed or first is None or first.id not in EFFECTS:
         return state
     second = _confusable(state, first)
@@ -37,7 +37,9 @@ def try_other_start(context: Context, state: State) -> State:
             state,
             accepted=start,
             steps=(*state.steps[:1], start),
-            ranking=tuple(replace(row, accepted=row is second) for row in state.ranking if not row.beside),
+            ranking=tuple(
+                replace(row, accepted=row is second) for row in state.ranking if not row.jointly_with
+            ),
             catalogue=tuple(entry for entry in state.catalogue if entry.id != first.id),
         ),
     )
@@ -46,10 +48,10 @@ def try_other_start(context: Context, state: State) -> State:
 
 def _confusable(state: State, first: RankedHypothesis) -> RankedHypothesis | None:
     """Return the row of the best effect confusable with the ``first``, if it was nearly as good."""
-    alike = {*EFFECTS[first.id].confused_with, *EFFECTS[first.id].replaces}
-    rows = [row for row in state.ranking if not (row.beside or row.accepted or row.reason)]
+    confusable = {*EFFECTS[first.id].confusable_with, *EFFECTS[first.id].replaces}
+    rows = [row for row in state.ranking if not (row.jointly_with or row.accepted or row.reason)]
     least = THRESHOLDS.confusable_evidence * first.evidence
-    rows = [row for row in rows if row.id in alike and row.evidence > least]
+    rows = [row for row in rows if row.id in confusable and row.evidence > least]
     return max(rows, key=lambda row: row.evidence, default=None)
 
 

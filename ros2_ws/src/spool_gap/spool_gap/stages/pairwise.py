@@ -14,8 +14,8 @@ from spool_gap.registry import EFFECTS
 from spool_gap.selection.completeness import is_closed
 from spool_gap.selection.context import Context
 from spool_gap.selection.evidence import bic_penalty, evidence_of
+from spool_gap.selection.joint_fit import synchronised_point
 from spool_gap.selection.state import State
-from spool_gap.selection.synchronised_fit import synchronised_point
 from spool_gap.simulation.point import Point
 from spool_gap.thresholds import THRESHOLDS
 
@@ -50,7 +50,7 @@ def _winner(context: Context, state: State, ahead: Hypothesis) -> Hypothesis:
     for number, entry in enumerate(state.candidates):
         other = entry.hypothesis
         effect = EFFECTS[other.newest]
-        several = effect.valleys or effect.rare or (alone and number == 0 and effect.terms)
+        several = effect.local_minima or effect.localised or (alone and number == 0 and effect.terms)
         if other is ahead or not several:
             continue
         if alone and step.effects and evidence_of(fitting, step, other) < 0.0:
@@ -66,7 +66,7 @@ def _winner(context: Context, state: State, ahead: Hypothesis) -> Hypothesis:
 
 
 def _confusable(name: str, rival: str) -> bool:
-    return rival in EFFECTS[name].confused_with or name in EFFECTS[rival].confused_with
+    return rival in EFFECTS[name].confusable_with or name in EFFECTS[rival].confusable_with
 
 
 def _wins(

@@ -7,10 +7,9 @@ from dataclasses import replace
 from spool_gap.selection.context import Context
 from spool_gap.selection.state import Stage, State, run_stages
 
-from .base import fit_base
+from .fits import fit_base, polish
 from .growth import grow
 from .other_start import try_other_start
-from .polish import polish
 from .sliding_laws import compare_sliding_laws
 from .small_effects import find_small_effect
 from .two_directions import split_by_direction

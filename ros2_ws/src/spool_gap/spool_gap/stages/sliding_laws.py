@@ -97,14 +97,14 @@ def _overrule(state: State, present: str, name: str) -> State:
     """Return ``state`` whose ranking says that ``name`` was taken in place of ``present``."""
     rows = [row for row in state.ranking if row.id == present and row.accepted]
     lost = f"{name.replace('_', ' ')} fits all windows better"
-    won = {(name, row.beside) for row in rows}
+    won = {(name, row.jointly_with) for row in rows}
     return replace(
         state,
         ranking=tuple(
             replace(row, accepted=False, reason=lost)
             if row in rows
             else replace(row, accepted=True, reason="")
-            if (row.id, row.beside) in won
+            if row.key in won
             else row
             for row in state.ranking
         ),

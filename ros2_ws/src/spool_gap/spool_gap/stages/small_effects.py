@@ -72,7 +72,7 @@ def _refusal(fit: Hypothesis, evidence: float, fall: float) -> str:
     if evidence < evidence_beyond_noise(fit.newest):
         return "it does not close the gap significantly"
     if fall < THRESHOLDS.smallest**2:
-        return "it is too small to be told from errors of the simulation"
+        return "it is too small to be distinguished from errors of the simulation"
     return senseless(fit, fit.newest)
 
 

@@ -38,15 +38,15 @@ OTHER_ROOM = 1.6
 HOPEFUL = 1.1
 
 
-def with_stop(fitting: Fitting, contacts: Contacts, flight: Hypothesis) -> tuple[Fitting, Hypothesis]:
-    """Return ``flight`` with a stop, and the weight by which all windows were fitted.
+def with_stop(fitting: Fitting, contacts: Contacts, between: Hypothesis) -> tuple[Fitting, Hypothesis]:
+    """Return ``between`` with a stop, and the weight by which all windows were fitted.
 
     The fit starts from the contact that the hits show. What contact-free segments have shown stays: a run
     through many hits would rather bend it.
     """
-    effects = (*flight.effects, STOP)
-    point = replace(flight.point, active=fitting.terms_of(effects))
-    simulation = _prepared(fitting.simulation, flight.point)
+    effects = (*between.effects, STOP)
+    point = replace(between.point, active=fitting.terms_of(effects))
+    simulation = _prepared(fitting.simulation, between.point)
     law, found = _first_fit(simulation, fitting.settings.longest // COARSE, contacts, point)
     simulation = _sampled(simulation, found.point)
     simulation = simulation.weighed_by(simulation.errors([found.point], simulation.training))
@@ -54,7 +54,9 @@ def with_stop(fitting: Fitting, contacts: Contacts, flight: Hypothesis) -> tuple
     deep = _dissipative(simulation, viscous, law, contacts)
     best = deep if deep.squares < (1.0 - THRESHOLDS.clearly) * viscous.squares else viscous
     fitting = fitting.over(simulation)
-    return fitting, fitting.measured(Hypothesis(effects, _joined(flight.fitted, best), trials=flight.trials))
+    return fitting, fitting.measured(
+        Hypothesis(effects, _joined(between.fitted, best), trials=between.trials)
+    )
 
 
 def _first_fit(
@@ -126,7 +128,7 @@ def _descended(simulation: Simulation, start: Point, free: list[Unknown]) -> Fit
 
 
 def _free(law: ContactLaw, loss: str) -> list[Unknown]:
-    """Return what is fitted of the stop, near what the hits show: the run alone tells little of a hit."""
+    """Return what is fitted of the stop, near what the hits show: the run alone shows little of a hit."""
     room = 2.5 * law.gap * float(np.clip(law.spread / law.gap, *SPREADS))
     unit = {parameter.name: parameter.unit for parameter in term(STOP).parameters}
     bounds = {
@@ -137,18 +139,18 @@ def _free(law: ContactLaw, loss: str) -> list[Unknown]:
     return [Unknown(name, unit[name], *numbers) for name, numbers in bounds.items()]
 
 
-def _joined(flight: Fitted, stop: Fitted) -> Fitted:
+def _joined(between: Fitted, stop: Fitted) -> Fitted:
     """Return both fits as one: their numbers come from different samples."""
-    sizes = len(flight.free), len(stop.free)
+    sizes = len(between.free), len(stop.free)
     correlation = np.eye(sum(sizes))
-    correlation[: sizes[0], : sizes[0]] = flight.correlation
+    correlation[: sizes[0], : sizes[0]] = between.correlation
     correlation[sizes[0] :, sizes[0] :] = stop.correlation
     return replace(
         stop,
-        free=(*flight.free, *stop.free),
-        deviations={**flight.deviations, **stop.deviations},
+        free=(*between.free, *stop.free),
+        deviations={**between.deviations, **stop.deviations},
         correlation=correlation,
-        at_bound=flight.at_bound,
+        at_bound=between.at_bound,
     )
 
 

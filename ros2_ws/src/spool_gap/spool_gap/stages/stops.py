@@ -88,24 +88,24 @@ def select_with_stop(
     free = contact_free(context, state, contacts, start.gain, start.delay)
     if contacts is None or free is None:
         return None
-    flight = _without_trifles(select(*free))
-    contacts = _looked_at_again(context, contacts, flight.hypothesis.point)
+    segments = _without_trifles(select(*free))
+    contacts = _looked_at_again(context, contacts, segments.hypothesis.point)
     context.progress("fitting the stop", 0.7)
     stretches = _wandering(context, contacts, state.fitting.settings.longest)
     fitting = state.fitting.over(Simulation(stretches, state.fitting.simulation.motions))
-    fitting, step = with_stop(fitting, contacts, flight.hypothesis)
-    without = fitting.measured(flight.hypothesis)
+    fitting, step = with_stop(fitting, contacts, segments.hypothesis)
+    without = fitting.measured(segments.hypothesis)
     fitting = fitting.weighed_by(step)
     without, step = fitting.scored(without), fitting.scored(step)
     row = _row(fitting, without, step)
     if row.reason:
         return None
     ranking = [
-        replace(entry, nrmse_after=fitting.nrmse(fitting.measured(flight.tried[entry.id, entry.beside])))
-        for entry in flight.ranking
-        if (entry.id, entry.beside) in flight.tried
+        replace(entry, nrmse_after=fitting.nrmse(fitting.measured(segments.tried[entry.key])))
+        for entry in segments.ranking
+        if entry.key in segments.tried
     ]
-    steps = [fitting.measured(entry) for entry in flight.steps if TWO not in entry.effects]
+    steps = [fitting.measured(entry) for entry in segments.steps if TWO not in entry.effects]
     state = replace(
         state,
         fitting=fitting,
@@ -113,22 +113,22 @@ def select_with_stop(
         steps=(*steps, step),
         ranking=(*ranking, replace(row, accepted=True)),
         tried={(STOP, without.effects): step},
-        overruled=flight.overruled,
-        trace=flight.trace,
+        overruled=segments.overruled,
+        trace=segments.trace,
     )
     return split(state, 0.0)
 
 
-def _without_trifles(flight: State) -> State:
-    """Return ``flight`` with friction of one force, and without what means nothing on a machine."""
-    if TWO in flight.hypothesis.effects:  # its start from rest is judged with the stop
-        flight = replace(flight, accepted=flight.steps[-2])
-    step = flight.hypothesis
-    trifles = [name for name in step.effects if name in EFFECTS and trifling(flight.fitting, step, name)]
+def _without_trifles(segments: State) -> State:
+    """Return ``segments`` with friction of one force, and without what means nothing on a machine."""
+    if TWO in segments.hypothesis.effects:  # its start from rest is judged with the stop
+        segments = replace(segments, accepted=segments.steps[-2])
+    step = segments.hypothesis
+    trifles = [name for name in step.effects if name in EFFECTS and trifling(segments.fitting, step, name)]
     if not trifles:
-        return flight
-    less = dropped(flight, trifles, TRIFLE)
-    return replace(less, steps=(*flight.steps, less.hypothesis))
+        return segments
+    less = dropped(segments, trifles, TRIFLE)
+    return replace(less, steps=(*segments.steps, less.hypothesis))
 
 
 def _looked_at_again(context: Context, contacts: Contacts, point: Point) -> Contacts:

@@ -9,15 +9,15 @@ from spool_gap.fitting.synchronised import DAMPING_RATIO, synchronised_simulatio
 from spool_gap.registry import EFFECTS
 from spool_gap.selection.completeness import is_closed
 from spool_gap.selection.context import Context
+from spool_gap.selection.joint_fit import synchronised_point
 from spool_gap.selection.state import State
-from spool_gap.selection.synchronised_fit import synchronised_point
 from spool_gap.simulation.simulate import Simulation
 
 from .candidates import follows
 
 
 def synchronise(context: Context, state: State) -> State:
-    """Synchronised runs from here on, where free ones do not tell what the accepted hypothesis leaves."""
+    """Synchronised runs from here on, where free ones do not show what the accepted hypothesis leaves."""
     if not follows(state):
         return state
     several, state = _several_ways(state, state.hypothesis)
@@ -37,9 +37,9 @@ def synchronise(context: Context, state: State) -> State:
 
 def _several_ways(state: State, step: Hypothesis) -> tuple[bool, State]:
     """Return whether the motion can go several ways with ``step``, and ``state`` that knows it."""
-    if any(EFFECTS[name].valleys for name in step.effects):
+    if any(EFFECTS[name].local_minima for name in step.effects):
         return True, state
-    if not any(EFFECTS[name].rare for name in step.effects):
+    if not any(EFFECTS[name].localised for name in step.effects):
         return False, state
     closed, state = is_closed(state, step)
     return not closed, state

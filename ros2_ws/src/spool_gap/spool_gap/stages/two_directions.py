@@ -31,9 +31,9 @@ def split(state: State, one: float) -> State:
         return state
     better = state.fitting.measured(_with_two_forces(state.fitting, step, shown))
     values = {name: better.point.values[name] for name in EFFECTS[TWO].fitted}
-    beside = step.effects[: step.effects.index(ONE)]
+    others = step.effects[: step.effects.index(ONE)]
     error = state.fitting.nrmse(better)
-    row = RankedHypothesis(TWO, beside, error, one + shown.evidence, values, accepted=True)
+    row = RankedHypothesis(TWO, others, error, one + shown.evidence, values, accepted=True)
     return replace(state, accepted=better, steps=(*state.steps, better), ranking=(*state.ranking, row))
 
 

@@ -81,7 +81,7 @@ def _insignificant(state: State, step: Hypothesis) -> tuple[list[str], str]:
     if gone:
         return gone, TRIFLE
     floor = noise_floor(state.fitting.simulation, step.point, step.held).nrmse
-    if state.fitting.nrmse(step) < THRESHOLDS.closed * floor:  # runs that part from the motion tell no effect
+    if state.fitting.nrmse(step) < THRESHOLDS.closed * floor:  # runs that part from the motion show no effect
         gone = needless(state.fitting, step)
     return gone, "the model does as well without it"
 
@@ -103,8 +103,7 @@ def measure_ranking(_context: Context, state: State) -> State:
         return fitting.nrmse(fitting.measured(state.tried[key]))
 
     ranking = tuple(
-        replace(row, nrmse_after=error((row.id, row.beside))) if (row.id, row.beside) in state.tried else row
-        for row in state.ranking
+        replace(row, nrmse_after=error(row.key)) if row.key in state.tried else row for row in state.ranking
     )
     return replace(state, ranking=ranking)
 

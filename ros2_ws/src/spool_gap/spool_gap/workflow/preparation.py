@@ -24,7 +24,6 @@ from spool_gap.simulation.shooting import pieces_of
 from spool_gap.simulation.simulate import Simulation
 from spool_gap.simulation.switchable import SwitchableMotion, known_terms
 from spool_gap.stages.stops import contact_free, contacts_of
-from spool_gap.stages.two_directions import TWO
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +113,6 @@ def tried_effects(base: Model) -> tuple[Effect, ...]:
         entry
         for entry in EFFECTS.values()
         # Friction that differs by direction shows only at the start from rest.
-        if "accelerations" in entry.kinds and entry.terms and entry.id != TWO
+        if "accelerations" in entry.kinds and entry.searched
         if not base_terms & set(entry.terms)
     )

@@ -189,6 +189,6 @@ def show(result: GapResult, console: Console) -> None:
     for row in result.ranking[:10]:
         note = "accepted" if row.accepted else row.reason
         after = f"{100.0 * row.nrmse_after:.2f} %"
-        table.add_row(row.id, " + ".join(row.beside) or "the base", after, f"{row.evidence:.0f}", note)
+        table.add_row(row.id, " + ".join(row.jointly_with) or "the base", after, f"{row.evidence:.0f}", note)
     if result.ranking:
         console.print(table)

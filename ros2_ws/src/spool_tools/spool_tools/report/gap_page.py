@@ -162,7 +162,7 @@ def _ranking(result: GapResult) -> list[dict[str, object]]:
     return [
         {
             "hypothesis": row.id.replace("_", " "),
-            "jointly with": ", ".join(name.replace("_", " ") for name in row.beside) or "the base",
+            "jointly with": ", ".join(name.replace("_", " ") for name in row.jointly_with) or "the base",
             "error, %": 100.0 * row.nrmse_after,
             "evidence": f"{row.evidence:.0f}",
             "verdict": "accepted" if row.accepted else row.reason or "another one is better",

@@ -1,4 +1,4 @@
-"""Fit of the base: twice, the second time counting bad windows robustly."""
+"""Fits of the base, and of what was selected in the end."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from spool_gap.selection.state import State
 
 
 def fit_base(context: Context, state: State) -> State:
-    """Fit of the base, which is the first step."""
+    """Fit of the base, which is the first step: once more counting bad windows robustly."""
     context.progress("fitting the base", 0.15)
     fitting, step = fitted_base(state.fitting, context.regressed, context.start)
     fitting = fitting.weighed_by(step)
@@ -19,3 +19,14 @@ def fit_base(context: Context, state: State) -> State:
     fitting, base = fitted_base(fitting, context.regressed, step.point, rounds=6)
     judging = state.judging.counting_robustly()
     return replace(state, fitting=fitting, judging=judging, accepted=base, steps=(step,))
+
+
+def polish(_context: Context, state: State) -> State:
+    """Fit of what was selected with the weight of what it leaves."""
+    step = state.hypothesis
+    if not step.effects:
+        return state
+    fitting = state.fitting.weighed_by(step)
+    step = fitting.scored(step)
+    step = min(step, fitting.polished(step), key=lambda entry: entry.cost)
+    return replace(state, fitting=fitting, accepted=step, steps=(*state.steps[:-1], step))
