@@ -112,7 +112,9 @@ def ranking_figure(result: GapResult) -> Figure:
 
 
 def _hypothesis(row: RankedHypothesis) -> str:
-    joint = f"  (jointly with {', '.join(_said(name) for name in row.jointly_with)})" if row.jointly_with else ""
+    joint = (
+        f"  (jointly with {', '.join(_said(name) for name in row.jointly_with)})" if row.jointly_with else ""
+    )
     return _said(row.id) + joint
 
 
