@@ -1,23 +1,18 @@
+"""Commands on bags, and what they refuse."""
+
 from __future__ import annotations
 
 import itertools
-import json
 import math
 import re
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from spool_bag.format.definitions import typestore
 from spool_bag.reading.reader import BagReader
-from spool_msgs.msg import ModelEstimate, ValveHealth
-from spool_sim.excitation.kinds import load_excitation
 from spool_sim.excitation.presets import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
@@ -25,10 +20,6 @@ from spool_sim.valve.description import find_valve, shipped_valves
 from spool_stream.block import Block
 from spool_stream.errors import InputError
 from spool_tools.cli import main
-from spool_tools.console.outputs import write_json
-from spool_tools.demo.display import Display
-from spool_tools.demo.processes import Nodes
-from spool_tools.demo.scenario import DRIFT, PASSAGE, VALVES
 from spool_tools.input.bag_valve import VALVE_DESCRIPTION, encode_valve, recorded_valve
 from spool_tools.input.record_names import parse_columns
 from spool_tools.operations.simulation import SIMULATION_START, simulate
@@ -41,45 +32,6 @@ SETTINGS: dict[str, Any] = {
     "seed": 4,
     "name": "left",
 }
-
-
-# JSON.
-
-
-def test_what_is_not_finite_becomes_null_at_any_depth(tmp_path: Path) -> None:
-    value = {
-        "nan": math.nan,
-        "list": [1.5, math.inf, -math.inf, (math.nan, 2)],
-        "deep": {
-            "numpy": np.float64("nan"),
-            "number": np.float64(0.1),
-            "none": None,
-            "text": "nan",
-            "true": True,
-        },
-    }
-    path = tmp_path / "value.json"
-    write_json(path, value)
-    text = path.read_text(encoding="utf-8")
-    assert text.endswith("\n")
-    assert json.loads(text, parse_constant=pytest.fail) == {
-        "nan": None,
-        "list": [1.5, None, None, [None, 2]],
-        "deep": {"numpy": None, "number": 0.1, "none": None, "text": "nan", "true": True},
-    }
-
-
-@given(value=st.floats(allow_nan=False, allow_infinity=False))
-def test_numbers_keep_every_digit(value: float, tmp_path_factory: pytest.TempPathFactory) -> None:
-    path = tmp_path_factory.mktemp("number") / "number.json"
-    write_json(path, [value])
-    assert json.loads(path.read_text()) == [value]
-
-
-def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
-    path = tmp_path / "missing" / "result.json"
-    with pytest.raises(InputError, match=r"result\.json: there is no folder .*missing: make it first"):
-        write_json(path, {})
 
 
 # Simulated bags and descriptions.
@@ -187,76 +139,6 @@ def test_wrong_usage_is_one_line_on_stderr_and_2(capsys: pytest.CaptureFixture[s
         assert said.out == ""
         assert said.err.startswith("spool: ")
         assert said.err.count("\n") == 1
-
-
-# What the demonstration shows.
-
-
-def test_what_is_not_known_yet_is_shown_as_words() -> None:
-    display = Display(30.0, ("a", "b"))
-    display.health["a"] = ValveHealth(summary="waiting for estimates")
-    display.health["a"].dominant_frequency.value = math.nan
-    display.estimates["a"] = ModelEstimate()
-    assert "nan" not in display._line("a")
-    assert "learning" in display._line("a")
-    assert display._line("b") == "waiting"
-
-
-# The demonstration's scenario and its processes.
-
-
-@pytest.mark.parametrize("seconds", [30.0, 60.0, 3600.0])
-def test_each_valve_of_the_demonstration_passes_its_resonance_and_then_drifts(
-    seconds: float, tmp_path: Path
-) -> None:
-    assert 0.0 < PASSAGE[0] < PASSAGE[1] < PASSAGE[2] < DRIFT[0] < sum(DRIFT) < 1.0
-    for one in VALVES:
-        valve = find_valve(one.valve_file)
-        excitation = load_excitation(str(one.write_excitation(tmp_path, seconds)))
-        natural = valve.natural_frequency
-        assert abs(one.resonant_speed / 60.0 / natural - 1.0) < 0.05
-        assert abs(one.steady_speed / 60.0 / natural - 1.0) > 0.3
-        simulator = Simulator(valve, excitation, coulomb_force=one.coulomb_force)
-        before = getattr(simulator.truth, one.drift)
-        simulator.set_drift(one.drift, one.drift_target)
-        simulator.next_block()
-        assert getattr(simulator.truth, one.drift) == one.drift_target != before
-
-
-def test_leaving_ends_every_process_also_one_that_will_not(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    marker = tmp_path / "share/ament_index/resource_index/packages/some_package"
-    marker.parent.mkdir(parents=True)
-    marker.touch()
-    node = tmp_path / "lib/some_package/node"
-    node.parent.mkdir(parents=True)
-    node.write_text(
-        f"#!{sys.executable}\n"
-        "import signal, sys, time\n"
-        "if sys.argv[1] == 'deaf': signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
-        "if sys.argv[1] == 'short': sys.exit(3)\n"
-        "open(sys.argv[2], 'w').close()\n"
-        "signal.pause() if sys.argv[1] != 'deaf' else [signal.pause() for _ in range(9)]\n"
-    )
-    node.chmod(0o755)
-    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
-    with Nodes(tmp_path / "nodes.log") as nodes:
-        for name in ("good", "deaf", "short"):
-            nodes.start(name, "some_package", "node", [name, str(tmp_path / f"{name}.up")])
-        processes = dict(nodes.running)
-        assert processes["short"].wait(timeout=20) == 3
-        while not ((tmp_path / "good.up").exists() and (tmp_path / "deaf.up").exists()):
-            assert processes["good"].poll() is None
-            assert processes["deaf"].poll() is None
-        assert nodes.dead() == ["short"]
-        nodes.stop("deaf", patience=0.2)
-        assert processes["deaf"].returncode == -9
-        assert set(nodes.running) == {"good", "short"}
-    assert processes["good"].returncode in (-2, 1)
-    assert nodes.running == {}
-    assert "KeyboardInterrupt" in (tmp_path / "nodes.log").read_text()
-    assert isinstance(processes["good"], subprocess.Popen)
 
 
 def test_an_interrupted_simulation_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import threading
 from pathlib import Path
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from spool_stream.errors import InputError
 from spool_tools.cli import main
 from spool_tools.console import outputs
@@ -151,3 +155,39 @@ def test_a_file_that_came_up_meanwhile_is_left_alone(tmp_path: Path, monkeypatch
         outputs.write_file(path, "mine")
     assert path.read_text() == "theirs"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_is_not_finite_becomes_null_at_any_depth(tmp_path: Path) -> None:
+    value = {
+        "nan": math.nan,
+        "list": [1.5, math.inf, -math.inf, (math.nan, 2)],
+        "deep": {
+            "numpy": np.float64("nan"),
+            "number": np.float64(0.1),
+            "none": None,
+            "text": "nan",
+            "true": True,
+        },
+    }
+    path = tmp_path / "value.json"
+    outputs.write_json(path, value)
+    text = path.read_text(encoding="utf-8")
+    assert text.endswith("\n")
+    assert json.loads(text, parse_constant=pytest.fail) == {
+        "nan": None,
+        "list": [1.5, None, None, [None, 2]],
+        "deep": {"numpy": None, "number": 0.1, "none": None, "text": "nan", "true": True},
+    }
+
+
+@given(value=st.floats(allow_nan=False, allow_infinity=False))
+def test_numbers_keep_every_digit(value: float, tmp_path_factory: pytest.TempPathFactory) -> None:
+    path = tmp_path_factory.mktemp("number") / "number.json"
+    outputs.write_json(path, [value])
+    assert json.loads(path.read_text()) == [value]
+
+
+def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "missing" / "result.json"
+    with pytest.raises(InputError, match=r"result\.json: there is no folder .*missing: make it first"):
+        outputs.write_json(path, {})

@@ -1,17 +1,22 @@
-"""What the demonstration promises is found by the cores, whatever instant its drift begins at."""
+"""Scenario of the demonstration: what it promises is found, whatever instant its drift begins at."""
 
 from __future__ import annotations
+
+import math
+from pathlib import Path
 
 import pytest
 from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.detectors import MonitorSettings
 from spool_monitor.monitor import Monitor
 from spool_monitor.replay import Replay
-from spool_sim.excitation.kinds import from_mapping
+from spool_msgs.msg import ModelEstimate, ValveHealth
+from spool_sim.excitation.kinds import from_mapping, load_excitation
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
-from spool_tools.demo.scenario import DRIFT, VALVES
+from spool_tools.demo.display import Display
+from spool_tools.demo.scenario import DRIFT, PASSAGE, VALVES
 
 SECONDS = 40.0
 NOISY = Sensor(noise=0.05)
@@ -44,3 +49,31 @@ def test_resonance_and_drift_are_raised_before_the_end(
         if count >= missed:
             both.update(block)
     assert {"resonance", "friction_drift"} == {event.kind for event in both.events}
+
+
+def test_what_is_not_known_yet_is_shown_as_words() -> None:
+    display = Display(30.0, ("a", "b"))
+    display.health["a"] = ValveHealth(summary="waiting for estimates")
+    display.health["a"].dominant_frequency.value = math.nan
+    display.estimates["a"] = ModelEstimate()
+    assert "nan" not in display._line("a")
+    assert "learning" in display._line("a")
+    assert display._line("b") == "waiting"
+
+
+@pytest.mark.parametrize("seconds", [30.0, 60.0, 3600.0])
+def test_each_valve_of_the_demonstration_passes_its_resonance_and_then_drifts(
+    seconds: float, tmp_path: Path
+) -> None:
+    assert 0.0 < PASSAGE[0] < PASSAGE[1] < PASSAGE[2] < DRIFT[0] < sum(DRIFT) < 1.0
+    for one in VALVES:
+        valve = find_valve(one.valve_file)
+        excitation = load_excitation(str(one.write_excitation(tmp_path, seconds)))
+        natural = valve.natural_frequency
+        assert abs(one.resonant_speed / 60.0 / natural - 1.0) < 0.05
+        assert abs(one.steady_speed / 60.0 / natural - 1.0) > 0.3
+        simulator = Simulator(valve, excitation, coulomb_force=one.coulomb_force)
+        before = getattr(simulator.truth, one.drift)
+        simulator.set_drift(one.drift, one.drift_target)
+        simulator.next_block()
+        assert getattr(simulator.truth, one.drift) == one.drift_target != before
