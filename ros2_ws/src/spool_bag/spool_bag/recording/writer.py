@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
@@ -33,12 +32,6 @@ METADATA_INTERVAL = 5.0
 
 class RecordingError(OSError):
     """Recording failed: the bag could not be written on; what was flushed before is kept and readable."""
-
-
-@dataclass(slots=True)
-class _Channel:
-    topic: TopicCount
-    number: int
 
 
 class _Output:
@@ -102,8 +95,7 @@ class BagWriter:
         self.path = Path(path)
         self.bytes = 0
         self._interval = flush_interval
-        self._channels: dict[str, _Channel] = {}
-        self._by_number: dict[int, TopicCount] = {}
+        self._topics: dict[int, TopicCount] = {}
         self._schemas: dict[str, int] = {}
         self._start: int | None = None
         self._end = 0
@@ -142,11 +134,11 @@ class BagWriter:
         Raises:
             InputError: the topic was added with another type, or the type is unknown.
         """
-        known = self._channels.get(topic)
-        if known is not None:
-            if known.topic.type != type_name:
-                raise InputError(f"{topic} is already recorded as {known.topic.type}, not {type_name}")
-            return known.number
+        for number, known in self._topics.items():
+            if known.name == topic:
+                if known.type != type_name:
+                    raise InputError(f"{topic} is already recorded as {known.type}, not {type_name}")
+                return number
         described = described or definition(type_name)
         if type_name not in self._schemas:
             self._schemas[type_name] = self._writer.register_schema(
@@ -158,9 +150,7 @@ class BagWriter:
             self._schemas[type_name],
             {"offered_qos_profiles": qos_text(qos), "topic_type_hash": described.digest},
         )
-        count = TopicCount(topic, type_name, described.digest, tuple(qos))
-        self._channels[topic] = _Channel(count, number)
-        self._by_number[number] = count
+        self._topics[number] = TopicCount(topic, type_name, described.digest, tuple(qos))
         self._guard(self._write_metadata)
         return number
 
@@ -170,7 +160,7 @@ class BagWriter:
         """Append the CDR ``data``; times in ns, ``publish_time`` defaults to ``log_time``."""
         published = log_time if publish_time is None else publish_time
         self._guard(lambda: self._writer.add_message(channel, log_time, data, published, sequence))
-        self._by_number[channel].messages += 1
+        self._topics[channel].messages += 1
         self.bytes += len(data)
         self._start = log_time if self._start is None else min(self._start, log_time)
         self._end = max(self._end, log_time)
@@ -218,12 +208,12 @@ class BagWriter:
     @property
     def messages(self) -> int:
         """Number of messages written."""
-        return sum(topic.messages for topic in self._by_number.values())
+        return sum(topic.messages for topic in self._topics.values())
 
     @property
     def counts(self) -> dict[str, int]:
         """Messages per topic."""
-        return {topic.name: topic.messages for topic in self._by_number.values()}
+        return {topic.name: topic.messages for topic in self._topics.values()}
 
     def __enter__(self) -> BagWriter:
         return self
@@ -288,5 +278,5 @@ class BagWriter:
 
     def _about(self, *, finished: bool) -> BagMetadata:
         start = self._start or 0
-        topics = tuple(self._by_number.values())
+        topics = tuple(self._topics.values())
         return BagMetadata(self.file.name, start, max(self._end - start, 0), topics, finished)
