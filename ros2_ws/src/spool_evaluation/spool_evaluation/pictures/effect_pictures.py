@@ -9,11 +9,12 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from spool_gap.effect import Effect, Motion
 from spool_gap.registry import EFFECTS
-from spool_sim.terms import term
+from spool_gap.sensor_effect import SensorEffect
 
 from .marked_page import MarkedPage, sentence
 
@@ -24,17 +25,9 @@ PAGE = MarkedPage("effects", "effects")
 #: Parts of the motion that signatures are drawn for: frequency (Hz), amplitude (m), phase (rad).
 LINES = ((15.0, 1.5e-3, 0.0), (23.0, 0.6e-3, 1.0), (6.0, 0.8e-3, 2.0))
 STIFFNESS, DAMPING = 1632.0, 4.0
-GROUPS: dict[str, tuple[str, ...]] = {
-    "Dry friction": (
-        "coulomb_friction", "stribeck_friction", "mixed_friction", "asymmetric_friction",
-        "presliding_friction",
-    ),
-    "Drag and springs": (
-        "quadratic_damping", "cubic_stiffness", "end_stop", "spring_backlash", "spring_preload",
-    ),
-    "Forces from outside, changes with time": ("periodic_force", "constant_force", "damping_drift"),
-    "Sensors and data channels": ("spool_gain_error", "spool_delay", "sensor_saturation"),
-}  # fmt: skip
+OUTSIDE = "Forces from outside, changes with time"
+CHANNELS = "Sensors and data channels"
+GROUPS = ("Dry friction", "Drag and springs", OUTSIDE, CHANNELS)
 
 
 def shown_motion() -> Motion:
@@ -65,9 +58,16 @@ def draw(entry: Effect) -> Figure:
     figure = Figure(figsize=(4.2, 3.0), layout="constrained")
     axis = figure.subplots()
     motion = shown_motion()
-    if not entry.terms:
-        _draw_channel(figure, entry, motion)
-        return figure
+    axis.set_title(entry.id.replace("_", " "), fontsize=10)
+    axis.grid(alpha=0.3)
+    if isinstance(entry, SensorEffect):
+        _draw_channel(axis, entry, motion)
+    else:
+        _draw_force(axis, entry, motion)
+    return figure
+
+
+def _draw_force(axis: Axes, entry: Effect, motion: Motion) -> None:
     force, left = signature(entry, motion)
     over, label = {
         "velocity": (motion.velocity, "relative velocity, m/s"),
@@ -79,46 +79,40 @@ def draw(entry: Effect) -> Figure:
     axis.plot(over[some], left[some], ".", ms=0.8, color=LEFT, label="left once spring and drag took theirs")
     axis.set_xlabel(label)
     axis.set_ylabel("force over its largest, 1")
-    axis.set_title(entry.id.replace("_", " "), fontsize=10)
     axis.legend(fontsize=6.5, markerscale=8)
-    axis.grid(alpha=0.3)
-    return figure
 
 
-def _draw_channel(figure: Figure, entry: Effect, motion: Motion) -> None:
-    (axis,) = figure.axes
+def _draw_channel(axis: Axes, entry: SensorEffect, motion: Motion) -> None:
     part = slice(0, 600)
-    truth = motion.acceleration[part]
-    reading = {
-        "spool_gain_error": 1.15 * truth,
-        "spool_delay": np.interp(motion.time[part] - 3e-3, motion.time, motion.acceleration),
-        "sensor_saturation": np.clip(truth, -0.6 * np.abs(truth).max(), 0.6 * np.abs(truth).max()),
-    }[entry.id]
-    axis.plot(motion.time[part], truth, color=LAW, label="acceleration")
-    axis.plot(motion.time[part], reading, color=LEFT, label="reading")
+    typical = {number.name: number.start for number in entry.numbers}
+    reading = entry.reading(motion.acceleration, motion.period, typical)
+    axis.plot(motion.time[part], motion.acceleration[part], color=LAW, label="acceleration")
+    axis.plot(motion.time[part], reading[part], color=LEFT, label="reading")
     axis.set_xlabel("time, s")
     axis.set_ylabel("spool, m/s²")
-    axis.set_title(entry.id.replace("_", " "), fontsize=10)
     axis.legend(fontsize=7)
-    axis.grid(alpha=0.3)
+
+
+def group(entry: Effect) -> str:
+    """Return the heading under which ``entry`` stands."""
+    if isinstance(entry, SensorEffect):
+        return CHANNELS
+    if entry.picture == "time":
+        return OUTSIDE
+    return "Dry friction" if entry.is_friction else "Drag and springs"
 
 
 def effects_text() -> str:
     """Return the Markdown of every effect."""
-    grouped = {name for names in GROUPS.values() for name in names}
-    groups = {**GROUPS, "Others": tuple(name for name in EFFECTS if name not in grouped)}
     parts = []
-    for title, names in groups.items():
-        if names:
-            parts.append(f"### {title}\n")
-            parts += [_one_effect(EFFECTS[name]) for name in names]
+    for title in GROUPS:
+        parts.append(f"### {title}\n")
+        parts += [_one_effect(entry) for entry in EFFECTS.values() if group(entry) == title]
     return "\n".join(parts)
 
 
 def _one_effect(entry: Effect) -> str:
-    units = {p.name: p.unit for name in entry.terms for p in term(name).parameters}
-    own = {"spool_gain_error": "1", "spool_delay": "s", "saturation_limit": "m/s^2"}
-    numbers = ", ".join(f"`{name}` ({units.get(name, own.get(name, ''))})" for name in entry.fitted)
+    numbers = ", ".join(f"`{number.name}` ({number.unit})" for number in entry.numbers)
     alike = ", ".join(f"`{name}`" for name in entry.confusable_with) or "nothing of the catalogue"
     kinds = "" if len(entry.kinds) == 3 else f" Seen in records of kind {', '.join(entry.kinds)}."
     return (
