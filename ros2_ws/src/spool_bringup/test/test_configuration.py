@@ -79,19 +79,23 @@ from spool_estimator.node.estimator_node import EstimatorNode
 from spool_monitor.node.monitor_node import MonitorNode
 from spool_sim.simulator_node import SimulatorNode
 
-rclpy.init(args=["--ros-args", "-r", "__ns:=" + sys.argv[2], "--params-file", sys.argv[1]])
-values = {}
-for kind in (EstimatorNode, MonitorNode, RecorderNode, SimulatorNode):
-    node = kind()
-    values[node.get_name()] = {parameter.name: node.value(parameter.name) for parameter in kind.PARAMETERS}
-print(json.dumps(values))
+found = []
+for namespace in sys.argv[2:]:
+    rclpy.init(args=["--ros-args", "-r", "__ns:=" + namespace, "--params-file", sys.argv[1]])
+    values = {}
+    for kind in (EstimatorNode, MonitorNode, RecorderNode, SimulatorNode):
+        node = kind()
+        values[node.get_name()] = {entry.name: node.value(entry.name) for entry in kind.PARAMETERS}
+    found.append(values)
+    rclpy.shutdown()
+print(json.dumps(found))
 """
 
 
-def started(params: Path, namespace: str) -> dict[str, dict[str, Any]]:
-    """Return the parameters of the real nodes, started with ``params``."""
+def started(params: Path, *namespaces: str) -> list[dict[str, dict[str, Any]]]:
+    """Return the parameters of the real nodes, started with ``params`` in each of ``namespaces``."""
     done = subprocess.run(
-        [sys.executable, "-c", START_NODES, str(params), namespace],
+        [sys.executable, "-c", START_NODES, str(params), *namespaces],
         capture_output=True,
         text=True,
         timeout=60,
@@ -103,12 +107,11 @@ def started(params: Path, namespace: str) -> dict[str, dict[str, Any]]:
         },
     )
     assert done.returncode == 0, done.stderr
-    result: dict[str, dict[str, Any]] = json.loads(done.stdout.splitlines()[-1])
+    result: list[dict[str, dict[str, Any]]] = json.loads(done.stdout.splitlines()[-1])
     return result
 
 
-@pytest.mark.parametrize("namespace", ["/", "/valve_1", "/plant/valve_1"])
-def test_the_nodes_take_the_file_in_any_namespace(namespace: str, tmp_path: Path) -> None:
+def test_the_nodes_take_the_file_in_any_namespace(tmp_path: Path) -> None:
     changed = tmp_path / "changed.yaml"
     text = MANUAL.read_text(encoding="utf-8")
     for before, after in (
@@ -125,7 +128,7 @@ def test_the_nodes_take_the_file_in_any_namespace(namespace: str, tmp_path: Path
     expected["monitor"]["baseline_time"] = 20.0
     expected["recorder"]["depth"] = 2000
     expected["simulator"]["seed"] = 7
-    assert started(changed, namespace) == expected
+    assert started(changed, "/", "/valve_1", "/plant/valve_1") == [expected] * 3
 
 
 def test_the_list_of_valves_names_shipped_valves_once_each() -> None:
