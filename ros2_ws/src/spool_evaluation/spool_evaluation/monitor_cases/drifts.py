@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from .healthy import Generator, draw_case, draw_valve, with_warming
-from .scenario import Change, Expected, Scenario
+from .scenario import Expected, PlannedChange, Scenario
 
 #: s, from when on something may happen, and s within which it must be found once it is large enough.
 HAPPENS, FOUND = (70.0, 90.0), 30.0
@@ -30,7 +30,7 @@ def drift(
     event = Expected(expected[0], (expected[1],), at, reached, reached + FOUND)
     return replace(
         case,
-        changes=(*case.changes, Change(quantity, target, at, lasts)),
+        changes=(*case.changes, PlannedChange(quantity, target, at, lasts)),
         expected=(*case.expected, event),
     )
 

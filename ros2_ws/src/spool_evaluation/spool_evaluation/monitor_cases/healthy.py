@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from spool_sim.valve.description import Valve
 
-from .scenario import Change, Scenario, StoppingMachine
+from .scenario import PlannedChange, Scenario, StoppingMachine
 
 Generator = np.random.Generator
 Profile = tuple[tuple[float, float], ...]
@@ -108,7 +108,7 @@ def with_standstills(draw: Generator, case: Scenario) -> Scenario:
 
 def with_warming(draw: Generator, case: Scenario) -> Scenario:
     """Let the oil warm by 10 to 25 K."""
-    warms = Change("oil_temperature", float(draw.uniform(50.0, 65.0)), 10.0, case.seconds - 20.0)
+    warms = PlannedChange("oil_temperature", float(draw.uniform(50.0, 65.0)), 10.0, case.seconds - 20.0)
     return replace(case, changes=(*case.changes, warms))
 
 
@@ -123,8 +123,8 @@ def healthy_hour(draw: Generator) -> Scenario:
     begins, lasts = float(draw.uniform(30.0, 300.0)), float(draw.uniform(600.0, 1500.0))
     cools, cooling = float(draw.uniform(35.0, warm)), float(draw.uniform(300.0, 1200.0))
     changes = (
-        Change("oil_temperature", warm, begins, lasts),
-        Change("oil_temperature", cools, 2200.0, cooling),
+        PlannedChange("oil_temperature", warm, begins, lasts),
+        PlannedChange("oil_temperature", cools, 2200.0, cooling),
     )
     # Fewer lines of the broadband: an hour has to be simulated in seconds.
     update = {"broadband_lines": 16, "broadband_high": 75.0, "rests": rests}

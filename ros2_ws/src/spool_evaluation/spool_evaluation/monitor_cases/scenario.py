@@ -34,8 +34,8 @@ class StoppingMachine(MachineOrders):
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
-    """Change: ``quantity`` of the simulator runs to ``target`` from ``at`` within ``duration`` (s)."""
+class PlannedChange:
+    """Planned change: ``quantity`` of the simulator runs to ``target`` within ``duration`` from ``at`` (s)."""
 
     quantity: str
     target: float
@@ -93,7 +93,7 @@ class Scenario:
     noise: float
     gain_error: float
     machine: StoppingMachine
-    changes: tuple[Change, ...] = ()
+    changes: tuple[PlannedChange, ...] = ()
     faults: tuple[ChannelFault, ...] = ()
     gaps: tuple[tuple[float, float], ...] = ()
     expected: tuple[Expected, ...] = ()
