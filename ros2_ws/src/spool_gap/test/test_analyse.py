@@ -64,7 +64,7 @@ def test_a_hardening_spring_is_named_with_its_size_and_closes_the_gap() -> None:
     assert result.after.amplitude_ratio == pytest.approx(1.0, abs=0.02)
 
 
-def test_coulomb_friction_is_not_taken_for_one_of_its_look_alikes() -> None:
+def test_coulomb_friction_is_not_taken_for_a_confusable_effect() -> None:
     hidden = record("coulomb", coulomb_force=0.4)
     result = analyse([hidden], VALVE, MODELS["fluid"], settings=SETTINGS)
     assert result.verdict == "coulomb_friction"

@@ -1,4 +1,4 @@
-"""End stops: found by their hits, named beside what acts in free flight, whatever law the contact has."""
+"""End stops: found by their hits, named jointly with what acts between them, whatever law the contact has."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from spool_gap.result import GapSettings
 from spool_gap.selection.windows import median_share
-from spool_gap.simulation.contact_free import bridged, in_free_flight, without_hits
+from spool_gap.simulation.contact_free import bridged, contact_free_segments, without_hits
 from spool_gap.simulation.contacts import Contacts, find_contacts
 from spool_gap.simulation.segments import Stretch, stretches_of
 from spool_gap.simulation.shooting import RUN_IN
@@ -84,9 +84,9 @@ def test_nothing_else_is_taken_for_a_hit(terms: tuple[str, ...], given: dict[str
     assert find_contacts(stretches(record(terms, **given)), VALVE.moving_mass) is None
 
 
-def test_windows_of_free_flight_hold_no_hit_run_in_included() -> None:
+def test_contact_free_windows_hold_no_hit_run_in_included() -> None:
     found, contacts = hit()
-    free = in_free_flight(found, contacts)
+    free = contact_free_segments(found, contacts)
     assert sum(len(stretch.windows) for stretch in free) > 10
     for stretch in free:
         period = stretch.record.sample_period
@@ -96,7 +96,7 @@ def test_windows_of_free_flight_hold_no_hit_run_in_included() -> None:
         assert 0 < sum(stretch.training) < len(stretch.training)
 
 
-def test_the_noise_is_that_beside_the_hits() -> None:
+def test_the_noise_is_that_between_the_hits() -> None:
     found, contacts = hit()
     assert found[0].noise.spool_rms > 0.1
     assert without_hits(found, contacts)[0].noise.spool_rms == pytest.approx(0.03, rel=0.5)
@@ -120,7 +120,7 @@ def test_a_stop_is_named_whatever_the_law_of_its_contact(loss: dict[str, float])
     assert result.after.nrmse < 0.15 * result.before.nrmse
 
 
-def test_friction_beside_a_stop_is_named_with_its_size() -> None:
+def test_friction_jointly_with_a_stop_is_named_with_its_size() -> None:
     numbers = {"coulomb_force": 0.4, "stop_gap": 1.5e-3, "stop_stiffness": STIFFNESS, **KELVIN_VOIGT}
     hidden = record(("coulomb_friction", "end_stop"), **numbers)
     result = analyse([hidden], VALVE, BASE, settings=GapSettings(longest=12000))

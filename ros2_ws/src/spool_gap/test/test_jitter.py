@@ -1,4 +1,4 @@
-"""Samples taken at uneven instants are told from noise, with the scatter of those instants."""
+"""Samples taken at uneven instants are distinguished from noise, with the scatter of those instants."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ def test_noise_is_not_predictable(simulation: Simulation, point: Point) -> None:
         ("time", lambda _z, v, t: t * v),
     ],
 )
-def test_a_force_that_is_missing_is_told_by_what_it_follows(
+def test_a_force_that_is_missing_is_named_by_what_it_follows(
     simulation: Simulation, point: Point, follows: str, force: Callable[[Array, Array, Array], Array]
 ) -> None:
     motion = simulation.stretches[0].motion

@@ -103,6 +103,13 @@ class State:
         return self.remaining.noise_floor if self.remaining else 0.0
 
     @property
+    def begun(self) -> State:
+        """This at the beginning of a round: nothing screened, nothing chosen."""
+        return replace(
+            self, screened=(), fits=(), candidates=(), chosen=None, margin=-math.inf, decided=False
+        )
+
+    @property
     def choice(self) -> tuple[str, ...]:
         """Effects of the best hypothesis at present."""
         best = self.chosen or self.accepted

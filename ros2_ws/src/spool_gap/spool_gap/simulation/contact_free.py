@@ -18,14 +18,14 @@ from .shooting import RUN_IN
 
 Array = NDArray[np.float64]
 
-#: s that count in one window of free flight, longest first.
+#: s that count in one contact-free window, longest first.
 LENGTHS = (0.6, 0.3, 0.15)
-#: s of free flight, run-in not counted, with which a length is content, and without which there is none.
+#: s of contact-free segments, run-in not counted, with which a length is content, and least of any length.
 PLENTY, LEAST = 12.0, 3.0
 
 
 def without_hits(stretches: Sequence[Stretch], contacts: Contacts) -> list[Stretch]:
-    """Return ``stretches`` with the noise that their spool's channel shows beside the hits."""
+    """Return ``stretches`` with the noise that their spool's channel shows between the hits."""
     found = []
     for stretch, touching in zip(stretches, contacts.touching, strict=True):
         density = min(_noise(stretch.record, touching), stretch.noise.spool)
@@ -34,7 +34,7 @@ def without_hits(stretches: Sequence[Stretch], contacts: Contacts) -> list[Stret
 
 
 def _noise(record: Record, touching: Mask) -> float:
-    """Return the density (unit^2/Hz) of the spool's noise from what is usual beside the hits.
+    """Return the density (unit^2/Hz) of the spool's noise from the median between the hits.
 
     Means over the whole record hold what the bridges leave out, and friction's jumps.
     """
@@ -45,7 +45,7 @@ def _noise(record: Record, touching: Mask) -> float:
     return max(rms**2 / (0.25 * record.sample_rate), 1e-30)
 
 
-def in_free_flight(stretches: Sequence[Stretch], contacts: Contacts) -> list[Stretch]:
+def contact_free_segments(stretches: Sequence[Stretch], contacts: Contacts) -> list[Stretch]:
     """Return ``stretches`` with windows that hold no hit, run-in included; none where there is too little.
 
     Every other one is held out.
@@ -97,7 +97,7 @@ def _cut(stretch: Stretch, touching: Mask, length: float) -> Stretch:
 def bridged(row: Array, gone: Mask) -> Array:
     """Return ``row`` with straight lines in place of the samples ``gone``.
 
-    A hit lasts about a sample and rings, band-limited, through what is between the samples beside it.
+    A hit lasts about a sample and rings, band-limited, through what is between the samples next to it.
     """
     places = np.arange(row.size)
     filled = row.copy()

@@ -37,7 +37,7 @@ ALIKE = 0.2
 WITHIN, FROM = 0.7, 0.5
 #: Push over its scatter without hits, and over the largest pushes, from which it is a hit.
 OUT_OF_NOISE, OF_LARGEST = 8.0, 0.25
-#: s before and after a hit that are no free flight.
+#: s before and after a hit that are not contact-free.
 BEFORE, AFTER = 1.5e-3, 2.5e-3
 
 

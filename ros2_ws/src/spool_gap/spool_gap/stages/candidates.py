@@ -99,16 +99,11 @@ def ranked(state: State, fits: Sequence[Hypothesis]) -> State:
     if not fits:
         return replace(state, candidates=())
     fitting, step = state.fitting, state.hypothesis
-    best = min(fits, key=lambda entry: entry.cost)
-    own = step
-    if best.has_jumps:
-        fitting = fitting.over(fitting.simulation.sampled_for(best.point))
-        own, best, fits = (
-            fitting.measured(own),
-            fitting.measured(best),
-            [fitting.measured(fit) for fit in fits],
-        )
-    fitting = fitting.weighed_by(best)
+    fits, own = sorted(fits, key=lambda entry: entry.cost), step
+    if fits[0].has_jumps:
+        fitting = fitting.over(fitting.simulation.sampled_for(fits[0].point))
+        own, *fits = (fitting.measured(entry) for entry in (own, *fits))
+    fitting = fitting.weighed_by(fits[0])
     fits = sorted(fits, key=lambda entry: entry.cost)
     fits = in_parallel(lambda entry: fitting.polished(entry, rounds=5), fits[:REFINED]) + fits[REFINED:]
     own = fitting.scored(own)

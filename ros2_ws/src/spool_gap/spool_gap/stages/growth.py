@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 from spool_gap.selection.completeness import is_complete
@@ -61,8 +60,7 @@ def grow(context: Context, state: State) -> State:
     while len(state.hypothesis.effects) < state.fitting.settings.most_effects:
         known = " + ".join(state.hypothesis.effects) or "the base"
         context.progress(f"trying effects jointly with {known}", 0.25)
-        state = replace(state, chosen=None, margin=-math.inf, decided=False)
-        state = run_stages(FORWARD, context, state)
+        state = run_stages(FORWARD, context, state.begun)
         if state.chosen is None:
             break
         state = run_stages(BACKWARD, context, replace(state, chosen=None))

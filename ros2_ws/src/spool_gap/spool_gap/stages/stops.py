@@ -18,7 +18,7 @@ from spool_gap.selection.context import Context
 from spool_gap.selection.evidence import bic_penalty, evidence_of
 from spool_gap.selection.sense import refusal, trifling
 from spool_gap.selection.state import State
-from spool_gap.simulation.contact_free import in_free_flight, without_hits
+from spool_gap.simulation.contact_free import contact_free_segments, without_hits
 from spool_gap.simulation.contacts import Contacts, find_contacts
 from spool_gap.simulation.point import Point
 from spool_gap.simulation.segments import Stretch, thinned
@@ -54,7 +54,7 @@ def contact_free(
         contacts: in the stretches, if there are any.
         gain, delay: of the spool's channel, with which those were conditioned, relative, s.
     """
-    stretches = in_free_flight(without_hits(context.whole, contacts), contacts) if contacts else []
+    stretches = contact_free_segments(without_hits(context.whole, contacts), contacts) if contacts else []
     if not stretches:
         return None
     longest, motions = state.fitting.settings.longest, state.fitting.simulation.motions
