@@ -23,6 +23,7 @@ DATA_END_SIZE, FOOTER_SIZE = 4, 20
 HEAD_SIZE = 64
 COMPRESSIONS = (b"", b"lz4", b"zstd")
 
+# B of an entry: a time and an offset, 8 B each.
 _INDEX_ENTRY = 16
 # Where the fields begin that stand behind their length, and how many there are.
 _FIELDS = {Opcode.HEADER: (0, 2), Opcode.SCHEMA: (2, 3), Opcode.CHANNEL: (4, 3), Opcode.METADATA: (0, 2)}

@@ -21,6 +21,7 @@ from .mcap_record import (
     kind_of,
 )
 
+# B that are searched in one piece.
 _PIECE = 1 << 20
 _LOOK = FRAME.size + HEAD_SIZE
 _HOLDS_DATA = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)

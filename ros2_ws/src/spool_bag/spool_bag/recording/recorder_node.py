@@ -29,12 +29,15 @@ from .snapshot import Message, SnapshotKeeper
 from .snapshot_writer import SnapshotWriter
 from .writer import BagWriter, RecordingError
 
+#: s between looks for new topics: a late one loses at most that much.
 DISCOVERY_PERIOD = 0.5
-FLUSH_PERIOD = 0.2
+#: s after which a chunk is synced, and between looks if it is due: a kill costs less than the last second.
 FLUSH_INTERVAL = 0.7
+FLUSH_PERIOD = 0.2
 DIAGNOSTICS_PERIOD = 1.0
 #: s for which a lost block makes the recording's level a warning.
 RECENT = 60.0
+#: What rosbag2 writes of a time that is not limited: the largest int64, ns.
 UNLIMITED = QosTime(9223372036, 854775807)
 
 

@@ -27,6 +27,7 @@ from spool_bag.mcap.repeating_chunks import repeat_definitions
 #: B: what is written faster than it was recorded closes no chunk by time; this is 8 s of a valve at 2 kHz,
 #: which a damaged chunk then costs. A packed sample record takes no more room so than in chunks of 1 MiB.
 CHUNK_SIZE = 1 << 17
+#: s between two ``metadata.yaml`` of a recording under way, 250 messages of a valve.
 METADATA_INTERVAL = 5.0
 
 

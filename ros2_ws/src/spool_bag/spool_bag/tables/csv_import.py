@@ -23,7 +23,9 @@ from .csv_record import BODY, OIL_TEMPERATURE, SPOOL, CsvRecord, read_csv
 DEFAULT_START = 1_735_689_600_000_000_000
 # A time_s beyond three years is no time since the start but one of a calendar.
 LONGEST_RECORD = 1e8
+# ns: seconds of a builtin_interfaces/Time are an int32.
 LATEST_STAMP = 2**31 * 1_000_000_000
+# ns between oil temperatures: once a second, as a valve publishes it.
 TEMPERATURE_INTERVAL = 1_000_000_000
 
 

@@ -31,9 +31,12 @@ REQUIRED = {
 }
 OPTIONAL = {"accelerations": (OIL_TEMPERATURE,), "driven": (), "imposed": ()}
 
+#: Periods: a longer step is a gap, one missing sample makes two; a sample further off its place is refused.
 GAP = 1.5
 JITTER = 0.25
+#: m/s^2, standard gravity (ISO 80000-3).
 GRAVITY = 9.80665
+#: m/s^2, some 200 g: hardly any machine shakes a valve like that.
 LARGEST_USUAL_RMS = 2000.0
 #: s: at 20 Hz not even 10 Hz can be seen, below any spool valve's natural frequency.
 LONGEST_USUAL_PERIOD = 0.05

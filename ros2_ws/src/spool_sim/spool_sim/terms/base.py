@@ -32,9 +32,6 @@ from spool_sim.valve.description import Valve
 
 Array = NDArray[np.float64]
 
-#: m/s^2, for the weight of the spool.
-STANDARD_GRAVITY = 9.80665
-
 #: Arguments of each law before the parameters.
 LAWS: dict[str, tuple[str, ...]] = {
     "force_law": ("z", "v", "t"),

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from spool_stream.kernels.compiled import compiled
 
-from .base import STANDARD_GRAVITY, Parameter, Term
+from spool_sim.valve.plausibility import GRAVITY
+
+from .base import Parameter, Term
 
 
 @compiled
@@ -58,7 +60,7 @@ class CoulombHydrodynamicFrictionTerm(Term):
             1.687,
             "N: the spool's weight unless known better",
             "spool_mass",
-            STANDARD_GRAVITY,
+            GRAVITY,
         ),
     )
     law = "F = mu_0 N Sgn(z') - K_V (mu A_t / h) z'"

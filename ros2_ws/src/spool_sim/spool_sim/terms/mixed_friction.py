@@ -6,7 +6,9 @@ import math
 
 from spool_stream.kernels.compiled import compiled
 
-from .base import STANDARD_GRAVITY, Parameter, Term
+from spool_sim.valve.plausibility import GRAVITY
+
+from .base import Parameter, Term
 
 
 @compiled
@@ -40,7 +42,7 @@ class MixedFrictionTerm(Term):
             1.687,
             "N: the spool's weight unless known better",
             "spool_mass",
-            STANDARD_GRAVITY,
+            GRAVITY,
         ),
     )
     law = "F = [C1 sqrt(abs(z')) + C2 / (abs(z') + gamma_m)] N Sgn(z')"
