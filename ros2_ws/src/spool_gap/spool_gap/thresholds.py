@@ -25,6 +25,44 @@ class Thresholds:
     rms(model - measured) / rms(measured), held out.
     """
 
+    # Checks of the record -------------------------------------------------------------------------------
+    shortest: float = decided(
+        6.0, "s", "length of all stretches below which a record is refused", "windows to fit and to hold out"
+    )
+    shortest_stretch: float = decided(
+        4.0, "s", "length of a stretch below which it is left out", "a window and its settling"
+    )
+    excited: float = decided(5.0, "1", "rms over the noise's below which a channel shows only noise", CASES)
+    samples_per_period: float = decided(
+        25.0, "1", "samples per period of the natural frequency below which a record is refused", CASES
+    )
+    samples_per_excited_period: float = decided(
+        3.0,
+        "1",
+        "samples per period of the highest frequency excited below which a record is refused",
+        "above the two of Nyquist, with room for the anti-alias filter",
+    )
+    incoherent: float = decided(
+        0.3, "1", "median coherence of both channels below which no verdict is trusted", CASES
+    )
+    unlike_described: float = decided(
+        0.3, "ln", "distance of the transfer from the described valve's from which units are doubted", CASES
+    )
+    wrong_unit: float = decided(
+        0.6, "1", "share of that distance that a factor of 9.81 may leave to be the reason", CASES
+    )
+    wrong_unit_everywhere: float = decided(
+        0.85, "1", "the same where it lessens the distance of every spring", CASES
+    )
+    opposite: float = decided(
+        -0.7, "1", "cosine to the expected transfer below which a sign is wrong", "more than 135 degrees"
+    )
+    opposite_slow: float = decided(
+        0.35, "1", "cosine at the slow tenth of the frequencies from which the sign is right", CASES
+    )
+    like_no_valve: float = decided(
+        0.65, "ln", "distance of the transfer from any valve's beyond which it is that of none", CASES
+    )
     # Screening ------------------------------------------------------------------------------------------
     screened: float = decided(
         25.0, "1", "fall of the weighed squares in the regression from which an effect is simulated", CASES
@@ -231,6 +269,10 @@ class Thresholds:
         "1",
         "factor of the confidence where more than noise is left",
         "29 of 31 blind cases of that kind were named right",
+    )
+    jitter_evidence: float = decided(60.0, "1", "evidence from which sampling instants scatter", CASES)
+    jitter_share: float = decided(
+        0.2, "1", "share of the noise above the excitation that must grow with the slope for that", CASES
     )
     explains_nothing: float = decided(
         0.8,

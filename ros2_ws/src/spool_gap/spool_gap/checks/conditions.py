@@ -11,18 +11,11 @@ from spool_identification.signals.channel_noise import ChannelNoise, noise_of
 from spool_sim.valve.description import Valve
 from spool_stream.errors import InputError
 
-from .units import ANY_SPRING, LARGE, difference, expected_transfer, like_no_valve, opposite, wrong_unit
+from spool_gap.thresholds import THRESHOLDS
+
+from .units import ANY_SPRING, difference, expected_transfer, like_no_valve, opposite, wrong_unit
 
 Array = NDArray[np.float64]
-
-#: s that an analysis needs in all, and s of a stretch that is of use: a window and its settling.
-SHORTEST, SHORTEST_STRETCH = 6.0, 4.0
-#: The drive must exceed the noise by this factor, rms.
-EXCITED = 5.0
-#: Samples per period of the natural frequency below which a record is too coarse.
-SAMPLES_PER_PERIOD = 25.0
-#: Sample rate over the highest frequency of the drive below which a record is too coarse.
-LEAST_RATE = 3.0
 
 
 def usable(records: Sequence[Record]) -> tuple[list[Record], list[str]]:
@@ -32,12 +25,12 @@ def usable(records: Sequence[Record]) -> tuple[list[Record], list[str]]:
         InputError: there is none, or a channel is dead.
     """
     warnings = []
-    kept = [record for record in records if record.duration >= SHORTEST_STRETCH]
-    if sum(record.duration for record in kept) < SHORTEST:
+    kept = [record for record in records if record.duration >= THRESHOLDS.shortest_stretch]
+    if sum(record.duration for record in kept) < THRESHOLDS.shortest:
         longest = max((record.duration for record in records), default=0.0)
         raise InputError(
             f"{records[0].name if records else 'record'}: too short: its longest stretch without gaps has "
-            f"{longest:.1f} s, an analysis needs {SHORTEST:g} s or more in all: record longer"
+            f"{longest:.1f} s, an analysis needs {THRESHOLDS.shortest:g} s or more in all: record longer"
         )
     gaps = sum(not record.cut for record in records) - 1
     if gaps > 0:
@@ -65,21 +58,21 @@ def judge(record: Record, valve: Valve) -> tuple[list[str], bool]:
     """Return what is doubtful about ``record``, one line each, and whether a verdict may still be trusted.
 
     Raises:
-        InputError: the record cannot be analysed: no drive, a channel dead, sampled too slowly,
+        InputError: the record cannot be analysed: no excitation, a channel dead, sampled too slowly,
             channels exchanged, or a unit that is off by 9.81.
     """
     noise = noise_of(record.body, record.spool, record.sample_rate)
     natural = valve.natural_frequency
     body, spool = float(record.body.std()), float(record.spool.std())
-    needed = SAMPLES_PER_PERIOD * natural
+    needed = THRESHOLDS.samples_per_period * natural
     # First of all: what is sampled too slowly folds back and looks like noise.
     if record.sample_rate < needed:
         raise InputError(
             f"{record.name}: {record.sample_rate:g} Hz is too slow for a natural frequency of "
             f"{natural:.1f} Hz: sample at {needed:.0f} Hz or more"
         )
-    if body < EXCITED * noise.body_rms or noise.high <= noise.low:
-        if spool > EXCITED * max(noise.spool_rms, noise.body_rms):
+    if body < THRESHOLDS.excited * noise.body_rms or noise.high <= noise.low:
+        if spool > THRESHOLDS.excited * max(noise.spool_rms, noise.body_rms):
             raise InputError(
                 f"{record.name}: body shows only noise ({body:.3g} m/s^2) while spool moves: "
                 "is its sensor dead, or not mounted?"
@@ -88,12 +81,12 @@ def judge(record: Record, valve: Valve) -> tuple[list[str], bool]:
             f"{record.name}: no excitation: body has {body:.3g} m/s^2 rms, its noise {noise.body_rms:.3g}: "
             "record while the valve vibrates"
         )
-    if spool < EXCITED * noise.spool_rms and spool < 0.05 * body:
+    if spool < THRESHOLDS.excited * noise.spool_rms and spool < 0.05 * body:
         raise InputError(
             f"{record.name}: spool shows only noise ({spool:.3g} m/s^2) while body moves with {body:.3g}: "
             "is its sensor dead, or not mounted?"
         )
-    if record.sample_rate < LEAST_RATE * noise.high:
+    if record.sample_rate < THRESHOLDS.samples_per_excited_period * noise.high:
         raise InputError(
             f"{record.name}: {record.sample_rate:g} Hz is too slow for a natural frequency of "
             f"{natural:.1f} Hz driven up to {min(noise.high, 0.5 * record.sample_rate):.0f} Hz: "
@@ -102,7 +95,7 @@ def judge(record: Record, valve: Valve) -> tuple[list[str], bool]:
     warnings: list[str] = []
     ratio, coherence, frequency = transfer(record, noise)
     low = frequency < 0.45 * natural
-    if coherence.size and float(np.median(coherence)) < 0.3:
+    if coherence.size and float(np.median(coherence)) < THRESHOLDS.incoherent:
         warnings.append(
             f"body and spool hardly belong together (coherence {float(np.median(coherence)):.2f}): "
             "same valve, same clock, sensors tight?"
@@ -120,8 +113,8 @@ def judge(record: Record, valve: Valve) -> tuple[list[str], bool]:
         trusted = False
     if not low.any() and frequency.size and float(frequency.min()) > 1.3 * natural:
         warnings.append(
-            f"the drive begins at {noise.low:.0f} Hz, above the natural frequency of {natural:.1f} Hz: gain, "
-            "stiffness and slow friction are hardly told there"
+            f"the excitation begins at {noise.low:.0f} Hz, above the natural frequency of {natural:.1f} Hz: "
+            "gain, stiffness and slow friction are hardly determined there"
         )
     return warnings, trusted
 
@@ -162,7 +155,7 @@ def unit_or_exchange(ratio: Array, frequency: Array, valve: Valve) -> str:
     if opposite(ratio, frequency, valve):
         return "body and spool have opposite signs: one sensor is turned round: change the sign of its column"
     inverse = 1.0 / expected
-    unlike = difference(np.abs(ratio), frequency, valve, 1.0, ANY_SPRING) > LARGE
+    unlike = difference(np.abs(ratio), frequency, valve, 1.0, ANY_SPRING) > THRESHOLDS.unlike_described
     if unlike and plain > 0.45 and distance(inverse) < 0.4 * plain:
         return "body and spool look exchanged: the one that should follow leads: swap the columns"
     return ""

@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_sim.valve.description import Valve
 
+from spool_gap.thresholds import THRESHOLDS
+
 Array = NDArray[np.float64]
 
 GRAVITY = 9.80665
@@ -24,16 +26,10 @@ ANY_DRAG: Array = np.geomspace(0.1, 6.0, 14, dtype=np.float64)
 #: The same where the spool floats in the play of its springs: hardly a spring, but the drag that it has.
 NO_SPRING: Array = np.geomspace(1e-3, 0.3, 9, dtype=np.float64)
 SAME_DRAG: Array = np.geomspace(0.5, 2.0, 7, dtype=np.float64)
-#: Frequencies that are looked at, and a difference (natural logarithm) beyond which more says nothing.
+#: Frequencies that are looked at, and a distance (natural logarithm) beyond which more says nothing.
 LOOKED_AT, FAR = 150, 1.5
-#: Difference from any valve that is large; share of it that the factor must leave, and may where all agree.
-LARGE, CLEARLY, AT_LEAST = 0.3, 0.6, 0.85
-#: Cosine of the angle to the transfer expected, median over frequency, below which a sign must be wrong.
-OPPOSITE = -0.7
-#: Share of the frequencies that are the slow ones, and that cosine from which the sign is right there.
-SLOW, ALIKE = 0.1, 0.35
-#: Difference from any valve beyond which a record is that of none.
-NO_VALVE = 0.65
+#: Share of the frequencies that are the slow ones.
+SLOW = 0.1
 
 
 def expected_transfer(frequency: Array, valve: Valve) -> Array:
@@ -81,11 +77,14 @@ def opposite(ratio: Array, frequency: Array, valve: Valve) -> bool:
     nearest = _transfer(frequency, valve, np.array([[spring]]), np.array([[drag]]))[0, 0]
     described = expected_transfer(frequency, valve)
     # Exchanged channels have no valve's amplitude, and their angle says nothing.
-    tried = (described, nearest) if apart < LARGE else (described,)
-    # A channel that lags, as behind a low-pass, has the right sign where the drive is slow.
+    tried = (described, nearest) if apart < THRESHOLDS.unlike_described else (described,)
+    # A channel that lags, as behind a low-pass, has the right sign where the excitation is slow.
     slow = frequency <= np.quantile(frequency, SLOW)
     alike = [np.cos(np.angle(ratio / one)) for one in tried]
-    return any(np.median(row) < OPPOSITE and np.median(row[slow]) < ALIKE for row in alike)
+    return any(
+        np.median(row) < THRESHOLDS.opposite and np.median(row[slow]) < THRESHOLDS.opposite_slow
+        for row in alike
+    )
 
 
 def _nearest(
@@ -115,11 +114,12 @@ def wrong_unit(ratio: Array, frequency: Array, valve: Valve) -> float:
         left = difference(size, frequency, valve, factor, SAME_SPRING)
         shifted = np.median(np.abs(powers - sign)) < 0.35 * np.median(np.abs(powers))
         everywhere = float(np.quantile(sign * powers, 0.25)) > 0.5 and bool(shifted)
-        if (left < CLEARLY * plain and plain > LARGE) or (everywhere and left < AT_LEAST * plain):
+        clearly = left < THRESHOLDS.wrong_unit * plain and plain > THRESHOLDS.unlike_described
+        if clearly or (everywhere and left < THRESHOLDS.wrong_unit_everywhere * plain):
             return float(factor)
     return 1.0
 
 
 def like_no_valve(ratio: Array, frequency: Array, valve: Valve) -> bool:
     """Whether ``ratio`` is the transfer of no valve with this mass, whatever its spring and drag."""
-    return difference(np.abs(ratio), frequency, valve, 1.0, ANY_SPRING) > NO_VALVE
+    return difference(np.abs(ratio), frequency, valve, 1.0, ANY_SPRING) > THRESHOLDS.like_no_valve

@@ -14,7 +14,6 @@ from spool_gap.registry import EFFECTS
 from spool_gap.result import RankedHypothesis
 from spool_gap.screening.remainder import Remainder
 from spool_gap.selection.state import State
-from spool_gap.simulation.jitter import EVIDENCE as JITTER
 from spool_gap.simulation.jitter import Jitter, sampling_jitter
 from spool_gap.simulation.noise_floor import Floor
 from spool_gap.thresholds import THRESHOLDS
@@ -61,7 +60,10 @@ def judge_outcome(state: State, saturation: Saturation, *, trusted: bool) -> Out
     jitter = _jitter(state, final)
     alone = jitter if verdict == "none" else None
     if alone is not None:
-        verdict, confidence = "unexplained", min(0.99, 1.0 - 0.5 * JITTER / alone.evidence)
+        verdict, confidence = (
+            "unexplained",
+            min(0.99, 1.0 - 0.5 * THRESHOLDS.jitter_evidence / alone.evidence),
+        )
     # Strong friction, too, spoils the coherence; a model that explains the record settles that.
     if not trusted and (residue.unexplained or not names):
         verdict, confidence = "unexplained", min(confidence, 0.3)

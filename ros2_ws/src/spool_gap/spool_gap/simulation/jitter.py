@@ -13,17 +13,17 @@ from numpy.typing import NDArray
 from scipy import fft
 from scipy.optimize import minimize
 
+from spool_gap.thresholds import THRESHOLDS
+
 from .noise_floor import response_of
 from .simulate import Simulation
 
 Array = NDArray[np.float64]
 
-#: Lower end of the band that is looked at over the drive's upper end; upper end over the sample rate.
+#: Lower end of the band that is looked at over the excitation's upper end; upper end over the sample rate.
 ABOVE, UPPER = 2.0, 0.45
 #: Share of that band in all frequencies below which nothing is said.
 NARROWEST = 0.15
-#: Evidence and share of the noise in that band from which the instants scatter.
-EVIDENCE, SHARE = 60.0, 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class Jitter:
 
     Attributes:
         deviation: standard deviation of the instants, s.
-        share: of the noise above the drive's band that grows with the slope.
+        share: of the noise above the excitation's band that grows with the slope.
         evidence: twice the log likelihood ratio against noise that does not.
     """
 
@@ -43,7 +43,7 @@ class Jitter:
     @property
     def tells(self) -> bool:
         """Whether the instants scatter."""
-        return self.evidence > EVIDENCE and self.share > SHARE
+        return self.evidence > THRESHOLDS.jitter_evidence and self.share > THRESHOLDS.jitter_share
 
     @property
     def sentence(self) -> str:
@@ -56,7 +56,7 @@ class Jitter:
 
 
 def sampling_jitter(simulation: Simulation, errors: list[Array], chosen: list[int]) -> Jitter | None:
-    """Return the jitter of the spool's channel; ``None`` where the drive leaves no band to see it in.
+    """Return the jitter of the spool's channel; ``None`` where the excitation leaves no band to see it in.
 
     Args:
         simulation: the windows.
