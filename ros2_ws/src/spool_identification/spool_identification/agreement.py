@@ -1,4 +1,4 @@
-"""How well a model's free run agrees with records: nrmse, objective (33), amplitude ratio, spectrum."""
+"""Agreement of a model's free run with records: nrmse, objective (33), amplitude ratio, spectrum."""
 
 from __future__ import annotations
 

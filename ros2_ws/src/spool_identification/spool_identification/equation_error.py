@@ -1,4 +1,4 @@
-"""Where a fit starts: the balance of forces at the measured motion, without simulating.
+"""Equation error, where a fit starts: the balance of forces at the measured motion, without simulating.
 
 Displacement and velocity come from both accelerations without phase; the forces of the model at that motion
 and the inertia force pass the same operator, and their sum is made small. Parameters in which the forces are
@@ -134,7 +134,7 @@ class EquationError:
         for place in range(own.size):
             ends = np.repeat(own[np.newaxis], 2, axis=0)
             ends[:, place] = lows[place], highs[place]
-            rows = self._plain_forces(ends)
+            rows = self._unfiltered_forces(ends)
             columns.append((rows[1] - rows[0]) / (highs[place] - lows[place]))
         slopes = np.zeros((columns[0].size + len(self._unknowns), len(self._unknowns)))
         for unknown, column in zip(self._own, columns, strict=True):
@@ -144,7 +144,7 @@ class EquationError:
                 slopes[columns[0].size + number, number] = 1.0
         return slopes
 
-    def _plain_forces(self, points: Array) -> Array:
+    def _unfiltered_forces(self, points: Array) -> Array:
         """Return forces at some measured motion, and what friction takes up at rest, N, shape (s, rows)."""
         sets = np.repeat(self._values, points.shape[0], axis=0)
         sets[:, self._columns] = points

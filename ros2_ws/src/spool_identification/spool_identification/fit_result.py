@@ -1,4 +1,4 @@
-"""What a fit is asked for, and what it says."""
+"""Settings of a fit, and its result."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""What a model makes of a record: the spool's motion simulated from the measured body acceleration alone.
+"""Free run: the spool's motion simulated from the measured body acceleration alone.
 
 A record is cut into windows that overlap by their run-in. Each starts from the motion that the accelerometers
-show, runs free from there, and counts once the start is forgotten. Between samples the drive is band-limited
-(Fourier interpolation with real samples beyond both ends), and the noise above the excitation is taken off
+show, runs free from there, and counts once the start is forgotten. Between samples the excitation is
+band-limited (Fourier interpolation with real samples beyond both ends), and the noise above it is taken off
 without phase, so that it does not shake dry friction loose.
 """
 
@@ -36,7 +36,7 @@ STANDS_OUT = 4.0
 SINGLE = 20_000
 #: Steps per sample at most, whatever a fit tries.
 MOST_STEPS = 16
-#: Gain of the drive falls from 1 to 0 from its highest frequency to this many times it.
+#: Gain of the excitation falls from 1 to 0 from its highest frequency to this many times it.
 FALL = 1.3
 
 
@@ -48,9 +48,9 @@ class Window:
         record: its number.
         first: sample at which the simulation starts.
         start, stop: samples that count, ``stop`` exclusive.
-        drive: spectrum of the body acceleration around it.
-        margin: samples of the drive before ``first``.
-        length: samples of the drive.
+        excitation: spectrum of the body acceleration around it.
+        margin: samples of the excitation before ``first``.
+        length: samples of the excitation.
         state: relative displacement (m) and velocity (m/s) at ``first``, from the accelerometers.
         measured: spool acceleration from ``start`` to ``stop``, m/s^2.
         measured_means: its mean from each of these samples to the next, band-limited between them, m/s^2.
@@ -61,7 +61,7 @@ class Window:
     first: int
     start: int
     stop: int
-    drive: NDArray[np.complex128]
+    excitation: NDArray[np.complex128]
     margin: int
     length: int
     state: tuple[float, float]
@@ -112,7 +112,7 @@ class FreeRun:
         longest: float = float("inf"),
         compensate_oil: bool = True,
     ) -> None:
-        """Cut the records and prepare their drives.
+        """Cut the records and prepare their excitations.
 
         Args:
             records: without gaps each.
@@ -155,7 +155,7 @@ class FreeRun:
         begin = conditioning.settling
         means = ZeroPhase(period, 0.0).apply(entry.spool, interval_means=True)
         lead = max(1, round(run_in / period))
-        last = entry.body.size - 2  # the steps to the two samples after the last one need their drive
+        last = entry.body.size - 2  # the steps to the two samples after the last one need their excitation
         room = last - begin - lead
         if room < max(16, lead):
             return []
@@ -168,7 +168,7 @@ class FreeRun:
         for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
             first = start - lead
             low, high = first - margin, stop + 2 + margin
-            drive = limited(
+            excitation = limited(
                 _around(entry.body, low, high, max(1, margin // 2)), period, self.highest_frequency[number]
             )
             cut.append(
@@ -177,9 +177,9 @@ class FreeRun:
                     first,
                     start,
                     stop,
-                    fft.rfft(drive),
+                    fft.rfft(excitation),
                     margin,
-                    drive.size,
+                    excitation.size,
                     (float(motion.displacement[first]), float(motion.velocity[first])),
                     entry.spool[start:stop],
                     means[start:stop],
@@ -247,7 +247,7 @@ class FreeRun:
         substeps = self.substeps[window.record]
         state = MotionState(*window.state, float(np.sign(window.state[1])))
         one_drive = bool((delays == delays[0]).all())
-        drives = np.array(
+        excitations = np.array(
             [
                 half_steps(window, entry.sample_period, substeps, float(delay))
                 for delay in (delays[:1] if one_drive else delays)
@@ -255,7 +255,7 @@ class FreeRun:
         )
         trajectory, _ = self.motion.advance_batch(
             [state] * sets.shape[0],
-            drives,
+            excitations,
             self._tables(sets, window),
             sample_period=entry.sample_period,
             substeps=substeps,
@@ -278,7 +278,7 @@ class FreeRun:
 
 
 def half_steps(window: Window, sample_period: float, substeps: int, delay: float = 0.0) -> Array:
-    """Return the drive (m/s^2) of ``window`` at the ends and midpoints of all steps, ``delay`` s earlier.
+    """Return the excitation (m/s^2) of ``window`` at ends and midpoints of all steps, ``delay`` s earlier.
 
     Shape (2 n substeps + 1,), n the samples from ``first`` to ``stop`` inclusive.
     """
@@ -294,7 +294,7 @@ def half_steps_of(
     """
     finer, window = 2 * substeps, windows[0]
     spectra = np.array([_delayed(*pair, sample_period) for pair in zip(windows, delays, strict=True)])
-    # The drive has nothing left at half the sample rate, so its line there needs no halving.
+    # The excitation has nothing left at half the sample rate, so its line there needs no halving.
     fine = fft.irfft(spectra, finer * window.length, workers=-1)
     first = finer * window.margin
     return np.asarray(fine[:, first : first + finer * (window.stop + 1 - window.first) + 1] * finer)
@@ -302,13 +302,13 @@ def half_steps_of(
 
 def _delayed(window: Window, delay: float, sample_period: float) -> NDArray[np.complex128]:
     if delay == 0.0:
-        return window.drive
+        return window.excitation
     frequency = fft.rfftfreq(window.length, sample_period)
-    return np.asarray(window.drive * np.exp(-2j * np.pi * frequency * delay))
+    return np.asarray(window.excitation * np.exp(-2j * np.pi * frequency * delay))
 
 
 def _body_means(window: Window, sample_period: float, delay: float) -> Array:
-    """Return the mean of the drive from each sample that counts to the next, m/s^2."""
+    """Return the mean of the excitation from each sample that counts to the next, m/s^2."""
     frequency = fft.rfftfreq(window.length, sample_period)
     spectrum = _delayed(window, delay, sample_period) * interval_mean_response(frequency, sample_period)
     first = window.margin + window.start - window.first
@@ -319,7 +319,7 @@ def _body_means(window: Window, sample_period: float, delay: float) -> Array:
 def excitation_limit(entry: Record) -> float:
     """Return the highest frequency, Hz, at which the body's acceleration stands out of its noise floor.
 
-    The floor is the lower quartile of the smoothed spectrum's upper half; without a floor it is half the
+    The noise floor is the lower quartile of the smoothed spectrum's upper half; without one it is half the
     sample rate.
     """
     n = entry.body.size

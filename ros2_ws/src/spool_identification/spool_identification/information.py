@@ -1,11 +1,11 @@
-"""What a fitted model leaves unexplained, as an information criterion for coloured residuals.
+"""Bayesian information criterion of what a fitted model leaves, for coloured residuals.
 
 Whittle's likelihood of a residual with power density S(f) is a sum of log S over the lines of its spectrum.
 For a residual of n independent lines in the band and p parameters
 
     BIC = n mean(log S) + p log n
 
-up to a constant that all models of one set of data share. For a white residual it is the usual n log(rms^2) +
+up to a constant that all models of one set of data share. For a white residual it is the known n log(rms^2) +
 p log n. Every model is judged on all samples in the band, jumps of the friction included.
 """
 

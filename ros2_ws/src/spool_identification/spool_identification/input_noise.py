@@ -1,10 +1,10 @@
-"""What the noise of the body's sensor, which drives the model, does to a least-squares point.
+"""Errors in variables: what the noise of the body's sensor, the excitation, does to a least-squares point.
 
-Noise in the drive shakes dry friction loose and multiplies with itself in the normal equations: both bend
-the parameters by a little that does not average out (errors in variables). It is found by simulation: the
-model at the point makes a record, the drive gets more of the same noise, once added and once taken away, so
-that what is odd in the noise cancels, and one step of the descent shows where the point goes (as SIMEX does,
-Cook and Stefanski 1994, J. Am. Stat. Assoc. 89).
+Noise in the excitation shakes dry friction loose and multiplies with itself in the normal equations: both
+bend the parameters by a little that does not average out. It is found by simulation: the model at the point
+makes a record, the excitation gets more of the same noise, once added and once taken away, so that what is
+odd in the noise cancels, and one step of the descent shows where the point goes (as SIMEX does, Cook and
+Stefanski 1994, J. Am. Stat. Assoc. 89).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ SECONDS = 40.0
 
 @dataclass(frozen=True, slots=True)
 class NoiseEffect:
-    """By how much the noise of the drive moves the u unknowns.
+    """By how much the noise of the excitation moves the u unknowns.
 
     Attributes:
         bias: on the average, shape (u,).
@@ -71,7 +71,7 @@ def noise_density(record: Record, highest: float) -> float:
 
 
 def input_noise_effect(residuals: Residuals, point: Array, shown: NDArray[np.bool_]) -> NoiseEffect | None:
-    """Return what the drive's noise does to the ``shown`` unknowns at ``point``; ``None`` where none is seen.
+    """Return what the excitation's noise does to the ``shown`` unknowns at ``point``; ``None`` without noise.
 
     The noise is drawn from a fixed seed, so that the same records give the same result.
     """
@@ -110,7 +110,7 @@ def _over(residuals: Residuals, run: FreeRun) -> Residuals:
 def _noise(
     run: FreeRun, number: int, densities: Sequence[float], generator: np.random.Generator
 ) -> NDArray[np.complex128]:
-    """Return the spectrum of white noise of the body's strength where the drive has its band."""
+    """Return the spectrum of white noise of the body's strength where the excitation has its band."""
     window = run.windows[number]
     period = run.records[window.record].sample_period
     highest = run.highest_frequency[window.record]
@@ -123,12 +123,12 @@ def _noise(
 def _shaken(
     run: FreeRun, made: Sequence[Response], noises: Sequence[NDArray[np.complex128]], sign: float
 ) -> FreeRun:
-    """Return the windows as if ``made`` had been measured, and the drive with the noise added."""
+    """Return the windows as if ``made`` had been measured, and the excitation with the noise added."""
     other = copy.copy(run)
     other.windows = tuple(
         replace(
             window,
-            drive=window.drive + sign * noise,
+            excitation=window.excitation + sign * noise,
             measured=response.acceleration[0],
             measured_means=response.means[0],
         )

@@ -1,4 +1,4 @@
-"""A stretch of both accelerations without gaps, the data of every offline fit."""
+"""Record: a stretch of both accelerations without gaps, the data of every offline fit."""
 
 from __future__ import annotations
 

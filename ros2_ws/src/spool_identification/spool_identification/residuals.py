@@ -2,8 +2,8 @@
 
 Samples next to a jump of the dry friction are left out, a straight line in their place: where in its sample
 interval a reversal falls is chance, and the slopes of a sampled jump are spikes. The rest is weighed by the
-spectrum of what is left over, so that the weighted residual is white whatever sensors, resonance and drive
-make of the noise. Windows fade at both ends: a step there would reach far through the weighing.
+spectrum of what is left over, so that the weighted residual is white whatever sensors, resonance and
+excitation make of the noise. Windows fade at both ends: a step there would reach far through the weighing.
 """
 
 from __future__ import annotations

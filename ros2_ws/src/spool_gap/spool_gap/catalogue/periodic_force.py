@@ -15,7 +15,7 @@ LOWEST = 0.1
 
 
 class PeriodicForce(Effect):
-    """A line in the residual's spectrum that the drive does not have."""
+    """A line in the residual's spectrum that the excitation does not have."""
 
     id = "periodic_force"
     terms = ("periodic_force",)

@@ -146,7 +146,7 @@ def unit_or_exchange(ratio: Array, frequency: Array, valve: Valve) -> str:
     def distance(candidate: Array) -> float:
         return float(np.median(np.abs(np.log(np.maximum(np.abs(ratio), 1e-9) / np.abs(candidate)))))
 
-    plain = distance(expected)
+    direct = distance(expected)
     factor = wrong_unit(ratio, frequency, valve)
     if factor > 1.0:
         return "spool reads 9.81 times too much: is body in g instead of m/s^2?"
@@ -156,6 +156,6 @@ def unit_or_exchange(ratio: Array, frequency: Array, valve: Valve) -> str:
         return "body and spool have opposite signs: one sensor is turned round: change the sign of its column"
     inverse = 1.0 / expected
     unlike = difference(np.abs(ratio), frequency, valve, 1.0, ANY_SPRING) > THRESHOLDS.unlike_described
-    if unlike and plain > 0.45 and distance(inverse) < 0.4 * plain:
+    if unlike and direct > 0.45 and distance(inverse) < 0.4 * direct:
         return "body and spool look exchanged: the one that should follow leads: swap the columns"
     return ""

@@ -106,16 +106,16 @@ def _apart(size: Array, frequency: Array, valve: Valve, factor: float, springs: 
 def wrong_unit(ratio: Array, frequency: Array, valve: Valve) -> float:
     """Return the factor by which the spool's channel reads too much (9.81), too little (1/9.81), or 1."""
     size = np.abs(ratio)
-    plain = difference(size, frequency, valve, 1.0, ANY_SPRING)
-    # Everywhere alike, beside the description as it stands.
+    unscaled = difference(size, frequency, valve, 1.0, ANY_SPRING)
+    # Everywhere alike, next to the description as it stands.
     powers = np.log(np.maximum(size, 1e-9) / np.abs(expected_transfer(frequency, valve))) / math.log(GRAVITY)
     for sign in (1.0, -1.0):
         factor = GRAVITY**sign
         left = difference(size, frequency, valve, factor, SAME_SPRING)
         shifted = np.median(np.abs(powers - sign)) < 0.35 * np.median(np.abs(powers))
         everywhere = float(np.quantile(sign * powers, 0.25)) > 0.5 and bool(shifted)
-        clearly = left < THRESHOLDS.wrong_unit * plain and plain > THRESHOLDS.unlike_described
-        if clearly or (everywhere and left < THRESHOLDS.wrong_unit_everywhere * plain):
+        clearly = left < THRESHOLDS.wrong_unit * unscaled and unscaled > THRESHOLDS.unlike_described
+        if clearly or (everywhere and left < THRESHOLDS.wrong_unit_everywhere * unscaled):
             return float(factor)
     return 1.0
 

@@ -1,6 +1,6 @@
-"""Numbers with which one law of dry friction acts like another: where its fit starts best.
+"""Equivalent numbers, with which one law of dry friction acts like another: where its fit starts best.
 
-Laws of friction look alike over the speeds of a record, so their fits end in long flat valleys. Matched
+Laws of friction act alike over the speeds of a record, so their fits end in long flat minima. Matched
 force by force, over speed, they start at the bottom.
 """
 

@@ -25,7 +25,7 @@ from .descent import ENOUGH, Fitted, descend
 Array = NDArray[np.float64]
 
 BASE_NUMBERS = ("spring_stiffness", "viscous_coefficient", GAIN, DELAY)
-#: Factor by which the spring may be off its description: play and stops have valleys without a spring.
+#: Factor by which the spring may be off its description: play and stops have local minima without a spring.
 OFF = 5.0
 WIDE = {GAIN: 0.5, DELAY: 5e-3}
 

@@ -1,10 +1,10 @@
-"""Free runs that a damper couples to the measured motion: where fits of springs with play begin.
+"""Synchronised runs, which a damper ties to the measured motion: where fits of springs with play begin.
 
-With play or preload a spool swings in one of several ways at the same drive, so a free run of almost the
-right numbers follows the measured motion or another, at chance, and the sum of squares is full of valleys. A
-damper between model and measurement leaves one way, and one valley: synchronization (Abarbanel and others,
+With play or preload a spool swings in one of several ways at the same excitation, so a free run of almost the
+right numbers follows the measured motion or another, at chance, and the sum of squares is full of minima. A
+damper between model and measurement leaves one way, and one minimum: synchronization (Abarbanel and others,
 Dynamical state and parameter estimation, SIAM Journal on Applied Dynamical Systems 8, 2009). Its force has
-two parts: more viscous drag on the model, and a drive in proportion to the measured velocity.
+two parts: more viscous drag on the model, and a excitation in proportion to the measured velocity.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from spool_gap.simulation.simulate import Simulation
 from .descent import descend
 from .hypothesis import Fitting
 
-#: Dampers of the coupling over the critical one of mass and spring, one fit after the other.
+#: Synchronising dampers over the critical one of mass and spring, one fit after the other.
 DAMPING_RATIO = 0.3
 DAMPING_RATIOS = (0.6, DAMPING_RATIO)
 #: Share of the samples of other fits, rounds of each fit, and starts that are followed.
 SHARE, ROUNDS, TRIES = 2, 8, 2
-#: Samples that a coupled run goes on where a free one starts from it.
+#: Samples that a synchronised run goes on where a free one starts from it.
 LOOK = 8
 
 
@@ -47,7 +47,7 @@ def synchronised_start(
     free = fitting.free_of(effects, starts[0])
     for number, ratio in enumerate(DAMPING_RATIOS):
         simulation = synchronised_simulation(fitting, whole, ratio, fitting.settings.longest // SHARE)
-        # Far from the truth most windows are bad; counted by their logarithm they make another valley.
+        # Far from the truth most windows are bad; counted by their logarithm they make another minimum.
         simulation = simulation.counting_robustly(robust=number > 0)
         starts = [descend(simulation, starts, free, rounds=ROUNDS, tries=TRIES, enough=1e-3).point]
     return starts[0]
@@ -56,7 +56,7 @@ def synchronised_start(
 def synchronised_simulation(
     fitting: Fitting, whole: Sequence[Stretch], ratio: float, longest: int
 ) -> Simulation:
-    """Return pieces of ``whole``, coupled to the motion that is measured with gain and delay of each point.
+    """Return pieces of ``whole``, synchronised with the motion as measured with gain and delay of each point.
 
     Args:
         fitting: gives the kernels, mass and spring.
@@ -78,7 +78,7 @@ def _conditioned_with(fitting: Fitting) -> tuple[float, float]:
 
 
 def following(fitting: Fitting, whole: Sequence[Stretch], point: Point, ratio: float) -> Simulation:
-    """Return free runs over the windows of ``whole`` that start from where coupled runs of ``point`` came.
+    """Return free runs over the windows of ``whole`` that start where synchronised runs of ``point`` came.
 
     Where the motion can go several ways, those start on the measured one, whose displacement no accelerometer
     tells within the play.
@@ -93,8 +93,8 @@ def following(fitting: Fitting, whole: Sequence[Stretch], point: Point, ratio: f
         )
         for stretch in pieces
     ]
-    coupled = synchronised_simulation(fitting, before, ratio, 2 * fitting.settings.longest)
-    runs = iter(coupled.run([point], range(len(coupled.places))))
+    tied = synchronised_simulation(fitting, before, ratio, 2 * fitting.settings.longest)
+    runs = iter(tied.run([point], range(len(tied.places))))
     found = []
     for stretch in pieces:
         windows = []

@@ -1,4 +1,4 @@
-"""The workflow for force records: base, where the gap sits, which force is missing, what is left."""
+"""Workflow for force records: base, where the gap sits, which force is missing, what is left."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ Progress = Callable[[str, float], None]
 STRETCH = 4.0
 #: Share of the held-out error, rms, that an effect must take away.
 SMALLEST = 0.03
-#: Twice the log likelihood ratio, after the price of the parameters, from which an effect counts.
+#: Twice the log likelihood ratio, after the BIC penalty of the parameters, from which an effect counts.
 EVIDENCE = 20.0
-#: Correlation of two columns, base taken off, from which they cannot be told apart.
+#: Correlation of two columns, base taken off, from which they cannot be distinguished.
 ALIKE = 0.97
 #: Ratio of the 95 to the 5 % quantile of the speed below which the speed hardly varies.
 VARIED = 6.0
@@ -78,7 +78,7 @@ def analyse_forces(
         check_mass(balance, steps[0][1], train[0].name, mass)
     ranking: list[RankedHypothesis] = []
     while len(steps) <= chosen_settings.most_effects:
-        tell(f"trying effects beside {' + '.join(steps[-1][1].effects) or 'the base'}", 0.3)
+        tell(f"trying effects jointly with {' + '.join(steps[-1][1].effects) or 'the base'}", 0.3)
         better = _forward(balance, steps[-1], ranking, kind)
         if better is None:
             break
@@ -117,7 +117,7 @@ def _split(
 
 
 def _cannot_tell(balance: ForceBalance) -> tuple[str, ...]:
-    """Return names of forces that these records cannot tell apart."""
+    """Return names of forces that these records cannot distinguish."""
     speed = np.abs(np.concatenate([balance.motions[id(record)].velocity for record in balance.train]))
     moving = speed[speed > 0.05 * float(np.quantile(speed, 0.95))]
     spread = float(np.quantile(moving, 0.95) / max(float(np.quantile(moving, 0.05)), 1e-12))
@@ -136,7 +136,7 @@ def _forward(
 ) -> tuple[Chosen, ForceFit] | None:
     chosen, fit = step
     before = balance.nrmse(fit)
-    # One law of dry friction is enough: another beside it would only mend its shape at reversals.
+    # One law of dry friction is enough: another next to it would only repair its shape at reversals.
     contained = {name for entry, _ in chosen for name in (entry.id, *entry.replaces)}
     if contained & FRICTIONS:
         contained |= FRICTIONS

@@ -1,4 +1,4 @@
-"""Force records: which force is missing, by regression at the measured motion.
+"""Regression on force records: which force is missing at the measured motion.
 
 imposed:  force = c z' + k z + effects + zero of the load cell
 driven:   force = m z'' + c z' + k z + effects + zero of the load cell
@@ -103,7 +103,7 @@ class ForceBalance:
         return (self.sign * record.low_passed(record.force) - inertia) * self.known[id(record)]
 
     def fit(self, chosen: Sequence[tuple[Effect, dict[str, float]]]) -> ForceFit:
-        """Return the least-squares fit of ``chosen`` beside the base."""
+        """Return the least-squares fit of ``chosen`` jointly with the base."""
         matrices = [self.columns(record, chosen) for record in self.train]
         matrix = np.concatenate(matrices)
         target = np.concatenate([self.target(record) for record in self.train])
@@ -133,7 +133,7 @@ class ForceBalance:
     def best_shape(
         self, effect: Effect, chosen: Sequence[tuple[Effect, dict[str, float]]]
     ) -> dict[str, float] | None:
-        """Return the shape of ``effect`` that leaves least beside ``chosen``, scanned and then refined."""
+        """Return the shape of ``effect`` that leaves least jointly with ``chosen``, scanned, then refined."""
         motion = self.motions[id(max(self.train, key=lambda r: r.force.size))]
         shapes = [dict(shape) for shape in effect.shapes(motion)]
         shapes = [shape for shape in shapes if self.plausible(effect, chosen, shape)]

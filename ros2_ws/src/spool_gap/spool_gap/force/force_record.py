@@ -1,4 +1,4 @@
-"""A stretch of displacement and force, the data of the kinds ``driven`` and ``imposed``."""
+"""Force record: a stretch of displacement and force, the data of the kinds ``driven`` and ``imposed``."""
 
 from __future__ import annotations
 

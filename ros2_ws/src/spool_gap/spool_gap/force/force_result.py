@@ -1,4 +1,4 @@
-"""What an analysis of force records says, put together from its fits."""
+"""Result of an analysis of force records, put together from its fits."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def result_of(
     alike: tuple[str, ...],
     begun: float,
 ) -> GapResult:
-    """Return the outcome of ``steps``, base first; ``alike`` are forces that are not told apart."""
+    """Return the outcome of ``steps``, base first; ``alike`` are forces that are not distinguished."""
     chosen, final = steps[-1]
     _, first = steps[0]
     before, after = balance.nrmse(first), balance.nrmse(final)

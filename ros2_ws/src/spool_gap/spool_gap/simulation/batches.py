@@ -27,7 +27,7 @@ Place = tuple[int, float, float, int]
 #: Most steps per sample that a hypothesis may ask for; a stiffer one is stepped more coarsely.
 MOST_SUBSTEPS = 8
 #: How much longer a step may be than the simulator's where no force has kinks, and how much longer still as
-#: to the drive: a fit compares with noise, so an error of 1e-4 of the signal will do.
+#: to the excitation: a fit compares with noise, so an error of 1e-4 of the signal will do.
 COARSER, SMOOTHER = 2.0, 1.7
 
 
@@ -48,14 +48,14 @@ class Run:
 
 
 @dataclass(frozen=True, slots=True)
-class Drive:
-    """What drives one window, at one delay and gain of the spool's channel.
+class WindowExcitation:
+    """Excitation of one window, at one delay and gain of the spool's channel.
 
     Attributes:
-        window: kept, since drives are known by its identity.
+        window: kept, since excitations are known by its identity.
         steps: acceleration at the ends and midpoints of all steps, m/s^2, shape (2 n substeps + 1,).
         means: of the body's acceleration over sample intervals, m/s^2, shape (n,).
-        pull: of the damper that couples to the measured motion, over the mass, at the samples, m/s^2, in
+        pull: of the damper that ties it to the measured motion, over the mass, at the samples, m/s^2, in
             ``steps`` with the other sign; shape (n + 1,), or ``None`` without one.
     """
 
@@ -66,10 +66,10 @@ class Drive:
 
 
 class Batches:
-    """Steps windows of one length together; each thread keeps its last drives: most come again."""
+    """Steps windows of one length together; each thread keeps its last excitations: most come again."""
 
     def __init__(self) -> None:
-        """Begin without drives."""
+        """Begin without excitations."""
         self._last = threading.local()
 
     def run(self, motion: SwitchableMotion, points: Sequence[Point], jobs: Sequence[Job]) -> list[Run]:
@@ -80,8 +80,8 @@ class Batches:
             key = stretch.record.sample_period, stretch.highest_frequency, length, lead
             groups.setdefault(key, []).append(number)
         found: dict[int, Run] = {}
-        drives: dict[Place, Drive] = {}
-        last: dict[Place, Drive] = getattr(self._last, "drives", {})
+        excitations: dict[Place, WindowExcitation] = {}
+        last: dict[Place, WindowExcitation] = getattr(self._last, "excitations", {})
         for (period, highest, _, _), numbers in groups.items():
             substeps = steps_a_sample(points[0], period, highest)
             own = [jobs[number] for number in numbers]
@@ -90,34 +90,36 @@ class Batches:
             }
             known = {place: last[place] for place in needed if place in last}
             missing = {place: needed[place] for place in needed if place not in known}
-            made = _drives(list(missing.values()), period, substeps) if missing else []
-            drives.update(known)
-            drives.update(zip(missing, made, strict=True))
-            found.update(zip(numbers, _together(motion, points, own, drives, substeps), strict=True))
-        self._last.drives = drives
+            made = _excitations(list(missing.values()), period, substeps) if missing else []
+            excitations.update(known)
+            excitations.update(zip(missing, made, strict=True))
+            found.update(zip(numbers, _together(motion, points, own, excitations, substeps), strict=True))
+        self._last.excitations = excitations
         return [found[number] for number in range(len(jobs))]
 
 
 def _place(window: Window, point: Point, substeps: int) -> Place:
-    """Return by what the drive of ``window`` at ``point`` is known."""
-    coupled = isinstance(window, Piece) and window.pull is not None
-    return id(window), point.delay, point.gain if coupled else 0.0, substeps
+    """Return by what the excitation of ``window`` at ``point`` is known."""
+    synchronised = isinstance(window, Piece) and window.pull is not None
+    return id(window), point.delay, point.gain if synchronised else 0.0, substeps
 
 
-def _drives(needed: Sequence[tuple[Window, Point]], period: float, substeps: int) -> list[Drive]:
-    """Return the drive of each of ``needed``, windows of one length."""
+def _excitations(
+    needed: Sequence[tuple[Window, Point]], period: float, substeps: int
+) -> list[WindowExcitation]:
+    """Return the excitation of each of ``needed``, windows of one length."""
     windows, delays = [window for window, _ in needed], [point.delay for _, point in needed]
     found = []
     steps = half_steps_of(windows, period, substeps, delays)
     for (window, point), row in zip(needed, steps, strict=True):
         means = simpson_means(row, substeps)
         if not isinstance(window, Piece) or window.pull is None:
-            found.append(Drive(window, row, means, None))
+            found.append(WindowExcitation(window, row, means, None))
             continue
-        body, spool = (replace(window, drive=spectrum) for spectrum in window.pull)
+        body, spool = (replace(window, excitation=spectrum) for spectrum in window.pull)
         pull = half_steps(spool, period, substeps) / (1.0 + point.gain)
         pull -= half_steps(body, period, substeps, point.delay)
-        found.append(Drive(window, row - pull, means, pull[:: 2 * substeps]))
+        found.append(WindowExcitation(window, row - pull, means, pull[:: 2 * substeps]))
     return found
 
 
@@ -125,7 +127,7 @@ def _together(
     motion: SwitchableMotion,
     points: Sequence[Point],
     jobs: Sequence[Job],
-    drives: Mapping[Place, Drive],
+    excitations: Mapping[Place, WindowExcitation],
     substeps: int,
 ) -> list[Run]:
     """Return what each of ``jobs``, windows of one length, gives for ``points``."""
@@ -139,7 +141,7 @@ def _together(
     states = [_start(window, point) for (_, window), point in pairs]
     trajectory, _ = motion.advance_batch(
         [MotionState(z, v, float(np.sign(v))) for z, v in states],
-        np.array([drives[place].steps for place in rows]),
+        np.array([excitations[place].steps for place in rows]),
         np.tile(sets, (len(jobs), 1))[:, np.newaxis, :],
         sample_period=period,
         substeps=substeps,
@@ -151,10 +153,10 @@ def _together(
     first = 0 if distorted else lead
     ahead, counted = slice(first, trajectory.velocity.shape[1] - 1), slice(lead - first, None)
     means = np.diff(trajectory.velocity[:, first:], axis=1) / period
-    means += np.array([drives[place].means[first:-1] for place in rows])[stands_on]
+    means += np.array([excitations[place].means[first:-1] for place in rows])[stands_on]
     acceleration = trajectory.acceleration[:, ahead]
-    if drives[places[0]].pull is not None:
-        acceleration = acceleration + np.array([drives[place].pull for place in rows])[stands_on, ahead]
+    if excitations[places[0]].pull is not None:
+        acceleration = acceleration + np.array([excitations[place].pull for place in rows])[stands_on, ahead]
     if distorted:
         acceleration, means = (_read(rows_, points, period) for rows_ in (acceleration, means))
     whole = (
@@ -195,12 +197,12 @@ def _start(window: Window, point: Point) -> tuple[float, float]:
     return window.state_at(point.gain, point.delay) if isinstance(window, Piece) else window.state
 
 
-def simpson_means(drive: Array, substeps: int) -> Array:
+def simpson_means(excitation: Array, substeps: int) -> Array:
     """Return the means over sample intervals of what the steps take as forcing, shape (n,).
 
     Args:
-        drive: at the ends and midpoints of all steps, shape (2 n substeps + 1,).
+        excitation: at the ends and midpoints of all steps, shape (2 n substeps + 1,).
         substeps: steps per sample.
     """
-    steps = (drive[:-2:2] + 4.0 * drive[1:-1:2] + drive[2::2]) / 6.0
+    steps = (excitation[:-2:2] + 4.0 * excitation[1:-1:2] + excitation[2::2]) / 6.0
     return np.asarray(steps.reshape(-1, substeps).mean(axis=1))

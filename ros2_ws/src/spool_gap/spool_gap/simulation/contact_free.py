@@ -1,4 +1,4 @@
-"""The pieces of a record in which the spool touches no stop."""
+"""Contact-free segments of a record: the spool touches no stop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Contacts found in the record itself: where the spool hits something hard, and how hard that is.
+"""Contacts with stops, found in the record itself: where the spool hits something hard, and how hard that is.
 
 Between two hits the spool swings as the base does, so that its balance of forces, fitted to small
 displacements only, shows each hit as a short push inward near the largest displacement. Stiffness and drag of
@@ -67,7 +67,7 @@ class Contacts:
         laws: of the contact as the hits show them, likeliest first.
         spring, drag: of the base between the hits, N/m, N s/m.
         count: of hits.
-        depth: usual depth of a hit under its largest push, m.
+        depth: median depth of a hit under its largest push, m.
         touching: for each stretch, whether a sample is in a hit or near one, shape (n,).
     """
 
@@ -131,9 +131,11 @@ def find_contacts(
     if not laws:
         return None
     depths = [float(push[a:b].max()) for a, b in zip(first.tolist(), last.tolist(), strict=True)]
-    usual = float(np.median(depths)) / laws[0].stiffness
+    typical = float(np.median(depths)) / laws[0].stiffness
     light = _runs(outside & (push > OUT_OF_NOISE * scatter))
-    return Contacts(tuple(laws), spring, max(drag, 0.0), int(first.size), usual, _touching(stretches, *light))
+    return Contacts(
+        tuple(laws), spring, max(drag, 0.0), int(first.size), typical, _touching(stretches, *light)
+    )
 
 
 def _joined(stretches: Sequence[Stretch], gain: float, delay: float) -> _Motion:
@@ -157,7 +159,7 @@ def _between(motion: _Motion, mass: float, depth: Array, reach: float) -> tuple[
     """Return the force that the base does not have (N), its spring and drag, and the scatter without hits."""
     columns = np.stack([motion.displacement, motion.velocity], axis=1)
     free = motion.usable & (depth < WITHIN * reach)
-    beside = 2 * round(4e-3 / motion.period) + 1
+    width = 2 * round(4e-3 / motion.period) + 1
     force, spring, drag, scatter = mass * motion.acceleration, 0.0, 0.0, 0.0
     for _ in range(3):
         scale = np.maximum(np.sqrt(np.mean(columns[free] ** 2, axis=0)), 1e-30)
@@ -167,7 +169,7 @@ def _between(motion: _Motion, mass: float, depth: Array, reach: float) -> tuple[
         spring, drag = float(found[0]), float(found[1])
         force = mass * motion.acceleration + columns @ found
         scatter = 1.4826 * float(np.median(np.abs(force[free])))
-        hit = maximum_filter1d((np.abs(force) > 6.0 * scatter).astype(np.uint8), beside) > 0
+        hit = maximum_filter1d((np.abs(force) > 6.0 * scatter).astype(np.uint8), width) > 0
         next_ = motion.usable & (depth < 0.85 * reach) & ~hit
         if next_.sum() < 0.1 * motion.usable.sum():
             break
@@ -220,7 +222,7 @@ def _by_peak(
     coming = before > 0.0
     if not coming.any():
         return []
-    # Drag and samples beside the peak make it smaller, many times where a hit lasts one sample.
+    # Drag and samples next to the peak make it smaller, many times where a hit lasts one sample.
     seen = float(np.quantile(peak[coming] / before[coming], 0.7)) ** 2 / mass
     return [(factor * seen, 0.3 * float(np.sqrt(factor * seen * mass))) for factor in (3.0, 8.0, 20.0)]
 

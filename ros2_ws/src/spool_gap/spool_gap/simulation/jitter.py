@@ -1,4 +1,4 @@
-"""Sampling instants that scatter: noise that grows with the slope of the reading.
+"""Sampling jitter: noise that grows with the slope of the reading.
 
 A reading taken too early or too late is off by slope times time. That is noise to any model, so it hides in
 the noise floor; what gives it away is that it comes and goes with the slope.

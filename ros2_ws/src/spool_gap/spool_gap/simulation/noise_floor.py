@@ -1,4 +1,4 @@
-"""What noise alone would leave of a model that is right."""
+"""Noise floor: what noise alone would leave of a model that is right."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Floor:
 
 
 def noise_floor(simulation: Simulation, point: Point, errors: Sequence[Array], seed: int = 0) -> Floor:
-    """Return the floor of ``point``: simulated again with the body's noise, plus the spool's noise.
+    """Return the noise floor of ``point``: simulated again with the body's noise, plus the spool's noise.
 
     Args:
         simulation: the windows.
@@ -65,7 +65,7 @@ def noise_floor(simulation: Simulation, point: Point, errors: Sequence[Array], s
         place = window.first - window.margin + np.arange(window.length)
         inside = (place >= 0) & (place < noise.size)
         lines = np.fft.rfft(np.where(inside, noise[np.clip(place, 0, noise.size - 1)], 0.0))
-        window = replace(window, drive=window.drive + lines)
+        window = replace(window, excitation=window.excitation + lines)
         if isinstance(window, Piece) and any(window.wander):
             off = generator.normal(0.0, window.wander)
             window = replace(window, state=(window.state[0] + off[0], window.state[1] + off[1]))
@@ -94,7 +94,7 @@ def response_of(simulation: Simulation, frequency: Array, period: float) -> Arra
 
 
 def excess(simulation: Simulation, errors: Sequence[Array], floor: Floor) -> float:
-    """Return the held-out residual's power over the floor's, up to three times the drive's band."""
+    """Return the held-out residual's power over the noise floor's, up to three times the excited band."""
     held = simulation.held_out
     ratios, weights = [], []
     left = simulation.spectra(errors, held)

@@ -1,4 +1,4 @@
-"""A full hypothesis as numbers."""
+"""Point in the space of hypotheses: what is on, and with which numbers."""
 
 from __future__ import annotations
 

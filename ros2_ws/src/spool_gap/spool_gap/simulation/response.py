@@ -1,4 +1,4 @@
-"""What small forces and sensor errors add to the spool's acceleration, through the linear base."""
+"""Response of the linear base: what small forces and sensor errors add to the spool's acceleration."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def responses(
         point: gives mass, stiffness and damping.
         forces: forces that the model lacks along the motion of the stretch of a number, N, shape (c, n).
         slopes: orders of derivatives of the spool's reading, as columns after the forces: what an error of
-            its sensor adds; scaled to the upper end of the drive's band.
+            its sensor adds; scaled to the upper end of the excitation's band.
         chosen: numbers of the windows, all by default.
     """
     wanted = range(len(simulation.places)) if chosen is None else chosen

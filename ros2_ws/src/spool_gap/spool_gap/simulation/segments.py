@@ -1,4 +1,4 @@
-"""Which stretches of the records are fitted and which are held out."""
+"""Segments of the records: which are fitted and which are held out."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ WINDOW = 0.6
 LONGEST_PIECE = 400_000
 #: Time constants of the motion after which its start is forgotten.
 FORGOTTEN = 6.0
-#: Hz, no drive of a valve is looked for below.
+#: Hz, no excitation of a valve is looked for below.
 LOWEST = 1.0
 
 
@@ -34,14 +34,14 @@ class Stretch:
 
     Attributes:
         record: as measured.
-        noise: of both channels, with the drive's band.
+        noise: of both channels, with the excitation's band.
         low_cut: Hz, where the conditioning begins to let pass.
         motion: relative motion with the gain and delay that were assumed.
         kept: 0 where a sample says nothing because a channel clips, else 1, shape (n,).
         windows: that are simulated.
         training: for each window, whether it is fitted.
-        highest_frequency: of the drive, Hz.
-        quiet: what took the body's noise off the drive.
+        highest_frequency: of the excitation, Hz.
+        quiet: what took the body's noise off the excitation.
     """
 
     record: Record

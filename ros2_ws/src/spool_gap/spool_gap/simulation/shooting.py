@@ -1,4 +1,4 @@
-"""Short pieces that start from the measured motion: multiple shooting.
+"""Multiple shooting: short pieces that start from the measured motion.
 
 A free run over seconds has many local minima, since a small error of stiffness turns the phase; over half a
 second it has not. What the start's error makes of a piece is taken out by projection, see
@@ -21,10 +21,11 @@ from .segments import Stretch, thinned
 Array = NDArray[np.float64]
 Spectrum = NDArray[np.complex128]
 
-#: s that count in a piece, s in front of it in which memories of friction build up, s of drive on both sides.
+#: s that count in a piece, s in front of it in which memories of friction build up, and s of excitation on
+#: both sides.
 PIECE, RUN_IN, MARGIN = 0.6, 0.25, 0.1
-#: Upper end of the band in which a damper couples over that of the drive.
-COUPLED = 3.0
+#: Upper end of the band in which a damper synchronises over that of the excitation.
+SYNCHRONISED = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,8 +36,8 @@ class Piece(Window):
         gain, delay: with which ``state`` was worked out, relative and s.
         by_gain, by_delay: change of ``state`` with them, (m, m/s) per 1 and per s.
         wander: how far ``state`` may be off, (m, m/s), rms.
-        pull: spectra of the velocities of body and spool as read, times the rate of the damper that couples
-            to the measured motion, m/s^2; ``None`` where runs are free.
+        pull: spectra of the velocities of body and spool as read, times the rate of the damper that ties
+            it to the measured motion, m/s^2; ``None`` where runs are free.
     """
 
     gain: float
@@ -62,7 +63,7 @@ def pieces_of(
 
     As many samples are held out; what was held out of the windows is held out of the pieces. ``gain`` and
     ``delay`` of the spool's channel are those with which the motion was worked out; ``rate`` is that of a
-    damper which couples to the measured motion: its coefficient over the mass, 1/s.
+    damper between model and measured motion: its coefficient over the mass, 1/s.
     """
     return thinned([_cut(stretch, gain, delay, rate) for stretch in stretches], longest)
 
@@ -77,7 +78,7 @@ def _cut(stretch: Stretch, gain: float, delay: float, rate: float) -> Stretch:
     reach = min(body.size - 1, margin + lead + 4)
     rows = [body]
     if rate:
-        high = COUPLED * stretch.highest_frequency
+        high = SYNCHRONISED * stretch.highest_frequency
         rows += [
             limited(rate * conditioning.apply(read, 1), period, high) for read in (record.body, record.spool)
         ]
@@ -91,14 +92,14 @@ def _cut(stretch: Stretch, gain: float, delay: float, rate: float) -> Stretch:
         edges = window.start + (size * np.arange(count + 1)) // count
         for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
             first = start - lead
-            drive = padded[:, reach + first - margin : reach + stop + 2 + margin].copy()
-            drive[:, : rise.size] *= rise
-            drive[:, drive.shape[1] - rise.size :] *= rise[::-1]
-            spectra = fft.rfft(drive)
+            excitation = padded[:, reach + first - margin : reach + stop + 2 + margin].copy()
+            excitation[:, : rise.size] *= rise
+            excitation[:, excitation.shape[1] - rise.size :] *= rise[::-1]
+            spectra = fft.rfft(excitation)
             part = slice(start - window.start, stop - window.start)
             own = replace(
-                window, first=first, start=start, stop=stop, drive=spectra[0], margin=margin,
-                length=drive.shape[1],
+                window, first=first, start=start, stop=stop, excitation=spectra[0], margin=margin,
+                length=excitation.shape[1],
                 state=(float(stretch.motion.displacement[first]), float(stretch.motion.velocity[first])),
                 measured=window.measured[part], measured_means=window.measured_means[part],
             )  # fmt: skip

@@ -20,7 +20,7 @@ from .switchable import SwitchableMotion
 
 Array = NDArray[np.float64]
 
-#: Upper end of the compared band over that of the drive, and at least so many Hz.
+#: Upper end of the compared band over that of the excitation, and at least so many Hz.
 HARMONICS, AT_LEAST = 6.0, 300.0
 #: Lines times windows that a density is averaged over, on either side of a line.
 SMOOTHED = 24
@@ -53,7 +53,7 @@ class Simulation:
         places: stretch, window and whether it is fitted, of each window.
         ringing: mass, stiffness and damping (kg, N/m, N s/m) with which an error of a window's start
             rings; ``None`` where windows have forgotten their start.
-        damper: N s/m, between model and measured motion, see :mod:`.coupled`.
+        damper: N s/m, between model and measured motion, see :mod:`spool_gap.fitting.synchronised`.
         weighing: another object whenever what is compared, or its weight, has changed.
     """
 
@@ -65,7 +65,7 @@ class Simulation:
         Args:
             stretches: with their windows.
             motions: kernels, quickest first; the first one that has all terms of a hypothesis steps it.
-            damper: that ``stretches`` are coupled by, N s/m.
+            damper: that ``stretches`` are synchronised by, N s/m.
         """
         self.stretches = tuple(stretches)
         self.motions = tuple(motions)
@@ -97,7 +97,7 @@ class Simulation:
 
         Compared are means over sample intervals: a jump of friction between two samples moves them in
         proportion to its time, not at chance. Once the jumps are known well enough (``jumps``), samples are
-        compared and those beside a jump are left out: sampled jumps are not in the band of the means.
+        compared and those next to a jump are left out: sampled jumps are not in the band of the means.
         """
         found = []
         for place, run in zip(chosen, self.run(points, chosen), strict=True):
@@ -199,20 +199,20 @@ class Simulation:
         If ``robust``, those of a bad window are counted by their logarithm: few windows in which the spool
         hits a stop would drown all others in which it swings free.
         """
-        edges, usual = self.parts(chosen)
+        edges, expected = self.parts(chosen)
         squares = np.add.reduceat(weighed**2, edges[:-1], axis=1)
         if not self.robust:
             return np.asarray(squares)
-        bad = np.maximum(squares / usual, 1.0)
-        return np.asarray(np.where(bad > 1.0, usual * (1.0 + np.log(bad)), squares))
+        bad = np.maximum(squares / expected, 1.0)
+        return np.asarray(np.where(bad > 1.0, expected * (1.0 + np.log(bad)), squares))
 
     def trust(self, weighed: Array, chosen: Sequence[int]) -> Array:
         """Return the root of the share with which each of ``weighed`` (m,) counts, shape (m,)."""
         if not self.robust:
             return np.ones(weighed.size)
-        edges, usual = self.parts(chosen)
+        edges, expected = self.parts(chosen)
         squares = np.add.reduceat(weighed**2, edges[:-1])
-        return np.repeat(np.sqrt(np.minimum(1.0, usual / np.maximum(squares, 1e-12))), np.diff(edges))
+        return np.repeat(np.sqrt(np.minimum(1.0, expected / np.maximum(squares, 1e-12))), np.diff(edges))
 
     def smooth(self, changes: Array, most: Array, chosen: Sequence[int]) -> Array:
         """Return 1 where ``changes`` (p, m) of a window's numbers stay within ``most`` (m,), else less."""
@@ -273,11 +273,11 @@ class Simulation:
         return slice(int(np.searchsorted(frequency, stretch.low_cut)), int(np.searchsorted(frequency, high)))
 
     def spectra(
-        self, errors: Sequence[Array], chosen: Sequence[int], *, usual: bool = False
+        self, errors: Sequence[Array], chosen: Sequence[int], *, median: bool = False
     ) -> list[tuple[Array, Array]]:
         """Return frequency and smoothed density of the first row of ``errors`` for each stretch.
 
-        The mean over the windows, or what is ``usual``: the median, which a few bad ones do not move.
+        The mean over the windows, or their ``median``, which a few bad ones do not move.
         """
         found: list[tuple[Array, Array]] = []
         for stretch in self.stretches:
@@ -290,7 +290,7 @@ class Simulation:
             for row in rows:
                 frequency, density = signal.welch(row, stretch.noise.rate, "hann", piece, detrend=False)
                 densities.append(density)
-            if usual and len(rows) > 4:
+            if median and len(rows) > 4:
                 middle = np.median(densities, axis=0) / median_over_mean(min(row.size for row in rows), piece)
             else:
                 middle = np.mean(densities, axis=0)
@@ -306,7 +306,7 @@ class Simulation:
         """
         found = self._reweighed()
         found._lines, found.density = [], []
-        spectra = self.spectra(errors, self.training, usual=self.robust)
+        spectra = self.spectra(errors, self.training, median=self.robust)
         for stretch, (frequency, density) in zip(self.stretches, spectra, strict=True):
             least = 0.5 * stretch.noise.spool
             if density.size > 8:

@@ -110,17 +110,17 @@ def asymmetry(
         ]
     )
     substeps = 4
-    drive = half_steps(window, period, substeps, point.delay)
-    drive = drive[: 2 * substeps * size + 1]
+    excitation = half_steps(window, period, substeps, point.delay)
+    excitation = excitation[: 2 * substeps * size + 1]
     rests = PLACES * point.values["backlash"] if PLAY in point.terms else np.zeros(1)
     trajectory, _ = motion.advance_batch(
         [MotionState(rest) for rest in rests.tolist() for _ in RATIOS],
-        drive[np.newaxis],
+        excitation[np.newaxis],
         np.tile(rows, (rests.size, 1))[:, np.newaxis, :],
         sample_period=period,
         substeps=substeps,
     )
-    body = simpson_means(drive, substeps)[:-1]
+    body = simpson_means(excitation, substeps)[:-1]
     means = (np.diff(trajectory.velocity, axis=1) / period + body) * (1.0 + point.gain)
     measured = 0.5 * (record.spool[: size - 1] + record.spool[1:size])
     kept = np.minimum(stretch.kept[: size - 1], stretch.kept[1:size])

@@ -1,4 +1,4 @@
-"""Which unknowns the records tell, and which only together with others.
+"""Observability: which unknowns the records tell, and which only together with others.
 
 The slopes of the forces along the measured motion, and of what friction takes up at rest, have full rank
 where every unknown shows in its own way. A direction in which they vanish is a change of several unknowns

@@ -1,4 +1,4 @@
-"""The drive freed of the body sensor's noise, which moves no spool.
+"""Denoised excitation: freed of the body sensor's noise, which moves no spool.
 
 Left in, the resonance would amplify it, and a fit would find more damping, or damping that drifts, better.
 Short overlapping pieces of the record keep those frequencies that stand out of the noise, without phase.
@@ -15,10 +15,10 @@ Array = NDArray[np.float64]
 
 #: s of one piece, and pieces that overlap at each instant.
 PIECE, OVERLAP = 1.0, 4
-#: Power over that of the noise up to which lines are noise, and from which they are drive.
+#: Power over that of the noise up to which lines are noise, and from which they are excitation.
 NOISE_ONLY, DRIVE_ONLY = 2.0, 5.0
 #: Lines on each side over which the power is averaged.
-BESIDE = 2
+NEIGHBOURS = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class Quiet:
 
 
 def quiet(samples: Array, density: float, rate: float) -> Quiet:
-    """Return what keeps the drive in ``samples`` (n,) and takes white noise of ``density`` off.
+    """Return what keeps the excitation in ``samples`` (n,) and takes white noise of ``density`` off.
 
     Args:
         samples: as read, shape (n,).
@@ -69,7 +69,7 @@ def quiet(samples: Array, density: float, rate: float) -> Quiet:
         power = np.abs(np.fft.rfft(padded[number * hop : number * hop + length] * window)) ** 2 / expected
         total = np.concatenate([[0.0], np.cumsum(power)])
         place = np.arange(power.size)
-        low, high = np.maximum(0, place - BESIDE), np.minimum(power.size, place + BESIDE + 1)
+        low, high = np.maximum(0, place - NEIGHBOURS), np.minimum(power.size, place + NEIGHBOURS + 1)
         mean = (total[high] - total[low]) / (high - low)
         gains[number] = np.clip((mean - NOISE_ONLY) / (DRIVE_ONLY - NOISE_ONLY), 0.0, 1.0)
     return Quiet(gains, length, samples.size)
