@@ -67,15 +67,8 @@ def import_csv(
     if not (math.isfinite(block_duration) and block_duration > 0.0):
         raise InputError(f"block duration {block_duration} s: give a number above 0")
     record = read_csv(path, columns=columns)
-    first, last = float(record.time[0]), float(record.time[-1])
-    if start is None:
-        start = start_of(record)
-    elif first > LONGEST_RECORD:
-        raise InputError(f"{path}: time_s counts from 1970 itself ({first:.0f} s): leave --start out")
-    if start + first * 1e9 <= 0 or start + last * 1e9 >= LATEST_STAMP:
-        raise InputError(f"{path}: stamps would be outside 1970 to 2038 (time_s from {first:g} to {last:g})")
-    blocks = lost = temperatures = 0
-    newest = -1
+    start = _checked_start(path, record, start)
+    blocks = newest = temperatures = 0
     with BagWriter(out, staged=True) as writer:
         channel = writer.add_topic(f"/{valve}/acceleration", ACCELERATION_BLOCK)
         oil = record.columns.get(OIL_TEMPERATURE)
@@ -91,7 +84,6 @@ def import_csv(
                 channel, block.stamp, encode_block(block, valve), sequence=block.sequence & 0xFFFFFFFF
             )
             blocks += 1
-            lost += block.sequence - newest - 1
             newest = block.sequence
     duration = float(record.time[-1] - record.time[0]) + record.period
     return ImportResult(
@@ -99,12 +91,24 @@ def import_csv(
         valve,
         record.time.size,
         blocks,
-        lost,
+        newest + 1 - blocks,
         temperatures,
         record.period,
         duration,
         record.warnings,
     )
+
+
+def _checked_start(path: Path | str, record: CsvRecord, start: int | None) -> int:
+    """Return ``start`` (ns), or the default of ``record``, if every stamp can be held by a message."""
+    first, last = float(record.time[0]), float(record.time[-1])
+    if start is None:
+        start = start_of(record)
+    elif first > LONGEST_RECORD:
+        raise InputError(f"{path}: time_s counts from 1970 itself ({first:.0f} s): leave --start out")
+    if start + first * 1e9 <= 0 or start + last * 1e9 >= LATEST_STAMP:
+        raise InputError(f"{path}: stamps would be outside 1970 to 2038 (time_s from {first:g} to {last:g})")
+    return start
 
 
 def start_of(record: CsvRecord) -> int:

@@ -67,6 +67,17 @@ def _shares(count: int) -> list[slice]:
     return [slice(first, last) for first, last in pairwise(edges)]
 
 
+def _body_rows(count: int, bodies: int, tables: int, stands_on: Sequence[int] | None) -> NDArray[np.int64]:
+    """Return the row of the body that each of ``count`` valves stands on, shape (count,)."""
+    if (stands_on is None and bodies not in (1, count)) or tables not in (1, count):
+        raise ValueError(f"{count} states, but {bodies} bodies, {tables} tables")
+    if stands_on is None:
+        return np.arange(count) if bodies > 1 else np.zeros(count, dtype=np.int64)
+    if len(stands_on) != count or not all(0 <= row < bodies for row in stands_on):
+        raise ValueError(f"stands_on must name one of {bodies} bodies for each of {count} states")
+    return np.array(stands_on, dtype=np.int64)
+
+
 class ComposedMotion:
     """Time stepping of a list of force terms, compiled for that list.
 
@@ -177,19 +188,7 @@ class ComposedMotion:
             raise ValueError(
                 f"parameters have shape {tables.shape[1:]}, not (1 or {samples}, {len(self.names)})"
             )
-        bodies_fit = stands_on is not None or body_acceleration.shape[0] in (1, count)
-        if not bodies_fit or tables.shape[0] not in (1, count):
-            raise ValueError(
-                f"{count} states, but {body_acceleration.shape[0]} bodies, {tables.shape[0]} tables"
-            )
-        if stands_on is not None and (
-            len(stands_on) != count or not all(0 <= row < body_acceleration.shape[0] for row in stands_on)
-        ):
-            raise ValueError(
-                f"stands_on must name one of {body_acceleration.shape[0]} bodies for each of {count} states"
-            )
-        own = range(count) if body_acceleration.shape[0] > 1 else [0] * count
-        body_rows = np.array(own if stands_on is None else stands_on, dtype=np.int64)
+        body_rows = _body_rows(count, body_acceleration.shape[0], tables.shape[0], stands_on)
         begins = np.broadcast_to(np.asarray(first_sample, dtype=np.int64), count).copy()
         packed = np.zeros((count, 3 + max(1, self._memories)))
         for row, state in zip(packed, states, strict=True):
