@@ -6,27 +6,14 @@ from typing import Annotated
 
 import typer
 
-from spool_tools.console.cli_options import (
-    ColumnsOption,
-    Force,
-    HoldoutOption,
-    JsonFile,
-    NameOption,
-    OutFolder,
-    RecordsArgument,
-    ReportFile,
-    SensorDelay,
-    SensorGain,
-    StartOption,
-    StopOption,
-)
+from spool_tools.console import cli_options as cli
 from spool_tools.console.command import Command
 from spool_tools.console.completion import valve_names
 from spool_tools.console.result_files import ResultFiles
 
 
 def compare(
-    records: RecordsArgument,
+    records: cli.RecordsArgument,
     valve: Annotated[
         list[str] | None,
         typer.Option(
@@ -42,17 +29,17 @@ def compare(
     together: Annotated[
         bool, typer.Option("--together", help="All records are one set of data, not a series each.")
     ] = False,
-    json: JsonFile = None,
-    report: ReportFile = None,
-    out: OutFolder = None,
-    _force: Force = False,
-    sensor_gain: SensorGain = False,
-    sensor_delay: SensorDelay = False,
-    holdout: HoldoutOption = None,
-    name: NameOption = None,
-    columns: ColumnsOption = None,
-    start: StartOption = 0.0,
-    stop: StopOption = None,
+    json: cli.JsonFile = None,
+    report: cli.ReportFile = None,
+    out: cli.OutFolder = None,
+    _force: cli.Force = False,
+    sensor_gain: cli.SensorGain = False,
+    sensor_delay: cli.SensorDelay = False,
+    holdout: cli.HoldoutOption = None,
+    name: cli.NameOption = None,
+    columns: cli.ColumnsOption = None,
+    start: cli.StartOption = 0.0,
+    stop: cli.StopOption = None,
 ) -> None:
     """Fit several models to records and say which one the data prefer; exit 1 where none has a result.
 

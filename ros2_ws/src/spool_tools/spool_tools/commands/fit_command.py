@@ -6,49 +6,33 @@ from typing import Annotated
 
 import typer
 
-from spool_tools.console.cli_options import (
-    ColumnsOption,
-    FittedValve,
-    Force,
-    HoldoutOption,
-    JsonFile,
-    ModelFile,
-    ModelName,
-    NameOption,
-    OutFolder,
-    RecordsArgument,
-    ReportFile,
-    SensorDelay,
-    SensorGain,
-    StartOption,
-    StopOption,
-)
+from spool_tools.console import cli_options as cli
 from spool_tools.console.command import Command
 from spool_tools.console.result_files import ResultFiles
 
 
 def fit(
-    records: RecordsArgument,
-    valve: FittedValve = None,
-    model: ModelName = "coulomb",
-    json: JsonFile = None,
-    report: ReportFile = None,
-    save_model: ModelFile = None,
-    out: OutFolder = None,
-    _force: Force = False,
+    records: cli.RecordsArgument,
+    valve: cli.FittedValve = None,
+    model: cli.ModelName = "coulomb",
+    json: cli.JsonFile = None,
+    report: cli.ReportFile = None,
+    save_model: cli.ModelFile = None,
+    out: cli.OutFolder = None,
+    _force: cli.Force = False,
     free: Annotated[
         list[str] | None, typer.Option(help="Fit it though the valve file gives it; =VALUE to start from.")
     ] = None,
     fix: Annotated[
         list[str] | None, typer.Option(help="Hold it: PARAMETER=VALUE, or as the valve file has it.")
     ] = None,
-    sensor_gain: SensorGain = False,
-    sensor_delay: SensorDelay = False,
-    holdout: HoldoutOption = None,
-    name: NameOption = None,
-    columns: ColumnsOption = None,
-    start: StartOption = 0.0,
-    stop: StopOption = None,
+    sensor_gain: cli.SensorGain = False,
+    sensor_delay: cli.SensorDelay = False,
+    holdout: cli.HoldoutOption = None,
+    name: cli.NameOption = None,
+    columns: cli.ColumnsOption = None,
+    start: cli.StartOption = 0.0,
+    stop: cli.StopOption = None,
 ) -> None:
     """Fit a model to records: parameters with standard deviations, objective, amplitude ratio.
 

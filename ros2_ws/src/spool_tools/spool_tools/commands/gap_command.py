@@ -7,27 +7,15 @@ from typing import Annotated, Literal
 
 import typer
 
-from spool_tools.console.cli_options import (
-    ColumnsOption,
-    FittedValve,
-    Force,
-    JsonFile,
-    ModelFile,
-    NameOption,
-    RecordsArgument,
-    ReportFile,
-    StartOption,
-    StopOption,
-    in_range,
-)
+from spool_tools.console import cli_options as cli
 from spool_tools.console.command import Command
 from spool_tools.console.completion import model_names
 from spool_tools.console.result_files import ResultFiles
 
 
 def gap(
-    records: RecordsArgument,
-    valve: FittedValve = None,
+    records: cli.RecordsArgument,
+    valve: cli.FittedValve = None,
     base: Annotated[
         str,
         typer.Option(
@@ -42,25 +30,25 @@ def gap(
         Literal["accelerations", "driven", "imposed"],
         typer.Option(help="accelerations; driven: a force moves the mass; imposed: it is the reaction."),
     ] = "accelerations",
-    json: JsonFile = None,
-    report: ReportFile = None,
-    save_model: ModelFile = None,
-    _force: Force = False,
+    json: cli.JsonFile = None,
+    report: cli.ReportFile = None,
+    save_model: cli.ModelFile = None,
+    _force: cli.Force = False,
     gain_tolerance: Annotated[
         float,
         typer.Option(
             help="Relative gain error of the spool's sensor that its data sheet allows.",
-            callback=in_range(0.0, 0.4),
+            callback=cli.in_range(0.0, 0.4),
         ),
     ] = 0.05,
     delay_tolerance: Annotated[
         float,
-        typer.Option(help="Delay between the channels that is allowed, s.", callback=in_range(0.0, 4e-3)),
+        typer.Option(help="Delay between the channels that is allowed, s.", callback=cli.in_range(0.0, 4e-3)),
     ] = 0.5e-3,
-    name: NameOption = None,
-    columns: ColumnsOption = None,
-    start: StartOption = 0.0,
-    stop: StopOption = None,
+    name: cli.NameOption = None,
+    columns: cli.ColumnsOption = None,
+    start: cli.StartOption = 0.0,
+    stop: cli.StopOption = None,
 ) -> None:
     """Find where simulation and records disagree, name what is missing, add it, show the gap shrink.
 

@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 from spool_stream.uncertainty import LEGEND, with_interval
 
-from spool_tools.console.cli_options import ColumnsOption, Force, JsonFile, RecordArgument, in_range
+from spool_tools.console import cli_options as cli
 from spool_tools.console.command import Command
 from spool_tools.console.completion import model_names, valve_names
 from spool_tools.console.outputs import write_json
@@ -17,7 +17,7 @@ from spool_tools.console.terminal import cell, warn
 
 
 def replay(
-    record: RecordArgument,
+    record: cli.RecordArgument,
     valve: Annotated[
         list[str] | None,
         typer.Option(
@@ -27,16 +27,16 @@ def replay(
             autocompletion=valve_names,
         ),
     ] = None,
-    columns: ColumnsOption = None,
-    json: JsonFile = None,
-    _force: Force = False,
+    columns: cli.ColumnsOption = None,
+    json: cli.JsonFile = None,
+    _force: cli.Force = False,
     method: Annotated[str, typer.Option(help="Estimator: prediction, or equation.")] = "prediction",
     refits: Annotated[bool, typer.Option("--refits", help="Refit the last 4 s again and again.")] = False,
     refit_model: Annotated[
         str, typer.Option(help="Model of the refits: name or YAML file.", autocompletion=model_names)
     ] = "coulomb",
     refit_period: Annotated[
-        float, typer.Option(help="Data time between refits, s.", callback=in_range(0.1, 3600.0))
+        float, typer.Option(help="Data time between refits, s.", callback=cli.in_range(0.1, 3600.0))
     ] = 5.0,
 ) -> None:
     """Run estimator and monitor over a record, as fast as the machine can.

@@ -7,22 +7,24 @@ from typing import Annotated
 
 import typer
 
-from spool_tools.console.cli_options import ExcitationName, Force, ModelName, NewBag, ValveFile, in_range
+from spool_tools.console import cli_options as cli
 from spool_tools.console.command import Command
 
 
 def simulate(
-    out: NewBag,
-    valve: ValveFile = "4weh10_soft",
-    model: ModelName = "coulomb",
-    excitation: ExcitationName = "sweep",
+    out: cli.NewBag,
+    valve: cli.ValveFile = "4weh10_soft",
+    model: cli.ModelName = "coulomb",
+    excitation: cli.ExcitationName = "sweep",
     seconds: Annotated[
         float | None, typer.Option(help="Length, s; default: the recorded excitation's, else 40.")
     ] = None,
     sample_rate: Annotated[float, typer.Option(help="Hz")] = 2000.0,
     block_rate: Annotated[float, typer.Option(help="Blocks a second.")] = 50.0,
     coulomb_force: Annotated[float | None, typer.Option(help="N; default: the model's.")] = None,
-    noise: Annotated[float, typer.Option(help="Sensor noise, rms, m/s^2.", callback=in_range(0.0))] = 0.05,
+    noise: Annotated[
+        float, typer.Option(help="Sensor noise, rms, m/s^2.", callback=cli.in_range(0.0))
+    ] = 0.05,
     sensors: Annotated[Path | None, typer.Option(help="YAML file of the sensors, replaces --noise.")] = None,
     oil_temperature: Annotated[
         str | None,
@@ -32,7 +34,7 @@ def simulate(
     ] = None,
     seed: Annotated[int, typer.Option(help="Of the noise.", min=0)] = 0,
     name: Annotated[str, typer.Option(help="Namespace of the valve in the bag.")] = "valve_1",
-    _force: Force = False,
+    _force: cli.Force = False,
 ) -> None:
     """Write a bag from the simulator, faster than real time and without DDS.
 
