@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from spool_evaluation.benchmarks import estimate
+from spool_evaluation.benchmarks import estimate, recursion
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def test_every_recursion_finds_the_same_parameters() -> None:
-    rows = list(estimate.recursion())
+    rows = list(recursion.rows())
     assert [row.peer.split()[0] for row in rows] == ["compiled", "compiled", "padasip", "padasip"]
     for row in rows:
         assert row.ours_error is not None

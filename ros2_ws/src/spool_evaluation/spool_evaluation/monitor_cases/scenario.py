@@ -35,7 +35,7 @@ class StoppingMachine(MachineOrders):
 
 @dataclass(frozen=True, slots=True)
 class PlannedChange:
-    """Planned change: ``quantity`` of the simulator runs to ``target`` within ``duration`` from ``at`` (s)."""
+    """Planned change: ``quantity`` of the simulator runs to ``target`` from ``at`` on, in ``duration`` (s)."""
 
     quantity: str
     target: float
