@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def test_every_recursion_finds_the_same_parameters() -> None:
-    rows = list(recursion.rows())
+    rows = list(recursion.timings())
     assert [row.peer.split()[0] for row in rows] == ["compiled", "compiled", "padasip", "padasip"]
     for row in rows:
         assert row.ours_error is not None

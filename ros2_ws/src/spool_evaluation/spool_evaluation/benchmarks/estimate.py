@@ -39,7 +39,7 @@ VALVES = 32
 
 def run() -> Iterator[Timing]:
     """Yield the rows, from the smallest piece to the live nodes."""
-    yield from recursion.rows()
+    yield from recursion.timings()
     with tempfile.TemporaryDirectory() as folder:
         yield from offline(Path(folder))
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")

@@ -31,7 +31,7 @@ class Recursion(Protocol):
         """Take samples."""
 
 
-def rows() -> Iterator[Timing]:
+def timings() -> Iterator[Timing]:
     """Yield the time of one sample of recursive least squares; the error is the difference of the parameters.
 
     Ours takes blocks, as the stream brings them. padasip takes samples and is interpreted; a compiled peer is

@@ -35,7 +35,7 @@ class StoppingMachine(MachineOrders):
 
 @dataclass(frozen=True, slots=True)
 class PlannedChange:
-    """Planned change: ``quantity`` of the simulator runs to ``target`` from ``at`` on, in ``duration`` (s)."""
+    """Planned change: ``quantity`` of the simulator runs to ``target`` from ``at`` in ``duration`` (s)."""
 
     quantity: str
     target: float
