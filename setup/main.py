@@ -86,7 +86,7 @@ def _run(arguments: list[str]) -> int:
         return doctor(layout, done, environment, arguments[1:])
 
     if not done.environment:
-        from setup.commands import commands, listing  # noqa: PLC0415  (a later call has to start at once)
+        from setup.commands import commands, listing  # noqa: PLC0415  (a later call has to start immediately)
 
         if command in ("--help", "-h", "help"):
             print(HELP.format(commands=listing(ROOT)), end="")

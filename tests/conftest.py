@@ -259,7 +259,7 @@ class System:
 
 @contextlib.contextmanager
 def claimed_domain() -> Iterator[int]:
-    """Claim a ROS domain that no other test on this machine uses now; ports of 1 to 100 are nobody else's."""
+    """Claim a ROS domain that no other test on this machine uses now; their ports are free for 1 to 100."""
     folder = Path(tempfile.gettempdir()) / f"spool_test_domains_{os.getuid()}"
     folder.mkdir(exist_ok=True)
     for number in range(1, 101):

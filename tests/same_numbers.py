@@ -105,7 +105,7 @@ def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def deviation_of(values: dict[str, Any], path: str) -> float:
-    """Return the standard deviation told beside the number at ``path``, 0 where none is."""
+    """Return the standard deviation told next to the number at ``path``, 0 where none is."""
     parent = path.rpartition(".")[0]
     for name in ("std", "standard_deviation", "sigma"):
         told = values.get(f"{parent}.{name}")

@@ -1,6 +1,6 @@
 """The gap workflow on records of a second simulator: named right, nothing made up, bad records not judged.
 
-Few cases; those with a seed of the published study were missed there and led to a mend. `./spool study gap`
+Few cases; those with a seed of the published study were missed there and led to a repair. `./spool study gap`
 runs the others.
 """
 
@@ -66,17 +66,17 @@ def slow(*values: object) -> Any:
         (12, "quadratic_damping"),
         # Few windows, in which the two simulators stick differently, favour a richer law.
         (15005, "coulomb_friction"),
-        # A start that is hardly above the noise, and a law whose fit ends in the valley of another.
+        # A start that is hardly above the noise, and a law whose fit ends in the local minimum of another.
         slow(8009, "asymmetric_friction"),
         slow(7149, "mixed_friction"),
-        # The spool swings in several ways at one drive: free runs of the truth leave 60 %.
+        # The spool swings in several ways at one excitation: free runs of the truth leave 60 %.
         (10011, "spring_backlash"),
         # A stop that is hit without pause, as which a cubic spring acts, and one that is hit in few windows.
         slow(11108, "end_stop"),
         slow(10088, "end_stop"),
         # A law that held-out windows take for another.
         slow(12044, "mixed_friction"),
-        # Beside play no free run helps, and one window, in which runs part, speaks louder than all others.
+        # Jointly with backlash no free run helps, and one window, in which runs part, speaks louder than all others.
         slow(17176, "mixed_friction+spring_backlash"),
         # A drift whose fit must start from hardly any of it.
         slow(16134, "damping_drift+mixed_friction"),
@@ -91,7 +91,7 @@ def test_what_is_hidden_is_named_with_its_size(seed: int, hidden: str) -> None:
 
 
 def test_forces_that_leave_most_of_the_gap_are_not_named() -> None:
-    """A spring that is stiffer on one side: coupled runs follow it with a preload, free ones do not."""
+    """A spring that is stiffer on one side: synchronised runs follow it with a preload, free ones do not."""
     assert judge(make(18178, "skew_spring")).verdict == "unexplained"
 
 

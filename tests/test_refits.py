@@ -1,4 +1,4 @@
-"""Refits of the last seconds, live: beside the stream, recorded, and the same in a replay."""
+"""Refits of the last seconds, live: next to the stream, recorded, and the same in a replay."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 PERIOD, WINDOW = 2.0, 3.0
 
 
-def test_refits_come_beside_the_stream_and_are_those_of_the_replay(system: System, tmp_path: Path) -> None:
+def test_refits_come_next_to_the_stream_and_are_those_of_the_replay(system: System, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     refits = system.listen(WindowRefit, "/valve_1/refit", latched=True)
     estimates = system.listen(ModelEstimate, "/valve_1/estimate", latched=True)
