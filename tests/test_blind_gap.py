@@ -76,7 +76,7 @@ def slow(*values: object) -> Any:
         slow(10088, "end_stop"),
         # A law that held-out windows take for another.
         slow(12044, "mixed_friction"),
-        # Jointly with backlash no free run helps, and one window, in which runs part, speaks louder than all others.
+        # With backlash no free run helps, and one window, in which runs part, outweighs all others.
         slow(17176, "mixed_friction+spring_backlash"),
         # A drift whose fit must start from hardly any of it.
         slow(16134, "damping_drift+mixed_friction"),
