@@ -117,7 +117,7 @@ class Curves:
 
 
 @dataclass(frozen=True, slots=True)
-class Agreement:
+class HeldOutAgreement:
     """Held-out agreement: ``nrmse`` and the paper's a_est/a_pom (NaN where it has no meaning)."""
 
     nrmse: float
@@ -230,8 +230,8 @@ class GapResult:
     surface: Surface
     surface_after: Surface
     curves: Curves
-    before: Agreement
-    after: Agreement
+    before: HeldOutAgreement
+    after: HeldOutAgreement
     noise_floor: float
     model: Model
     warnings: tuple[str, ...] = ()

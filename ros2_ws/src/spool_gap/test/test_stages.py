@@ -12,7 +12,7 @@ from spool_gap.fitting.descent import Fitted
 from spool_gap.fitting.hypothesis import Hypothesis
 from spool_gap.result import Change
 from spool_gap.selection.context import Context
-from spool_gap.selection.state import Stage, State, run_stages
+from spool_gap.selection.state import SelectionState, Stage, run_stages
 from spool_gap.simulation.point import Point
 from spool_gap.stages.growth import BACKWARD, FORWARD
 from spool_gap.stages.selection import FINAL, SELECTION
@@ -26,7 +26,7 @@ def hypothesis(effects: tuple[str, ...]) -> Hypothesis:
 
 
 def accepting(name: str, effects: tuple[str, ...]) -> Stage:
-    def stage(_context: Context, state: State) -> State:
+    def stage(_context: Context, state: SelectionState) -> SelectionState:
         return replace(state, accepted=hypothesis(effects))
 
     stage.__name__ = name
@@ -37,8 +37,8 @@ def context(*left_out: str) -> Context:
     return cast(Context, SimpleNamespace(left_out=frozenset(left_out)))
 
 
-def begun() -> State:
-    return State(cast("object", None), cast("object", None), (), accepted=hypothesis(()))  # type: ignore[arg-type]
+def begun() -> SelectionState:
+    return SelectionState(cast("object", None), cast("object", None), (), accepted=hypothesis(()))  # type: ignore[arg-type]
 
 
 @given(choices=st.lists(NAMES.map(tuple), max_size=6))

@@ -18,7 +18,7 @@ from spool_stream.uncertainty import PLUS_MINUS, percent, with_interval
 from spool_gap.effect import Effect
 from spool_gap.registry import EFFECTS, FRICTIONS
 from spool_gap.report.location import Residual, locate, surface
-from spool_gap.result import Agreement, Curves, GapResult, NamedEffect, RankedHypothesis
+from spool_gap.result import Curves, GapResult, HeldOutAgreement, NamedEffect, RankedHypothesis
 
 from .force_balance import ForceBalance, ForceFit
 from .force_record import ForceRecord
@@ -85,7 +85,7 @@ def result_of(
         surface=surface(_residual(balance, first, floor * size)),
         surface_after=surface(_residual(balance, final, floor * size)),
         curves=_curves(balance, first, final, floor * size),
-        before=Agreement(before, math.nan), after=Agreement(after, math.nan), noise_floor=floor,
+        before=HeldOutAgreement(before, math.nan), after=HeldOutAgreement(after, math.nan), noise_floor=floor,
         model=_model(base, balance, chosen, final), warnings=tuple(warnings),
         seconds=sum(record.duration for record in (*balance.train, *balance.held)),
         elapsed=time.monotonic() - begun, advice=advice,

@@ -14,8 +14,8 @@ from spool_stream.quantity import Quantity, Validity
 
 from spool_gap.fitting.hypothesis import Fitting, Hypothesis
 from spool_gap.registry import EFFECTS
-from spool_gap.result import Agreement, Curves, GapResult, NamedEffect, Surface, Where
-from spool_gap.selection.state import State
+from spool_gap.result import Curves, GapResult, HeldOutAgreement, NamedEffect, Surface, Where
+from spool_gap.selection.state import SelectionState
 from spool_gap.simulation.batches import Run
 from spool_gap.simulation.noise_floor import Floor
 
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 
 def assembled(
-    records: Sequence[Record], base: Model, state: State, outcome: Outcome, elapsed: float
+    records: Sequence[Record], base: Model, state: SelectionState, outcome: Outcome, elapsed: float
 ) -> GapResult:
     """Return the result of what was selected in ``state``, after ``elapsed`` s of computing."""
     first, final, fitting = state.steps[0], state.hypothesis, state.fitting
@@ -53,8 +53,8 @@ def assembled(
         surface=picture,
         surface_after=picture_after,
         curves=_curves(fitting, before, after, first, final, outcome.floor),
-        before=Agreement(fitting.nrmse(first), _amplitude_ratio(fitting, before)),
-        after=Agreement(fitting.nrmse(final), _amplitude_ratio(fitting, after)),
+        before=HeldOutAgreement(fitting.nrmse(first), _amplitude_ratio(fitting, before)),
+        after=HeldOutAgreement(fitting.nrmse(final), _amplitude_ratio(fitting, after)),
         noise_floor=outcome.floor.nrmse,
         model=model_of(base, final),
         warnings=outcome.warnings,
@@ -93,7 +93,7 @@ def _quantities(step: Hypothesis) -> tuple[Quantity, ...]:
     return tuple(found)
 
 
-def _named(state: State, outcome: Outcome) -> list[NamedEffect]:
+def _named(state: SelectionState, outcome: Outcome) -> list[NamedEffect]:
     fitting, final = state.fitting, state.hypothesis
     by_name = {quantity.name: quantity for quantity in _quantities(final)} | dict(outcome.extra)
     found = []

@@ -13,12 +13,12 @@ from spool_gap.fitting.hypothesis import Hypothesis
 from spool_gap.registry import EFFECTS
 from spool_gap.result import RankedHypothesis
 from spool_gap.screening.remainder import Remainder
-from spool_gap.selection.state import State
+from spool_gap.selection.state import SelectionState
 from spool_gap.simulation.jitter import Jitter, sampling_jitter
 from spool_gap.simulation.noise_floor import Floor
 from spool_gap.thresholds import THRESHOLDS
 
-from .residual import Residue, residue_of
+from .residual import FinalResidual, residue_of
 from .sentence import missing_nothing, named, unnamed
 
 #: Names whose residual power is below this many noise floors where clipped samples are all that is named.
@@ -42,7 +42,7 @@ class Outcome:
     advice: str
 
 
-def judge_outcome(state: State, saturation: Saturation, *, trusted: bool) -> Outcome:
+def judge_outcome(state: SelectionState, saturation: Saturation, *, trusted: bool) -> Outcome:
     """Return the verdict on what ``state`` accepted; ``trusted``: both channels are of one valve."""
     final = state.hypothesis
     residue = residue_of(state)
@@ -104,7 +104,7 @@ def _advice(names: tuple[str, ...]) -> str:
     return "; ".join(dict.fromkeys(text for text in told if text))
 
 
-def _jitter(state: State, final: Hypothesis) -> Jitter | None:
+def _jitter(state: SelectionState, final: Hypothesis) -> Jitter | None:
     """Return the jitter of the samples if there is one; forces with kinks leave what looks like that."""
     if final.has_kinks:
         return None
@@ -114,19 +114,19 @@ def _jitter(state: State, final: Hypothesis) -> Jitter | None:
     return found if found is not None and found.tells else None
 
 
-def _runner_up(state: State) -> RankedHypothesis | None:
+def _runner_up(state: SelectionState) -> RankedHypothesis | None:
     others = [row for row in state.ranking if not row.accepted and not row.jointly_with]
     return max(others, key=lambda row: row.evidence, default=None)
 
 
-def _confidence_of_gap(residue: Residue) -> float:
+def _confidence_of_gap(residue: FinalResidual) -> float:
     """Return the confidence that something without a name is missing, from how much is left."""
     power = residue.power / THRESHOLDS.residual_power
     evidence = residue.remainder.evidence / THRESHOLDS.evidence
     return 1.0 - 0.5 / max(1.0, power, evidence)
 
 
-def _confidence(state: State, power: float) -> float:
+def _confidence(state: SelectionState, power: float) -> float:
     """Return the confidence: from the evidence over the runner-up of each step, and what is left."""
     sure = 0.99
     final = state.hypothesis
@@ -144,7 +144,7 @@ def _confidence(state: State, power: float) -> float:
     return float(sure * (THRESHOLDS.incomplete_confidence if more_than_noise else 1.0))
 
 
-def _rivals(state: State, own: RankedHypothesis) -> list[RankedHypothesis]:
+def _rivals(state: SelectionState, own: RankedHypothesis) -> list[RankedHypothesis]:
     """Return what was tried in place of ``own``.
 
     A law that contains this one always fits a little better, and was weighed against it.

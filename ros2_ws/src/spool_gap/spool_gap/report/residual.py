@@ -1,4 +1,4 @@
-"""Residue of the final model: how much is left, and whether a complete model may leave that."""
+"""FinalResidual of the final model: how much is left, and whether a complete model may leave that."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spool_gap.screening.remainder import Remainder, remainder
-from spool_gap.selection.state import State
+from spool_gap.selection.state import SelectionState
 from spool_gap.selection.windows import median_excess, median_share
 from spool_gap.simulation.noise_floor import Floor, excess, noise_floor
 from spool_gap.simulation.simulate import Simulation
@@ -23,7 +23,7 @@ SENSITIVE = "end_stop"
 
 
 @dataclass(frozen=True, slots=True)
-class Residue:
+class FinalResidual:
     """What the final model leaves.
 
     Attributes:
@@ -60,24 +60,19 @@ class _Runs:
         """Held out."""
         return float(self.simulation.nrmse(errors, self.simulation.held_out)[0])
 
-    @property
-    def remainder_at(self) -> Simulation:
-        """The simulation weighing by what the hypothesis leaves."""
-        return self.simulation.weighed_by(self.train)
 
-
-def residue_of(state: State) -> Residue:
+def residue_of(state: SelectionState) -> FinalResidual:
     """Return what the accepted hypothesis of ``state`` leaves."""
     final = state.hypothesis
     floor = noise_floor(state.fitting.simulation, final.point, final.held)
     runs = _judging(state, floor)
-    rest = remainder(runs.remainder_at, final.point, runs.train, runs.held)
+    rest = remainder(runs.simulation.weighed_by(runs.train), final.point, runs.train, runs.held)
     power = excess(runs.simulation, runs.held, runs.floor)
     unexplained = _is_open(state, runs, power, rest) and not _runs_free(state, floor)
-    return Residue(floor, power, rest, unexplained or _hardly_closed(state, floor.nrmse))
+    return FinalResidual(floor, power, rest, unexplained or _hardly_closed(state, floor.nrmse))
 
 
-def _judging(state: State, floor: Floor) -> _Runs:
+def _judging(state: SelectionState, floor: Floor) -> _Runs:
     base, final = state.steps[0], state.hypothesis
     if not state.synchronised:
         return _Runs(state.fitting.simulation, base.held, final.train, final.held, floor)
@@ -93,7 +88,7 @@ def _judging(state: State, floor: Floor) -> _Runs:
     )
 
 
-def _is_open(state: State, runs: _Runs, power: float, rest: Remainder) -> bool:
+def _is_open(state: SelectionState, runs: _Runs, power: float, rest: Remainder) -> bool:
     """Whether the runs that judge leave more than a complete model may."""
     final = state.hypothesis
     before, after, noise = runs.nrmse(runs.before), runs.nrmse(runs.held), runs.floor.nrmse
@@ -111,7 +106,7 @@ def _is_open(state: State, runs: _Runs, power: float, rest: Remainder) -> bool:
     return large and (stays > most or not final.effects)
 
 
-def _runs_free(state: State, floor: Floor) -> bool:
+def _runs_free(state: SelectionState, floor: Floor) -> bool:
     """Whether synchronised runs judge, but free ones come down to the noise floor, in all or in the median.
 
     The measured velocity that runs are synchronised to has errors, too, not distinguished from the model's.
@@ -121,7 +116,7 @@ def _runs_free(state: State, floor: Floor) -> bool:
     return state.synchronised and free < THRESHOLDS.closed
 
 
-def _hardly_closed(state: State, noise: float) -> bool:
+def _hardly_closed(state: SelectionState, noise: float) -> bool:
     """Whether free runs of what is named leave most of the gap, whatever synchronised ones do."""
     if not state.hypothesis.effects:
         return False

@@ -9,14 +9,14 @@ from spool_stream.quantity import Quantity
 from spool_stream.uncertainty import PLUS_MINUS, percent, with_interval
 
 from spool_gap.registry import EFFECTS
-from spool_gap.selection.state import State
+from spool_gap.selection.state import SelectionState
 from spool_gap.simulation.jitter import Jitter
 from spool_gap.thresholds import THRESHOLDS
 
-from .residual import Residue
+from .residual import FinalResidual
 
 
-def missing_nothing(state: State, noise_floor: float) -> str:
+def missing_nothing(state: SelectionState, noise_floor: float) -> str:
     """Return the sentence where nothing is missing."""
     _, after = _errors(state)
     return (
@@ -25,7 +25,9 @@ def missing_nothing(state: State, noise_floor: float) -> str:
     )
 
 
-def unnamed(state: State, residue: Residue, candidates: tuple[str, ...], jitter: Jitter | None) -> str:
+def unnamed(
+    state: SelectionState, residue: FinalResidual, candidates: tuple[str, ...], jitter: Jitter | None
+) -> str:
     """Return the sentence where what is missing has no name, or the samples' jitter is all there is."""
     before, after = _errors(state)
     base, rest = state.fitting.base.name, residue.remainder
@@ -44,7 +46,9 @@ def unnamed(state: State, residue: Residue, candidates: tuple[str, ...], jitter:
     )
 
 
-def named(state: State, effects: tuple[str, ...], extra: Mapping[str, Quantity], noise_floor: float) -> str:
+def named(
+    state: SelectionState, effects: tuple[str, ...], extra: Mapping[str, Quantity], noise_floor: float
+) -> str:
     """Return the sentence where ``effects`` are missing, with ``extra`` numbers of the channels."""
     before, after = _errors(state)
     parts = []
@@ -59,7 +63,7 @@ def named(state: State, effects: tuple[str, ...], extra: Mapping[str, Quantity],
     )
 
 
-def _number(state: State, parameter: str, extra: Mapping[str, Quantity]) -> str:
+def _number(state: SelectionState, parameter: str, extra: Mapping[str, Quantity]) -> str:
     final, known = state.hypothesis, extra.get(parameter)
     if known is not None:
         return f"{parameter} {with_interval(known.value, known.standard_deviation, known.unit)}"
@@ -67,6 +71,6 @@ def _number(state: State, parameter: str, extra: Mapping[str, Quantity]) -> str:
     return f"{parameter} {with_interval(final.point.get(parameter), spread, final.point.unit(parameter))}"
 
 
-def _errors(state: State) -> tuple[float, float]:
+def _errors(state: SelectionState) -> tuple[float, float]:
     """Return the held-out error of the base and of what was accepted."""
     return state.fitting.nrmse(state.steps[0]), state.fitting.nrmse(state.hypothesis)

@@ -7,7 +7,7 @@ from typing import Any
 
 from spool_stream.quantity import Quantity
 
-from spool_gap.result import Agreement, GapResult, RankedHypothesis, Share, Where
+from spool_gap.result import GapResult, HeldOutAgreement, RankedHypothesis, Share, Where
 
 
 def result_to_dict(result: GapResult) -> dict[str, Any]:
@@ -67,7 +67,7 @@ def _quantities(entries: tuple[Quantity, ...]) -> dict[str, Any]:
     }
 
 
-def _agreement(agreement: Agreement) -> dict[str, Any]:
+def _agreement(agreement: HeldOutAgreement) -> dict[str, Any]:
     return {"nrmse": number(agreement.nrmse), "amplitude_ratio": number(agreement.amplitude_ratio)}
 
 

@@ -66,7 +66,7 @@ class Remainder:
 
 
 @dataclass(frozen=True, slots=True)
-class _Motion:
+class _ScaledMotion:
     position: Array
     speed: Array
     slip: Array
@@ -108,13 +108,13 @@ def remainder(
     return Remainder(shares, wanted.size)
 
 
-def _motion(stretch: Stretch) -> _Motion:
+def _motion(stretch: Stretch) -> _ScaledMotion:
     z, v = stretch.motion.displacement, stretch.motion.velocity
     travel = float(np.quantile(np.abs(z), 0.999)) or 1e-12
     speed = float(np.quantile(np.abs(v), 0.99)) or 1e-12
     reversals = np.concatenate([[0], np.flatnonzero(np.sign(v[1:]) != np.sign(v[:-1])) + 1])
     last = reversals[np.searchsorted(reversals, np.arange(v.size), side="right") - 1]
-    return _Motion(
+    return _ScaledMotion(
         np.clip(z / travel, -1.0, 1.0),
         np.asarray(v / speed),
         (z - z[last]) / (float(np.std(z)) or 1e-12),
@@ -124,37 +124,37 @@ def _motion(stretch: Stretch) -> _Motion:
 
 
 #: Forces (c, n) along a motion.
-Functions = Callable[[_Motion], Array]
+Functions = Callable[[_ScaledMotion], Array]
 
 
-def _position(motion: _Motion) -> Array:
+def _position(motion: _ScaledMotion) -> Array:
     return np.asarray(chebyshev.chebvander(motion.position, 9)[:, 1:].T)
 
 
-def _speed(motion: _Motion) -> Array:
+def _speed(motion: _ScaledMotion) -> Array:
     v, sign = motion.speed, np.sign(motion.speed)
     falling = [sign * np.exp(-np.abs(v) / width) for width in (0.03, 0.1, 0.3)]
     return np.array([v, sign, sign * v**2, v**3, sign * np.sqrt(np.abs(v)), np.abs(v), v**2, *falling])
 
 
-def _both(motion: _Motion) -> Array:
+def _both(motion: _ScaledMotion) -> Array:
     z, v, sign = motion.position, motion.speed, np.sign(motion.speed)
     return np.array(
         [v * z, v * z**2, v * z**3, v * z**4, sign * z, sign * z**2, sign * z**3, v**2 * z, np.abs(v) * z]
     )
 
 
-def _past(motion: _Motion) -> Array:
+def _past(motion: _ScaledMotion) -> Array:
     sign, slip = np.sign(motion.speed), np.abs(motion.slip)
     return np.array([sign * np.exp(-slip / width) for width in (0.02, 0.06, 0.2, 0.6, 2.0)])
 
 
-def _time(motion: _Motion) -> Array:
+def _time(motion: _ScaledMotion) -> Array:
     t, columns = motion.time, (motion.position, motion.speed, np.sign(motion.speed), motion.acceleration)
     return np.array([*(t * row for row in columns), *(t**2 * row for row in columns)])
 
 
-def _frequency(motion: _Motion) -> Array:
+def _frequency(motion: _ScaledMotion) -> Array:
     return np.empty((0, motion.time.size))
 
 

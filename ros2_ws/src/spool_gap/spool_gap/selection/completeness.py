@@ -9,11 +9,11 @@ from spool_gap.screening.remainder import remainder
 from spool_gap.simulation.noise_floor import noise_floor
 from spool_gap.thresholds import THRESHOLDS
 
-from .state import Remaining, State
+from .state import Remaining, SelectionState
 from .windows import median_excess
 
 
-def looked_at(state: State, hypothesis: Hypothesis) -> tuple[Remaining, State]:
+def looked_at(state: SelectionState, hypothesis: Hypothesis) -> tuple[Remaining, SelectionState]:
     """Return what ``hypothesis`` leaves over whole windows, and ``state`` that knows it."""
     if state.remaining is not None and state.remaining.fitted is hypothesis.fitted:
         return state.remaining, state
@@ -36,13 +36,13 @@ def looked_at(state: State, hypothesis: Hypothesis) -> tuple[Remaining, State]:
     return found, replace(state, judging=judging, remaining=found)
 
 
-def is_closed(state: State, hypothesis: Hypothesis) -> tuple[bool, State]:
+def is_closed(state: SelectionState, hypothesis: Hypothesis) -> tuple[bool, SelectionState]:
     """Return whether ``hypothesis`` leaves no gap worth another law, and ``state`` that knows it."""
     remaining, state = looked_at(state, hypothesis)
     return remaining.is_noise(THRESHOLDS.closed), state
 
 
-def is_complete(state: State, hypothesis: Hypothesis) -> tuple[bool, State]:
+def is_complete(state: SelectionState, hypothesis: Hypothesis) -> tuple[bool, SelectionState]:
     """Return whether ``hypothesis`` leaves nothing to look for, and ``state`` that knows it."""
     remaining, state = looked_at(state, hypothesis)
     kinks = hypothesis.has_kinks

@@ -13,7 +13,7 @@ from spool_gap.registry import EFFECTS, FRICTIONS
 from spool_gap.simulation.point import Point
 
 from .context import Context
-from .state import State
+from .state import SelectionState
 
 
 def is_sliding(name: str) -> bool:
@@ -42,7 +42,7 @@ def equivalent_starts(
 
 def with_law(
     context: Context,
-    state: State,
+    state: SelectionState,
     step: Hypothesis,
     present: str,
     name: str,

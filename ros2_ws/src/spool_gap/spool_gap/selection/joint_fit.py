@@ -20,7 +20,7 @@ from spool_gap.thresholds import THRESHOLDS
 
 from .context import Context
 from .sense import tolerance
-from .state import State
+from .state import SelectionState
 
 Array = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ def fitted_base(
     return fitting.over(simulation), step
 
 
-def jointly_fitted(context: Context, state: State, entry: Screened) -> Hypothesis:
+def jointly_fitted(context: Context, state: SelectionState, entry: Screened) -> Hypothesis:
     """Return the accepted hypothesis with the effect of ``entry``, fitted for a first comparison."""
     fitting, step = state.fitting, state.hypothesis
     effects = _with(step.effects, entry.effect)

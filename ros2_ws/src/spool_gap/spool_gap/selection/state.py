@@ -51,7 +51,7 @@ class Candidate:
 
 
 @dataclass(frozen=True, slots=True)
-class State:
+class SelectionState:
     """What is known in the middle of a selection.
 
     Attributes:
@@ -103,7 +103,7 @@ class State:
         return self.remaining.noise_floor if self.remaining else 0.0
 
     @property
-    def begun(self) -> State:
+    def begun(self) -> SelectionState:
         """This at the beginning of a round: nothing screened, nothing chosen."""
         return replace(
             self, screened=(), fits=(), candidates=(), chosen=None, margin=-math.inf, decided=False
@@ -115,7 +115,7 @@ class State:
         best = self.chosen or self.accepted
         return best.effects if best else ()
 
-    def refitted(self, old: Hypothesis, new: Hypothesis) -> State:
+    def refitted(self, old: Hypothesis, new: Hypothesis) -> SelectionState:
         """Return this with ``new`` in place of ``old`` wherever it is held."""
         return replace(
             self,
@@ -124,7 +124,7 @@ class State:
             tried={key: new if fit is old else fit for key, fit in self.tried.items()},
         )
 
-    def over(self, fitting: Fitting) -> State:
+    def over(self, fitting: Fitting) -> SelectionState:
         """Return this with ``fitting``, by which its steps are measured."""
         state = replace(self, fitting=fitting)
         for step in self.steps:
@@ -132,10 +132,10 @@ class State:
         return state
 
 
-Stage = Callable[[Context, State], State]
+Stage = Callable[[Context, SelectionState], SelectionState]
 
 
-def run_stages(stages: Iterable[Stage], context: Context, state: State) -> State:
+def run_stages(stages: Iterable[Stage], context: Context, state: SelectionState) -> SelectionState:
     """Return ``state`` after ``stages``, with a trace of which changed the choice."""
     for stage in stages:
         name = stage.__name__

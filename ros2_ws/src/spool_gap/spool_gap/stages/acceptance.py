@@ -8,13 +8,13 @@ from spool_gap.selection.all_windows import evidence_beyond_noise, evidence_in_n
 from spool_gap.selection.completeness import is_closed
 from spool_gap.selection.context import Context
 from spool_gap.selection.evidence import evidence_of, lasting
-from spool_gap.selection.state import State
+from spool_gap.selection.state import SelectionState
 from spool_gap.simulation.point import DELAY, GAIN
 
 from .candidates import candidate, noted
 
 
-def prefer_sensor_alone(_context: Context, state: State) -> State:
+def prefer_sensor_alone(_context: Context, state: SelectionState) -> SelectionState:
     """Gain or delay alone, where the choice let it free and adds nothing that counts jointly with it."""
     winner, step, fitting = state.chosen, state.hypothesis, state.fitting
     if winner is None or state.decided:
@@ -41,7 +41,7 @@ def prefer_sensor_alone(_context: Context, state: State) -> State:
     return noted(replace(state, ranking=ranking, chosen=alone, margin=margin), row)
 
 
-def require_lasting_gain(_context: Context, state: State) -> State:
+def require_lasting_gain(_context: Context, state: SelectionState) -> SelectionState:
     """Refusal of a further effect whose gain the fit without it reaches from its numbers."""
     winner, step = state.chosen, state.hypothesis
     if winner is None or state.decided or not step.effects:
@@ -50,7 +50,7 @@ def require_lasting_gain(_context: Context, state: State) -> State:
     return state if again is None else replace(state.refitted(step, again), chosen=None)
 
 
-def require_more_than_noise(_context: Context, state: State) -> State:
+def require_more_than_noise(_context: Context, state: SelectionState) -> SelectionState:
     """Refusal of a first effect that noise may look like, where the base leaves no more than noise."""
     winner, step = state.chosen, state.hypothesis
     if winner is None or step.effects:
@@ -65,7 +65,7 @@ def require_more_than_noise(_context: Context, state: State) -> State:
     return replace(marked(state, winner.newest, reason=reason), chosen=None)
 
 
-def accept(_context: Context, state: State) -> State:
+def accept(_context: Context, state: SelectionState) -> SelectionState:
     """Acceptance of the choice."""
     winner, step = state.chosen, state.hypothesis
     if winner is None:
@@ -77,7 +77,7 @@ def accept(_context: Context, state: State) -> State:
     return replace(state, accepted=winner, tried={**state.tried, (name, step.effects): winner})
 
 
-def marked(state: State, name: str, **changes: object) -> State:
+def marked(state: SelectionState, name: str, **changes: object) -> SelectionState:
     """Return ``state`` with ``changes`` in the last row of the ranking for ``name`` in this round."""
     place = max(
         number for number, row in enumerate(state.ranking) if row.key == (name, state.hypothesis.effects)

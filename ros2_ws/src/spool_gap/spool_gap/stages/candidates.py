@@ -16,20 +16,20 @@ from spool_gap.selection.context import Context
 from spool_gap.selection.evidence import evidence_of
 from spool_gap.selection.joint_fit import jointly_fitted
 from spool_gap.selection.sense import refusal
-from spool_gap.selection.state import Candidate, State
+from spool_gap.selection.state import Candidate, SelectionState
 from spool_gap.simulation.point import DELAY, GAIN
 
 #: Hypotheses that are refined with the weight of the best one.
 REFINED = 3
 
 
-def screen_by_regression(context: Context, state: State) -> State:
+def screen_by_regression(context: Context, state: SelectionState) -> SelectionState:
     """Regression of the balance of forces: effects near the best one, or confusable with it."""
     found = regression_candidates(context.regressed, state.catalogue, state.hypothesis)
     return replace(state, screened=tuple(found))
 
 
-def screen_residual(context: Context, state: State) -> State:
+def screen_residual(context: Context, state: SelectionState) -> SelectionState:
     """Residual of the free run: effects that explain most of it, where the regression is blunt."""
     found = residual_candidates(
         state.fitting.simulation, context.regressed, state.catalogue, state.hypothesis, state.screened
@@ -37,14 +37,14 @@ def screen_residual(context: Context, state: State) -> State:
     return replace(state, screened=(*state.screened, *found))
 
 
-def fit_candidates(context: Context, state: State) -> State:
+def fit_candidates(context: Context, state: SelectionState) -> SelectionState:
     """Fits of the screened effects, each jointly with what is accepted."""
     return replace(
         state, fits=tuple(in_parallel(lambda entry: jointly_fitted(context, state, entry), state.screened))
     )
 
 
-def free_sensors(_context: Context, state: State) -> State:
+def free_sensors(_context: Context, state: SelectionState) -> SelectionState:
     """Gain or delay as a candidate, where it pushes against its tolerance."""
     step = state.hypothesis
     found = [
@@ -55,12 +55,12 @@ def free_sensors(_context: Context, state: State) -> State:
     return replace(state, fits=(*state.fits, *found))
 
 
-def rank_candidates(_context: Context, state: State) -> State:
+def rank_candidates(_context: Context, state: SelectionState) -> SelectionState:
     """Ranking of the fits, the best of them refined."""
     return ranked(state, state.fits)
 
 
-def add_overlooked(context: Context, state: State) -> State:
+def add_overlooked(context: Context, state: SelectionState) -> SelectionState:
     """Effects with which runs may part from the motion, where none helps and the base leaves a gap."""
     step = state.hypothesis
     if step.effects or not all(entry.reason for entry in state.candidates) or not follows(state):
@@ -73,25 +73,25 @@ def add_overlooked(context: Context, state: State) -> State:
     return ranked(state, [*known, *(jointly_fitted(context, state, entry) for entry in more)])
 
 
-def follows(state: State) -> bool:
+def follows(state: SelectionState) -> bool:
     """Whether runs can be synchronised to the measured motion, and are not yet."""
     return not state.synchronised and holds_damper(state.fitting)
 
 
-def note_candidates(_context: Context, state: State) -> State:
+def note_candidates(_context: Context, state: SelectionState) -> SelectionState:
     """Rows of the ranking for all candidates."""
     for entry in state.candidates:
         state = noted(state, entry)
     return state
 
 
-def choose_candidate(_context: Context, state: State) -> State:
+def choose_candidate(_context: Context, state: SelectionState) -> SelectionState:
     """Choice of the candidate with the most evidence that is not refused."""
     sensible = [entry.hypothesis for entry in state.candidates if not entry.reason]
     return replace(state, chosen=state.fitting.polished(sensible[0])) if sensible else state
 
 
-def ranked(state: State, fits: Sequence[Hypothesis]) -> State:
+def ranked(state: SelectionState, fits: Sequence[Hypothesis]) -> SelectionState:
     """Return ``state`` with ``fits`` as candidates, ranked with one weight: what the best of them leaves.
 
     What is accepted is fitted on with that, too: what it still gains on its own is no evidence for an effect.
@@ -114,14 +114,14 @@ def ranked(state: State, fits: Sequence[Hypothesis]) -> State:
     return replace(state, candidates=tuple(sorted(found, key=lambda entry: -entry.evidence)))
 
 
-def candidate(state: State, hypothesis: Hypothesis) -> Candidate:
+def candidate(state: SelectionState, hypothesis: Hypothesis) -> Candidate:
     """Return ``hypothesis`` with its evidence over what is accepted and why it is refused."""
     evidence = evidence_of(state.fitting, state.hypothesis, hypothesis)
     reason = refusal(state.fitting, state.hypothesis, hypothesis, evidence, state.noise_floor)
     return Candidate(hypothesis, evidence, reason)
 
 
-def noted(state: State, entry: Candidate) -> State:
+def noted(state: SelectionState, entry: Candidate) -> SelectionState:
     """Return ``state`` with ``entry`` in its ranking."""
     one, effects = entry.hypothesis, state.hypothesis.effects
     row = RankedHypothesis(

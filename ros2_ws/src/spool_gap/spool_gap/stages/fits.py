@@ -6,10 +6,10 @@ from dataclasses import replace
 
 from spool_gap.selection.context import Context
 from spool_gap.selection.joint_fit import fitted_base
-from spool_gap.selection.state import State
+from spool_gap.selection.state import SelectionState
 
 
-def fit_base(context: Context, state: State) -> State:
+def fit_base(context: Context, state: SelectionState) -> SelectionState:
     """Fit of the base, which is the first step: once more counting bad windows robustly."""
     context.progress("fitting the base", 0.15)
     fitting, step = fitted_base(state.fitting, context.regressed, context.start)
@@ -21,7 +21,7 @@ def fit_base(context: Context, state: State) -> State:
     return replace(state, fitting=fitting, judging=judging, accepted=base, steps=(step,))
 
 
-def polish(_context: Context, state: State) -> State:
+def polish(_context: Context, state: SelectionState) -> SelectionState:
     """Fit of what was selected with the weight of what it leaves."""
     step = state.hypothesis
     if not step.effects:

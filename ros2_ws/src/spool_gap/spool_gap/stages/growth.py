@@ -7,7 +7,7 @@ from dataclasses import replace
 from spool_gap.selection.completeness import is_complete
 from spool_gap.selection.context import Context
 from spool_gap.selection.evidence import without_needless
-from spool_gap.selection.state import Stage, State, run_stages
+from spool_gap.selection.state import SelectionState, Stage, run_stages
 
 from .acceptance import accept, prefer_sensor_alone, require_lasting_gain, require_more_than_noise
 from .candidates import (
@@ -26,7 +26,7 @@ from .similar_laws import start_from_best_law, start_from_contained, take_closes
 from .synchronise import synchronise
 
 
-def drop_needless(_context: Context, state: State) -> State:
+def drop_needless(_context: Context, state: SelectionState) -> SelectionState:
     """Removal of an effect that is no longer needed jointly with the newest."""
     return replace(state, accepted=without_needless(state.fitting, state.hypothesis))
 
@@ -55,7 +55,7 @@ FORWARD: tuple[Stage, ...] = (
 BACKWARD: tuple[Stage, ...] = (synchronise, drop_needless, try_other_laws)
 
 
-def grow(context: Context, state: State) -> State:
+def grow(context: Context, state: SelectionState) -> SelectionState:
     """Forward and backward selection from what is accepted."""
     while len(state.hypothesis.effects) < state.fitting.settings.most_effects:
         known = " + ".join(state.hypothesis.effects) or "the base"

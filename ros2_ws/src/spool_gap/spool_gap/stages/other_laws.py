@@ -17,11 +17,11 @@ from spool_gap.selection.context import Context
 from spool_gap.selection.evidence import beats_simpler, evidence_by_numbers
 from spool_gap.selection.friction_laws import with_law
 from spool_gap.selection.sense import senseless
-from spool_gap.selection.state import State
+from spool_gap.selection.state import SelectionState
 from spool_gap.thresholds import THRESHOLDS
 
 
-def try_other_laws(context: Context, state: State) -> State:
+def try_other_laws(context: Context, state: SelectionState) -> SelectionState:
     """Choice of another law of friction where that does better jointly with the other effects.
 
     Not by synchronised runs: free runs in the end distinguish laws of friction better.
@@ -29,7 +29,7 @@ def try_other_laws(context: Context, state: State) -> State:
     return state if state.synchronised else swapped_law(context, state)
 
 
-def swapped_law(context: Context, state: State) -> State:
+def swapped_law(context: Context, state: SelectionState) -> SelectionState:
     """Return ``state`` with the best law of friction jointly with the other accepted effects."""
     step = state.hypothesis
     present = next((name for name in step.effects if name in FRICTIONS and name in EFFECTS), None)
@@ -56,7 +56,7 @@ def swapped_law(context: Context, state: State) -> State:
     return swapped_law(context, state) if first else state
 
 
-def _is_better(state: State, best: Hypothesis, other: Hypothesis, name: str) -> bool:
+def _is_better(state: SelectionState, best: Hypothesis, other: Hypothesis, name: str) -> bool:
     law = next(entry for entry in best.effects if entry in FRICTIONS)
     if name in EFFECTS[law].replaces:
         return not beats_simpler(state.fitting, other, best)

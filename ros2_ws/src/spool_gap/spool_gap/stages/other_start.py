@@ -12,13 +12,13 @@ from spool_gap.result import RankedHypothesis
 from spool_gap.selection.completeness import is_closed
 from spool_gap.selection.context import Context
 from spool_gap.selection.evidence import evidence_by_numbers
-from spool_gap.selection.state import State
+from spool_gap.selection.state import SelectionState
 from spool_gap.thresholds import THRESHOLDS
 
 from .growth import grow
 
 
-def try_other_start(context: Context, state: State) -> State:
+def try_other_start(context: Context, state: SelectionState) -> SelectionState:
     """Choice of what grows from a confusable first effect, if what was found leaves a gap and that less."""
     found = state.hypothesis
     if not found.effects:
@@ -46,7 +46,7 @@ def try_other_start(context: Context, state: State) -> State:
     return _better(state, other, first.id)
 
 
-def _confusable(state: State, first: RankedHypothesis) -> RankedHypothesis | None:
+def _confusable(state: SelectionState, first: RankedHypothesis) -> RankedHypothesis | None:
     """Return the row of the best effect confusable with the ``first``, if it was nearly as good."""
     confusable = {*EFFECTS[first.id].confusable_with, *EFFECTS[first.id].replaces}
     rows = [row for row in state.ranking if not (row.jointly_with or row.accepted or row.reason)]
@@ -55,7 +55,7 @@ def _confusable(state: State, first: RankedHypothesis) -> RankedHypothesis | Non
     return max(rows, key=lambda row: row.evidence, default=None)
 
 
-def _better(state: State, other: State, first: str) -> State:
+def _better(state: SelectionState, other: SelectionState, first: str) -> SelectionState:
     """Return ``other``, or ``state`` with what ``other`` tried, by the weight of what leaves less."""
     fitting, one, two = other.fitting, state.hypothesis, other.hypothesis
     least = min((one, two), key=fitting.nrmse)

@@ -15,14 +15,14 @@ from spool_gap.selection.completeness import is_closed
 from spool_gap.selection.context import Context
 from spool_gap.selection.evidence import bic_penalty, evidence_of
 from spool_gap.selection.joint_fit import synchronised_point
-from spool_gap.selection.state import State
+from spool_gap.selection.state import SelectionState
 from spool_gap.simulation.point import Point
 from spool_gap.thresholds import THRESHOLDS
 
 from .candidates import follows
 
 
-def compare_pairwise(context: Context, state: State) -> State:
+def compare_pairwise(context: Context, state: SelectionState) -> SelectionState:
     """Pairwise comparison of the choice, if it leaves a gap, with each confusable effect.
 
     Without a choice effects challenge what is accepted: the motion may go several ways with any of them, with
@@ -41,7 +41,7 @@ def compare_pairwise(context: Context, state: State) -> State:
     return replace(state, chosen=best, margin=margin, decided=True)
 
 
-def _winner(context: Context, state: State, ahead: Hypothesis) -> Hypothesis:
+def _winner(context: Context, state: SelectionState, ahead: Hypothesis) -> Hypothesis:
     """Return ``ahead``, or the candidate that acts alike and leaves less by synchronised runs."""
     fitting, step = state.fitting, state.hypothesis
     alone = state.chosen is None

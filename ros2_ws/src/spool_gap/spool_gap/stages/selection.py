@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from spool_gap.selection.context import Context
-from spool_gap.selection.state import Stage, State, run_stages
+from spool_gap.selection.state import SelectionState, Stage, run_stages
 
 from .fits import fit_base, polish
 from .growth import grow
@@ -41,12 +41,12 @@ FINAL: tuple[Stage, ...] = (
 )
 
 
-def select(context: Context, state: State) -> State:
+def select(context: Context, state: SelectionState) -> SelectionState:
     """Selection over pieces: what is accepted is the last step, the base where no effect is."""
     state = run_stages(SELECTION, context, state)
     return replace(state, accepted=state.steps[-1])
 
 
-def judge(context: Context, state: State) -> State:
+def judge(context: Context, state: SelectionState) -> SelectionState:
     """Judging of what was selected by free runs over whole windows."""
     return run_stages(FINAL, context, state)

@@ -12,7 +12,7 @@ from spool_gap.selection.context import Context
 from spool_gap.selection.evidence import beats_simpler, evidence_of
 from spool_gap.selection.friction_laws import equivalent_starts, is_sliding
 from spool_gap.selection.sense import refusal, senseless
-from spool_gap.selection.state import State
+from spool_gap.selection.state import SelectionState
 from spool_gap.thresholds import THRESHOLDS
 
 #: Starts that are followed.
@@ -21,7 +21,7 @@ FOLLOWED = 3
 ROUNDS, ENOUGH = 3, 5e-3
 
 
-def start_from_contained(_context: Context, state: State) -> State:
+def start_from_contained(_context: Context, state: SelectionState) -> SelectionState:
     """Second fit of what fits worse than an effect that it contains, from there."""
     fitting = state.fitting
     by_name = {entry.newest: entry for entry in state.fits}
@@ -44,7 +44,7 @@ def start_from_contained(_context: Context, state: State) -> State:
     return replace(state, fits=tuple(in_parallel(from_inner, state.fits)))
 
 
-def start_from_best_law(context: Context, state: State) -> State:
+def start_from_best_law(context: Context, state: SelectionState) -> SelectionState:
     """Second fit of sliding laws near the best one, from where they act like that."""
     fitting = state.fitting
     laws = {entry.newest: entry for entry in state.fits if is_sliding(entry.newest)}
@@ -68,7 +68,7 @@ def start_from_best_law(context: Context, state: State) -> State:
     return replace(state, fits=tuple(in_parallel(from_best, state.fits)))
 
 
-def take_closest_law(context: Context, state: State) -> State:
+def take_closest_law(context: Context, state: SelectionState) -> SelectionState:
     """Choice of the best of sliding laws close to each other, fitted to their last digits."""
     fitting, winner = state.fitting, state.chosen
     if winner is None or not is_sliding(winner.newest):
@@ -97,7 +97,7 @@ def take_closest_law(context: Context, state: State) -> State:
     return replace(state, chosen=best)
 
 
-def take_simplest_law(context: Context, state: State) -> State:
+def take_simplest_law(context: Context, state: SelectionState) -> SelectionState:
     """Choice of the simplest of laws that contain each other which none of the others clearly beats."""
     fitting, winner = state.fitting, state.chosen
     if winner is None:

@@ -19,7 +19,7 @@ from spool_gap.selection.context import Context
 from spool_gap.selection.evidence import bic_penalty, in_windows
 from spool_gap.selection.friction_laws import is_sliding, with_law
 from spool_gap.selection.sense import senseless
-from spool_gap.selection.state import State
+from spool_gap.selection.state import SelectionState
 from spool_gap.selection.windows import trimmed_sum
 from spool_gap.thresholds import THRESHOLDS
 
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 FOLLOWED, ROUNDS = 4, 3
 
 
-def compare_sliding_laws(context: Context, state: State) -> State:
+def compare_sliding_laws(context: Context, state: SelectionState) -> SelectionState:
     """Choice of the sliding law that all windows show, in place of one that they show less."""
     step = best = state.hypothesis
     if not is_fitted(state, step):
@@ -60,7 +60,7 @@ def _falls_with_speed(name: str) -> bool:
     return is_sliding(name) and any(EFFECTS[name].speeds_to_try(1.0))
 
 
-def _others(state: State, present: str) -> list[str]:
+def _others(state: SelectionState, present: str) -> list[str]:
     """Return the laws like ``present`` that neither contain it nor are contained in it."""
     names = sorted(entry.id for entry in state.catalogue if entry.id != present)
     return [
@@ -70,7 +70,7 @@ def _others(state: State, present: str) -> list[str]:
     ]
 
 
-def _compared(state: State, one: Hypothesis, other: Hypothesis) -> tuple[Hypothesis, float]:
+def _compared(state: SelectionState, one: Hypothesis, other: Hypothesis) -> tuple[Hypothesis, float]:
     """Return ``other`` fitted to all windows, and its evidence over ``one`` in all but extreme ones."""
     everything = AllWindows.of(state.fitting.simulation)
     fitting = state.fitting.over(everything.sampled_for(one.point))
@@ -93,7 +93,7 @@ def too_far(costs: Array, rival: Array) -> bool:
     return behind > THRESHOLDS.too_far
 
 
-def _overrule(state: State, present: str, name: str) -> State:
+def _overrule(state: SelectionState, present: str, name: str) -> SelectionState:
     """Return ``state`` whose ranking says that ``name`` was taken in place of ``present``."""
     rows = [row for row in state.ranking if row.id == present and row.accepted]
     lost = f"{name.replace('_', ' ')} fits all windows better"

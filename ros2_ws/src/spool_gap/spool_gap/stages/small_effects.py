@@ -17,11 +17,11 @@ from spool_gap.screening.screening import small_candidates
 from spool_gap.selection.all_windows import AllWindows, evidence_beyond_noise, evidence_in_noise
 from spool_gap.selection.context import Context
 from spool_gap.selection.sense import senseless
-from spool_gap.selection.state import Candidate, State
+from spool_gap.selection.state import Candidate, SelectionState
 from spool_gap.thresholds import THRESHOLDS
 
 
-def find_small_effect(context: Context, state: State) -> State:
+def find_small_effect(context: Context, state: SelectionState) -> SelectionState:
     """Small effect that all windows show jointly, where held-out ones show none."""
     if state.hypothesis.effects:
         return state
@@ -49,7 +49,7 @@ def find_small_effect(context: Context, state: State) -> State:
     return state
 
 
-def _candidates(context: Context, state: State) -> list[Candidate]:
+def _candidates(context: Context, state: SelectionState) -> list[Candidate]:
     """Return small effects fitted to all windows, with their evidence and why they are refused."""
     fitting = state.fitting.over(AllWindows.of(state.fitting.simulation))
     start = fitting.fit((), [state.hypothesis.point])

@@ -17,7 +17,7 @@ from spool_gap.result import RankedHypothesis
 from spool_gap.selection.context import Context
 from spool_gap.selection.evidence import bic_penalty, evidence_of
 from spool_gap.selection.sense import refusal, trifling
-from spool_gap.selection.state import State
+from spool_gap.selection.state import SelectionState
 from spool_gap.simulation.contact_free import contact_free_segments, without_hits
 from spool_gap.simulation.contacts import Contacts, find_contacts
 from spool_gap.simulation.point import Point
@@ -37,7 +37,7 @@ MORE = 2
 WANDER = 0.5
 
 
-def contacts_of(context: Context, state: State, mass: float) -> Contacts | None:
+def contacts_of(context: Context, state: SelectionState, mass: float) -> Contacts | None:
     """Return the hits in the whole windows; ``None`` where there are none, or the base has stops."""
     if all(entry.id != STOP for entry in state.catalogue):
         return None
@@ -45,8 +45,8 @@ def contacts_of(context: Context, state: State, mass: float) -> Contacts | None:
 
 
 def contact_free(
-    context: Context, state: State, contacts: Contacts | None, gain: float = 0.0, delay: float = 0.0
-) -> tuple[Context, State] | None:
+    context: Context, state: SelectionState, contacts: Contacts | None, gain: float = 0.0, delay: float = 0.0
+) -> tuple[Context, SelectionState] | None:
     """Return context and state over contact-free segments; ``None`` without hits, or with too few of them.
 
     Args:
@@ -65,7 +65,7 @@ def contact_free(
     left_out = context.left_out | {find_small_effect.__name__}
     return (
         replace(context, whole=pieces, regressed=thinned(pieces, 3 * longest), left_out=left_out),
-        State(
+        SelectionState(
             state.fitting.over(Simulation(pieces, motions)),
             Simulation(pieces, motions),
             tuple(entry for entry in state.catalogue if entry.id != STOP),
@@ -74,8 +74,8 @@ def contact_free(
 
 
 def select_with_stop(
-    context: Context, state: State, select: Callable[[Context, State], State]
-) -> State | None:
+    context: Context, state: SelectionState, select: Callable[[Context, SelectionState], SelectionState]
+) -> SelectionState | None:
     """Return ``state`` with a stop among what was selected; ``None`` where hits are not what is missing.
 
     Args:
@@ -119,7 +119,7 @@ def select_with_stop(
     return split(state, 0.0)
 
 
-def _without_trifles(segments: State) -> State:
+def _without_trifles(segments: SelectionState) -> SelectionState:
     """Return ``segments`` with friction of one force, and without what means nothing on a machine."""
     if TWO in segments.hypothesis.effects:  # its start from rest is judged with the stop
         segments = replace(segments, accepted=segments.steps[-2])

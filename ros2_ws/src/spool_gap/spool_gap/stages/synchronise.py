@@ -10,13 +10,13 @@ from spool_gap.registry import EFFECTS
 from spool_gap.selection.completeness import is_closed
 from spool_gap.selection.context import Context
 from spool_gap.selection.joint_fit import synchronised_point
-from spool_gap.selection.state import State
+from spool_gap.selection.state import SelectionState
 from spool_gap.simulation.simulate import Simulation
 
 from .candidates import follows
 
 
-def synchronise(context: Context, state: State) -> State:
+def synchronise(context: Context, state: SelectionState) -> SelectionState:
     """Synchronised runs from here on, where free ones do not show what the accepted hypothesis leaves."""
     if not follows(state):
         return state
@@ -35,7 +35,7 @@ def synchronise(context: Context, state: State) -> State:
     return replace(state, accepted=state.fitting.polished(step))
 
 
-def _several_ways(state: State, step: Hypothesis) -> tuple[bool, State]:
+def _several_ways(state: SelectionState, step: Hypothesis) -> tuple[bool, SelectionState]:
     """Return whether the motion can go several ways with ``step``, and ``state`` that knows it."""
     if any(EFFECTS[name].local_minima for name in step.effects):
         return True, state

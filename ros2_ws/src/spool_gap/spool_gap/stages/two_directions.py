@@ -9,21 +9,21 @@ from spool_gap.fitting.hypothesis import Fitting, Hypothesis
 from spool_gap.registry import EFFECTS
 from spool_gap.result import RankedHypothesis
 from spool_gap.selection.context import Context
-from spool_gap.selection.state import State
+from spool_gap.selection.state import SelectionState
 from spool_gap.simulation.start_from_rest import Asymmetry, asymmetry
 from spool_gap.thresholds import THRESHOLDS
 
 ONE, TWO = "coulomb_friction", "asymmetric_friction"
 
 
-def split_by_direction(_context: Context, state: State) -> State:
+def split_by_direction(_context: Context, state: SelectionState) -> SelectionState:
     """Two forces of friction in place of one, with the evidence of one and of the start from rest."""
     contained = EFFECTS[TWO].replaces
     one = next((row.evidence for row in state.ranking if row.accepted and row.id in contained), 0.0)
     return split(state, one)
 
 
-def split(state: State, one: float) -> State:
+def split(state: SelectionState, one: float) -> SelectionState:
     """Return ``state`` with two forces where a start from rest shows them; ``one``: evidence for one."""
     step = state.hypothesis
     shown = _shown(state.fitting, step) if ONE in step.effects else None

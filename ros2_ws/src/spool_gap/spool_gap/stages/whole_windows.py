@@ -14,7 +14,7 @@ from spool_gap.registry import EFFECTS
 from spool_gap.selection.context import Context
 from spool_gap.selection.evidence import needless
 from spool_gap.selection.sense import trifling, vanished
-from spool_gap.selection.state import State
+from spool_gap.selection.state import SelectionState
 from spool_gap.simulation.noise_floor import noise_floor
 from spool_gap.simulation.simulate import Simulation
 from spool_gap.thresholds import THRESHOLDS
@@ -25,7 +25,7 @@ from .other_laws import swapped_law
 TRIFLE = "there is so little of it that it means nothing on a machine"
 
 
-def measure_whole_windows(context: Context, state: State) -> State:
+def measure_whole_windows(context: Context, state: SelectionState) -> SelectionState:
     """Free runs over whole windows in place of pieces, by which every step is measured."""
     final = state.hypothesis
     simulation = _free_runs(context, state, final)
@@ -35,14 +35,14 @@ def measure_whole_windows(context: Context, state: State) -> State:
     return replace(state, fitting=state.fitting.weighed_by(state.hypothesis)) if final.effects else state
 
 
-def _free_runs(context: Context, state: State, final: Hypothesis) -> Simulation:
+def _free_runs(context: Context, state: SelectionState, final: Hypothesis) -> Simulation:
     """Return the free runs that ``final`` is judged by, over whole windows."""
     if not state.synchronised:
         return state.judging
     return following(state.fitting, context.whole, final.point, DAMPING_RATIO).counting_robustly()
 
 
-def fit_whole_windows(_context: Context, state: State) -> State:
+def fit_whole_windows(_context: Context, state: SelectionState) -> SelectionState:
     """Last digits by whole windows."""
     final, fitting = state.hypothesis, state.fitting
     if not is_fitted(state, final):
@@ -52,7 +52,7 @@ def fit_whole_windows(_context: Context, state: State) -> State:
     return with_final(state, min(final, closer, key=lambda entry: entry.cost))
 
 
-def swap_law_by_free_runs(context: Context, state: State) -> State:
+def swap_law_by_free_runs(context: Context, state: SelectionState) -> SelectionState:
     """Other laws of friction by free runs, which distinguish them best, where synchronised ones selected."""
     if not (state.synchronised and is_fitted(state, state.hypothesis)):
         return state
@@ -60,7 +60,7 @@ def swap_law_by_free_runs(context: Context, state: State) -> State:
     return with_final(found, found.hypothesis)
 
 
-def drop_insignificant(_context: Context, state: State) -> State:
+def drop_insignificant(_context: Context, state: SelectionState) -> SelectionState:
     """Removal of what whole windows do not show, though pieces did, or of what means nothing."""
     step = state.hypothesis
     if not step.effects:
@@ -71,7 +71,7 @@ def drop_insignificant(_context: Context, state: State) -> State:
     return drop_insignificant(_context, dropped(state, gone, reason))
 
 
-def _insignificant(state: State, step: Hypothesis) -> tuple[list[str], str]:
+def _insignificant(state: SelectionState, step: Hypothesis) -> tuple[list[str], str]:
     """Return which effects of ``step`` must go, and why."""
     known = [name for name in step.effects if name in EFFECTS]
     gone = [name for name in known if vanished(step, name)]
@@ -86,7 +86,7 @@ def _insignificant(state: State, step: Hypothesis) -> tuple[list[str], str]:
     return gone, "the model does as well without it"
 
 
-def dropped(state: State, names: Sequence[str], reason: str) -> State:
+def dropped(state: SelectionState, names: Sequence[str], reason: str) -> SelectionState:
     """Return ``state`` without the effects ``names``, fitted, and let the ranking say the ``reason``."""
     ranking = tuple(
         replace(row, accepted=False, reason=reason) if row.id in names and row.accepted else row
@@ -95,7 +95,7 @@ def dropped(state: State, names: Sequence[str], reason: str) -> State:
     return with_final(replace(state, ranking=ranking), state.fitting.without(state.hypothesis, names))
 
 
-def measure_ranking(_context: Context, state: State) -> State:
+def measure_ranking(_context: Context, state: SelectionState) -> SelectionState:
     """Errors of the ranking by free runs over whole windows."""
     fitting = state.fitting
 
@@ -108,14 +108,14 @@ def measure_ranking(_context: Context, state: State) -> State:
     return replace(state, ranking=ranking)
 
 
-def is_fitted(state: State, final: Hypothesis) -> bool:
+def is_fitted(state: SelectionState, final: Hypothesis) -> bool:
     """Whether the numbers of ``final`` are those that its effects are fitted with."""
     own = {free.name for free in final.fitted.free}
     wanted = {free.name for free in state.fitting.free_of(final.effects, final.point)}
     return bool(final.effects) and own <= wanted
 
 
-def with_final(state: State, final: Hypothesis) -> State:
+def with_final(state: SelectionState, final: Hypothesis) -> SelectionState:
     """Return ``state`` with ``final`` as its last step, the only one where it has no effects."""
     steps = (*state.steps[:-1], final) if final.effects else (final,)
     return replace(state, accepted=final, steps=steps)

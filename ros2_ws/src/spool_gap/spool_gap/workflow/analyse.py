@@ -16,7 +16,7 @@ from spool_gap.report.assembly import assembled
 from spool_gap.report.outcome import judge_outcome
 from spool_gap.result import GapResult, GapSettings
 from spool_gap.selection.context import Progress
-from spool_gap.selection.state import State
+from spool_gap.selection.state import SelectionState
 from spool_gap.simulation.point import Point
 from spool_gap.simulation.segments import parts_of
 from spool_gap.stages.selection import judge, select
@@ -90,7 +90,7 @@ def _parts(records: Sequence[Record]) -> list[Record]:
     return parts_of(records, LONGEST_LOOKED_AT)
 
 
-def _with_stop(task: Task, point: Point) -> State | None:
+def _with_stop(task: Task, point: Point) -> SelectionState | None:
     """Return what was selected with a stop, if hits are what is missing and that explains the motion.
 
     Through many hits a free run is judged over the pieces that it is fitted over.
@@ -102,6 +102,6 @@ def _with_stop(task: Task, point: Point) -> State | None:
     return found
 
 
-def _without_stop(task: Task, point: Point) -> State:
+def _without_stop(task: Task, point: Point) -> SelectionState:
     context, state = prepared(task, point, point.get("viscous_coefficient"), task.settings.longest)
     return judge(context, select(context, state))

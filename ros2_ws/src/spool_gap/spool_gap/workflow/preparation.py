@@ -17,7 +17,7 @@ from spool_gap.registry import EFFECTS
 from spool_gap.result import GapSettings
 from spool_gap.selection.context import Context, Progress
 from spool_gap.selection.joint_fit import fitted_base
-from spool_gap.selection.state import State
+from spool_gap.selection.state import SelectionState
 from spool_gap.simulation.point import Point
 from spool_gap.simulation.segments import stretches_of, thinned
 from spool_gap.simulation.shooting import pieces_of
@@ -82,7 +82,7 @@ def first_look(task: Task) -> tuple[Point, bool]:
     return step.point, free is not None
 
 
-def prepared(task: Task, start: Point, damping: float, longest: int) -> tuple[Context, State]:
+def prepared(task: Task, start: Point, damping: float, longest: int) -> tuple[Context, SelectionState]:
     """Return what a selection begins with.
 
     Args:
@@ -101,7 +101,7 @@ def prepared(task: Task, start: Point, damping: float, longest: int) -> tuple[Co
     simulation = Simulation(pieces_of(whole, longest, gain, delay), task.motions)
     context = Context(start, whole, thinned(whole, 3 * longest), task.progress, task.settings.left_out)
     fitting = Fitting(simulation, task.base, task.valve, task.settings)
-    return context, State(
+    return context, SelectionState(
         fitting, Simulation(thinned(whole, longest), task.motions), tried_effects(task.base)
     )
 
