@@ -184,10 +184,7 @@ class Thresholds:
         1.1, "1", "the same where it is behind in nearly all held-out windows", EFFORT
     )
     extreme_windows: float = decided(
-        0.1,
-        "1",
-        "share of the windows on either end that do not count between laws by all windows",
-        CASES,
+        0.1, "1", "share of the windows on either end that do not count between laws by all windows", CASES
     )
     small_evidence: float = decided(
         5.0, "1", "evidence over all windows that a small effect needs", "a likelihood ratio of 12"
@@ -275,10 +272,7 @@ class Thresholds:
         0.2, "1", "share of the noise above the excitation that must grow with the slope for that", CASES
     )
     explains_nothing: float = decided(
-        0.8,
-        "1",
-        "error from which a model explains nothing and units or columns are asked about",
-        CASES,
+        0.8, "1", "error from which a model explains nothing and units or columns are asked about", CASES
     )
 
 
