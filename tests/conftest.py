@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import signal
 import subprocess
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
@@ -257,22 +255,6 @@ class System:
         rclpy.shutdown(context=self.context)
 
 
-@contextlib.contextmanager
-def claimed_domain() -> Iterator[int]:
-    """Claim a ROS domain that no other test on this machine uses now; their ports are free for 1 to 100."""
-    folder = Path(tempfile.gettempdir()) / f"spool_test_domains_{os.getuid()}"
-    folder.mkdir(exist_ok=True)
-    for number in range(1, 101):
-        with (folder / str(number)).open("w") as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                continue
-            yield number
-            return
-    raise RuntimeError(f"all 100 domains are in use, see {folder}")
-
-
 @pytest.fixture(autouse=True, scope="session")
 def _on_this_machine_only(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
@@ -281,20 +263,15 @@ def _on_this_machine_only(tmp_path_factory: pytest.TempPathFactory) -> Iterator[
         yield
 
 
-@pytest.fixture
-def domain_id() -> Iterator[int]:
-    """A ROS domain of the test's own."""
-    with claimed_domain() as number:
-        yield number
-
-
 @pytest.fixture(scope="session")
-def make_system() -> Callable[[Path], AbstractContextManager[System]]:
+def make_system(
+    claim_domain: Callable[[], AbstractContextManager[int]],
+) -> Callable[[Path], AbstractContextManager[System]]:
     """Return what makes a system, for fixtures that several tests share."""
 
     @contextlib.contextmanager
     def make(folder: Path) -> Iterator[System]:
-        with claimed_domain() as number:
+        with claim_domain() as number:
             system = System(number, folder)
             try:
                 yield system

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import itertools
 import os
 import subprocess
 import sys
@@ -23,7 +22,6 @@ from std_msgs.msg import String
 
 PROBE = Path(__file__).with_name("probe_node.py")
 PATIENCE = 30.0
-_DOMAINS = itertools.count(os.getpid())
 
 TRANSITIONS = {
     "configure": Transition.TRANSITION_CONFIGURE,
@@ -36,12 +34,6 @@ STATES = {
     State.PRIMARY_STATE_INACTIVE: "inactive",
     State.PRIMARY_STATE_ACTIVE: "active",
 }
-
-
-@pytest.fixture
-def domain_id() -> int:
-    """Return a domain of its own; 1 to 99 have free ports on every system."""
-    return 1 + next(_DOMAINS) % 99
 
 
 @pytest.fixture
