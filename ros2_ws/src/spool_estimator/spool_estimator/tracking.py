@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_stream.kernels.standing import StandingWatch
 
-from spool_estimator.motion.history import Descent, Fitter, History, sampled_pointwise
+from spool_estimator.motion.history import Fitter, History, WindowFit, sampled_pointwise
 from spool_estimator.motion.prediction import (
     BAND_LIMITED,
     BODY,
@@ -415,7 +415,7 @@ class Tracker:
         self.prediction = found.prediction
         return True
 
-    def _adopt(self, found: Descent) -> None:
+    def _adopt(self, found: WindowFit) -> None:
         weight = NOISE**2 / (found.variance + SMALLEST_NOISE**2)
         self.regression.begin(
             found.parameters, found.grams * weight, found.scores * weight, DOUBT * weight * found.noise_score

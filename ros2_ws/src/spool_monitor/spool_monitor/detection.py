@@ -21,7 +21,7 @@ from spool_monitor.drift.parameter_drift import ParameterDrift
 from spool_monitor.events.condition import Condition
 from spool_monitor.events.event import Event
 from spool_monitor.signals.channel_signals import Signals, look
-from spool_monitor.signals.response import Response, ResponseTracker
+from spool_monitor.signals.response import ResponseTracker, ValveResponse
 from spool_monitor.signals.spectrum import Line, find_line
 from spool_monitor.signals.window import WindowTracker
 
@@ -60,7 +60,7 @@ class Detection:
     settings: MonitorSettings
     windows: WindowTracker = field(default_factory=WindowTracker)
     response: ResponseTracker = field(default_factory=ResponseTracker)
-    reference: Response = field(init=False)
+    reference: ValveResponse = field(init=False)
     detectors: tuple[Detector, ...] = field(init=False)
     parameters: dict[str, ParameterDrift] = field(init=False)
     learned: dict[str, Baseline] = field(init=False)
@@ -176,7 +176,7 @@ class Detection:
             self._follow(response)
         return events
 
-    def _follow(self, response: Response) -> None:
+    def _follow(self, response: ValveResponse) -> None:
         """Let the reference response follow what was measured, slowly, and never beyond what a valve has."""
         old, new = self.reference, response
         ratio = new.natural_frequency / old.natural_frequency
@@ -197,7 +197,7 @@ class Detection:
         line: Line | None = None,
         silent: bool = False,
         signals: Signals | None = None,
-        response: Response | None = None,
+        response: ValveResponse | None = None,
         estimate: Estimate | None = None,
     ) -> Moment:
         return Moment(
@@ -241,7 +241,7 @@ def _sticks(estimate: Estimate) -> bool:
     return estimate.parameter("coulomb_force").value > STICKS * mass * estimate.excitation.value
 
 
-def configured(natural_frequency: float) -> Response:
+def configured(natural_frequency: float) -> ValveResponse:
     """Return the response of a valve of which only the natural frequency (Hz) is known."""
     damping = 2.0 * ASSUMED_DAMPING * 2.0 * math.pi * natural_frequency
-    return Response(natural_frequency, damping, 1.0, math.inf, math.nan)
+    return ValveResponse(natural_frequency, damping, 1.0, math.inf, math.nan)

@@ -11,7 +11,7 @@ from spool_monitor.detectors import Judgement
 from spool_monitor.events.event_kind import Namur
 
 
-class Level(enum.IntEnum):
+class HealthLevel(enum.IntEnum):
     """Level of a valve's health; the numbers are those of ``spool_msgs/msg/ValveHealth``."""
 
     UNKNOWN = 0
@@ -34,7 +34,7 @@ class Health:
     """Health of the valve at ``stamp`` (ns); fields as in ``ValveHealth``."""
 
     stamp: int
-    level: Level
+    level: HealthLevel
     baseline: BaselineState
     summary: str
     active: tuple[str, ...]

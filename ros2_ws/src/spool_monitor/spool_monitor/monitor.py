@@ -19,7 +19,7 @@ from spool_monitor.events.event_kind import Namur
 from spool_monitor.signals.spectrum import Line
 
 from .detection import Detection
-from .health import BaselineState, Health, Level
+from .health import BaselineState, Health, HealthLevel
 
 #: s, an estimator that starts with the data needs this long for its first estimate.
 FIRST_ESTIMATE = 2.0
@@ -162,14 +162,14 @@ class Monitor:
             namur=_namur(level, baseline, [one for one in self.conditions if one.active is not None]),
         )
 
-    def _level(self, active: list[Condition], stale: list[str]) -> Level:
+    def _level(self, active: list[Condition], stale: list[str]) -> HealthLevel:
         # Who joins a dead valve late hears the held estimate and no silence that could be timed.
         if stale or (self.estimate is not None and self.estimate.state is State.STALE):
-            return Level.STALE
+            return HealthLevel.STALE
         if active:
             worst = max(condition.active for condition in active if condition.active is not None)
-            return Level.ALARM if worst is Severity.ALARM else Level.WARNING
-        return Level.UNKNOWN if self.estimate is None and self.line is None else Level.OK
+            return HealthLevel.ALARM if worst is Severity.ALARM else HealthLevel.WARNING
+        return HealthLevel.UNKNOWN if self.estimate is None and self.line is None else HealthLevel.OK
 
     @property
     def _natural_frequency(self) -> Quantity:
@@ -198,12 +198,12 @@ class Monitor:
         return f"{state}, baseline {baseline.name.lower()}"
 
 
-def _namur(level: Level, baseline: BaselineState, active: list[Condition]) -> Namur:
+def _namur(level: HealthLevel, baseline: BaselineState, active: list[Condition]) -> Namur:
     """Return the worst status that applies; what is still being learned is a function check."""
-    if level is Level.UNKNOWN:
+    if level is HealthLevel.UNKNOWN:
         return Namur.UNKNOWN
     learning = Namur.NORMAL if baseline is BaselineState.FROZEN else Namur.FUNCTION_CHECK
-    silent = Namur.FAILURE if level is Level.STALE else Namur.NORMAL
+    silent = Namur.FAILURE if level is HealthLevel.STALE else Namur.NORMAL
     return max(learning, silent, *(one.declared.cause(one.cause).namur for one in active), Namur.NORMAL)
 
 

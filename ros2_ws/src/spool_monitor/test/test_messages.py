@@ -9,7 +9,7 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from spool_monitor.detectors import Judgement
 from spool_monitor.events.event import Event, EventState, Severity
-from spool_monitor.health import BaselineState, Health, Level
+from spool_monitor.health import BaselineState, Health, HealthLevel
 from spool_monitor.monitor import Monitor
 from spool_monitor.node.messages import to_event_message, to_health_message
 from spool_monitor.node.monitor_node import MonitorNode
@@ -27,7 +27,7 @@ def constants(message: type, prefix: str) -> dict[str, int]:
 @pytest.mark.parametrize(
     ("enumeration", "message", "prefix"),
     [
-        (Level, ValveHealth, "LEVEL_"),
+        (HealthLevel, ValveHealth, "LEVEL_"),
         (BaselineState, ValveHealth, "BASELINE_"),
         (EventState, HealthEvent, "STATE_"),
         (Severity, HealthEvent, "SEVERITY_"),
@@ -71,7 +71,7 @@ def test_health_goes_through_its_message_with_every_field() -> None:
     }
     health = Health(
         stamp=1_700_000_000_000_000_001,
-        level=Level.WARNING,
+        level=HealthLevel.WARNING,
         baseline=BaselineState.FROZEN,
         summary="resonance",
         active=("resonance", "friction_drift"),

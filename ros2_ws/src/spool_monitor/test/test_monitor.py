@@ -15,7 +15,7 @@ from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.detectors import Judgement, MonitorSettings
 from spool_monitor.detectors.stale import STALE_AFTER
 from spool_monitor.events.event import Event, EventState, Severity
-from spool_monitor.health import BaselineState, Level
+from spool_monitor.health import BaselineState, HealthLevel
 from spool_monitor.monitor import FIRST_BLOCK, FIRST_ESTIMATE, Monitor
 from spool_monitor.replay import Replay
 from spool_sim.excitation.kinds import Excitation, from_mapping
@@ -122,7 +122,7 @@ def test_a_machine_that_stays_in_resonance_stays_raised() -> None:
     one = run(machine((0.0, 920.0), (100.0, 920.0)))
     events = one.go(20.0)
     assert [(event.kind, event.state) for event in events] == [("resonance", EventState.RAISED)]
-    assert one.monitor.health.level >= Level.WARNING
+    assert one.monitor.health.level >= HealthLevel.WARNING
     assert "resonance" in one.monitor.health.active
 
 
@@ -161,7 +161,7 @@ def test_a_friction_drift_is_raised_with_its_cause(
     assert one.at(events[0]) < 30.0 + 5.0 + 4.0 + 8.0  # drift, memory, sum and delay
     assert events[-1].severity is Severity.ALARM
     health = one.monitor.health
-    assert health.level is Level.ALARM
+    assert health.level is HealthLevel.ALARM
     assert set(health.active) == {"friction_drift"}
     assert cause.replace("_", " ") in health.summary
     change = target - before
@@ -189,7 +189,7 @@ def test_a_healthy_machine_raises_nothing() -> None:
     one = run(STEADY)
     assert one.go(120.0) == []
     health = one.monitor.health
-    assert (health.level, health.baseline, health.active) == (Level.OK, BaselineState.FROZEN, ())
+    assert (health.level, health.baseline, health.active) == (HealthLevel.OK, BaselineState.FROZEN, ())
     assert health.dominant_frequency.value == pytest.approx(25.0, abs=0.2)
     assert health.stamp == START + 120_000_000_000
 
@@ -201,7 +201,7 @@ COARSE = Sensor(noise=0.01, resolution=0.08)
 def test_a_standstill_raises_nothing() -> None:
     one = run(PRESETS["standstill"])
     assert one.go(60.0) == []
-    assert one.monitor.health.level in (Level.OK, Level.UNKNOWN)
+    assert one.monitor.health.level in (HealthLevel.OK, HealthLevel.UNKNOWN)
     assert one.monitor.health.baseline is not BaselineState.FROZEN
 
 
@@ -255,7 +255,7 @@ def test_refused_blocks_are_a_data_fault_and_nothing_is_computed_from_them() -> 
     )
     assert hurt.gate.refused == 3
     assert hurt.line == whole.line
-    assert hurt.health.level is Level.WARNING
+    assert hurt.health.level is HealthLevel.WARNING
 
 
 def test_a_fault_before_any_data_is_reported_without_harm() -> None:
@@ -357,7 +357,7 @@ def test_a_wrong_sample_period_is_a_rate_fault_within_3_s_and_nothing_else(off: 
     assert (event.kind, event.cause, event.source) == ("data_fault", "rate", "rate")
     assert event.severity is Severity.ALARM
     assert one.at(event) <= 3.0
-    assert one.monitor.health.level is Level.ALARM
+    assert one.monitor.health.level is HealthLevel.ALARM
     latest = one.replay.estimator.latest
     assert latest is None or not any(quantity.known for quantity in latest.parameters)
 
@@ -412,7 +412,7 @@ def test_a_clock_that_is_set_by_an_hour_raises_no_silence_and_makes_no_time_nega
     assert one.replay.first_stamp is not None
     assert one.replay.last_stamp is not None
     assert one.replay.last_stamp > one.replay.first_stamp
-    assert one.monitor.health.level is Level.OK
+    assert one.monitor.health.level is HealthLevel.OK
 
 
 def test_one_false_sequence_number_counts_no_losses() -> None:
@@ -456,7 +456,7 @@ def test_a_valve_that_never_sent_is_stale_after_the_time_to_start() -> None:
     patience = monitor.settings[STALE_AFTER] + FIRST_BLOCK
     assert monitor.idle(patience, patience, now=START) == []
     health = monitor.health
-    assert (health.level, health.baseline) == (Level.UNKNOWN, BaselineState.UNKNOWN)
+    assert (health.level, health.baseline) == (HealthLevel.UNKNOWN, BaselineState.UNKNOWN)
     assert health.summary == "waiting for data"
     (event,) = monitor.idle(patience + 0.1, patience + 0.1, now=START)
     assert (event.kind, event.cause, event.source) == ("stale", "never_seen", "acceleration")
@@ -464,7 +464,7 @@ def test_a_valve_that_never_sent_is_stale_after_the_time_to_start() -> None:
     assert "check the topic name" in event.message
     assert monitor.idle(1e6, 1e6, now=START) == []
     health = monitor.health
-    assert (health.level, health.active) == (Level.STALE, ("stale",))
+    assert (health.level, health.active) == (HealthLevel.STALE, ("stale",))
     assert health.summary == "acceleration never seen: check the topic name"
     (cleared,) = monitor.update(next(blocks(1.0)))
     assert (cleared.kind, cleared.state) == ("stale", EventState.CLEARED)
@@ -482,11 +482,11 @@ def test_idle_raises_silence_of_the_accelerometers_once_and_data_clear_it() -> N
     assert event.stamp == START + 6_600_000_000
     assert monitor.idle(9.0, 9.5) == []
     health = monitor.health
-    assert (health.level, health.active, health.summary) == (Level.STALE, ("stale",), "no acceleration")
+    assert (health.level, health.active, health.summary) == (HealthLevel.STALE, ("stale",), "no acceleration")
     assert health.dominant_frequency.validity is Validity.UNKNOWN
     events = one.go(1.0)
     assert kinds(events[:1]) == [("stale", "acceleration", EventState.CLEARED)]
-    assert monitor.health.level is Level.OK
+    assert monitor.health.level is HealthLevel.OK
 
 
 def test_idle_raises_silence_of_the_estimator_only_where_data_go_on() -> None:
@@ -552,7 +552,7 @@ def test_a_held_estimate_alone_makes_a_valve_stale() -> None:
     assert held.state is State.STALE
     late = Monitor()
     late.update_estimate(held)
-    assert late.health.level is Level.STALE
+    assert late.health.level is HealthLevel.STALE
 
 
 # Settings, copies, memory.

@@ -12,7 +12,7 @@ from spool_monitor.detection import configured
 from spool_monitor.detectors.sensor_dead import FOLLOWS, due_powers
 from spool_monitor.detectors.stuck_spool import due_power
 from spool_monitor.signals.channel_signals import Signals, levels, look, spectra
-from spool_monitor.signals.response import Response, ResponseTracker, descend, transfer
+from spool_monitor.signals.response import ResponseTracker, ValveResponse, descend, transfer
 from spool_monitor.signals.window import WindowTracker
 from spool_stream.block import Block
 
@@ -114,7 +114,7 @@ def test_the_relative_motion_of_a_passive_valve_takes_energy_and_exchanged_chann
     assert dead.spool.constant
 
 
-def fit(body: Array, spool: Array) -> Response:
+def fit(body: Array, spool: Array) -> ValveResponse:
     tracker = ResponseTracker()
     found = [tracker.update(one, configured(17.0)) for one in windows(body, spool)]
     assert found[:3] == [None, None, None]

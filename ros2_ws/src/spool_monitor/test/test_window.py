@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from spool_monitor.signals.window import Window, WindowTracker, taper
+from spool_monitor.signals.window import SignalWindow, WindowTracker, taper
 from spool_stream.block import Block
 
 START = 1_700_000_000_000_000_000
 
 
-def feed(tracker: WindowTracker, samples: NDArray[np.float32], rate: float, size: int) -> list[Window]:
+def feed(tracker: WindowTracker, samples: NDArray[np.float32], rate: float, size: int) -> list[SignalWindow]:
     found = []
     for number, first in enumerate(range(0, samples.shape[1], size)):
         body, spool = samples[:, first : first + size]

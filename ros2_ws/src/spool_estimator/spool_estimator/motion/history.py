@@ -71,8 +71,8 @@ def sampled_pointwise(pointwise: float, band_limited: float, present: bool) -> b
 
 
 @dataclass(frozen=True, slots=True)
-class Descent:
-    """Descent: what the free run fits best to a stretch of samples.
+class WindowFit:
+    """Window fit: what the free run fits best to a stretch of samples.
 
     Attributes:
         parameters: k (N/m), c (N s/m), F_c (N), shape (3,).
@@ -144,7 +144,7 @@ class Fitter:
 
     def run(
         self, body: Samples, spool: Samples, parameters: Array, last: int, pointwise: bool, begin: Prediction
-    ) -> Descent:
+    ) -> WindowFit:
         """Run from where ``begin`` is over whole chunks; the ``last`` ones count."""
         prediction = begin.copy()
         prediction.forget_derivatives()
@@ -168,7 +168,7 @@ class Fitter:
             float(sums[:, POINTWISE].sum()), float(sums[:, BAND_LIMITED].sum()), prediction.pointwise
         )
         target = float(sums[:, TARGET].sum() / max(1.0, sums[:, COUNT].sum()))
-        return Descent(
+        return WindowFit(
             np.array(parameters), prediction, grams, scores, sums[:, RESIDUAL], sums[:, COUNT], target,
             noise_scores.sum(axis=0),
         )  # fmt: skip
@@ -183,7 +183,7 @@ class Fitter:
         begin: Prediction,
         prior: Array | None = None,
         enough: float = 0.0,
-    ) -> Descent | None:
+    ) -> WindowFit | None:
         """Return the best of the descents from ``guesses`` (Levenberg and Marquardt's), or nothing.
 
         Args:
@@ -195,7 +195,7 @@ class Fitter:
             enough: share of the inertia force's power; a descent that leaves less is the last one.
 
         """
-        ends: list[Descent] = []
+        ends: list[WindowFit] = []
         for guess in guesses:
             ends.append(self._descend(body, spool, guess, guesses[0], last, prior, begin))
             if ends[-1].variance < enough * ends[-1].target:
@@ -223,10 +223,10 @@ class Fitter:
         last: int,
         prior: Array | None,
         begin: Prediction,
-    ) -> Descent:
+    ) -> WindowFit:
         pull = np.zeros(3) if prior is None else prior
 
-        def cost(end: Descent) -> float:
+        def cost(end: WindowFit) -> float:
             away = (end.parameters - centre) / self.scale
             return float(end.powers.sum() * end.counts.size * self.chunk / end.counts.sum() + pull @ away**2)
 

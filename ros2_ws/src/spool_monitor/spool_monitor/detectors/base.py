@@ -17,7 +17,7 @@ from spool_monitor.drift.parameter_drift import ParameterDrift
 from spool_monitor.events.condition import Finding
 from spool_monitor.events.event_kind import EventKind
 from spool_monitor.signals.channel_signals import Signals
-from spool_monitor.signals.response import Response
+from spool_monitor.signals.response import ValveResponse
 from spool_monitor.signals.spectrum import Line
 
 from .settings import MonitorLimit, MonitorSettings
@@ -79,13 +79,13 @@ class Moment:
 
     stamp: int
     natural_frequency: float
-    reference: Response
+    reference: ValveResponse
     parameters: dict[str, ParameterDrift]
     learned: dict[str, Baseline]
     line: Line | None = None
     silent: bool = False
     signals: Signals | None = None
-    response: Response | None = None
+    response: ValveResponse | None = None
     estimate: Estimate | None = None
     velocity: float = math.nan
     distrust: str = ""

@@ -34,8 +34,8 @@ KIND = sensor_fault(
 #: Share of what is due below which a channel is dead, and above which it lives.
 DEAD, ALIVE = 0.12, 0.25
 
-#: Response below which a line of the spool says nothing of the body, and share of the reference damping from
-#: which both channels have something in common: then neither is dead.
+#: Response below which a line of the spool says nothing of the body, and share of the reference damping
+#: from which both channels have something in common: then neither is dead.
 FOLLOWS, COMMON = 0.3, 0.4
 
 #: s without a change from which a channel stands still, and from which it is suspicious; with the delay of

@@ -14,7 +14,7 @@ from spool_monitor.events.condition import Finding
 from spool_monitor.events.event import Severity
 from spool_monitor.events.event_kind import EventCause
 from spool_monitor.signals.channel_signals import Signals
-from spool_monitor.signals.response import MEMORY, Response
+from spool_monitor.signals.response import MEMORY, ValveResponse
 
 from .base import ESTIMATE, SIGNALS, Detector, Judgement, Moment
 from .sensor_fault import sensor_fault
@@ -129,7 +129,7 @@ class SensorScale(Detector):
             self._reference_residual += (min(residual, 2.0 * reference) - reference) / FOLLOWED
         self._before = (self._before[1], more)
 
-    def _judge(self, moment: Moment, response: Response) -> Finding:
+    def _judge(self, moment: Moment, response: ValveResponse) -> Finding:
         start = moment.learned["channel_gain"]
         if math.isnan(self._recent):
             self._recent = start.value if start.frozen else response.gain
@@ -158,7 +158,7 @@ class SensorScale(Detector):
             lambda: f"the spool's accelerometer reads {100.0 * change:+.0f} % against the body's",
         )
 
-    def _resonates(self, signals: Signals, reference: Response) -> bool:
+    def _resonates(self, signals: Signals, reference: ValveResponse) -> bool:
         """Whether the machine shakes the valve, or did until lately, near its natural frequency.
 
         There the height of the resonance can't be told from a gain, dry friction makes it bend, and a window

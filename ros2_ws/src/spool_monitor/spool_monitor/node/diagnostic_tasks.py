@@ -11,8 +11,7 @@ from spool_stream.quantity import Quantity
 from spool_monitor.detection import Detection
 from spool_monitor.detectors import JUDGEMENT_TEXTS, Judgement
 from spool_monitor.events.event import Severity
-from spool_monitor.health import Health
-from spool_monitor.health import Level as HealthLevel
+from spool_monitor.health import Health, HealthLevel
 
 #: Of an active condition that is worst; without one all is well.
 _LEVELS = {None: Level.OK, Severity.WARNING: Level.WARNING, Severity.ALARM: Level.ERROR}

@@ -21,7 +21,7 @@ from spool_monitor.alarms.alarm_store import AlarmStore
 from spool_monitor.detectors import KINDS, LIMITS, MonitorSettings, check_settings, latching_kinds
 from spool_monitor.detectors.settings import NATURAL_FREQUENCY
 from spool_monitor.events.event import Event
-from spool_monitor.health import Level as HealthLevel
+from spool_monitor.health import HealthLevel
 from spool_monitor.history.state_file import default_folder, valve_folder
 from spool_monitor.history.trend_writer import TrendWriter
 from spool_monitor.history.valve_state import TRENDS, ValveState

@@ -10,7 +10,7 @@ from spool_identification.signals.clipping import flat_top
 from spool_stream.block import Samples
 from spool_stream.kernels.compiled import compiled
 
-from .window import Array, Complex, Window
+from .window import Array, Complex, SignalWindow
 
 #: s before a standstill in which a channel's span is looked at.
 BEFORE = 0.1
@@ -64,7 +64,7 @@ class Signals:
     dissipation: float
 
 
-def look(window: Window) -> Signals:
+def look(window: SignalWindow) -> Signals:
     """Return what the channels show in ``window``."""
     size = window.samples.shape[1]
     low = max(1, math.ceil(BAND[0] / window.step))

@@ -23,8 +23,8 @@ _STEPS = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Response:
-    """``natural_frequency`` in Hz, ``damping`` d in 1/s, ``gain`` g with its standard deviation, 1.
+class ValveResponse:
+    """Linear response: ``natural_frequency`` (Hz), ``damping`` d (1/s), ``gain`` g with its deviation (1).
 
     ``misfit``: rms of what the fit leaves over that of the spool.
     """
@@ -70,7 +70,7 @@ class ResponseTracker:
         self._weight = 0.0
         self._body = np.zeros(0)
 
-    def update(self, signals: Signals, start: Response) -> Response | None:
+    def update(self, signals: Signals, start: ValveResponse) -> ValveResponse | None:
         """Take a window; return the fit found from ``start``, ``None`` while there are too few windows."""
         if self._body.size != signals.frequency.size:
             self.restart()
@@ -90,7 +90,7 @@ class ResponseTracker:
             return None
         return self._fit(signals.frequency, start)
 
-    def _fit(self, frequency: Array, start: Response) -> Response | None:
+    def _fit(self, frequency: Array, start: ValveResponse) -> ValveResponse | None:
         body, spool = self._body, float(self._spool.sum())
         if not spool > 0.0 or not float(body.sum()) > 0.0:
             return None
@@ -101,7 +101,7 @@ class ResponseTracker:
         independent = max(4.0, 0.4 * self._weight * frequency.size)
         variance *= cost / independent * max(1.0, self._weight)
         logarithmic_square, logarithmic_damping, gain = theta.tolist()
-        return Response(
+        return ValveResponse(
             natural_frequency=math.exp(0.5 * logarithmic_square) / (2.0 * math.pi),
             damping=math.exp(logarithmic_damping),
             gain=gain,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from spool_stream.kernels.compiled import compiled
 
-from .window import Complex, Window
+from .window import Complex, SignalWindow
 
 #: Hz, below lies drift, above no spring of a directional valve resonates.
 BAND = (4.0, 250.0)
@@ -31,7 +31,7 @@ class Line:
     share: float
 
 
-def find_line(window: Window) -> Line | None:
+def find_line(window: SignalWindow) -> Line | None:
     """Return the dominant line, ``None`` where nothing shakes."""
     step, size = window.step, window.samples.shape[1]
     low = max(3, math.ceil(BAND[0] / step))

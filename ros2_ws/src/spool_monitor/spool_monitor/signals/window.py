@@ -15,8 +15,8 @@ Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True)
-class Window:
-    """Both channels, body and spool, in the window that ends at ``stamp`` (ns, newest sample).
+class SignalWindow:
+    """Signal window: body and spool in the second that ends at ``stamp`` (ns, newest sample).
 
     ``number`` counts the windows since the last gap. ``samples`` (m/s^2) have the shape (2, n), ``spectrum``
     has (2, n // 2 + 1): the transform of the samples less their means, under a Hann taper, lines ``step`` Hz
@@ -60,7 +60,7 @@ class WindowTracker:
             self._period = period
         self._filled = self._fresh = self._number = 0
 
-    def update(self, block: Block) -> list[Window]:
+    def update(self, block: Block) -> list[SignalWindow]:
         """Take a block; return the windows that fell due."""
         found = []
         size, hop, total = self._taper.size, self._hop, block.body.size
@@ -83,14 +83,14 @@ class WindowTracker:
                 found.append(self._window(stamp, samples))
         return found
 
-    def _window(self, stamp: int, samples: Samples) -> Window:
+    def _window(self, stamp: int, samples: Samples) -> SignalWindow:
         tapered, (body, spool) = taper(samples, self._taper)
         spectrum = fft.rfft(tapered)
         more = spectrum[:, 0].real / self._weight
         means = body + float(more[0]), spool + float(more[1])
         step = 1.0 / (self._taper.size * self._period)
         self._number += 1
-        return Window(stamp, self._number - 1, samples, spectrum, means, step, self._energy)
+        return SignalWindow(stamp, self._number - 1, samples, spectrum, means, step, self._energy)
 
 
 @compiled
