@@ -82,7 +82,13 @@ def _rubbing() -> tuple[Array, Array, Array]:
     return driven("coulomb_friction")
 
 
-@pytest.mark.parametrize("hidden", PLANTS)
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        "coulomb_friction",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("stribeck_friction", "spring_backlash")),
+    ],
+)
 def test_what_a_driven_mass_lacks_is_named_with_its_size(hidden: str, tmp_path: Path) -> None:
     record = write(tmp_path / "rig.csv", *driven(hidden))
     result = gap(tmp_path, record, "--kind", "driven")
@@ -95,39 +101,28 @@ def test_what_a_driven_mass_lacks_is_named_with_its_size(hidden: str, tmp_path: 
     assert result["gap"]["after"]["nrmse"] < 0.4 * result["gap"]["before"]["nrmse"]
 
 
-def test_columns_of_other_names_and_a_known_mass_are_taken(
-    tmp_path: Path, rubbing: tuple[Array, Array, Array]
+def test_a_reader_who_ends_early_has_all_files_with_a_known_mass_and_columns_of_other_names(
+    tmp_path: Path, rubbing: tuple[Array, Array, Array], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """As `| head` does."""
     record = write(tmp_path / "own.csv", *rubbing, names="t,x,f")
+    saved, page, result = (tmp_path / name for name in ("found.yaml", "page.html", "gap.json"))
     columns = "time_s=t,displacement_m=x,force_N=f"
-    saved = tmp_path / "found.yaml"
-    result = gap(
-        tmp_path, record, "--kind", "driven", "--columns", columns, "--valve", "4weh10_soft",
-        "--save-model", saved,
-    )  # fmt: skip
-    assert result["verdict"] == "coulomb_friction"
+    words = ["gap", record, "--kind", "driven", "--columns", columns, "--valve", "4weh10_soft"]
+    files = ["--save-model", saved, "--report", page, "--json", result]
+    reading, writing = os.pipe()
+    os.close(reading)
+    with monkeypatch.context() as patch, contextlib.suppress(BrokenPipeError):
+        patch.setattr(sys, "stdout", os.fdopen(writing, "w", buffering=1))
+        with pytest.raises((BrokenPipeError, SystemExit)):  # rich ends the program
+            main([str(word) for word in (*words, *files)])
+        sys.stdout.close()
+    assert json.loads(result.read_text())["verdict"] == "coulomb_friction"
+    assert "coulomb" in page.read_text()
     model = load_model(saved)
     assert model.values["mass"] == SOFT.moving_mass
     assert model.values["spring_stiffness"] == pytest.approx(1632.0, rel=0.02)
     assert model.values["coulomb_force"] == pytest.approx(0.5, rel=0.03)
-
-
-def test_a_reader_who_ends_early_has_the_files_all_the_same(
-    tmp_path: Path, rubbing: tuple[Array, Array, Array], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As `| head` does."""
-    record, model, page = (tmp_path / name for name in ("rig.csv", "found.yaml", "page.html"))
-    write(record, *rubbing)
-    reading, writing = os.pipe()
-    os.close(reading)
-    words = ["gap", record, "--kind", "driven", "--valve", "4weh10_soft", "--save-model", model]
-    with monkeypatch.context() as patch, contextlib.suppress(BrokenPipeError):
-        patch.setattr(sys, "stdout", os.fdopen(writing, "w", buffering=1))
-        with pytest.raises((BrokenPipeError, SystemExit)):  # rich ends the program
-            main([*map(str, words), "--report", str(page)])
-        sys.stdout.close()
-    assert load_model(model).values["coulomb_force"] == pytest.approx(0.5, rel=0.03)
-    assert "coulomb" in page.read_text()
 
 
 @pytest.mark.parametrize(

@@ -106,7 +106,7 @@ def test_a_doubted_valve_file_caps_the_confidence_of_a_gap_analysis(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     record = tmp_path / "record"
-    words = ["--coulomb-force", "0.5", "--excitation", "multisine", "--seconds", "16"]
+    words = ["--coulomb-force", "0.5", "--excitation", "multisine", "--seconds", "8"]
     assert main(["simulate", *words, "--out", str(record)]) == 0
     out = tmp_path / "gap.json"
     assert main(["gap", str(record), "--valve", "4weh10_stiff", "--json", str(out)]) == 0
