@@ -1,1 +1,1 @@
-"""Which parameters this machine has, from two accelerometers."""
+"""Online estimation of a valve's parameters from two accelerometers."""

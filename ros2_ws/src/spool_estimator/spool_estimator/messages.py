@@ -1,4 +1,4 @@
-"""Estimates as messages and back."""
+"""Messages of estimates, and back."""
 
 from __future__ import annotations
 

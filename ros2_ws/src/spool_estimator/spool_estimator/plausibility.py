@@ -46,7 +46,7 @@ FASTEST = 1e5
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """95 % interval of what a record shows: ``middle`` between ``low`` and ``high``."""
+    """Interval of 95 % of what a record shows: ``middle`` between ``low`` and ``high``."""
 
     low: float
     middle: float
@@ -61,7 +61,7 @@ class Interval:
 
 @dataclass(slots=True)
 class ValveCheck:
-    """Compare a valve's description with the estimates of a record of it; bounded memory.
+    """Valve check: compares a valve's description with the estimates of a record of it; bounded memory.
 
     Attributes:
         valve: as it is described.

@@ -31,7 +31,7 @@ _MOVING = (State.LEARNING, State.TRACKING)
 
 
 class RefitState(enum.IntEnum):
-    """How a refit ended; the numbers are those of ``spool_msgs/msg/WindowRefit``."""
+    """State of a refit: how it ended; the numbers are those of ``spool_msgs/msg/WindowRefit``."""
 
     UNKNOWN = 0
     CONVERGED = 1
@@ -41,7 +41,7 @@ class RefitState(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class RefitSettings:
-    """What is fitted how often: ``model`` to the last ``window`` s, every ``period`` s of data."""
+    """Refit settings: ``model`` is fitted to the last ``window`` s, every ``period`` s of data."""
 
     valve: Valve
     model: Model
@@ -51,7 +51,7 @@ class RefitSettings:
 
 @dataclass(frozen=True, slots=True)
 class WindowTask:
-    """One window on its way to a fit.
+    """Window task: one window on its way to a fit.
 
     ``stamp`` (ns) is that of its newest sample, ``last_sequence`` of the block it came in, ``start`` what the
     recursion knew by then, by name; ``idle`` why there is nothing to fit, empty where there is.
@@ -67,7 +67,7 @@ class WindowTask:
 
 @dataclass(frozen=True, slots=True)
 class Refit:
-    """What a window said; fields as in ``WindowRefit``. ``correlations`` is of ``fitted``, row by row."""
+    """Refit of a window; fields as in ``WindowRefit``. ``correlations`` is of ``fitted``, row by row."""
 
     stamp: int
     model: str
@@ -85,7 +85,7 @@ class Refit:
 
 @dataclass(slots=True)
 class WindowRefits:
-    """Keep the last seconds of one valve's stream and say when a window is due.
+    """Window refits: keeps the last seconds of one valve's stream and say when a window is due.
 
     Windows end at multiples of the period after the last gap, however the stream is split into blocks.
     """

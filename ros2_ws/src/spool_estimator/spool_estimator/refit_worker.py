@@ -21,7 +21,7 @@ def _begin() -> None:
 
 
 class RefitWorker:
-    """Fit windows in a process of its own.
+    """Refit worker: fits windows in a process of its own.
 
     Attributes:
         done: refits collected since the start.

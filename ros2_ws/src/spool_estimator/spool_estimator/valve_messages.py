@@ -1,4 +1,4 @@
-"""A valve's description as a message and back."""
+"""Message of a valve's description, and back."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compile every kernel now, so that no node does it at its first sample.
+"""Warm-up: compile every kernel now, so that no node does it at its first sample.
 
 Run as ``python -m spool_estimator.warm_up``.
 """

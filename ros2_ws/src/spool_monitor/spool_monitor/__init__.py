@@ -1,1 +1,1 @@
-"""What the parameters mean: resonance, drift, events."""
+"""Condition monitoring of a valve: resonance, drift, faults, events, alarms."""

@@ -33,7 +33,7 @@ UNCONFIRMED = "the stamps do not confirm the sample rate"
 
 @dataclass(slots=True)
 class Monitor:
-    """Monitor of one valve. Live node and replay drive the same object with the same calls.
+    """Monitor of one valve. Live node and replay use the same object with the same calls.
 
     Raises:
         InputError: a limit of ``settings`` does not exist, or contradicts another.

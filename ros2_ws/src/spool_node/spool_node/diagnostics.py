@@ -15,7 +15,7 @@ from . import qos
 
 
 class Level(enum.Enum):
-    """The levels of ``DiagnosticStatus``; values are what the message field takes."""
+    """Level of a task, those of ``DiagnosticStatus``; values are what the message field takes."""
 
     OK = DiagnosticStatus.OK
     WARNING = DiagnosticStatus.WARN
@@ -25,7 +25,7 @@ class Level(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """One task's state: its level, one line for people, values by key (see :func:`key`).
+    """Status of one task: its level, one line for people, values by key (see :func:`key`).
 
     Keys never change while a node runs: plots and rules follow them. What is not known yet is NaN.
     """
@@ -62,7 +62,7 @@ def block_faults(gate: BlockGate) -> str:
 
 
 class DiagnosticPublisher:
-    """Publish the tasks of one node on ``/diagnostics``; names are ``namespace/node: task``.
+    """Diagnostic publisher of the tasks of one node on ``/diagnostics``; names are ``namespace/node: task``.
 
     ``hardware_id`` may change when the node learns which valve it is for.
     """

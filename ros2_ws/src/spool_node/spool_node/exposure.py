@@ -1,4 +1,4 @@
-"""Who else can reach the nodes of this process, as its environment variables say; loads no library."""
+"""Exposure: who else can reach this process's nodes, as its environment variables say; loads no library."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The folder of ROS 2's log files, which rclpy needs to start."""
+"""Log folder, that of ROS 2's log files, which rclpy needs to start."""
 
 from __future__ import annotations
 

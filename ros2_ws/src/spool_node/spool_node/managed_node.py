@@ -1,4 +1,4 @@
-"""The life cycle that every node of the suite shares."""
+"""Managed node: the life cycle that every node of the suite shares."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ AUTOSTART = NodeParameter(
 
 
 class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no types
-    """A managed node: a table of parameters and four hooks that may raise.
+    """Managed node: a table of parameters and four hooks that may raise.
 
     A subclass sets ``PARAMETERS`` and overrides :meth:`configure`, :meth:`activate`, :meth:`deactivate`,
     :meth:`cleanup`. What a hook raises is logged (an :class:`InputError` as one line, anything else with

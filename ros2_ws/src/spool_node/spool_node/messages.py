@@ -1,4 +1,4 @@
-"""Between messages and the types of the cores."""
+"""Conversion between messages and the types of the cores."""
 
 from __future__ import annotations
 

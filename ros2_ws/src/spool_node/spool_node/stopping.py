@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM, from a program's first moment to its last; loads no library."""
+"""Stopping by SIGINT and SIGTERM, from a program's first moment to its last; loads no library."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ PATIENCE = 3.0
 
 
 class StopRequested(BaseException):
-    """Raised in the main thread by a signal while the node starts."""
+    """Stop request, raised in the main thread by a signal while the node starts."""
 
 
 class Phase(enum.Enum):
-    """What a signal does."""
+    """Phase of a process: what a signal does."""
 
     LOADING = "loading"  # nothing is open yet: the process ends immediately
     STARTING = "starting"  # what is under way, perhaps a minute of compiling, is broken off
@@ -29,7 +29,7 @@ class Phase(enum.Enum):
 
 
 class Stop:
-    """The one request of this process to stop.
+    """Stop: the one request of this process to stop.
 
     Attributes:
         count: signals that came.

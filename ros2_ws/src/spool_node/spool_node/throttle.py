@@ -1,4 +1,4 @@
-"""What a log says of something that may happen a hundred times a second."""
+"""Throttle of what a log says of something that may happen a hundred times a second."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ PERIOD = 10.0
 
 @dataclass(slots=True)
 class Throttle:
-    """Let through the first of a kind and then one in ``period`` s, with how many there were in between.
+    """Throttle: passes the first of a kind and then one in ``period`` s, with how many there were between.
 
     ``clock`` gives s of a steady clock.
     """

@@ -1,1 +1,1 @@
-"""What every consumer of samples shares: blocks, their judgement, the error that a user can put right."""
+"""Sample streams: blocks, their judgement, the error that a user can put right."""

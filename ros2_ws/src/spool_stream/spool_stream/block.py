@@ -1,4 +1,4 @@
-"""The block of samples that every consumer of the suite takes."""
+"""Block of samples, which every consumer of the suite takes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Samples = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """A stretch of samples of both accelerometers.
+    """Block: a stretch of samples of both accelerometers.
 
     ``stamp`` is the acquisition time of the first sample (integer ns), ``sequence`` counts
     blocks since the source started, ``sample_period`` is in s, ``body`` and ``spool`` are

@@ -1,4 +1,4 @@
-"""Which blocks may be used: the same judgement for every consumer of a stream."""
+"""Block gate, which blocks may be used: the same judgement for every consumer of a stream."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _SURELY_SMALL = 0.9 * LARGEST_SAMPLE**2
 
 
 class Verdict(enum.Enum):
-    """What a consumer does with a block."""
+    """Verdict on a block: what a consumer does with it."""
 
     CONTINUES = "continues"  # use it: it follows the one before without a gap
     RESTARTS = "restarts"  # use it, but forget the samples before: first block, gap or new source
@@ -37,7 +37,7 @@ class Verdict(enum.Enum):
 
 
 class Fault(enum.Enum):
-    """Why a block was refused or a stream restarted; the value is the text people read."""
+    """Fault of a block: why it was refused or a stream restarted; the value is the text people read."""
 
     LENGTHS_DIFFER = "body and spool differ in length or are empty"
     BAD_PERIOD = "sample_period is not a number from 1e-6 s to 10 s"
@@ -85,7 +85,7 @@ class _Rival:
 
 @dataclass(slots=True)
 class BlockGate:
-    """Judge the blocks of one stream in the order of their arrival and count the faults.
+    """Block gate: judges the blocks of one stream in the order of their arrival and count the faults.
 
     The first source keeps its place. A block that neither continues the stream nor explains itself as the
     first after a loss is refused. The stream moves to another place where its sequence goes on there (a clock
@@ -227,7 +227,7 @@ class BlockGate:
 
 @dataclass(slots=True)
 class SharedGate(BlockGate):
-    """One judgement for several consumers of the same stream: ``admit`` judges, ``judge`` says it again."""
+    """Shared gate: one judgement for several consumers; ``admit`` judges, ``judge`` repeats it."""
 
     _admitted: Block | None = None
     _verdict: Verdict = Verdict.REFUSED

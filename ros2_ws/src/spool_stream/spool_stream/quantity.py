@@ -1,4 +1,4 @@
-"""A number with its unit, its uncertainty and whether it holds."""
+"""Quantity: a number with its unit, its uncertainty and whether it holds."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 
 class Validity(enum.IntEnum):
-    """Whether a quantity holds; the numbers are those of ``spool_msgs/msg/Quantity``."""
+    """Validity of a quantity: whether it holds; the numbers are those of ``spool_msgs/msg/Quantity``."""
 
     UNKNOWN = 0
     VALID = 1
@@ -18,7 +18,7 @@ class Validity(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """``value`` and ``standard_deviation`` in ``unit``; NaN where not known."""
+    """Quantity: ``value`` and ``standard_deviation`` in ``unit``; NaN where not known."""
 
     name: str
     unit: str

@@ -42,7 +42,7 @@ Array = NDArray[np.float64]
 
 
 class RateState(enum.Enum):
-    """What is known of the sample rate."""
+    """State of the rate check: what is known of the sample rate."""
 
     UNKNOWN = "unknown"  # not enough stamps yet
     CONFIRMED = "confirmed"  # sample_period agrees with the stamps
@@ -52,7 +52,7 @@ class RateState(enum.Enum):
 
 @dataclass(slots=True)
 class RateCheck:
-    """Compare what the samples of a stream should have taken with what the stamps say they took.
+    """Rate check: compares what the samples of a stream should have taken with what the stamps say they took.
 
     A jump of the stamps is no rate: three segments in a row must agree, and jitter is averaged by least
     squares within each. Lost blocks count as long as the ones before them.

@@ -11,7 +11,7 @@ RECENT = 60.0
 
 @dataclass(slots=True)
 class RecentCounts:
-    """Count blocks lost and refused in the last RECENT s, by steps of 1 s; its user advances the clock."""
+    """Recent counts of blocks lost and refused in RECENT s, by steps of 1 s; its user advances the clock."""
 
     lost: int = 0
     refused: int = 0

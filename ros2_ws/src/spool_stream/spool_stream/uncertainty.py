@@ -1,4 +1,4 @@
-"""95 % intervals and numbers as people read them; every ``±`` of the suite is written here."""
+"""Uncertainty: 95 % intervals and numbers as people read them; every ``±`` of the suite is written here."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _DIGITS = 4
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """A number and the half width of its 95 % interval as they are shown, with the same last digit.
+    """Shown value: number and half width of its 95 % interval as they are shown, with the same last digit.
 
     ``half_width`` is ``unknown`` where there is none; both are where the number itself is not known.
     """

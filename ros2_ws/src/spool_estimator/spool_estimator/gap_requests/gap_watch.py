@@ -51,7 +51,7 @@ LOOKED_AT, CLIPS = 1.0, 0.006
 
 @dataclass(frozen=True, slots=True)
 class GapChange:
-    """The gap opened or closed.
+    """Gap change: it opened or closed.
 
     Attributes:
         stamp: ns.

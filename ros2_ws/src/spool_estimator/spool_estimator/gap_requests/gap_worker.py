@@ -25,7 +25,7 @@ RUN = 1.0
 
 @dataclass(slots=True)
 class RecentBlocks:
-    """The last ``seconds`` s of one valve's sound blocks, and up to a second more.
+    """Recent blocks: the last ``seconds`` s of one valve's sound blocks, and up to a second more.
 
     They are held as runs of about a second: thousands of small objects would make the collector stop a
     process that serves many valves.
@@ -90,7 +90,7 @@ def _goes_on(last: Block, block: Block) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class GapTask:
-    """Records on their way to an analysis; ``stamp`` (ns) is that of the newest sample."""
+    """Gap task: records on their way to an analysis; ``stamp`` (ns) is that of the newest sample."""
 
     records: Sequence[Record]
     valve: Valve
@@ -100,7 +100,7 @@ class GapTask:
 
 @dataclass(frozen=True, slots=True)
 class GapAnswer:
-    """What an analysis said; fields as in ``GapAnalysis``, ``done`` where there is a verdict."""
+    """Gap answer: what an analysis said; fields as in ``GapAnalysis``, ``done`` where there is a verdict."""
 
     stamp: int
     done: bool
@@ -126,7 +126,7 @@ def analyse_task(task: GapTask) -> GapAnswer:
 
 
 class GapWorker:
-    """Analyse in a process that lives from the first request on; one analysis at a time."""
+    """Gap worker: analyses in a process that lives from the first request on; one analysis at a time."""
 
     def __init__(self) -> None:
         """Start nothing yet."""

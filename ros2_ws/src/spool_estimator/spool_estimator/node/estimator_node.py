@@ -41,7 +41,7 @@ _TOLD = (
 
 
 class EstimatorNode(ManagedNode):
-    """Identify the model of one valve from its acceleration blocks."""
+    """Node ``estimator``: identifies the model of one valve from its acceleration blocks."""
 
     PARAMETERS: ClassVar = (
         NodeParameter(

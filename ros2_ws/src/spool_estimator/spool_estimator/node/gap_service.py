@@ -1,4 +1,4 @@
-"""The model gap in the node ``estimator``: its event, and its analysis on request.
+"""Model gap in the node ``estimator``: its event, and its analysis on request.
 
 The node hands over what it hears; this holds the topics ``events`` and ``gap`` and the service
 ``~/analyse_gap``.

@@ -1,4 +1,4 @@
-"""From two accelerations to the rows of a regression, sample by sample.
+"""Conditioning of two accelerations to the rows of a regression, sample by sample.
 
 Every channel passes the same linear-phase band-pass, so a delay common to all is the only trace that
 filtering leaves. The high-pass is "delayed signal less its triangular mean" (two running means): it removes
@@ -27,7 +27,7 @@ _LOW_PASS_ROWS = 8  # four channels of two running means
 
 @dataclass(slots=True)
 class Conditioning:
-    """The band-pass and the integrations of one valve's stream.
+    """Conditioning: band-pass and integrations of one valve's stream.
 
     Args:
         sample_period: s.

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 @dataclass(slots=True)
 class ExponentialForgetting:
-    """Fit target = row . parameters; an error counts ``factor`` times less with every newer sample.
+    """Exponential forgetting: an error of target = row . parameters counts ``factor`` times less a sample.
 
     Args:
         size: number of parameters p.

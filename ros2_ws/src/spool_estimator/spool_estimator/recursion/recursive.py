@@ -33,7 +33,7 @@ ENOUGH, AHEAD = 0.003, 300.0
 
 @dataclass(slots=True)
 class RecursiveLeastSquares:
-    """Fit target = row . parameters; all state is readable.
+    """Recursive least squares of target = row . parameters; all state is readable.
 
     Args:
         scale: typical size of each parameter, shape (p,); the prior has this standard deviation about zero.

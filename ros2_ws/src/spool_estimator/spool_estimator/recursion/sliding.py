@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 @dataclass(slots=True)
 class SlidingLeastSquares:
-    """Fit the last ``length`` chunks, all alike; takes and gives what ``RecursiveLeastSquares`` does.
+    """Least squares of the last ``length`` chunks; takes and gives what ``RecursiveLeastSquares`` does.
 
     Args:
         scale: typical size of each parameter, shape (p,); a weak prior has this standard deviation.

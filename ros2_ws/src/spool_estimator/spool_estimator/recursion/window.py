@@ -1,4 +1,4 @@
-"""The last chunks: how well any parameters fit there, and how well given ones do."""
+"""Chunk window: the last chunks, how well any parameters fit there, and how well given ones do."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Counts = NDArray[np.int64]
 
 @dataclass(slots=True)
 class ChunkWindow:
-    """Sums of the last ``length`` chunks, ``scale`` (shape (p,)) making the parameters of order one."""
+    """Chunk window: sums of ``length`` chunks; ``scale``, shape (p,), makes parameters of order one."""
 
     scale: Array
     length: int = 10

@@ -67,7 +67,7 @@ _SPANS = (
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """What a parameter did in one span that began at ``start`` (s since 1970)."""
+    """Span of a trend: what a parameter did in one that began at ``start`` (s since 1970)."""
 
     start: int
     count: int
@@ -78,7 +78,7 @@ class Span:
 
 @dataclass(slots=True)
 class Sums:
-    """What was gathered since the last writing, by parameter, length of the span (s) and its start (s)."""
+    """Sums gathered since the last writing, by parameter, length of the span (s) and its start (s)."""
 
     spans: dict[tuple[str, int, int], tuple[int, float, float, float]] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
@@ -127,11 +127,11 @@ class Sums:
 
 
 class LaterVersionError(InputError):
-    """A later version of the suite wrote the file; this one must not change it."""
+    """Later version: one of the suite wrote the file; this one must not change it."""
 
 
 class TrendStore:
-    """The file of one valve; a kill or a power loss costs what was not written yet, and never the file.
+    """Trend store: one valve's file; a kill or a power loss costs what was not written yet, never the file.
 
     Only its owner may read a file that is written. ``patience`` is how long a writing waits for another
     program's lock, s.

@@ -1,4 +1,4 @@
-"""What both channels themselves show in a window: levels, means, flat tops, cross-spectra."""
+"""Channel signals: what both channels show in a window: levels, means, flat tops, cross-spectra."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ BAND = (3.0, 200.0)
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """One channel in a window: ``mean`` and ``rms`` (about the mean) in m/s^2.
+    """Channel in a window: ``mean`` and ``rms`` (about the mean) in m/s^2.
 
     ``flat_top`` is the share of samples that lie on a flat top at the upper or lower extreme, 0 where the
     extremes are those of a wave. ``standing`` (s) is how long the newest sample has not changed, at most the
@@ -41,7 +41,7 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class Signals:
-    """Both channels in the window that ends at ``stamp`` (ns, newest sample).
+    """Signals of both channels in the window that ends at ``stamp`` (ns, newest sample).
 
     ``frequency`` (Hz), ``body_power``, ``spool_power`` ((m/s^2)^2 per line) and ``cross`` (spool times
     conjugate of body) have shape (lines,); the powers of a stationary signal add to its mean square.

@@ -1,4 +1,4 @@
-"""The response of the spool to its body, with a gain between the channels that a healthy pair does not have.
+"""Response of the spool to its body, with a gain between the channels that a healthy pair does not have.
 
     H(f) = g (w0^2 + j w d) / (w0^2 - w^2 + j w d),   w = 2 pi f
 
@@ -55,7 +55,7 @@ def transfer(frequency: float, square: float, damping: float) -> complex:
 
 @dataclass(slots=True)
 class ResponseTracker:
-    """Follow the response over the last few windows."""
+    """Response tracker: follows the response over the last few windows."""
 
     _weight: float = field(default=0.0, init=False)
     _body: Array = field(default_factory=lambda: np.zeros(0), init=False)

@@ -1,4 +1,4 @@
-"""The strongest line of the excitation and what the spool makes of it."""
+"""Spectral line: the strongest one of the excitation, and what the spool makes of it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ BAND = (4.0, 250.0)
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """The dominant line at ``stamp`` (ns, newest sample).
+    """Line of the spectrum: the dominant one at ``stamp`` (ns, newest sample).
 
     ``frequency`` in Hz, ``body`` and ``spool`` peak accelerations in m/s^2, ``amplification`` spool over
     body, ``relative_displacement`` peak in m of the spool in the body, ``share`` of the body's power in the

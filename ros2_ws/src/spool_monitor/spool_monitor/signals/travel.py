@@ -1,4 +1,4 @@
-"""How far the spool has travelled in the body, and how often it turned: what wears a valve."""
+"""Travel of the spool in the body, and how often it turned: what wears a valve."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _DISPLACEMENT, _VELOCITY, _TURN, _EXTREME, _DIRECTION, _TRAVEL, _REVERSALS, _SET
 
 @dataclass(slots=True)
 class TravelCounter:
-    """Add up the spool's way in the body, from turn to turn.
+    """Travel counter: adds up the spool's way in the body, from turn to turn.
 
     The difference of both accelerations is integrated twice above :data:`LOW_CUT`. A turn counts when the
     spool has come back by ``threshold`` (m), so that noise does not travel: 0.05 m/s^2 rms on both sensors

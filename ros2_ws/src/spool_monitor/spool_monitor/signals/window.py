@@ -1,4 +1,4 @@
-"""The last second of both channels and its spectrum, every quarter of a second: all looks begin with it."""
+"""Signal windows: the last second of both channels and its spectrum, every quarter of a second."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class SignalWindow:
 
 @dataclass(slots=True)
 class WindowTracker:
-    """Give the last ``length`` s every ``hop`` s of data; the same for any split into blocks."""
+    """Window tracker: the last ``length`` s every ``hop`` s of data; the same for any split into blocks."""
 
     length: float = 1.0
     hop: float = 0.25

@@ -1,4 +1,4 @@
-"""One process at a time compiles: the others wait and then load what it compiled from the disk."""
+"""Compile lock: one process at a time compiles, the others wait and load what it compiled from the disk."""
 
 from __future__ import annotations
 

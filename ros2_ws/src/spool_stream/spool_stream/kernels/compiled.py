@@ -1,4 +1,4 @@
-"""Compile the kernels with numba, or run the same functions uncompiled where numba is missing."""
+"""Compilation of the kernels with numba, or run the same functions uncompiled where numba is missing."""
 
 from __future__ import annotations
 

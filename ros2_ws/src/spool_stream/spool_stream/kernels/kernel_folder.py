@@ -1,4 +1,4 @@
-"""Where compiled kernels are kept: code is loaded from there, so nobody else may write in it."""
+"""Kernel folder: where kernels are kept; code is loaded from there, so nobody else may write in it."""
 
 from __future__ import annotations
 

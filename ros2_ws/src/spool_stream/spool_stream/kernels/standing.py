@@ -21,7 +21,7 @@ BODY, SPOOL, BOTH = range(3)
 
 @dataclass(slots=True)
 class StandingWatch:
-    """Count how long the samples of body, spool and both have not changed; how they are split is the same.
+    """Standing watch: counts for how long body, spool and both have not changed, however they are split.
 
     Attributes:
         trailing: changes that did not happen up to the newest sample: of body, of spool, of both, shape (3,).

@@ -23,7 +23,7 @@ _MINUTE, _HOUR, _DAY = 60.0, 3600.0, 86400.0
 
 @dataclass(frozen=True, slots=True)
 class ShareOfCause:
-    """One possible cause: its ``share`` among all (0 to 1), and what else speaks for it."""
+    """Share of one possible cause: its ``share`` among all (0 to 1), and what else speaks for it."""
 
     name: str
     share: float
@@ -32,7 +32,7 @@ class ShareOfCause:
 
 @dataclass(frozen=True, slots=True)
 class Account:
-    """What a condition has to tell.
+    """Account of a condition: what it has to tell.
 
     Attributes:
         observation: what is seen, with its numbers; true whether the condition begins or ends.
