@@ -88,6 +88,7 @@ class Effect(ABC):
         replaces: effects that it contains; none of them is added jointly with it.
         fitted: parameters that are its own, in the order of its report.
         amplitudes: those of them that are 0 where the effect is absent.
+        positive: coefficients of its signature below 0 make no sense.
         meaning: on the machine.
         check: what to look at there.
         confusable_with: effects with a similar signature.
@@ -109,6 +110,7 @@ class Effect(ABC):
     replaces: ClassVar[tuple[str, ...]] = ()
     fitted: ClassVar[tuple[str, ...]] = ()
     amplitudes: ClassVar[tuple[str, ...]] = ()
+    positive: ClassVar[bool] = False
     meaning: ClassVar[str] = ""
     check: ClassVar[str] = ""
     confusable_with: ClassVar[tuple[str, ...]] = ()
@@ -172,12 +174,18 @@ class Effect(ABC):
 
     def values(
         self,
-        coefficients: Array,  # noqa: ARG002
-        shape: Mapping[str, float],  # noqa: ARG002
+        coefficients: Array,
+        shape: Mapping[str, float],
         motion: Motion,  # noqa: ARG002
     ) -> dict[str, float] | None:
-        """Return parameter values for the coefficients of a trial, ``None`` where those make no sense."""
-        return None
+        """Return parameter values for the coefficients of a trial, ``None`` where those make no sense.
+
+        By default the coefficients are the fitted numbers that are not of the shape.
+        """
+        if self.positive and not np.all(coefficients > 0.0):
+            return None
+        linear = (name for name in self.fitted if name not in shape)
+        return {**shape, **dict(zip(linear, coefficients.tolist(), strict=True))}
 
     def starts(self, values: Mapping[str, float], reach: float) -> list[dict[str, float]]:  # noqa: ARG002
         """Return the points from which a fit by simulation starts; ``reach`` is the largest travel, m."""

@@ -25,12 +25,3 @@ class ConstantForce(Effect):
     def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:  # noqa: ARG002
         """Return -1 throughout."""
         return -np.ones((1, motion.time.size))
-
-    def values(
-        self,
-        coefficients: Array,
-        shape: Mapping[str, float],  # noqa: ARG002
-        motion: Motion,  # noqa: ARG002
-    ) -> dict[str, float] | None:
-        """Return the push."""
-        return {"push": float(coefficients[0])}

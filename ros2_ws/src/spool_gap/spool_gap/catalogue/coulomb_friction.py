@@ -16,6 +16,7 @@ class CoulombFriction(Effect):
     terms = ("coulomb_friction",)
     fitted = ("coulomb_force",)
     amplitudes = ("coulomb_force",)
+    positive = True
     may_vanish = ("coulomb_force",)
     confusable_with = (
         "stribeck_friction",
@@ -29,12 +30,3 @@ class CoulombFriction(Effect):
     def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:  # noqa: ARG002
         """Return the sign of the velocity."""
         return motion.sign[np.newaxis]
-
-    def values(
-        self,
-        coefficients: Array,
-        shape: Mapping[str, float],  # noqa: ARG002
-        motion: Motion,  # noqa: ARG002
-    ) -> dict[str, float] | None:
-        """Return the force."""
-        return {"coulomb_force": float(coefficients[0])} if coefficients[0] > 0.0 else None

@@ -23,12 +23,3 @@ class CubicStiffness(Effect):
     def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:  # noqa: ARG002
         """Return z^3."""
         return (motion.displacement**3)[np.newaxis]
-
-    def values(
-        self,
-        coefficients: Array,
-        shape: Mapping[str, float],  # noqa: ARG002
-        motion: Motion,  # noqa: ARG002
-    ) -> dict[str, float] | None:
-        """Return the coefficient."""
-        return {"cubic_coefficient": float(coefficients[0])}

@@ -16,18 +16,10 @@ class QuadraticDamping(Effect):
     terms = ("quadratic_damping",)
     fitted = ("quadratic_coefficient",)
     amplitudes = ("quadratic_coefficient",)
+    positive = True
     confusable_with = ("coulomb_friction", "damping_drift")
     distinguished_by = "several amplitudes, in a wide band"
 
     def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:  # noqa: ARG002
         """Return v abs(v)."""
         return np.asarray((motion.velocity * np.abs(motion.velocity))[np.newaxis])
-
-    def values(
-        self,
-        coefficients: Array,
-        shape: Mapping[str, float],  # noqa: ARG002
-        motion: Motion,  # noqa: ARG002
-    ) -> dict[str, float] | None:
-        """Return the coefficient."""
-        return {"quadratic_coefficient": float(coefficients[0])} if coefficients[0] > 0.0 else None

@@ -17,6 +17,7 @@ class SpringPreload(Effect):
     may_vanish = ("preload_travel",)
     fitted = ("preload_force", "preload_travel")
     amplitudes = ("preload_force",)
+    positive = True
     picture = "displacement"
     local_minima = True
     confusable_with = ("cubic_stiffness", "spring_backlash")
@@ -30,13 +31,3 @@ class SpringPreload(Effect):
     def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:
         """Return the force for a row of travels over which it builds up."""
         return np.clip(motion.displacement / shape["preload_travel"], -1.0, 1.0)[np.newaxis]
-
-    def values(
-        self,
-        coefficients: Array,
-        shape: Mapping[str, float],
-        motion: Motion,  # noqa: ARG002
-    ) -> dict[str, float] | None:
-        """Return force and travel."""
-        force = float(coefficients[0])
-        return {**shape, "preload_force": force} if force > 0.0 else None
