@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import pickle
 from dataclasses import replace
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from spool_evaluation.monitor_cases.draw import SCENARIOS, draw_cases, draw_scen
 from spool_evaluation.monitor_cases.run import judge, replay, run_case, stream
 from spool_evaluation.monitor_cases.scenario import ChannelFault, Scenario
 from spool_evaluation.monitor_cases.table import counts, table
+from spool_evaluation.studies.monitor import MonitorPage
 from spool_monitor.detectors import DETECTORS, LINE, Judgement, Moment, MonitorSettings
 from spool_monitor.events.event import EventState
 from spool_monitor.monitor import Monitor
@@ -141,6 +144,14 @@ def test_a_sample_of_the_study_is_found_in_time_and_nothing_else(number: int) ->
     outcome = run_case(draw_cases(number + 1, 1)[number])
     assert outcome.false == ()
     assert np.isfinite(outcome.delays).all()
+
+
+def test_a_study_that_may_be_ended_writes_its_page_again_and_again(tmp_path: Path) -> None:
+    page = MonitorPage(tmp_path / "monitor_study.md", "Scenarios", "./spool study monitor")
+    missed = [judge(case, []) for case in draw_cases(2, 1)]
+    page.write(missed[:1])
+    page.write(missed)
+    assert len(json.loads((tmp_path / "monitor_study.json").read_text())) == 2
 
 
 def test_the_table_counts_what_was_missed_and_what_was_false() -> None:

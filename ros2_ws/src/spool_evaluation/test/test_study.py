@@ -144,7 +144,8 @@ def test_a_search_for_limits_goes_on_where_it_was_ended(tmp_path):
     kept.append(DetectionLimit("coulomb_friction", 6, "coulomb_force", 0.002, 0.003, 1.5))
     lines = [json.dumps(asdict(limit)) for limit in kept]
     (tmp_path / "gap_limits.jsonl").write_text("\n".join([*lines, lines[0][:20]]))
-    assert run(2, 5, tmp_path, 1, ["coulomb_friction"]) == kept
+    for _ in range(2):  # also where its files are there already
+        assert run(2, 5, tmp_path, 1, ["coulomb_friction"]) == kept
     assert (tmp_path / "gap_limits.png").stat().st_size > 1000
     assert "1 of 1 effects are named" in (tmp_path / "gap_limits.md").read_text()
 

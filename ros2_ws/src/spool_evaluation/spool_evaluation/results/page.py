@@ -7,6 +7,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 from matplotlib.figure import Figure
+from spool_tools.console.outputs import write_json
 from spool_tools.console.version import suite_version
 
 
@@ -31,6 +32,12 @@ def write_page(page: Path, title: str, command: str, parts: Sequence[str]) -> Pa
     """Write a page in Markdown: title, provenance and ``parts``, blank lines between them; return it."""
     page.write_text("\n\n".join([f"# {title}", made_by(command), *parts]) + "\n", encoding="utf-8")
     return page
+
+
+def renew_json(path: Path, value: object) -> None:
+    """Write ``value`` as JSON in place of what the same study wrote there before."""
+    path.unlink(missing_ok=True)
+    write_json(path, value)
 
 
 def save_picture(figure: Figure, path: Path, dpi: int = 130) -> Path:

@@ -11,9 +11,8 @@ from pathlib import Path
 from spool_blind.case import make
 from spool_blind.effects import EFFECTS
 from spool_blind.limit import limit_case
-from spool_tools.console.outputs import write_json
 
-from spool_evaluation.results.page import study_command
+from spool_evaluation.results.page import renew_json, study_command
 
 from .gap import judge
 from .gap_limit_page import write_study
@@ -48,7 +47,7 @@ def run(
             file.write(json.dumps(asdict(limit)) + "\n")
             file.flush()
     limits = [found[item] for item in wanted]
-    write_json(out / "gap_limits.json", [asdict(limit) for limit in limits])
+    renew_json(out / "gap_limits.json", [asdict(limit) for limit in limits])
     page = write_study(limits, out, study_command("gap-limit", cases, seed))
     print(page.read_text())
     return limits

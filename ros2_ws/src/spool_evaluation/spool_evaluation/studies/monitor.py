@@ -8,13 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
-from spool_tools.console.outputs import write_json
 
 from spool_evaluation.monitor_cases.draw import draw_cases
 from spool_evaluation.monitor_cases.run import ScenarioOutcome, run_case
 from spool_evaluation.monitor_cases.scenario import Scenario
 from spool_evaluation.monitor_cases.table import table
-from spool_evaluation.results.page import study_command, write_page
+from spool_evaluation.results.page import renew_json, study_command, write_page
 
 from .workers import spread
 
@@ -44,7 +43,7 @@ class MonitorPage:
 
     def write(self, outcomes: Sequence[ScenarioOutcome]) -> None:
         """Write the page and the file."""
-        write_json(self.path.with_suffix(".json"), [one.to_dict() for one in outcomes])
+        renew_json(self.path.with_suffix(".json"), [one.to_dict() for one in outcomes])
         write_page(self.path, self.title, self.command, [ABOUT, table(outcomes)])
 
 
