@@ -11,6 +11,7 @@ from spool_stream.errors import InputError
 STUDIES = {
     "gap": "gap",
     "gap-limit": "gap_limit",
+    "ablation": "ablation",
     "estimation": "estimation",
     "records": "records",
     "steps": "steps",

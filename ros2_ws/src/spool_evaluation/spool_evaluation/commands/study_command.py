@@ -13,9 +13,9 @@ def study(
     what: Annotated[
         str,
         typer.Argument(
-            help="gap: effects named right? gap-limit: how small? estimation: do intervals hold? "
-            "records: is the truth of bags/ found? steps: what does a time step cost? "
-            "monitor: events found in time? monitor-hours: quiet over healthy hours?"
+            help="gap: effects named right? gap-limit: how small? ablation: what is each stage worth? "
+            "estimation: do intervals hold? records: is the truth of bags/ found? steps: "
+            "what does a step cost? monitor: events found in time? monitor-hours: quiet over healthy hours?"
         ),
     ],
     out: Annotated[Path, typer.Option(help="Folder for tables and pictures.")],

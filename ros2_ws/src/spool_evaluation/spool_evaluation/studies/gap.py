@@ -81,15 +81,20 @@ def judge_seed(seed: int, hidden: str | None = None, factor: float | None = None
     return judge(make(seed, hidden, factor=factor))
 
 
-def judge(case: BlindCase) -> BlindVerdict:
-    """Return what the workflow says to ``case``; a crash is a row too, and counts as wrong."""
+def judge(case: BlindCase, left_out: frozenset[str] = frozenset()) -> BlindVerdict:
+    """Return what the workflow, without the stages ``left_out``, says to ``case``.
+
+    A crash is a row too, and counts as wrong.
+    """
     from spool_gap.report.serialisation import result_to_dict  # noqa: PLC0415
+    from spool_gap.result import GapSettings  # noqa: PLC0415
     from spool_gap.workflow.analyse import analyse  # noqa: PLC0415 - counting needs none of its kernels
 
     record, valve = given(case)
     watch = Stopwatch()
     try:
-        result = result_to_dict(analyse([record], valve, MODELS[BASE]))
+        found = analyse([record], valve, MODELS[BASE], settings=GapSettings(left_out=left_out))
+        result = result_to_dict(found) | {"changed_by": sorted({change.stage for change in found.trace})}
     except InputError as error:
         return row_of(case, {"verdict": REFUSED}, watch.read(), str(error))
     except Exception:  # one crash must not end the study; its last lines are kept
@@ -151,4 +156,5 @@ def row_of(
             f"delay {1e3 * condition.delay:+.2f} ms"
         ),
         message=message,
+        changed_by=tuple(result.get("changed_by", ())),
     )

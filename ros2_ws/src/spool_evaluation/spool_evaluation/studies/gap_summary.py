@@ -35,6 +35,7 @@ class BlindVerdict:
         evidence, threshold: of the likelihood-ratio test that knows what is hidden.
         condition: excitation, spring, rate and so on, for looking up.
         message: why it was refused.
+        changed_by: stages of the selection that changed the choice.
     """
 
     seed: int
@@ -57,6 +58,7 @@ class BlindVerdict:
     threshold: float | None = None
     condition: str = ""
     message: str = ""
+    changed_by: tuple[str, ...] = ()
 
     @property
     def right(self) -> bool:
