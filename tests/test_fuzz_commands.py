@@ -365,7 +365,7 @@ def test_real_processes_refuse_in_one_line(tmp_path: Path, arguments: tuple[str,
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_whoever_reads_the_output_may_end_early_or_not_be_there(good: Path, tmp_path: Path) -> None:
+def test_the_reader_of_the_output_may_end_early_or_not_be_there(good: Path, tmp_path: Path) -> None:
     spool = Path(__file__).parent.parent / "spool"
     command = f"{spool} info {good / 'bag'}"
     for ending in ("| true", ">&-", ">&- 2>&-"):

@@ -155,11 +155,11 @@ def test_the_switched_kernel_moves_the_spool_as_a_kernel_of_its_own(name: str) -
     values = {p.name: p.start for p in alone.parameters} | {"mass": 0.18, "viscous_coefficient": 4.0}
     rate, substeps, samples = 2000.0, 4, 400
     time = np.arange(2 * samples * substeps + 1) / (2.0 * substeps * rate)
-    drive = 12.0 * np.sin(2.0 * np.pi * (10.0 * time + 20.0 * time**2))
+    excitation = 12.0 * np.sin(2.0 * np.pi * (10.0 * time + 20.0 * time**2))
     options = {"sample_period": 1.0 / rate, "substeps": substeps}
-    expected, _ = alone.advance(MotionState(), drive, alone.table(values, samples), **options)
+    expected, _ = alone.advance(MotionState(), excitation, alone.table(values, samples), **options)
     switched = next(motion for motion in motions_for(MODELS["fluid"]) if motion.has(laws))
-    found, _ = switched.advance(MotionState(), drive, switched.row(laws, values)[np.newaxis], **options)
+    found, _ = switched.advance(MotionState(), excitation, switched.row(laws, values)[np.newaxis], **options)
     np.testing.assert_allclose(found.displacement, expected.displacement, rtol=1e-9, atol=1e-15)
 
 

@@ -74,7 +74,7 @@ def test_one_speed_cannot_tell_viscous_from_coulomb_friction() -> None:
     force = 800.0 * speed + 5.0 * np.sign(speed) + 0.1 * np.random.default_rng(6).standard_normal(time.size)
     result = analyse_forces([ForceRecord("rig", 0.0, PERIOD, place, force)], MODELS["fluid"], "imposed")
     assert result.verdict == "unexplained"
-    assert any("cannot be told apart" in line for line in result.warnings)
+    assert any("cannot be distinguished" in line for line in result.warnings)
     assert {"viscous_friction", "coulomb_friction"} <= set(result.candidates)
 
 

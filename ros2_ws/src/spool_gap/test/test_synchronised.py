@@ -33,12 +33,12 @@ TRUTH, NOISE = 2.5e-4, 0.02
 @pytest.fixture(scope="module", name="play")
 def _play() -> tuple[Fitting, list[Stretch], Point]:
     """A spool with play, at steps of frequency through its resonance: problem, stretches and the truth."""
-    drive = SteppedSine(
+    excitation = SteppedSine(
         start_frequency=15.0, stop_frequency=72.0, frequency_step=3.0, dwell=1.0, amplitude=4.0
     )
     sensor = Sensor(noise=NOISE)
     simulator = Simulator(
-        VALVE, drive, model=PLAY, parameters={"backlash": TRUTH}, sample_rate=2000.0, block_size=50,
+        VALVE, excitation, model=PLAY, parameters={"backlash": TRUTH}, sample_rate=2000.0, block_size=50,
         body_sensor=sensor, spool_sensor=sensor,
     )  # fmt: skip
     (record,) = records_from_blocks(simulator.records(20.0), "play")

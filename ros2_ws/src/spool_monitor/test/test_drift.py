@@ -209,7 +209,7 @@ def test_a_restless_baseline_takes_longer_to_alarm() -> None:
     assert found_after(calm, [1.5] * 300) < found_after(restless, [1.1] * 300)
 
 
-def test_a_mended_change_is_over_soon() -> None:
+def test_a_change_that_is_undone_is_over_soon() -> None:
     made = learned()
     for second in range(10, 3000):
         made.update(estimate(second, 1.2))

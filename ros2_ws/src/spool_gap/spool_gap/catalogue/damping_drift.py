@@ -22,7 +22,7 @@ class DampingDrift(Effect):
     picture = "time"
     follows_time = True
     confusable_with = ("quadratic_damping",)
-    distinguished_by = "the same drive at the beginning and at the end of the record"
+    distinguished_by = "the same excitation at the beginning and at the end of the record"
 
     def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:  # noqa: ARG002
         """Return the velocity times the time."""

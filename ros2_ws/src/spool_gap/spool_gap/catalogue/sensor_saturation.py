@@ -21,7 +21,7 @@ class SensorSaturation(SensorEffect):
     meaning = "the acceleration leaves the range of the sensor or of its amplifier"
     check = "measuring range against the largest acceleration, amplifier setting"
     confusable_with = ("end_stop",)
-    distinguished_by = "a smaller drive"
+    distinguished_by = "a smaller excitation"
 
     def reading(self, acceleration: Array, period: float, values: Mapping[str, float]) -> Array:  # noqa: ARG002
         """Return the clipped reading."""

@@ -21,7 +21,7 @@ class SpoolDelay(SensorEffect):
     meaning = "the spool's channel lags behind the body's"
     check = "filters of both channels, sampling order of the logger, clocks of two loggers"
     confusable_with = ("spool_gain_error",)
-    distinguished_by = "broadband drive"
+    distinguished_by = "broadband excitation"
 
     def reading(self, acceleration: Array, period: float, values: Mapping[str, float]) -> Array:
         """Return the delayed reading."""

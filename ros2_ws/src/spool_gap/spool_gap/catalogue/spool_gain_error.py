@@ -20,7 +20,7 @@ class SpoolGainError(SensorEffect):
     meaning = "the spool's accelerometer or its amplifier reads too much or too little"
     check = "calibration of both channels side by side, amplifier setting, cable, mounting"
     confusable_with = ("spool_delay",)
-    distinguished_by = "drive well below the resonance"
+    distinguished_by = "excitation well below the resonance"
 
     def reading(self, acceleration: Array, period: float, values: Mapping[str, float]) -> Array:  # noqa: ARG002
         """Return the reading with its gain."""

@@ -57,7 +57,7 @@ def result_of(
     if alike:
         warnings = [
             *warnings,
-            "viscous and Coulomb friction cannot be told apart here: the speed hardly varies; "
+            "viscous and Coulomb friction cannot be distinguished here: the speed hardly varies; "
             "their sum at this speed is what the record tells",
         ]
         advice = "drive with speeds that differ by a factor of 10 or more"
@@ -227,7 +227,7 @@ def _sentence(
     numbers = f"{percent(before, 3)} to {percent(after, 3)} of the force (noise alone: {percent(floor)})"
     if alike:
         return (
-            "Viscous and Coulomb friction cannot be told apart in this record: the speed hardly varies. "
+            "Viscous and Coulomb friction cannot be distinguished in this record: the speed hardly varies. "
             f"With all of the catalogue the error goes from {numbers}."
         )
     if verdict == "none":

@@ -105,7 +105,7 @@ def quality_rows(validated: ValidatedFit) -> list[dict[str, str]]:
 
 
 def correlated(found: Fit, least: float = 0.9) -> list[tuple[str, str, float]]:
-    """Return pairs of parameters that the record hardly tells apart, with their correlation."""
+    """Return pairs of parameters that the record hardly distinguishes, with their correlation."""
     size = len(found.observable)
     return [
         (found.observable[i], found.observable[j], float(found.correlation[i, j]))
