@@ -30,6 +30,14 @@ def test_worth_is_what_is_right_with_a_stage_only_less_what_is_right_without_it_
     assert row.p == pytest.approx(1.0)  # two to one says nothing
 
 
+def test_few_cases_decide_nothing_against_a_stage() -> None:
+    (few,) = worths([trial(1, "", True), trial(1, "drop_needless", True)])
+    assert few.stays == "not decided"
+    many = [trial(seed, "", True) for seed in range(400)]
+    (row,) = worths([*many, trial(1, "drop_needless", True)])
+    assert row.stays == "no"
+
+
 def test_stages_by_these_names_exist() -> None:
     assert set(UNSEEN) | NEEDED <= STAGES
 

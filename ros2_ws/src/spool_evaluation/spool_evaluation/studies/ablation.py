@@ -38,8 +38,9 @@ NEEDED = frozenset(
 UNSEEN = ("screen_residual", "start_from_contained", "start_from_best_law", "free_sensors")
 #: Every so many cases are analysed without those.
 SPARSE = 4
-#: Share of the cases that a stage must be worth to stay.
-WORTH = 1.0 / 200.0
+#: Share of the cases that a stage must be worth to stay, and cases from which that is decided: a stage that
+#: gains nothing in so many is worth less than 0.9 % (95 %, Clopper and Pearson).
+WORTH, ENOUGH = 1.0 / 200.0, 400
 ABOUT = (
     "Each case is analysed by the workflow as it ships; a trace tells which stages changed the choice of "
     "effects. Then each of those cases is analysed again without that stage, and the verdicts are compared. "
@@ -75,6 +76,13 @@ class StageWorth:
     def worth(self) -> float:
         """Cases gained less cases lost, as a share."""
         return (self.gained - self.lost) / self.cases if self.cases else 0.0
+
+    @property
+    def stays(self) -> str:
+        """Whether the stage is worth enough to stay."""
+        if self.worth >= WORTH:
+            return "yes"
+        return "no" if self.cases >= ENOUGH else "not decided"
 
     @property
     def p(self) -> float:
@@ -163,9 +171,9 @@ def parts(rows: Sequence[StageWorth], cases: int) -> list[str]:
             str(row.lost),
             f"{100.0 * row.worth:+.2f} %",
             f"{row.p:.2f}",
-            "yes" if row.worth >= WORTH else "no",
+            row.stays,
         )
         for row in rows
     ]
-    head = ("stage", "left out of", "gained", "lost", "worth", "p", f"at least {100.0 * WORTH:.1f} %")
+    head = ("stage", "left out of", "gained", "lost", "worth", "p", f"worth {100.0 * WORTH:.1f} %")
     return [f"{cases} cases. {ABOUT}", markdown_table(head, body)]
