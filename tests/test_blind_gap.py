@@ -61,19 +61,16 @@ def slow(*values: object) -> Any:
     ("seed", "hidden"),
     [
         slow(9023, "none"),  # the noise looks like a cubic spring to either half of the record
-        slow(12060, "none"),  # and here like a drag that drifts, to pieces of it
-        (1081, "none"),  # and to the half that is held out
+        (1081, "none"),  # and here like one to the half that is held out
         (12, "quadratic_damping"),
         # Few windows, in which the two simulators stick differently, favour a richer law.
         (15005, "coulomb_friction"),
         # A start that is hardly above the noise, and a law whose fit ends in the local minimum of another.
         slow(8009, "asymmetric_friction"),
-        slow(7149, "mixed_friction"),
         # The spool swings in several ways at one excitation: free runs of the truth leave 60 %.
         (10011, "spring_backlash"),
-        # A stop that is hit without pause, as which a cubic spring acts, and one that is hit in few windows.
+        # A stop that is hit without pause, as which a cubic spring acts.
         slow(11108, "end_stop"),
-        slow(10088, "end_stop"),
         # A law that held-out windows take for another.
         slow(12044, "mixed_friction"),
         # With backlash no free run helps, and one window, in which runs part, outweighs all others.
