@@ -13,12 +13,12 @@ from spool_stream.quantity import Quantity
 Array = NDArray[np.float64]
 
 
-#: What the standard deviations of an analysis count, for people. Measured on records with a known truth: in
-#: practice_01 (no dry friction) stiffness and drag lie within their intervals, in practice_03 and practice_04
-#: drag and Coulomb force are 0.3 to 0.5 % off, 6 to 19 half widths.
+#: What the standard deviations of the selection's own fit count, for people. Measured on records with a known
+#: truth: in practice_01 (no dry friction) stiffness and drag lie within their intervals, in practice_03 and
+#: practice_04 drag and Coulomb force are 0.3 to 0.5 % off, 6 to 19 half widths.
 COUNTED = (
-    "these intervals count the noise alone; where dry friction jumps between samples, values are off by up "
-    "to about 0.5 % besides: ./spool fit gives intervals that count it"
+    "these intervals count the noise alone, since no fit of the whole record ended where the selection did; "
+    "values may be off by up to about 0.5 % besides"
 )
 
 
@@ -207,6 +207,7 @@ class GapResult:
         before, after: held-out agreement.
         noise_floor: nrmse that noise alone would leave with the final model.
         model: with everything that was found, to simulate with.
+        noise_alone: deviations of the parameters count the noise of the samples alone, see ``COUNTED``.
         warnings: what a reader should know, one line each.
         seconds: of data used; ``elapsed``: s of computing.
         predictable: predictable share of what is left, by what from, see :mod:`.screening.remainder`.
@@ -234,6 +235,7 @@ class GapResult:
     after: HeldOutAgreement
     noise_floor: float
     model: Model
+    noise_alone: bool = False
     warnings: tuple[str, ...] = ()
     seconds: float = 0.0
     elapsed: float = 0.0

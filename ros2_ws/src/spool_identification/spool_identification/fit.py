@@ -38,7 +38,7 @@ from .information import information_criterion
 from .input_noise import input_noise_effect
 from .record import Record
 from .residuals import Residuals
-from .uncertainty import fit_covariance
+from .uncertainty import fit_covariance, standard_deviations
 
 Array = NDArray[np.float64]
 
@@ -252,7 +252,7 @@ def _result(
         {**final, **sensor},
         np.concatenate([scales, np.zeros(len(constants))]),
     )
-    deviations = dict(zip(named, np.sqrt(np.diag(covariance)).tolist(), strict=True))
+    deviations = dict(zip(named, standard_deviations(covariance).tolist(), strict=True))
     parameters = []
     unclear = list(lost)
     for unknown in unknowns:
@@ -266,7 +266,7 @@ def _result(
                 Quantity(unknown.name, unknown.unit, named[unknown.name], deviation, Validity.VALID)
             )
     observable = [n for n, unknown in enumerate(free) if unknown.name not in unclear]
-    spread = np.sqrt(np.diag(covariance))[observable]
+    spread = standard_deviations(covariance)[observable]
     at_bound = tuple(
         unknown.name
         for unknown, value in zip(free, best.point.tolist(), strict=True)

@@ -22,6 +22,7 @@ from spool_identification.signals.channel_noise import noise_of
 from .free_run import FALL, FreeRun, Response, excitation_limit
 from .record import Record
 from .residuals import HIGHEST_SHARE, Residuals
+from .uncertainty import standard_deviations
 
 Array = NDArray[np.float64]
 
@@ -54,7 +55,7 @@ class NoiseEffect:
         """
         seen = np.maximum(1.0, np.diag(self.covariance) / np.diag(covariance))
         grown = covariance * np.sqrt(np.outer(seen, seen))
-        believed = np.abs(self.bias) < BELIEVED * np.sqrt(np.diag(grown))
+        believed = np.abs(self.bias) < BELIEVED * standard_deviations(grown)
         unsure = np.where(believed, 0.5, 1.0) * self.bias
         moved = point - np.where(believed, self.bias, 0.0)
         return moved, np.asarray(grown + np.outer(unsure, unsure) + np.diag(self.uncertainty**2))

@@ -94,3 +94,9 @@ def _blocks(run: FreeRun, total: int) -> list[slice]:
         offset += size
     assert offset == total
     return blocks
+
+
+def standard_deviations(covariance: Array) -> Array:
+    """Return the square roots of the diagonal, shape (p,); NaN where rounding left no variance."""
+    variances = np.diag(covariance)
+    return np.asarray(np.sqrt(np.where(variances >= 0.0, variances, np.nan)))

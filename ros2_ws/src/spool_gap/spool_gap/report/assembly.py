@@ -12,12 +12,14 @@ from spool_sim.model import Model
 from spool_sim.terms import term
 from spool_stream.quantity import Quantity, Validity
 
+from spool_gap.fitting.descent import Fitted
 from spool_gap.fitting.hypothesis import Fitting, Hypothesis
 from spool_gap.registry import EFFECTS
 from spool_gap.result import Curves, GapResult, HeldOutAgreement, NamedEffect, Surface, Where
 from spool_gap.selection.state import SelectionState
 from spool_gap.simulation.batches import Run
 from spool_gap.simulation.noise_floor import Floor
+from spool_gap.simulation.point import Point
 
 from .location import Residual, locate, surface
 from .outcome import Outcome
@@ -26,9 +28,14 @@ Array = NDArray[np.float64]
 
 
 def assembled(
-    records: Sequence[Record], base: Model, state: SelectionState, outcome: Outcome, elapsed: float
+    records: Sequence[Record],
+    base: Model,
+    state: SelectionState,
+    numbers: Fitted,
+    outcome: Outcome,
+    elapsed: float,
 ) -> GapResult:
-    """Return the result of what was selected in ``state``, after ``elapsed`` s of computing."""
+    """Return the result of what was selected in ``state``, with its ``numbers``, after ``elapsed`` s."""
     first, final, fitting = state.steps[0], state.hypothesis, state.fitting
     simulation = fitting.simulation
     held = simulation.held_out
@@ -42,12 +49,12 @@ def assembled(
         verdict=outcome.verdict,
         confidence=outcome.confidence,
         sentence=outcome.sentence,
-        effects=tuple(_named(state, outcome)),
+        effects=tuple(_named(state, numbers, outcome)),
         runner_up=outcome.runner_up,
         candidates=outcome.candidates,
         ranking=tuple(sorted(state.ranking, key=lambda entry: (len(entry.jointly_with), -entry.evidence))),
-        base=_quantities(first),
-        parameters=_quantities(final),
+        base=_quantities(first.fitted),
+        parameters=_quantities(numbers),
         where=where,
         where_after=where_after,
         surface=picture,
@@ -56,7 +63,8 @@ def assembled(
         before=HeldOutAgreement(fitting.nrmse(first), _amplitude_ratio(fitting, before)),
         after=HeldOutAgreement(fitting.nrmse(final), _amplitude_ratio(fitting, after)),
         noise_floor=outcome.floor.nrmse,
-        model=model_of(base, final),
+        model=model_of(base, final.effects, numbers.point),
+        noise_alone=numbers is final.fitted,
         warnings=outcome.warnings,
         seconds=sum((w.stop - w.start) * s.record.sample_period for s, w, _ in simulation.places),
         elapsed=elapsed,
@@ -66,36 +74,36 @@ def assembled(
     )
 
 
-def model_of(base: Model, step: Hypothesis) -> Model:
-    """Return ``base`` with the effects of ``step`` as terms, with the fitted numbers."""
+def model_of(base: Model, effects: Sequence[str], point: Point) -> Model:
+    """Return ``base`` with ``effects`` as terms, with the numbers of ``point``."""
     terms = [*base.terms]
     known = {entry.name for entry in terms}
-    terms += [term(name) for name in step.point.terms if name not in known]
+    terms += [term(name) for name in point.terms if name not in known]
     names = {parameter.name for entry in terms for parameter in entry.parameters}
-    values = {name: value for name, value in step.point.values.items() if name in names}
-    extra = [entry for entry in step.effects if entry in EFFECTS and EFFECTS[entry].terms]
+    values = {name: value for name, value in point.values.items() if name in names}
+    extra = [entry for entry in effects if entry in EFFECTS and EFFECTS[entry].terms]
     return Model("_".join([base.name, *extra]), tuple(terms), values)
 
 
-def _quantities(step: Hypothesis) -> tuple[Quantity, ...]:
+def _quantities(numbers: Fitted) -> tuple[Quantity, ...]:
     found = []
-    for free in step.fitted.free:
-        value = step.point.get(free.name)
+    for free in numbers.free:
+        value = numbers.point.get(free.name)
         found.append(
             Quantity(
                 free.name,
-                step.point.unit(free.name),
+                numbers.point.unit(free.name),
                 value,
-                step.fitted.deviations[free.name],
+                numbers.deviations[free.name],
                 Validity.VALID,
             )
         )
     return tuple(found)
 
 
-def _named(state: SelectionState, outcome: Outcome) -> list[NamedEffect]:
+def _named(state: SelectionState, numbers: Fitted, outcome: Outcome) -> list[NamedEffect]:
     fitting, final = state.fitting, state.hypothesis
-    by_name = {quantity.name: quantity for quantity in _quantities(final)} | dict(outcome.extra)
+    by_name = {quantity.name: quantity for quantity in _quantities(numbers)} | dict(outcome.extra)
     found = []
     last = fitting.nrmse(state.steps[0])
     for name in outcome.effects:

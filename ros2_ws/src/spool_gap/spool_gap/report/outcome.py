@@ -9,6 +9,7 @@ from scipy.special import expit
 from spool_stream.quantity import Quantity, Validity
 
 from spool_gap.checks.saturation import Saturation
+from spool_gap.fitting.descent import Fitted
 from spool_gap.fitting.hypothesis import Hypothesis
 from spool_gap.registry import EFFECTS
 from spool_gap.result import RankedHypothesis
@@ -42,8 +43,13 @@ class Outcome:
     advice: str
 
 
-def judge_outcome(state: SelectionState, saturation: Saturation, *, trusted: bool) -> Outcome:
-    """Return the verdict on what ``state`` accepted; ``trusted``: both channels are of one valve."""
+def judge_outcome(
+    state: SelectionState, numbers: Fitted, saturation: Saturation, *, trusted: bool
+) -> Outcome:
+    """Return the verdict on what ``state`` accepted, with its ``numbers``.
+
+    ``trusted``: both channels are of one valve.
+    """
     final = state.hypothesis
     residue = residue_of(state)
     extra = _limit_of(saturation)
@@ -73,7 +79,7 @@ def judge_outcome(state: SelectionState, saturation: Saturation, *, trusted: boo
     elif verdict == "unexplained":
         text = unnamed(state, residue, candidates, alone)
     else:
-        text = named(state, effects, extra, residue.floor.nrmse)
+        text = named(state, numbers, effects, extra, residue.floor.nrmse)
     return Outcome(
         verdict=verdict,
         confidence=confidence,

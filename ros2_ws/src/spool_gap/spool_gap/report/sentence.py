@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from spool_stream.quantity import Quantity
 from spool_stream.uncertainty import PLUS_MINUS, percent, with_interval
 
+from spool_gap.fitting.descent import Fitted
 from spool_gap.registry import EFFECTS
 from spool_gap.selection.state import SelectionState
 from spool_gap.simulation.jitter import Jitter
@@ -47,15 +48,19 @@ def unnamed(
 
 
 def named(
-    state: SelectionState, effects: tuple[str, ...], extra: Mapping[str, Quantity], noise_floor: float
+    state: SelectionState,
+    numbers: Fitted,
+    effects: tuple[str, ...],
+    extra: Mapping[str, Quantity],
+    noise_floor: float,
 ) -> str:
     """Return the sentence where ``effects`` are missing, with ``extra`` numbers of the channels."""
     before, after = _errors(state)
     parts = []
     for name in effects:
         entry = EFFECTS[name]
-        numbers = [_number(state, parameter, extra) for parameter in entry.fitted]
-        told = f"{', '.join(numbers)}; {PLUS_MINUS}"
+        sizes = [_number(numbers, parameter, extra) for parameter in entry.fitted]
+        told = f"{', '.join(sizes)}; {PLUS_MINUS}"
         parts.append(f"{name.replace('_', ' ')} ({told}): {entry.on_the_machine}; check {entry.to_check}")
     return (
         f"The model lacks {'; and '.join(parts)}. With it the error falls from {percent(before)} to "
@@ -63,12 +68,12 @@ def named(
     )
 
 
-def _number(state: SelectionState, parameter: str, extra: Mapping[str, Quantity]) -> str:
-    final, known = state.hypothesis, extra.get(parameter)
+def _number(numbers: Fitted, parameter: str, extra: Mapping[str, Quantity]) -> str:
+    known = extra.get(parameter)
     if known is not None:
         return f"{parameter} {with_interval(known.value, known.standard_deviation, known.unit)}"
-    spread = final.fitted.deviations.get(parameter, math.nan)
-    return f"{parameter} {with_interval(final.point.get(parameter), spread, final.point.unit(parameter))}"
+    point, spread = numbers.point, numbers.deviations.get(parameter, math.nan)
+    return f"{parameter} {with_interval(point.get(parameter), spread, point.unit(parameter))}"
 
 
 def _errors(state: SelectionState) -> tuple[float, float]:

@@ -11,8 +11,9 @@ from spool_sim.model import Model
 from spool_sim.valve.description import Valve
 
 from spool_gap.checks import conditions
-from spool_gap.checks.saturation import find_saturation
-from spool_gap.report.assembly import assembled
+from spool_gap.checks.saturation import Saturation, find_saturation
+from spool_gap.fitting.descent import Fitted
+from spool_gap.report.assembly import assembled, model_of
 from spool_gap.report.outcome import judge_outcome
 from spool_gap.result import GapResult, GapSettings
 from spool_gap.selection.context import Progress
@@ -23,6 +24,7 @@ from spool_gap.stages.selection import judge, select
 from spool_gap.stages.stops import select_with_stop
 from spool_gap.thresholds import THRESHOLDS
 
+from .final_fit import final_fit
 from .preparation import Task, first_look, motions_for, prepared
 
 #: Samples that are looked at before windows are chosen.
@@ -63,8 +65,14 @@ def analyse(
     point, has_stops = first_look(task)
     state = _with_stop(task, point) if has_stops else None
     state = state or _without_stop(task, point)
-    tell("measuring what is left", 0.9)
-    outcome = judge_outcome(state, saturation, trusted=trusted)
+    tell("fitting all data", 0.85)
+    own = state.hypothesis
+    whole = (
+        final_fit(usable, model_of(base, own.effects, own.point), state) if not saturation.channel else None
+    )
+    numbers = whole or own.fitted
+    tell("measuring what is left", 0.95)
+    outcome = judge_outcome(state, numbers, saturation, trusted=trusted)
     left = state.fitting.nrmse(state.hypothesis)
     if left > THRESHOLDS.explains_nothing:
         warnings.append(
@@ -72,7 +80,16 @@ def analyse(
             "channels, order and sign of the columns, valve file?"
         )
     outcome = replace(outcome, warnings=(*warnings, *outcome.warnings))
-    return assembled(records, base, state, outcome, time.monotonic() - begun)
+    return assembled(records, base, state, numbers, outcome, time.monotonic() - begun)
+
+
+def _numbers(records: Sequence[Record], base: Model, state: SelectionState, saturation: Saturation) -> Fitted:
+    """Return the numbers of what was selected: of a fit of all data where that ends in the same minimum."""
+    own = state.hypothesis
+    # Clipped samples are left out by a selection, which the fit of all data does not do.
+    if saturation.channel:
+        return own.fitted
+    return final_fit(records, model_of(base, own.effects, own.point), state) or own.fitted
 
 
 def _checked(records: Sequence[Record], valve: Valve) -> tuple[list[Record], list[str], bool]:

@@ -178,7 +178,7 @@ def show(result: GapResult, console: Console) -> None:
         shown = interval(quantity.value, quantity.standard_deviation)
         numbers.add_row(quantity.name, shown.value, shown.half_width, quantity.unit)
     console.print(numbers)
-    if result.kind == "accelerations":
+    if result.noise_alone:
         console.print(f"{LEGEND}; {COUNTED}", markup=False, highlight=False, soft_wrap=True)
     else:
         console.print(LEGEND, markup=False, highlight=False, soft_wrap=True)

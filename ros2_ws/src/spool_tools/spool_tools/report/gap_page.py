@@ -81,7 +81,7 @@ def gap_page(result: GapResult, sources: Sequence[tuple[str, str]] = ()) -> str:
         html.heading("Numbers"),
         html.table(["parameter", "base model", "with what was found", "unit"], _numbers(result)),
         html.paragraph(
-            f"{LEGEND}{f'; {COUNTED}' if result.kind == 'accelerations' else ''}. "
+            f"{LEGEND}{f'; {COUNTED}' if result.noise_alone else ''}. "
             f"Model: {', '.join(term.name for term in result.model.terms)}; "
             f"{result.seconds:.0f} s of data, {result.elapsed:.1f} s of computing."
         ),
