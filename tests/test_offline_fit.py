@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 from spool_bag.reading.reader import BagReader
 from spool_evaluation.studies.estimation import run
+from spool_gap.workflow.analyse import analyse
 from spool_identification.fit import fit
+from spool_identification.fit_result import FitSettings
 from spool_identification.record import records_from_blocks
 from spool_sim.model import MODELS
 from spool_sim.valve.description import find_valve
@@ -35,6 +37,22 @@ def test_the_truth_lies_within_two_standard_deviations(
         found = result.parameter(name)
         assert abs(found.value - value) < 2.0 * found.standard_deviation
         assert found.value == pytest.approx(value, rel=0.01)
+
+
+def test_gap_gives_the_numbers_that_a_fit_of_the_same_model_gives() -> None:
+    records = records_from_blocks(BagReader(BAGS / "practice_03").blocks("valve_1"), "practice_03")
+    valve = find_valve("4weh10_soft")
+    named = analyse(records, valve, MODELS["fluid"])
+    fitted = fit(records, MODELS["coulomb"], valve, FitSettings(fit_gain=True, fit_delay=True))
+    assert named.verdict == "coulomb_friction"
+    assert not named.noise_alone
+    truth = {"spring_stiffness": 1632.0, "viscous_coefficient": 4.0, "coulomb_force": 0.5}
+    found = {quantity.name: quantity for quantity in named.parameters}
+    for name, value in truth.items():
+        own, other = found[name], fitted.parameter(name)
+        assert abs(own.value - other.value) < 0.1 * other.standard_deviation
+        assert own.standard_deviation == pytest.approx(other.standard_deviation, rel=0.2)
+        assert abs(own.value - value) < 2.0 * own.standard_deviation
 
 
 def test_the_study_writes_what_it_counted(tmp_path: Path) -> None:

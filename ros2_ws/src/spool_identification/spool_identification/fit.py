@@ -242,14 +242,16 @@ def _result(
     final = {**values, **{name: value for name, value in named.items() if name in values}}
     sensor = {name: named[name] for name in (SPOOL_GAIN, SPOOL_DELAY) if name in named}
     constants = [p for p in run.model.parameters if p.name in held]
-    ends = np.array([{**final, **sensor}[name] for name in names])
+    # Nuisances that are not observable beside the rest were held at 0.
+    ending = {SPOOL_GAIN: 0.0, SPOOL_DELAY: 0.0, **final, **sensor}
+    ends = np.array([ending[name] for name in names])
     scales = sizes_of(unknowns, ends)
     unseen = unseen_directions(law.force_slopes(_inside(ends, unknowns)), scales)
     lost, told = combinations(
         np.hstack([unseen, np.zeros((unseen.shape[0], len(constants)))]),
         [*names, *(constant.name for constant in constants)],
         [*(unknown.unit for unknown in unknowns), *(constant.unit for constant in constants)],
-        {**final, **sensor},
+        ending,
         np.concatenate([scales, np.zeros(len(constants))]),
     )
     deviations = dict(zip(named, standard_deviations(covariance).tolist(), strict=True))
