@@ -69,8 +69,6 @@ def slow(*values: object) -> Any:
         slow(8009, "asymmetric_friction"),
         # The spool swings in several ways at one excitation: free runs of the truth leave 60 %.
         (10011, "spring_backlash"),
-        # A stop that is hit without pause, as which a cubic spring acts.
-        slow(11108, "end_stop"),
         # A law that held-out windows take for another.
         slow(12044, "mixed_friction"),
         # With backlash no free run helps, and one window, in which runs part, outweighs all others.
@@ -87,9 +85,9 @@ def test_what_is_hidden_is_named_with_its_size(seed: int, hidden: str) -> None:
         assert set(row.errors) == set(row.truth)
 
 
-def test_forces_that_leave_most_of_the_gap_are_not_named() -> None:
+def test_what_has_no_name_is_told_next_to_names_that_explain_part_of_it() -> None:
     """A spring that is stiffer on one side: synchronised runs follow it with a preload, free ones do not."""
-    assert judge(make(18178, "skew_spring")).verdict == "unexplained"
+    assert "unexplained" in judge(make(18178, "skew_spring")).verdict.split("+")
 
 
 @pytest.mark.parametrize(("seed", "hidden"), [(902, "coulomb_friction"), slow(901, "cubic_stiffness")])
@@ -134,4 +132,4 @@ def test_a_record_that_is_bad_in_part_is_judged_with_a_warning(name: str, tmp_pa
     assert code in (0, 1)
     result = json.loads(found.read_text())
     assert any(word in line for word in spoiling.words for line in result["warnings"]), result["warnings"]
-    assert result["verdict"] in ("coulomb_friction", "unexplained")
+    assert set(result["verdict"].split("+")) <= {"coulomb_friction", "unexplained"}

@@ -125,6 +125,23 @@ class HeldOutAgreement:
 
 
 @dataclass(frozen=True, slots=True)
+class Remainder:
+    """What is left of the gap once everything that has a name is in the model, and is not noise.
+
+    Attributes:
+        share: of the gap's power, noise taken off.
+        over_noise_floor: power of the residual over the noise floor's.
+        function_of: what predicts most of it, ``nothing`` where nothing does.
+        looks_like: what that may be, in words.
+    """
+
+    share: float
+    over_noise_floor: float
+    function_of: str
+    looks_like: str
+
+
+@dataclass(frozen=True, slots=True)
 class NamedEffect:
     """An effect that was found.
 
@@ -154,8 +171,7 @@ class RankedHypothesis:
         id: effect of the catalogue.
         jointly_with: effects that were already accepted when it was tried.
         nrmse_after: held out, with it, everything else refitted.
-        evidence: twice the log likelihood ratio on held-out data, less the BIC penalty of its parameters; of
-            small effects over all data, see :mod:`.stages.small_effects`.
+        evidence: twice the log likelihood ratio on held-out data, less the BIC penalty of its parameters.
         parameters: values by name.
         accepted: it is part of the verdict.
         reason: why not, where it is not.
@@ -192,7 +208,8 @@ class GapResult:
         record: what was analysed.
         kind: ``accelerations``, ``driven`` or ``imposed``.
         base_model: name.
-        verdict: effect ids joined by ``+``, ``none`` or ``unexplained``.
+        verdict: effect ids joined by ``+``, ``none`` or ``unexplained``; the last one after names where
+            those were found, and something else is left.
         confidence: that the verdict is right, 0 to 1.
         sentence: the verdict in words: what is missing, how big, what it means, what to check.
         effects: what was found, in order of the gap that each closed.
@@ -211,6 +228,7 @@ class GapResult:
         warnings: what a reader should know, one line each.
         seconds: of data used; ``elapsed``: s of computing.
         predictable: predictable share of what is left, by what from, see :mod:`.screening.remainder`.
+        remainder: what is left, ``None`` where that is noise.
         trace: which stage of the selection changed the choice.
     """
 
@@ -241,4 +259,5 @@ class GapResult:
     elapsed: float = 0.0
     advice: str = ""
     predictable: Mapping[str, float] = field(default_factory=dict)
+    remainder: Remainder | None = None
     trace: tuple[Change, ...] = ()

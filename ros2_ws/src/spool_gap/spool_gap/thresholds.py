@@ -158,25 +158,12 @@ class Thresholds:
     beyond_tolerance: float = decided(
         2.0, "1", "standard deviations by which gain or delay must exceed its tolerance", "95 % interval"
     )
-    confusable_evidence: float = decided(
-        0.5, "1", "share of the first effect's evidence from which a confusable one is followed, too", EFFORT
-    )
-    decisive: float = decided(
-        0.25,
-        "1",
-        "share of the power left by one effect that another may leave to win whatever the weight",
-        CASES,
-    )
     equivalent_cost: float = decided(
         10.0, "1", "cost over the best law's up to which another starts where it acts alike", EFFORT
     )
     hopeful_cost: float = decided(
         2.0, "1", "cost over the best one's up to which a law that contains it is fitted on", EFFORT
     )
-    near_cost: float = decided(
-        1.3, "1", "cost over the present law's up to which another one is fitted to its last digits", EFFORT
-    )
-    near_cost_senseless: float = decided(1.05, "1", "the same while its numbers make no sense yet", EFFORT)
     too_far: float = decided(
         1.3, "1", "cost over the other law's from which all windows are not asked", EFFORT
     )

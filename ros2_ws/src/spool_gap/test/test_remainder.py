@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from spool_gap.screening.remainder import Remainder, remainder
+from spool_gap.screening.remainder import PredictableShares, remainder
 from spool_gap.simulation.point import Point
 from spool_gap.simulation.response import responses
 from spool_gap.simulation.segments import stretches_of
@@ -59,7 +59,9 @@ def errors(simulation: Simulation, added: Callable[[int], Array] | None, point: 
     return rows
 
 
-def looked_at(simulation: Simulation, point: Point, added: Callable[[int], Array] | None) -> Remainder:
+def looked_at(
+    simulation: Simulation, point: Point, added: Callable[[int], Array] | None
+) -> PredictableShares:
     rows = errors(simulation, added, point)
     return remainder(
         simulation, point, [rows[n] for n in simulation.training], [rows[n] for n in simulation.held_out]

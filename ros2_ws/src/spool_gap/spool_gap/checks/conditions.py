@@ -17,6 +17,9 @@ from .units import ANY_SPRING, difference, expected_transfer, like_no_valve, opp
 
 Array = NDArray[np.float64]
 
+#: s without any change from which a channel is dead: noise alone changes a reading within a few samples.
+STILL = 0.5
+
 
 def usable(records: Sequence[Record]) -> tuple[list[Record], list[str]]:
     """Return the stretches that are long enough, and warnings about the others.
@@ -43,9 +46,27 @@ def usable(records: Sequence[Record]) -> tuple[list[Record], list[str]]:
                     f"{record.name}: {name} reads {row[0]:g} m/s^2 throughout: check sensor and cable"
                 )
             still = longest_still(row) * record.sample_period
-            if still > 0.5:
+            if still > STILL:
                 warnings.append(f"{name} does not change for {still:.1f} s: check sensor and cable")
-    return kept, warnings
+    return [part for record in kept for part in _changing(record)] or kept, warnings
+
+
+def _changing(record: Record) -> list[Record]:
+    """Return the parts of ``record`` that are long enough and in which both channels change."""
+    found = [record]
+    for name in ("body", "spool"):
+        found = [part for one in found for part in _without_still(one, getattr(one, name))]
+    return [part for part in found if part.duration >= THRESHOLDS.shortest_stretch]
+
+
+def _without_still(record: Record, row: Array) -> list[Record]:
+    edges = np.flatnonzero(np.concatenate([[True], np.diff(row) != 0.0, [True]]))
+    still = np.flatnonzero(np.diff(edges) * record.sample_period > STILL)
+    if not still.size:
+        return [record]
+    firsts = [0, *edges[still + 1].tolist()]
+    stops = [*edges[still].tolist(), row.size]
+    return [record.part(first, stop) for first, stop in zip(firsts, stops, strict=True) if stop - first > 1]
 
 
 def longest_still(row: Array) -> int:

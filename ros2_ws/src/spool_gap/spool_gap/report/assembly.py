@@ -70,6 +70,7 @@ def assembled(
         elapsed=elapsed,
         advice=outcome.advice,
         predictable=outcome.rest.shares,
+        remainder=outcome.remainder,
         trace=state.trace,
     )
 

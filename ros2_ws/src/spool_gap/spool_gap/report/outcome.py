@@ -12,18 +12,34 @@ from spool_gap.checks.saturation import Saturation
 from spool_gap.fitting.descent import Fitted
 from spool_gap.fitting.hypothesis import Hypothesis
 from spool_gap.registry import EFFECTS
-from spool_gap.result import RankedHypothesis
-from spool_gap.screening.remainder import Remainder
+from spool_gap.result import RankedHypothesis, Remainder
+from spool_gap.screening.remainder import PredictableShares
 from spool_gap.selection.state import SelectionState
 from spool_gap.simulation.jitter import Jitter, sampling_jitter
 from spool_gap.simulation.noise_floor import Floor
 from spool_gap.thresholds import THRESHOLDS
 
 from .residual import FinalResidual, residue_of
-from .sentence import missing_nothing, named, unnamed
+from .sentence import missing_nothing, named, still_missing, unnamed
 
 #: Names whose residual power is below this many noise floors where clipped samples are all that is named.
 CLIPPED_MAY_LEAVE = 3.0
+
+
+#: Share of the gap's power that names must explain to stay where something else is left. One that explains
+#: less is a start value of what is missing rather than a part of it.
+EXPLAINS = 0.1
+#: What a remainder may be that is predictable from each of these.
+LOOKS_LIKE = {
+    "position": "a spring, a magnet or a stop that the catalogue does not describe",
+    "speed": "friction or drag of another law",
+    "position and speed": "flow forces, or friction that depends on the place",
+    "the way since the last reversal": "hysteresis, as of friction before it slides",
+    "time": "something that changes over the record: oil that warms, a sensor that drifts",
+    "frequency": "a filter or a resonance of the measuring chain or its mounting",
+    "nothing": "noise that is louder than what the record shows above its excitation, or motion that "
+    "parts from the model's at chance",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +53,8 @@ class Outcome:
     runner_up: RankedHypothesis | None
     candidates: tuple[str, ...]
     floor: Floor
-    rest: Remainder
+    rest: PredictableShares
+    remainder: Remainder | None
     extra: Mapping[str, Quantity]
     warnings: tuple[str, ...]
     advice: str
@@ -56,7 +73,10 @@ def judge_outcome(
     names = (*final.effects, *(["sensor_saturation"] if extra else []))
     candidates: tuple[str, ...] = ()
     clipped_alone = bool(extra) and not final.effects and residue.power < CLIPPED_MAY_LEAVE
-    if residue.unexplained and not clipped_alone:
+    is_open = residue.unexplained and not clipped_alone
+    if is_open and names and 1.0 - residue.share >= EXPLAINS:
+        verdict, confidence = "+".join((*names, "unexplained")), _confidence(state, residue.power)
+    elif is_open:
         candidates = final.effects or tuple(row.id for row in state.ranking[:1])
         verdict, confidence = "unexplained", _confidence_of_gap(residue)
     elif names:
@@ -80,6 +100,9 @@ def judge_outcome(
         text = unnamed(state, residue, candidates, alone)
     else:
         text = named(state, numbers, effects, extra, residue.floor.nrmse)
+    left = _left(residue) if is_open else None
+    if left is not None and effects:
+        text = f"{text} {still_missing(left)}"
     return Outcome(
         verdict=verdict,
         confidence=confidence,
@@ -89,10 +112,18 @@ def judge_outcome(
         candidates=candidates,
         floor=residue.floor,
         rest=residue.remainder,
+        remainder=left,
         extra=extra,
         warnings=(jitter.sentence,) if jitter else (),
         advice=_advice(candidates or effects),
     )
+
+
+def _left(residue: FinalResidual) -> Remainder:
+    """Return what is left, by what predicts most of it."""
+    rest = residue.remainder
+    follows = rest.follows if rest.share > THRESHOLDS.predictable else "nothing"
+    return Remainder(residue.share, residue.power, follows, LOOKS_LIKE[follows])
 
 
 def _limit_of(saturation: Saturation) -> dict[str, Quantity]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spool_gap.screening.remainder import Remainder, remainder
+from spool_gap.screening.remainder import PredictableShares, remainder
 from spool_gap.selection.state import SelectionState
 from spool_gap.selection.windows import median_excess, median_share
 from spool_gap.simulation.noise_floor import Floor, excess, noise_floor
@@ -30,12 +30,14 @@ class FinalResidual:
         floor: what noise leaves of its free runs.
         power: residual power over the noise floor's.
         remainder: its predictable shares.
+        share: of the gap's power, noise taken off.
         unexplained: whether it is more than a complete model leaves.
     """
 
     floor: Floor
     power: float
-    remainder: Remainder
+    remainder: PredictableShares
+    share: float
     unexplained: bool
 
 
@@ -69,7 +71,11 @@ def residue_of(state: SelectionState) -> FinalResidual:
     rest = remainder(runs.simulation.weighed_by(runs.train), final.point, runs.train, runs.held)
     power = excess(runs.simulation, runs.held, runs.floor)
     unexplained = _is_open(state, runs, power, rest) and not _runs_free(state, floor)
-    return FinalResidual(floor, power, rest, unexplained or _hardly_closed(state, floor.nrmse))
+    unexplained = unexplained or _hardly_closed(state, floor.nrmse)
+    # By free runs, whatever synchronised ones follow: what those leave is what the names explain.
+    fitting = state.fitting
+    share = _share(fitting.nrmse(state.steps[0]), fitting.nrmse(final), floor.nrmse) ** 2
+    return FinalResidual(floor, power, rest, share, unexplained)
 
 
 def _judging(state: SelectionState, floor: Floor) -> _Runs:
@@ -88,7 +94,7 @@ def _judging(state: SelectionState, floor: Floor) -> _Runs:
     )
 
 
-def _is_open(state: SelectionState, runs: _Runs, power: float, rest: Remainder) -> bool:
+def _is_open(state: SelectionState, runs: _Runs, power: float, rest: PredictableShares) -> bool:
     """Whether the runs that judge leave more than a complete model may."""
     final = state.hypothesis
     before, after, noise = runs.nrmse(runs.before), runs.nrmse(runs.held), runs.floor.nrmse

@@ -10,6 +10,7 @@ from spool_stream.uncertainty import PLUS_MINUS, percent, with_interval
 
 from spool_gap.fitting.descent import Fitted
 from spool_gap.registry import EFFECTS
+from spool_gap.result import Remainder
 from spool_gap.selection.state import SelectionState
 from spool_gap.simulation.jitter import Jitter
 from spool_gap.thresholds import THRESHOLDS
@@ -65,6 +66,15 @@ def named(
     return (
         f"The model lacks {'; and '.join(parts)}. With it the error falls from {percent(before)} to "
         f"{percent(after)} of the spool's acceleration (noise alone: {percent(noise_floor)})."
+    )
+
+
+def still_missing(left: Remainder) -> str:
+    """Return the sentence on what is left where something is named."""
+    follows = "nothing predicts it" if left.function_of == "nothing" else f"it follows {left.function_of}"
+    return (
+        f"Something else is left, {left.over_noise_floor:.3g} times the noise's power and "
+        f"{percent(left.share)} of the gap's; {follows}: {left.looks_like}."
     )
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from spool_stream.quantity import Quantity
 
-from spool_gap.result import GapResult, HeldOutAgreement, RankedHypothesis, Share, Where
+from spool_gap.result import GapResult, HeldOutAgreement, RankedHypothesis, Remainder, Share, Where
 
 
 def result_to_dict(result: GapResult) -> dict[str, Any]:
@@ -31,6 +31,7 @@ def result_to_dict(result: GapResult) -> dict[str, Any]:
             for effect in result.effects
         ],
         "verdict": result.verdict,
+        "remainder": _remainder(result.remainder),
         "confidence": number(result.confidence),
         "sentence": result.sentence,
         "candidates": list(result.candidates),
@@ -54,6 +55,17 @@ def result_to_dict(result: GapResult) -> dict[str, Any]:
 def number(value: float) -> float | None:
     """Return ``value``, or ``None`` where it is not a finite number."""
     return float(value) if math.isfinite(value) else None
+
+
+def _remainder(left: Remainder | None) -> dict[str, Any] | None:
+    if left is None:
+        return None
+    return {
+        "share": number(left.share),
+        "over_noise_floor": number(left.over_noise_floor),
+        "function_of": left.function_of,
+        "looks_like": left.looks_like,
+    }
 
 
 def _quantities(entries: tuple[Quantity, ...]) -> dict[str, Any]:

@@ -27,7 +27,7 @@ ALIKE = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class Remainder:
+class PredictableShares:
     """Predictable shares of what is left.
 
     Attributes:
@@ -76,7 +76,7 @@ class _ScaledMotion:
 
 def remainder(
     simulation: Simulation, point: Point, train: Sequence[Array], held: Sequence[Array]
-) -> Remainder:
+) -> PredictableShares:
     """Return the predictable shares of the errors that ``point`` leaves.
 
     Args:
@@ -105,7 +105,7 @@ def remainder(
         weights = vectors[:, kept] @ ((vectors[:, kept].T @ (fitted @ target)) / products[kept])
         left = wanted - weights @ other
         shares[name] = 1.0 - float(left @ left) / float(wanted @ wanted)
-    return Remainder(shares, wanted.size)
+    return PredictableShares(shares, wanted.size)
 
 
 def _motion(stretch: Stretch) -> _ScaledMotion:

@@ -71,22 +71,6 @@ def _motion(stretches: Sequence[Stretch], step: Hypothesis) -> Motion:
     return balance_of(stretches, values).joined(lines_beside_excitation(stretches, values))
 
 
-def overlooked(
-    stretches: Sequence[Stretch], catalogue: Sequence[Effect], step: Hypothesis, known: Sequence[Screened]
-) -> list[Screened]:
-    """Return what the regression sees but ``known``, of which none helps, if runs may part with it."""
-    values = step.point.values
-    balance = balance_of(stretches, values)
-    peaks = lines_beside_excitation(stretches, values)
-    names = {*step.effects, *(entry.effect.id for entry in known)}
-    effects = [
-        entry for entry in catalogue if entry.id not in names and (entry.local_minima or entry.localised)
-    ]
-    balance.prepare([*step.trials.values(), *(entry.trial for entry in known[:1])])
-    balance.reweigh()
-    return [entry for entry in _screened(balance, effects, step, peaks) if entry.gain > THRESHOLDS.screened]
-
-
 def small_candidates(
     simulation: Simulation, stretches: Sequence[Stretch], catalogue: Sequence[Effect], step: Hypothesis
 ) -> list[Screened]:

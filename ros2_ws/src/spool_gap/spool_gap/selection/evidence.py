@@ -74,15 +74,6 @@ def does_as_well(fitting: Fitting, less: Hypothesis, more: Hypothesis) -> bool:
     return gain < THRESHOLDS.evidence or gain < THRESHOLDS.relative_gain * more.cost
 
 
-def without_needless(fitting: Fitting, hypothesis: Hypothesis) -> Hypothesis:
-    """Return ``hypothesis`` without the effects that it no longer needs jointly with its newest."""
-    for name in hypothesis.effects[:-1]:
-        less = fitting.without(hypothesis, [name])
-        if does_as_well(fitting, less, hypothesis):
-            return less
-    return hypothesis
-
-
 def needless(fitting: Fitting, hypothesis: Hypothesis) -> list[str]:
     """Return the first of several effects without which ``hypothesis`` does as well, if there is one."""
     names = hypothesis.effects if len(hypothesis.effects) > 1 else ()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
@@ -68,8 +67,6 @@ class SelectionState:
         screened: effects worth simulating in this round; ``fits``: their fits.
         candidates: those ranked, best first.
         chosen: best of them so far, ``None`` where none is better than ``accepted``.
-        margin: evidence for ``chosen`` that is known from others.
-        decided: synchronised runs chose; free ones do not object.
         trace: which stage changed the choice.
     """
 
@@ -87,8 +84,6 @@ class SelectionState:
     fits: tuple[Hypothesis, ...] = ()
     candidates: tuple[Candidate, ...] = ()
     chosen: Hypothesis | None = None
-    margin: float = -math.inf
-    decided: bool = False
     trace: tuple[Change, ...] = ()
 
     @property
@@ -105,9 +100,7 @@ class SelectionState:
     @property
     def begun(self) -> SelectionState:
         """This at the beginning of a round: nothing screened, nothing chosen."""
-        return replace(
-            self, screened=(), fits=(), candidates=(), chosen=None, margin=-math.inf, decided=False
-        )
+        return replace(self, screened=(), fits=(), candidates=(), chosen=None)
 
     @property
     def choice(self) -> tuple[str, ...]:

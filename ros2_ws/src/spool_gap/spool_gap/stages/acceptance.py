@@ -9,42 +9,12 @@ from spool_gap.selection.completeness import is_closed
 from spool_gap.selection.context import Context
 from spool_gap.selection.evidence import evidence_of, lasting
 from spool_gap.selection.state import SelectionState
-from spool_gap.simulation.point import DELAY, GAIN
-
-from .candidates import candidate, noted
-
-
-def prefer_sensor_alone(_context: Context, state: SelectionState) -> SelectionState:
-    """Gain or delay alone, where the choice let it free and adds nothing that counts jointly with it."""
-    winner, step, fitting = state.chosen, state.hypothesis, state.fitting
-    if winner is None or state.decided:
-        return state
-    known = (*step.effects, winner.newest)
-    freed = tuple(name for name in winner.effects if name in (GAIN, DELAY) and name not in known)
-    if not freed:
-        return state
-    effects = (*step.effects, *freed)
-    point = replace(winner.point, active=fitting.terms_of(effects))
-    alone = fitting.polished(fitting.fit(effects, [point], trials=step.trials))
-    row = candidate(state, alone)
-    if row.reason or not candidate(replace(state, accepted=alone), winner).reason:
-        return state
-    reason = f"jointly with {' and '.join(freed)} it adds nothing that counts"
-    here = [own for own in state.ranking if own.jointly_with == step.effects]
-    others = [
-        replace(own, reason=reason) if set(freed) <= set(state.tried[own.key].effects) else own
-        for own in here
-        if own.id != freed[-1]
-    ]
-    ranking = (*(own for own in state.ranking if own not in here), *others)
-    margin = evidence_of(fitting, step, winner)
-    return noted(replace(state, ranking=ranking, chosen=alone, margin=margin), row)
 
 
 def require_lasting_gain(_context: Context, state: SelectionState) -> SelectionState:
     """Refusal of a further effect whose gain the fit without it reaches from its numbers."""
     winner, step = state.chosen, state.hypothesis
-    if winner is None or state.decided or not step.effects:
+    if winner is None or not step.effects:
         return state
     again = lasting(state.fitting, step, winner)
     return state if again is None else replace(state.refitted(step, again), chosen=None)
@@ -72,7 +42,7 @@ def accept(_context: Context, state: SelectionState) -> SelectionState:
         return state
     name = winner.newest
     row = next(own for own in reversed(state.ranking) if own.key == (name, step.effects))
-    evidence = max(row.evidence, evidence_of(state.fitting, step, winner), state.margin)
+    evidence = max(row.evidence, evidence_of(state.fitting, step, winner))
     state = marked(state, name, evidence=evidence, accepted=True, reason="")
     return replace(state, accepted=winner, tried={**state.tried, (name, step.effects): winner})
 

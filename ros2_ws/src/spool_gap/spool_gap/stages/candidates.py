@@ -10,8 +10,7 @@ from spool_identification.least_squares.parallel import in_parallel
 from spool_gap.fitting.hypothesis import Hypothesis
 from spool_gap.fitting.synchronised import holds_damper
 from spool_gap.result import RankedHypothesis
-from spool_gap.screening.screening import overlooked, regression_candidates, residual_candidates
-from spool_gap.selection.completeness import is_closed
+from spool_gap.screening.screening import regression_candidates, residual_candidates
 from spool_gap.selection.context import Context
 from spool_gap.selection.evidence import evidence_of
 from spool_gap.selection.joint_fit import jointly_fitted
@@ -58,19 +57,6 @@ def free_sensors(_context: Context, state: SelectionState) -> SelectionState:
 def rank_candidates(_context: Context, state: SelectionState) -> SelectionState:
     """Ranking of the fits, the best of them refined."""
     return ranked(state, state.fits)
-
-
-def add_overlooked(context: Context, state: SelectionState) -> SelectionState:
-    """Effects with which runs may part from the motion, where none helps and the base leaves a gap."""
-    step = state.hypothesis
-    if step.effects or not all(entry.reason for entry in state.candidates) or not follows(state):
-        return state
-    closed, state = is_closed(state, step)
-    if closed:
-        return state
-    more = overlooked(context.regressed, state.catalogue, step, state.screened)
-    known = [entry.hypothesis for entry in state.candidates]
-    return ranked(state, [*known, *(jointly_fitted(context, state, entry) for entry in more)])
 
 
 def follows(state: SelectionState) -> bool:

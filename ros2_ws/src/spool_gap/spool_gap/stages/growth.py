@@ -6,12 +6,10 @@ from dataclasses import replace
 
 from spool_gap.selection.completeness import is_complete
 from spool_gap.selection.context import Context
-from spool_gap.selection.evidence import without_needless
 from spool_gap.selection.state import SelectionState, Stage, run_stages
 
-from .acceptance import accept, prefer_sensor_alone, require_lasting_gain, require_more_than_noise
+from .acceptance import accept, require_lasting_gain, require_more_than_noise
 from .candidates import (
-    add_overlooked,
     choose_candidate,
     fit_candidates,
     free_sensors,
@@ -20,16 +18,8 @@ from .candidates import (
     screen_by_regression,
     screen_residual,
 )
-from .other_laws import try_other_laws
-from .pairwise import compare_pairwise
-from .similar_laws import start_from_best_law, start_from_contained, take_closest_law, take_simplest_law
+from .similar_laws import start_from_best_law, start_from_contained, take_simplest_law
 from .synchronise import synchronise
-
-
-def drop_needless(_context: Context, state: SelectionState) -> SelectionState:
-    """Removal of an effect that is no longer needed jointly with the newest."""
-    return replace(state, accepted=without_needless(state.fitting, state.hypothesis))
-
 
 #: Stages that look for one further effect.
 FORWARD: tuple[Stage, ...] = (
@@ -40,19 +30,15 @@ FORWARD: tuple[Stage, ...] = (
     start_from_best_law,
     free_sensors,
     rank_candidates,
-    add_overlooked,
     note_candidates,
     choose_candidate,
-    take_closest_law,
     take_simplest_law,
-    compare_pairwise,
-    prefer_sensor_alone,
     require_lasting_gain,
     require_more_than_noise,
     accept,
 )
 #: Stages that look back at the effects, once there is a further one.
-BACKWARD: tuple[Stage, ...] = (synchronise, drop_needless, try_other_laws)
+BACKWARD: tuple[Stage, ...] = (synchronise,)
 
 
 def grow(context: Context, state: SelectionState) -> SelectionState:

@@ -9,7 +9,6 @@ from spool_gap.selection.state import SelectionState, Stage, run_stages
 
 from .fits import fit_base, polish
 from .growth import grow
-from .other_start import try_other_start
 from .sliding_laws import compare_sliding_laws
 from .small_effects import find_small_effect
 from .two_directions import split_by_direction
@@ -18,14 +17,12 @@ from .whole_windows import (
     fit_whole_windows,
     measure_ranking,
     measure_whole_windows,
-    swap_law_by_free_runs,
 )
 
 #: Stages that name effects over short pieces of the records.
 SELECTION: tuple[Stage, ...] = (
     fit_base,
     grow,
-    try_other_start,
     polish,
     split_by_direction,
     find_small_effect,
@@ -34,7 +31,6 @@ SELECTION: tuple[Stage, ...] = (
 FINAL: tuple[Stage, ...] = (
     measure_whole_windows,
     fit_whole_windows,
-    swap_law_by_free_runs,
     compare_sliding_laws,
     drop_insignificant,
     measure_ranking,

@@ -19,8 +19,6 @@ from spool_gap.simulation.noise_floor import noise_floor
 from spool_gap.simulation.simulate import Simulation
 from spool_gap.thresholds import THRESHOLDS
 
-from .other_laws import swapped_law
-
 #: Why an effect leaves that helps jointly with others, but by next to nothing.
 TRIFLE = "there is so little of it that it means nothing on a machine"
 
@@ -50,14 +48,6 @@ def fit_whole_windows(_context: Context, state: SelectionState) -> SelectionStat
     final = fitting.scored(final)
     closer = fitting.fit(final.effects, [final.point], rounds=5)
     return with_final(state, min(final, closer, key=lambda entry: entry.cost))
-
-
-def swap_law_by_free_runs(context: Context, state: SelectionState) -> SelectionState:
-    """Other laws of friction by free runs, which distinguish them best, where synchronised ones selected."""
-    if not (state.synchronised and is_fitted(state, state.hypothesis)):
-        return state
-    found = swapped_law(context, state)
-    return with_final(found, found.hypothesis)
 
 
 def drop_insignificant(_context: Context, state: SelectionState) -> SelectionState:
