@@ -65,16 +65,10 @@ def slow(*values: object) -> Any:
         (12, "quadratic_damping"),
         # Few windows, in which the two simulators stick differently, favour a richer law.
         (15005, "coulomb_friction"),
-        # A start that is hardly above the noise, and a law whose fit ends in the local minimum of another.
-        slow(8009, "asymmetric_friction"),
-        # The spool swings in several ways at one excitation: free runs of the truth leave 60 %.
-        (10011, "spring_backlash"),
         # A law that held-out windows take for another.
         slow(12044, "mixed_friction"),
         # With backlash no free run helps, and one window, in which runs part, outweighs all others.
         slow(17176, "mixed_friction+spring_backlash"),
-        # A drift whose fit must start from hardly any of it.
-        slow(16134, "damping_drift+mixed_friction"),
     ],
 )
 def test_what_is_hidden_is_named_with_its_size(seed: int, hidden: str) -> None:
