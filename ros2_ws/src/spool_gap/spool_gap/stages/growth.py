@@ -18,7 +18,7 @@ from .candidates import (
     screen_by_regression,
     screen_residual,
 )
-from .similar_laws import start_from_best_law, start_from_contained, take_simplest_law
+from .similar_laws import start_from_best_law, start_from_contained, take_closest_law, take_simplest_law
 from .synchronise import synchronise
 
 #: Stages that look for one further effect.
@@ -32,6 +32,7 @@ FORWARD: tuple[Stage, ...] = (
     rank_candidates,
     note_candidates,
     choose_candidate,
+    take_closest_law,
     take_simplest_law,
     require_lasting_gain,
     require_more_than_noise,

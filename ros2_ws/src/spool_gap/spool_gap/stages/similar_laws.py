@@ -9,12 +9,14 @@ from spool_identification.least_squares.parallel import in_parallel
 from spool_gap.fitting.hypothesis import Hypothesis
 from spool_gap.registry import EFFECTS
 from spool_gap.selection.context import Context
-from spool_gap.selection.evidence import beats_simpler
+from spool_gap.selection.evidence import beats_simpler, evidence_of
 from spool_gap.selection.friction_laws import equivalent_starts, is_sliding
-from spool_gap.selection.sense import refusal
+from spool_gap.selection.sense import refusal, senseless
 from spool_gap.selection.state import SelectionState
 from spool_gap.thresholds import THRESHOLDS
 
+#: Starts that are followed.
+FOLLOWED = 3
 #: Rounds of a first fit, and the fall of the sum of squares that ends it.
 ROUNDS, ENOUGH = 3, 5e-3
 
@@ -64,6 +66,35 @@ def start_from_best_law(context: Context, state: SelectionState) -> SelectionSta
         return min(entry, again, key=lambda one: one.cost)
 
     return replace(state, fits=tuple(in_parallel(from_best, state.fits)))
+
+
+def take_closest_law(context: Context, state: SelectionState) -> SelectionState:
+    """Choice of the best of sliding laws close to each other, fitted to their last digits."""
+    fitting, winner = state.fitting, state.chosen
+    if winner is None or not is_sliding(winner.newest):
+        return state
+    name = winner.newest
+
+    def close(entry: Hypothesis) -> bool:
+        other = entry.newest
+        rival = is_sliding(other) and other not in EFFECTS[name].replaces
+        return rival and entry.cost < THRESHOLDS.equivalent_cost * winner.cost
+
+    def closer(entry: Hypothesis) -> Hypothesis:
+        starts = [
+            entry.point,
+            *equivalent_starts(context, fitting, winner, name, entry.newest, entry.own_values),
+        ]
+        effects = (*winner.effects[:-1], entry.newest)
+        found = fitting.fit(effects, starts, rounds=5, tries=FOLLOWED, trials=entry.trials)
+        return fitting.polished(found)
+
+    others = [entry.hypothesis for entry in state.candidates if not entry.reason][1:]
+    rivals = in_parallel(closer, filter(close, others))
+    # Down to the last digits a law may leave what makes sense, as a force at rest below that at speed.
+    known = [entry for entry in (winner, *rivals) if not senseless(entry, entry.newest)]
+    best = max(known or [winner], key=lambda entry: evidence_of(fitting, state.hypothesis, entry))
+    return replace(state, chosen=best)
 
 
 def take_simplest_law(context: Context, state: SelectionState) -> SelectionState:
