@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import pickle
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -93,6 +94,17 @@ def test_a_channel_that_clips_is_named_and_its_limit_read() -> None:
     result = analyse([record(spool={"full_scale": 16.0})], VALVE, MODELS["fluid"], settings=SETTINGS)
     assert result.verdict == "sensor_saturation"
     assert result.effects[0].parameters[0].value == pytest.approx(16.0, rel=1e-3)
+
+
+def test_the_spools_limit_is_named_where_the_body_clips_too() -> None:
+    whole = healthy()
+    limit = float(np.quantile(np.abs(np.concatenate([whole.body, whole.spool])), 0.995))
+    clipped = replace(
+        whole, body=np.clip(whole.body, -limit, limit), spool=np.clip(whole.spool, -limit, limit)
+    )
+    result = analyse([clipped], VALVE, MODELS["fluid"], settings=SETTINGS)
+    assert result.verdict.split("+")[0] == "sensor_saturation"
+    assert result.effects[0].parameters[0].value == pytest.approx(limit, rel=1e-3)
 
 
 def test_another_record_can_be_held_out() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,17 +20,13 @@ class Saturation:
     Attributes:
         kept: weight 0 or 1 of each sample of each record.
         repaired: records with the clipped tops restored, for the integration; those are never compared.
-        limit: m/s^2, NaN where nothing clips.
-        channel: ``body``, ``spool`` or nothing.
-        share: of the samples.
+        limits: m/s^2, of each channel that clips, by its name.
         warnings: one line each.
     """
 
     kept: list[Array]
     repaired: list[Record]
-    limit: float
-    channel: str
-    share: float
+    limits: Mapping[str, float]
     warnings: list[str]
 
 
@@ -38,16 +34,17 @@ def find_saturation(records: Sequence[Record]) -> Saturation:
     """Return which samples of ``records`` sit at a rail."""
     kept: list[Array] = [np.ones(record.body.size) for record in records]
     repaired = list(records)
-    limit, channel, share = np.nan, "", 0.0
+    limits: dict[str, float] = {}
     warnings = []
     for name in ("spool", "body"):
+        share = 0.0
         for number, record in enumerate(records):
             row = getattr(record, name)
             rail = at_rail(row)
             if rail is None:
                 continue
-            own = float(np.median(np.abs(row[rail])))
-            limit, channel, share = own, name, max(share, float(rail.mean()))
+            limits[name] = float(np.median(np.abs(row[rail])))
+            share = max(share, float(rail.mean()))
             wide = np.convolve(rail.astype(float), np.ones(3), mode="same") > 0.0
             kept[number] = kept[number] * (~wide)
             whole = restored(row, wide)
@@ -55,6 +52,8 @@ def find_saturation(records: Sequence[Record]) -> Saturation:
             repaired[number] = (
                 replace(own_record, spool=whole) if name == "spool" else replace(own_record, body=whole)
             )
-        if channel == name:
-            warnings.append(f"{name} clips at {limit:.4g} m/s^2 in {100.0 * share:.2g} % of the samples")
-    return Saturation(kept, repaired, limit, channel, share, warnings)
+        if name in limits:
+            warnings.append(
+                f"{name} clips at {limits[name]:.4g} m/s^2 in {100.0 * share:.2g} % of the samples"
+            )
+    return Saturation(kept, repaired, limits, warnings)

@@ -128,9 +128,9 @@ def _left(residue: FinalResidual) -> Remainder:
 
 def _limit_of(saturation: Saturation) -> dict[str, Quantity]:
     """Return the limit of the spool's channel as a number of the verdict, where that clips."""
-    if saturation.channel != "spool":
+    limit = saturation.limits.get("spool")
+    if limit is None:
         return {}
-    limit = saturation.limit
     found = Quantity("saturation_limit", "m/s^2", limit, 0.01 * limit, Validity.VALID)
     return {found.name: found}
 

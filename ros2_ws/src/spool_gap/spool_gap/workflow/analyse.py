@@ -66,11 +66,7 @@ def analyse(
     state = _with_stop(task, point) if has_stops else None
     state = state or _without_stop(task, point)
     tell("fitting all data", 0.85)
-    own = state.hypothesis
-    whole = (
-        final_fit(usable, model_of(base, own.effects, own.point), state) if not saturation.channel else None
-    )
-    numbers = whole or own.fitted
+    numbers = _numbers(usable, base, state, saturation)
     tell("measuring what is left", 0.95)
     outcome = judge_outcome(state, numbers, saturation, trusted=trusted)
     left = state.fitting.nrmse(state.hypothesis)
@@ -87,7 +83,7 @@ def _numbers(records: Sequence[Record], base: Model, state: SelectionState, satu
     """Return the numbers of what was selected: of a fit of all data where that ends in the same minimum."""
     own = state.hypothesis
     # Clipped samples are left out by a selection, which the fit of all data does not do.
-    if saturation.channel:
+    if saturation.limits:
         return own.fitted
     return final_fit(records, model_of(base, own.effects, own.point), state) or own.fitted
 
