@@ -99,6 +99,7 @@ class Effect(ABC):
             end in a wrong local minimum: runs are synchronised to the measured motion.
         searched: it is looked for along the measured motion; else where ``meaning`` or its file says.
         load_cell_zero: force records cannot tell it from the zero of their load cell.
+        nuisance: it is of the measuring chain: told, taken out of the record, and no part of a verdict.
         scanned: numbers in which the force is not linear that are taken from a list, not refined.
         may_vanish: numbers that may end at a bound without harm: parts of its force that vanish.
         picture: what its signature is drawn over: ``velocity``, ``displacement``, ``time`` or ``samples``.
@@ -120,6 +121,7 @@ class Effect(ABC):
     local_minima: ClassVar[bool] = False
     searched: ClassVar[bool] = True
     load_cell_zero: ClassVar[bool] = False
+    nuisance: ClassVar[bool] = False
     scanned: ClassVar[tuple[str, ...]] = ()
     may_vanish: ClassVar[tuple[str, ...]] = ()
     picture: ClassVar[str] = "velocity"

@@ -1,4 +1,4 @@
-"""Registry of the effects in the folder ``catalogue``."""
+"""Registry of the effects in the folder ``catalogue``, and of those of the measuring chain."""
 
 from __future__ import annotations
 
@@ -6,8 +6,24 @@ from spool_stream.discovery import classes_in
 from spool_stream.errors import InputError
 
 from .effect import Effect
+from .nuisances.chain_effect import ChainEffect
+from .nuisances.record_nuisance import RecordNuisance
 
-EFFECTS: dict[str, Effect] = {entry.id: entry() for entry in classes_in(f"{__package__}.catalogue", Effect)}
+#: Nuisances that compete with effects for what a model lacks.
+CHAIN: dict[str, ChainEffect] = {
+    entry.id: entry() for entry in classes_in(f"{__package__}.nuisances", ChainEffect)
+}
+#: Nuisances that a record shows without a model, in the order in which they are looked for.
+RECORD_NUISANCES: tuple[RecordNuisance, ...] = tuple(
+    sorted(
+        (entry() for entry in classes_in(f"{__package__}.nuisances", RecordNuisance)),
+        key=lambda entry: entry.order,
+    )
+)
+EFFECTS: dict[str, Effect] = {
+    **{entry.id: entry() for entry in classes_in(f"{__package__}.catalogue", Effect)},
+    **CHAIN,
+}
 
 #: Ids of the laws of dry friction: of these a machine has one.
 FRICTIONS = frozenset(name for name, entry in EFFECTS.items() if entry.is_friction)

@@ -142,6 +142,27 @@ class Remainder:
 
 
 @dataclass(frozen=True, slots=True)
+class Nuisance:
+    """Nuisance of the measuring chain that was found: no part of the valve, and never of the verdict.
+
+    Attributes:
+        id: of its kind.
+        channel: ``body``, ``spool`` or ``both``.
+        size: how large it is, in ``unit``, with its standard ``deviation`` (NaN where that is not known).
+        check: what to look at on the measuring chain.
+        corrected: it was taken out of the record before anything was fitted.
+    """
+
+    id: str
+    channel: str
+    size: float
+    unit: str
+    check: str
+    deviation: float = float("nan")
+    corrected: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class NamedEffect:
     """An effect that was found.
 
@@ -229,6 +250,7 @@ class GapResult:
         seconds: of data used; ``elapsed``: s of computing.
         predictable: predictable share of what is left, by what from, see :mod:`.screening.remainder`.
         remainder: what is left, ``None`` where that is noise.
+        nuisances: what the measuring chain did.
         trace: which stage of the selection changed the choice.
     """
 
@@ -260,4 +282,5 @@ class GapResult:
     advice: str = ""
     predictable: Mapping[str, float] = field(default_factory=dict)
     remainder: Remainder | None = None
+    nuisances: tuple[Nuisance, ...] = ()
     trace: tuple[Change, ...] = ()

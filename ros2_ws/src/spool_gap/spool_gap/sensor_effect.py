@@ -38,8 +38,14 @@ class SensorEffect(Effect):
         cls.amplitudes = cls.fitted if cls.searched else ()
 
     @abstractmethod
-    def reading(self, acceleration: Array, period: float, values: Mapping[str, float]) -> Array:
-        """Return what the channel reads, m/s^2, shape of ``acceleration`` (..., n), every ``period`` s."""
+    def reading(self, acceleration: Array, period: float, values: Mapping[str, float], time: Array) -> Array:
+        """Return what the channel reads, m/s^2, shape of ``acceleration`` (..., n).
+
+        Args:
+            acceleration: of the spool, a sample every ``period`` s.
+            values: its parameters.
+            time: of the samples, s from where laws count it, shape of ``acceleration`` or (n,).
+        """
 
     @property
     def law(self) -> str:
@@ -63,15 +69,14 @@ class SensorEffect(Effect):
         none = dict.fromkeys(self.fitted, 0.0)
         errors = np.array(
             [
-                (self.reading(motion.reading, motion.period, {**none, p.name: p.start}) - motion.reading)
-                / p.start
+                (self._read(motion, {**none, p.name: p.start}) - motion.reading) / p.start
                 for p in self.parameters
             ]
         )
-        band = ZeroPhase(motion.period, motion.low_cut)
-        once, twice = band.apply(errors, 1), band.apply(errors, 2)
-        seen = motion.mass * band.apply(errors) + motion.damping * once + motion.stiffness * twice
-        return np.asarray(-seen)
+        return in_balance(motion, errors)
+
+    def _read(self, motion: Motion, values: Mapping[str, float]) -> Array:
+        return self.reading(motion.reading, motion.period, values, motion.time)
 
     def values(
         self,
@@ -84,3 +89,11 @@ class SensorEffect(Effect):
             return None
         pairs = zip(self.parameters, coefficients.tolist(), strict=True)
         return {p.name: float(np.clip(value, p.low, p.high)) for p, value in pairs}
+
+
+def in_balance(motion: Motion, errors: Array) -> Array:
+    """Return the force that the balance seems to lack by ``errors`` (q, n) of the reading, m/s^2, in N."""
+    band = ZeroPhase(motion.period, motion.low_cut)
+    once, twice = band.apply(errors, 1), band.apply(errors, 2)
+    seen = motion.mass * band.apply(errors) + motion.damping * once + motion.stiffness * twice
+    return np.asarray(-seen)

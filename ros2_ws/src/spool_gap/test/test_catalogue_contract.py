@@ -222,7 +222,8 @@ def test_a_fit_recovers_what_distorts_the_channel(
 ) -> None:
     monkeypatch.setitem(EFFECTS, entry.id, entry)
     truth = {number.name: number.start for number in entry.numbers}
-    record = replace(linear, spool=entry.reading(linear.spool, linear.sample_period, truth))
+    time = linear.sample_period * np.arange(linear.spool.size)
+    record = replace(linear, spool=entry.reading(linear.spool, linear.sample_period, truth, time))
     found = screened(entry, record)
     assert found.gain > THRESHOLDS.screened
     simulation = Simulation(pieces_of(stretches(record), 9000), motions_for(FLUID))

@@ -85,7 +85,7 @@ def _draw_force(axis: Axes, entry: Effect, motion: Motion) -> None:
 def _draw_channel(axis: Axes, entry: SensorEffect, motion: Motion) -> None:
     part = slice(0, 600)
     typical = {number.name: number.start for number in entry.numbers}
-    reading = entry.reading(motion.acceleration, motion.period, typical)
+    reading = entry.reading(motion.acceleration, motion.period, typical, motion.time)
     axis.plot(motion.time[part], motion.acceleration[part], color=LAW, label="acceleration")
     axis.plot(motion.time[part], reading[part], color=LEFT, label="reading")
     axis.set_xlabel("time, s")

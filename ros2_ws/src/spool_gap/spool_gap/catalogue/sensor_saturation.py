@@ -23,6 +23,12 @@ class SensorSaturation(SensorEffect):
     confusable_with = ("end_stop",)
     distinguished_by = "a smaller excitation"
 
-    def reading(self, acceleration: Array, period: float, values: Mapping[str, float]) -> Array:  # noqa: ARG002
+    def reading(
+        self,
+        acceleration: Array,
+        period: float,  # noqa: ARG002
+        values: Mapping[str, float],
+        time: Array,  # noqa: ARG002
+    ) -> Array:
         """Return the clipped reading."""
         return np.clip(acceleration, -values["saturation_limit"], values["saturation_limit"])

@@ -22,6 +22,12 @@ class SpoolGainError(SensorEffect):
     confusable_with = ("spool_delay",)
     distinguished_by = "excitation well below the resonance"
 
-    def reading(self, acceleration: Array, period: float, values: Mapping[str, float]) -> Array:  # noqa: ARG002
+    def reading(
+        self,
+        acceleration: Array,
+        period: float,  # noqa: ARG002
+        values: Mapping[str, float],
+        time: Array,  # noqa: ARG002
+    ) -> Array:
         """Return the reading with its gain."""
         return acceleration * (1.0 + values["spool_gain_error"])

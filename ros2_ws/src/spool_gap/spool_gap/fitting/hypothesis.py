@@ -14,7 +14,7 @@ from spool_sim.terms import Parameter, term
 from spool_sim.valve.description import Valve
 
 from spool_gap.effect import Trial
-from spool_gap.registry import EFFECTS
+from spool_gap.registry import CHAIN, EFFECTS
 from spool_gap.result import GapSettings
 from spool_gap.simulation.point import DELAY, GAIN, Point
 from spool_gap.simulation.segments import Stretch
@@ -132,7 +132,8 @@ class Fitting:
                 found += EFFECTS[name].unknowns(point.values, seconds)
         for name, tolerance in ((GAIN, self.settings.gain_tolerance), (DELAY, self.settings.delay_tolerance)):
             # Steps are bounded by the scale: what is out of tolerance has a longer way to go.
-            bound, scale = (WIDE[name], tolerance) if name in effects else (tolerance, 0.2 * tolerance)
+            wide = name in effects or (name == GAIN and _frees_gain(effects))
+            bound, scale = (WIDE[name], tolerance) if wide else (tolerance, 0.2 * tolerance)
             found.append(Unknown(name, point.unit(name), -bound, bound, scale, absolute=True))
         return found
 
@@ -183,6 +184,10 @@ class Fitting:
     def weighed_by(self, hypothesis: Hypothesis) -> Fitting:
         """Return this weighing by what ``hypothesis`` leaves on the training windows."""
         return self.over(self.simulation.weighed_by(hypothesis.train))
+
+
+def _frees_gain(effects: Sequence[str]) -> bool:
+    return any(CHAIN[name].frees_gain for name in effects if name in CHAIN)
 
 
 def parameters_of(name: str) -> tuple[Parameter, ...]:

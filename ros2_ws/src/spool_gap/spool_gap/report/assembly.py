@@ -71,6 +71,7 @@ def assembled(
         advice=outcome.advice,
         predictable=outcome.rest.shares,
         remainder=outcome.remainder,
+        nuisances=outcome.nuisances,
         trace=state.trace,
     )
 

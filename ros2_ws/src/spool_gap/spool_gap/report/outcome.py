@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
+import numpy as np
 from scipy.special import expit
 from spool_stream.quantity import Quantity, Validity
 
 from spool_gap.checks.saturation import Saturation
 from spool_gap.fitting.descent import Fitted
 from spool_gap.fitting.hypothesis import Hypothesis
-from spool_gap.registry import EFFECTS
-from spool_gap.result import RankedHypothesis, Remainder
+from spool_gap.nuisances.hum import MAINS, STRAY, Hum
+from spool_gap.registry import CHAIN, EFFECTS
+from spool_gap.result import Nuisance, RankedHypothesis, Remainder
 from spool_gap.screening.remainder import PredictableShares
 from spool_gap.selection.state import SelectionState
 from spool_gap.simulation.jitter import Jitter, sampling_jitter
@@ -29,6 +31,16 @@ CLIPPED_MAY_LEAVE = 3.0
 #: Share of the gap's power that names must explain to stay where something else is left. One that explains
 #: less is a start value of what is missing rather than a part of it.
 EXPLAINS = 0.1
+#: Power of what is left over the white noise's from which noise is called coloured: the density of white
+#: noise is known to some 10 %, that of the residual to some 20 %.
+COLOURED = 2.0
+#: What to look at.
+CHECK_CLIPPING = "measuring range against the largest acceleration, amplifier setting"
+CHECK_JITTER = "the clock that takes the samples: a timer of its own in place of a program's loop"
+CHECK_COLOURED = (
+    "noise in the band of the motion that is louder than above it: cable and connector, 1/f noise of a MEMS "
+    "sensor, vibration across its axis, which one axis cannot tell from noise"
+)
 #: What a remainder may be that is predictable from each of these.
 LOOKS_LIKE = {
     "position": "a spring, a magnet or a stop that the catalogue does not describe",
@@ -56,6 +68,7 @@ class Outcome:
     rest: PredictableShares
     remainder: Remainder | None
     extra: Mapping[str, Quantity]
+    nuisances: tuple[Nuisance, ...]
     warnings: tuple[str, ...]
     advice: str
 
@@ -70,26 +83,24 @@ def judge_outcome(
     final = state.hypothesis
     residue = residue_of(state)
     extra = _limit_of(saturation)
-    names = (*final.effects, *(["sensor_saturation"] if extra else []))
+    hum = _hum(final)
+    named_ones = tuple(
+        name for name in final.effects if name not in CHAIN and not (hum and name == "periodic_force")
+    )
+    names = (*named_ones, *(["sensor_saturation"] if extra else []))
     candidates: tuple[str, ...] = ()
     clipped_alone = bool(extra) and not final.effects and residue.power < CLIPPED_MAY_LEAVE
     is_open = residue.unexplained and not clipped_alone
     if is_open and names and 1.0 - residue.share >= EXPLAINS:
         verdict, confidence = "+".join((*names, "unexplained")), _confidence(state, residue.power)
     elif is_open:
-        candidates = final.effects or tuple(row.id for row in state.ranking[:1])
+        candidates = named_ones or tuple(row.id for row in state.ranking[:1])
         verdict, confidence = "unexplained", _confidence_of_gap(residue)
     elif names:
         verdict, confidence = "+".join(names), _confidence(state, residue.power)
     else:
         verdict, confidence = "none", min(0.99, 1.0 / max(1.0, residue.power))
     jitter = _jitter(state, final)
-    alone = jitter if verdict == "none" else None
-    if alone is not None:
-        verdict, confidence = (
-            "unexplained",
-            min(0.99, 1.0 - 0.5 * THRESHOLDS.jitter_evidence / alone.evidence),
-        )
     # Strong friction, too, spoils the coherence; a model that explains the record settles that.
     if not trusted and (residue.unexplained or not names):
         verdict, confidence = "unexplained", min(confidence, 0.3)
@@ -97,7 +108,7 @@ def judge_outcome(
     if verdict == "none":
         text = missing_nothing(state, residue.floor.nrmse)
     elif verdict == "unexplained":
-        text = unnamed(state, residue, candidates, alone)
+        text = unnamed(state, residue, candidates)
     else:
         text = named(state, numbers, effects, extra, residue.floor.nrmse)
     left = _left(residue) if is_open else None
@@ -115,8 +126,47 @@ def judge_outcome(
         remainder=left,
         extra=extra,
         warnings=(jitter.sentence,) if jitter else (),
+        nuisances=tuple(_nuisances(state, numbers, saturation, jitter, residue, is_open=is_open)) + hum,
         advice=_advice(candidates or effects),
     )
+
+
+def _hum(final: Hypothesis) -> tuple[Nuisance, ...]:
+    """Return the mains hum that a periodic force of ``final`` is not distinguished from, if it has one."""
+    if "periodic_force" not in final.effects:
+        return ()
+    values = final.point.values
+    frequency = float(values["force_frequency"])
+    if not any(abs(frequency / mains - round(frequency / mains)) < STRAY for mains in MAINS):
+        return ()
+    turn = 2j * np.pi * frequency
+    stiffness = values["mass"] * turn**2 + values["viscous_coefficient"] * turn + values["spring_stiffness"]
+    size = abs(values["force_amplitude"] * turn**2 / stiffness)
+    return (Nuisance("hum", "spool", float(size), "m/s^2", Hum.check, corrected=False),)
+
+
+def _nuisances(
+    state: SelectionState,
+    numbers: Fitted,
+    saturation: Saturation,
+    jitter: Jitter | None,
+    residue: FinalResidual,
+    *,
+    is_open: bool,
+) -> Iterator[Nuisance]:
+    """Yield what the measuring chain did that is in the final model, or in what that leaves."""
+    for name in (name for name in state.hypothesis.effects if name in CHAIN):
+        yield CHAIN[name].found(numbers.point.values, numbers.deviations)
+    for channel, limit in sorted(saturation.limits.items()):
+        yield Nuisance("clipping", channel, limit, "m/s^2", CHECK_CLIPPING, 0.01 * limit)
+    if jitter is not None:
+        yield Nuisance("jitter", "spool", jitter.deviation, "s", CHECK_JITTER)
+    # What jumps and hits leave is louder than noise, too.
+    if not is_open and residue.power > COLOURED and not state.hypothesis.has_kinks:
+        after = state.fitting.nrmse(state.hypothesis)
+        measured = state.fitting.simulation.measured(state.fitting.simulation.held_out)
+        rms = float(np.sqrt(np.mean(np.concatenate([row.ravel() for row in measured]) ** 2)))
+        yield Nuisance("coloured_noise", "spool", after * rms, "m/s^2", CHECK_COLOURED)
 
 
 def _left(residue: FinalResidual) -> Remainder:

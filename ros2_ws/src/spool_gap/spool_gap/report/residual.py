@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from spool_gap.screening.level_dependence import LevelDependence, level_dependence
 from spool_gap.screening.remainder import PredictableShares, remainder
 from spool_gap.selection.state import SelectionState
 from spool_gap.selection.windows import median_excess, median_share
@@ -32,6 +33,7 @@ class FinalResidual:
         remainder: its predictable shares.
         share: of the gap's power, noise taken off.
         unexplained: whether it is more than a complete model leaves.
+        level: whether it comes and goes with the motion.
     """
 
     floor: Floor
@@ -39,6 +41,7 @@ class FinalResidual:
     remainder: PredictableShares
     share: float
     unexplained: bool
+    level: LevelDependence
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,12 +73,14 @@ def residue_of(state: SelectionState) -> FinalResidual:
     runs = _judging(state, floor)
     rest = remainder(runs.simulation.weighed_by(runs.train), final.point, runs.train, runs.held)
     power = excess(runs.simulation, runs.held, runs.floor)
-    unexplained = _is_open(state, runs, power, rest) and not _runs_free(state, floor)
-    unexplained = unexplained or _hardly_closed(state, floor.nrmse)
+    everything = [*runs.simulation.training, *runs.simulation.held_out]
+    level = level_dependence(runs.simulation, [*runs.train, *runs.held], everything)
+    unexplained = _is_open(state, runs, power, rest, level) and not _runs_free(state, floor)
+    unexplained = unexplained or (level.depends and _hardly_closed(state, floor.nrmse))
     # By free runs, whatever synchronised ones follow: what those leave is what the names explain.
     fitting = state.fitting
     share = _share(fitting.nrmse(state.steps[0]), fitting.nrmse(final), floor.nrmse) ** 2
-    return FinalResidual(floor, power, rest, share, unexplained)
+    return FinalResidual(floor, power, rest, share, unexplained, level)
 
 
 def _judging(state: SelectionState, floor: Floor) -> _Runs:
@@ -94,7 +99,9 @@ def _judging(state: SelectionState, floor: Floor) -> _Runs:
     )
 
 
-def _is_open(state: SelectionState, runs: _Runs, power: float, rest: PredictableShares) -> bool:
+def _is_open(
+    state: SelectionState, runs: _Runs, power: float, rest: PredictableShares, level: LevelDependence
+) -> bool:
     """Whether the runs that judge leave more than a complete model may."""
     final = state.hypothesis
     before, after, noise = runs.nrmse(runs.before), runs.nrmse(runs.held), runs.floor.nrmse
@@ -109,7 +116,8 @@ def _is_open(state: SelectionState, runs: _Runs, power: float, rest: Predictable
     most = most if final.has_kinks else THRESHOLDS.may_stay_smooth
     stays = min(_share(before, after, noise), median_share(runs.before, runs.held, runs.floor.errors))
     large = power > THRESHOLDS.residual_power and after > THRESHOLDS.closed * noise
-    return large and (stays > most or not final.effects)
+    # However loud, what neither follows from the motion nor comes and goes with it is noise.
+    return large and level.depends and (stays > most or not final.effects)
 
 
 def _runs_free(state: SelectionState, floor: Floor) -> bool:

@@ -12,7 +12,6 @@ from spool_gap.fitting.descent import Fitted
 from spool_gap.registry import EFFECTS
 from spool_gap.result import Remainder
 from spool_gap.selection.state import SelectionState
-from spool_gap.simulation.jitter import Jitter
 from spool_gap.thresholds import THRESHOLDS
 
 from .residual import FinalResidual
@@ -27,17 +26,10 @@ def missing_nothing(state: SelectionState, noise_floor: float) -> str:
     )
 
 
-def unnamed(
-    state: SelectionState, residue: FinalResidual, candidates: tuple[str, ...], jitter: Jitter | None
-) -> str:
-    """Return the sentence where what is missing has no name, or the samples' jitter is all there is."""
+def unnamed(state: SelectionState, residue: FinalResidual, candidates: tuple[str, ...]) -> str:
+    """Return the sentence where what is missing has no name."""
     before, after = _errors(state)
     base, rest = state.fitting.base.name, residue.remainder
-    if jitter is not None and not candidates:
-        return (
-            f"No force is missing, but {jitter.sentence}. '{base}' leaves {percent(after)} of the "
-            "spool's acceleration."
-        )
     near = f"; nearest come {', '.join(candidates)}" if candidates else ""
     if rest.share > THRESHOLDS.predictable:
         near += f". What is left follows {rest.follows}: {100.0 * rest.share:.0f} % of it is predictable"

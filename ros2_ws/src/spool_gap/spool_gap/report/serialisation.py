@@ -7,7 +7,7 @@ from typing import Any
 
 from spool_stream.quantity import Quantity
 
-from spool_gap.result import GapResult, HeldOutAgreement, RankedHypothesis, Remainder, Share, Where
+from spool_gap.result import GapResult, HeldOutAgreement, Nuisance, RankedHypothesis, Remainder, Share, Where
 
 
 def result_to_dict(result: GapResult) -> dict[str, Any]:
@@ -32,6 +32,7 @@ def result_to_dict(result: GapResult) -> dict[str, Any]:
         ],
         "verdict": result.verdict,
         "remainder": _remainder(result.remainder),
+        "nuisances": [_nuisance(entry) for entry in result.nuisances],
         "confidence": number(result.confidence),
         "sentence": result.sentence,
         "candidates": list(result.candidates),
@@ -65,6 +66,18 @@ def _remainder(left: Remainder | None) -> dict[str, Any] | None:
         "over_noise_floor": number(left.over_noise_floor),
         "function_of": left.function_of,
         "looks_like": left.looks_like,
+    }
+
+
+def _nuisance(entry: Nuisance) -> dict[str, Any]:
+    return {
+        "id": entry.id,
+        "channel": entry.channel,
+        "size": number(entry.size),
+        "std": number(entry.deviation),
+        "unit": entry.unit,
+        "corrected": entry.corrected,
+        "check": entry.check,
     }
 
 

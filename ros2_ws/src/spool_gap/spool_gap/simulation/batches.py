@@ -158,7 +158,8 @@ def _together(
     if excitations[places[0]].pull is not None:
         acceleration = acceleration + np.array([excitations[place].pull for place in rows])[stands_on, ahead]
     if distorted:
-        acceleration, means = (_read(rows_, points, period) for rows_ in (acceleration, means))
+        begins = np.array([(s.record.first_sample + w.first + first) * period for (s, w), _ in pairs])
+        acceleration, means = (_read(rows_, points, period, begins) for rows_ in (acceleration, means))
     whole = (
         acceleration[:, counted] * gains,
         means[:, counted] * gains,
@@ -169,13 +170,17 @@ def _together(
     return [Run(*(array[part] for array in whole)) for part in parts]
 
 
-def _read(accelerations: Array, points: Sequence[Point], period: float) -> Array:
-    """Return what the spool's channel reads by the sensor effects of ``points``, whose rows take turns."""
+def _read(accelerations: Array, points: Sequence[Point], period: float, begins: Array) -> Array:
+    """Return what the spool's channel reads by the sensor effects of ``points``, whose rows take turns.
+
+    ``begins`` are the times of the rows' first samples, s, shape (rows,).
+    """
     read = accelerations.copy()
+    time = begins[:, np.newaxis] + period * np.arange(read.shape[1])
     for number, point in enumerate(points):
         own = slice(number, None, len(points))
         for sensor in point.sensors:
-            read[own] = sensor.reading(read[own], period, point.values)
+            read[own] = sensor.reading(read[own], period, point.values, time[own])
     return read
 
 

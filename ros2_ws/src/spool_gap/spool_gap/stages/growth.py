@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from spool_gap.registry import EFFECTS
 from spool_gap.selection.completeness import is_complete
 from spool_gap.selection.context import Context
 from spool_gap.selection.state import SelectionState, Stage, run_stages
@@ -52,6 +53,9 @@ def grow(context: Context, state: SelectionState) -> SelectionState:
             break
         state = run_stages(BACKWARD, context, replace(state, chosen=None))
         step = state.hypothesis
+        if step.effects and EFFECTS[step.newest].nuisance:
+            # What it did to the motion misleads every further step: the record is corrected first.
+            return replace(state, steps=(*state.steps, step))
         if step.effects in [entry.effects for entry in state.steps]:
             break
         state = replace(state, steps=(*state.steps, step))

@@ -25,6 +25,7 @@ from spool_gap.stages.stops import select_with_stop
 from spool_gap.thresholds import THRESHOLDS
 
 from .final_fit import final_fit
+from .measuring_chain import MOST_CORRECTIONS, Chain, cleaned, nuisances_of
 from .preparation import Task, first_look, motions_for, prepared
 
 #: Samples that are looked at before windows are chosen.
@@ -60,13 +61,25 @@ def analyse(
     held = _parts(conditions.usable(holdout)[0]) if holdout else []
     saturation = find_saturation([*usable, *held])
     warnings += saturation.warnings
-    tell("preparing", 0.05)
-    task = Task(usable, held, saturation, base, valve, settings or GapSettings(), motions_for(base), tell)
-    point, has_stops = first_look(task)
-    state = _with_stop(task, point) if has_stops else None
-    state = state or _without_stop(task, point)
+    # A filter's inverse spreads a clipped top over its neighbours: what clips is analysed as it is.
+    chain = Chain(tuple(usable), tuple(held), (), MOST_CORRECTIONS)
+    if not saturation.limits:
+        tell("looking at the measuring chain", 0.02)
+        chain = cleaned(usable, held, valve)
+        saturation = find_saturation([*chain.records, *chain.holdout])
+    while True:
+        tell("preparing", 0.05)
+        task = Task(
+            chain.records, chain.holdout, saturation, base, valve, settings or GapSettings(),
+            motions_for(base), tell, chain_open=chain.open,
+        )  # fmt: skip
+        state = _selected(task)
+        if not (chain.open and nuisances_of(state.hypothesis)):
+            break
+        chain = chain.corrected(state.hypothesis)
+        saturation = find_saturation([*chain.records, *chain.holdout])
     tell("fitting all data", 0.85)
-    numbers = _numbers(usable, base, state, saturation)
+    numbers = _numbers(chain.records, base, state, saturation)
     tell("measuring what is left", 0.95)
     outcome = judge_outcome(state, numbers, saturation, trusted=trusted)
     left = state.fitting.nrmse(state.hypothesis)
@@ -76,7 +89,15 @@ def analyse(
             "channels, order and sign of the columns, valve file?"
         )
     outcome = replace(outcome, warnings=(*warnings, *outcome.warnings))
-    return assembled(records, base, state, numbers, outcome, time.monotonic() - begun)
+    result = assembled(records, base, state, numbers, outcome, time.monotonic() - begun)
+    return replace(result, nuisances=(*chain.found, *result.nuisances))
+
+
+def _selected(task: Task) -> SelectionState:
+    """Return what was selected, as far as the first nuisance of the measuring chain where there is one."""
+    point, has_stops = first_look(task)
+    state = _with_stop(task, point) if has_stops else None
+    return state or _without_stop(task, point)
 
 
 def _numbers(records: Sequence[Record], base: Model, state: SelectionState, saturation: Saturation) -> Fitted:
@@ -117,4 +138,5 @@ def _with_stop(task: Task, point: Point) -> SelectionState | None:
 
 def _without_stop(task: Task, point: Point) -> SelectionState:
     context, state = prepared(task, point, point.get("viscous_coefficient"), task.settings.longest)
-    return judge(context, select(context, state))
+    state = select(context, state)
+    return state if task.chain_open and nuisances_of(state.hypothesis) else judge(context, state)

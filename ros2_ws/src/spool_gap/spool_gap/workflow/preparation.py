@@ -36,6 +36,7 @@ class Task:
         base, valve, settings: as given.
         motions: kernels for the base with any effect.
         progress: takes what is done and the share of the work.
+        chain_open: nuisances of the measuring chain are tried next to effects.
     """
 
     records: Sequence[Record]
@@ -46,6 +47,7 @@ class Task:
     settings: GapSettings
     motions: Sequence[SwitchableMotion]
     progress: Progress
+    chain_open: bool = True
 
     @property
     def start(self) -> Point:
@@ -102,17 +104,19 @@ def prepared(task: Task, start: Point, damping: float, longest: int) -> tuple[Co
     context = Context(start, whole, thinned(whole, 3 * longest), task.progress, task.settings.left_out)
     fitting = Fitting(simulation, task.base, task.valve, task.settings)
     return context, SelectionState(
-        fitting, Simulation(thinned(whole, longest), task.motions), tried_effects(task.base)
+        fitting,
+        Simulation(thinned(whole, longest), task.motions),
+        tried_effects(task.base, chain=task.chain_open),
     )
 
 
-def tried_effects(base: Model) -> tuple[Effect, ...]:
-    """Return the effects that may be missing in ``base``, by two accelerometers."""
+def tried_effects(base: Model, *, chain: bool = False) -> tuple[Effect, ...]:
+    """Return the effects that may be missing in ``base``, by two accelerometers; with ``chain`` nuisances."""
     base_terms = {entry.name for entry in base.terms}
     return tuple(
         entry
         for entry in EFFECTS.values()
         # Friction that differs by direction shows only at the start from rest.
-        if "accelerations" in entry.kinds and entry.searched
+        if "accelerations" in entry.kinds and entry.searched and (chain or not entry.nuisance)
         if not base_terms & set(entry.terms)
     )

@@ -1,0 +1,1 @@
+"""Nuisances of the measuring chain: found, corrected and told, never taken for mechanics."""
