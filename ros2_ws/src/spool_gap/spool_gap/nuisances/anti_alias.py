@@ -25,7 +25,7 @@ class AntiAlias(ChainEffect):
 
     id = "anti_alias"
     parameters = (
-        Parameter("filter_time", "s", -5e-3, 5e-3, 1e-3, "1 over the corner frequency; of the body's if < 0"),
+        Parameter("filter_time", "s", -8e-3, 8e-3, 1e-3, "1 over the corner frequency; of the body's if < 0"),
     )
     size = "filter_time"
     equation = "reading = low-pass of second order"

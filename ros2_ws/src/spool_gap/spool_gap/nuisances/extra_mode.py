@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 from scipy import fft
+from spool_identification.least_squares.unknown import Unknown
 from spool_identification.record import Record
 from spool_identification.signals.zero_phase import ZeroPhase
 from spool_sim.terms import Parameter
@@ -15,9 +16,13 @@ from spool_gap.effect import Array, Motion, Trial
 
 from .chain_effect import ChainEffect, Spectrum, filtered, lines_of
 
-#: Frequencies that are tried in each octave, and the damping ratio that they are tried with: a mode of that
-#: damping is 5 % wide.
-IN_OCTAVE, TRIED_DAMPING = 6, 0.05
+#: Frequencies that are tried in each octave, and the damping ratio that they are tried with: steps of 6 %, at
+#: which a mode of that damping has half of its power.
+IN_OCTAVE, TRIED_DAMPING = 12, 0.05
+#: Step of the frequency, as a share of itself: that between those which are tried.
+STEP = 0.06
+#: Share of the reading's power that its band holds, and how far beyond that modes are tried.
+IN_BAND, BEYOND = 0.99, 2.0
 
 
 class ExtraMode(ChainEffect):
@@ -46,19 +51,29 @@ class ExtraMode(ChainEffect):
         frequency = lines_of(acceleration.shape[-1], period)
         return filtered(acceleration, _response(frequency, values))
 
+    def unknowns(self, values: Mapping[str, float], seconds: float) -> list[Unknown]:
+        """Return its numbers; frequency and damping move by shares of themselves."""
+        share, *others = super().unknowns(values, seconds)
+        sizes = (STEP * values.get("mode_frequency", 100.0), TRIED_DAMPING)
+        scaled = [replace(own, scale=size) for own, size in zip(others, sizes, strict=True)]
+        return [share, *scaled]
+
     def trials(self, motion: Motion) -> Iterator[Trial]:
         """Yield the force of a mode of each frequency that may be in the record."""
         if not motion.reading.size:
             return
-        low, high = 4.0 * motion.low_cut, 0.4 / motion.period
-        count = max(2, round(IN_OCTAVE * np.log2(high / low)))
         size = motion.reading.size
         length = fft.next_fast_len(size, real=True)
         frequency = np.asarray(fft.rfftfreq(length, motion.period))
         turn = 2j * np.pi * np.maximum(frequency, frequency[1])
         balance = motion.mass + motion.damping / turn + motion.stiffness / turn**2
         passed = fft.rfft(motion.reading, length) * ZeroPhase(motion.period, motion.low_cut).gain(frequency)
+        power = np.cumsum(np.abs(passed) ** 2)
         passed *= -balance
+        # Of a mode above the band its tail alone is seen, which is that of any mode still further up.
+        reach = float(frequency[np.searchsorted(power, IN_BAND * power[-1])])
+        low, high = 4.0 * motion.low_cut, min(0.4 / motion.period, BEYOND * reach)
+        count = max(2, round(IN_OCTAVE * np.log2(high / low)))
         for place in np.geomspace(low, high, count).tolist():
             mode = _response(
                 frequency, {"mode_share": 1.0, "mode_frequency": place, "mode_damping": TRIED_DAMPING}

@@ -88,9 +88,9 @@ def _hum(record: Record, valve: Valve) -> list[tuple[str, _Line]]:
     for mains in MAINS:
         known = 0.0
         for harmonic in range(1, HARMONICS + 1):
-            # Harmonics stand at multiples of the frequency that the first line has.
+            # Harmonics stand at multiples of the frequency that the first line has, and share its error.
             centre = (known or mains) * harmonic
-            stray = (0.0 if known else STRAY * mains) + 0.6 / record.duration
+            stray = (0.0 if known else STRAY * mains) + (0.6 + 0.3 * harmonic) / record.duration
             if centre + AROUND > 0.45 * record.sample_rate or record.duration < 16.0 * PIECE:
                 break
             lines = _lines(record, valve, centre, stray)

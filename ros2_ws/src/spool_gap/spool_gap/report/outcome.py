@@ -90,7 +90,10 @@ def judge_outcome(
     names = (*named_ones, *(["sensor_saturation"] if extra else []))
     candidates: tuple[str, ...] = ()
     clipped_alone = bool(extra) and not final.effects and residue.power < CLIPPED_MAY_LEAVE
-    is_open = residue.unexplained and not clipped_alone
+    jitter = _jitter(state, final)
+    # Jitter comes and goes with the motion without being a part of it.
+    jitters = jitter is not None and not residue.predictable
+    is_open = residue.unexplained and not clipped_alone and not jitters
     if is_open and names and 1.0 - residue.share >= EXPLAINS:
         verdict, confidence = "+".join((*names, "unexplained")), _confidence(state, residue.power)
     elif is_open:
@@ -100,7 +103,6 @@ def judge_outcome(
         verdict, confidence = "+".join(names), _confidence(state, residue.power)
     else:
         verdict, confidence = "none", min(0.99, 1.0 / max(1.0, residue.power))
-    jitter = _jitter(state, final)
     # Strong friction, too, spoils the coherence; a model that explains the record settles that.
     if not trusted and (residue.unexplained or not names):
         verdict, confidence = "unexplained", min(confidence, 0.3)
@@ -137,7 +139,7 @@ def _hum(final: Hypothesis) -> tuple[Nuisance, ...]:
         return ()
     values = final.point.values
     frequency = float(values["force_frequency"])
-    if not any(abs(frequency / mains - round(frequency / mains)) < STRAY for mains in MAINS):
+    if not any(abs(frequency / (mains * max(1, round(frequency / mains))) - 1.0) < STRAY for mains in MAINS):
         return ()
     turn = 2j * np.pi * frequency
     stiffness = values["mass"] * turn**2 + values["viscous_coefficient"] * turn + values["spring_stiffness"]

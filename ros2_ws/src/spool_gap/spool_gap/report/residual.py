@@ -34,6 +34,7 @@ class FinalResidual:
         share: of the gap's power, noise taken off.
         unexplained: whether it is more than a complete model leaves.
         level: whether it comes and goes with the motion.
+        predictable: whether it follows from the motion.
     """
 
     floor: Floor
@@ -42,6 +43,7 @@ class FinalResidual:
     share: float
     unexplained: bool
     level: LevelDependence
+    predictable: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,11 +78,13 @@ def residue_of(state: SelectionState) -> FinalResidual:
     everything = [*runs.simulation.training, *runs.simulation.held_out]
     level = level_dependence(runs.simulation, [*runs.train, *runs.held], everything)
     unexplained = _is_open(state, runs, power, rest, level) and not _runs_free(state, floor)
-    unexplained = unexplained or (level.depends and _hardly_closed(state, floor.nrmse))
+    unexplained = unexplained or (level.share > 0.0 and _hardly_closed(state, floor.nrmse))
     # By free runs, whatever synchronised ones follow: what those leave is what the names explain.
     fitting = state.fitting
     share = _share(fitting.nrmse(state.steps[0]), fitting.nrmse(final), floor.nrmse) ** 2
-    return FinalResidual(floor, power, rest, share, unexplained, level)
+    after = runs.nrmse(runs.held)
+    predictable = rest.counts(after, runs.nrmse(runs.before), kinks=final.has_kinks)
+    return FinalResidual(floor, power, rest, share, unexplained, level, predictable)
 
 
 def _judging(state: SelectionState, floor: Floor) -> _Runs:
@@ -104,20 +108,21 @@ def _is_open(
 ) -> bool:
     """Whether the runs that judge leave more than a complete model may."""
     final = state.hypothesis
-    before, after, noise = runs.nrmse(runs.before), runs.nrmse(runs.held), runs.floor.nrmse
+    before, after = runs.nrmse(runs.before), runs.nrmse(runs.held)
+    # What does not come and go with the motion is noise, whatever its colour.
+    noise = max(runs.floor.nrmse, after * math.sqrt(1.0 - level.share))
     # Synchronised runs follow through hits, too.
     chaotic = SENSITIVE in final.effects and not state.synchronised
     # Where nothing was added there is no gap to measure the remainder by, only the noise floor.
     least = THRESHOLDS.above_noise_floor if final.effects else THRESHOLDS.closed
     follows = rest.counts(after, before, kinks=final.has_kinks) and not chaotic
-    if follows and after > least * noise:
+    if follows and after > least * runs.floor.nrmse:
         return True
     most = THRESHOLDS.may_stay_with_stop if chaotic else THRESHOLDS.may_stay
     most = most if final.has_kinks else THRESHOLDS.may_stay_smooth
     stays = min(_share(before, after, noise), median_share(runs.before, runs.held, runs.floor.errors))
     large = power > THRESHOLDS.residual_power and after > THRESHOLDS.closed * noise
-    # However loud, what neither follows from the motion nor comes and goes with it is noise.
-    return large and level.depends and (stays > most or not final.effects)
+    return large and (stays > most or not final.effects)
 
 
 def _runs_free(state: SelectionState, floor: Floor) -> bool:

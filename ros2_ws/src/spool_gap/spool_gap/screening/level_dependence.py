@@ -33,13 +33,12 @@ class LevelDependence:
     """Dependence of the residual's level on the motion's.
 
     Attributes:
-        correlation: of ranks (Spearman), NaN where too little is known.
-        depends: it is larger than by chance.
+        share: of the residual's power that comes and goes with the motion: what its calm third lacks to the
+            mean; 0 where that may be chance, or where the level does not vary enough to tell.
         known: the motion's level varies enough to tell.
     """
 
-    correlation: float
-    depends: bool
+    share: float
     known: bool
 
 
@@ -57,7 +56,9 @@ def level_dependence(
             level.append(float(np.mean(driven**2)))
     calm, lively = np.sqrt(np.quantile(level, [0.1, 0.9]))
     if len(left) < FEWEST or lively < LIVELY * calm:
-        return LevelDependence(float("nan"), depends=False, known=False)
-    found = stats.spearmanr(level, left, alternative="greater")
-    correlation, chance = float(found.statistic), float(found.pvalue)
-    return LevelDependence(correlation, chance < BY_CHANCE, known=True)
+        return LevelDependence(0.0, known=False)
+    if float(stats.spearmanr(level, left, alternative="greater").pvalue) > BY_CHANCE:
+        return LevelDependence(0.0, known=True)
+    calmest = np.argsort(level)[: len(level) // 3]
+    share = 1.0 - float(np.mean(np.array(left)[calmest])) / float(np.mean(left))
+    return LevelDependence(min(1.0, max(0.0, share)), known=True)

@@ -86,7 +86,7 @@ class Balance:
         slices = [slice(w.start, w.start + length) for w in windows]
         taper = signal.windows.tukey(length, 0.2)
         frequency = fft.rfftfreq(length, period)
-        low = 2.0 * stretch.low_cut
+        low = max(2.0 * stretch.low_cut, stretch.noise.noisy_below)
         high = min(0.45 / period, max(HARMONICS * stretch.noise.high, AT_LEAST))
         band = slice(int(np.searchsorted(frequency, low)), int(np.searchsorted(frequency, high)))
         angular = 2j * np.pi * frequency[band]

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
+from spool_identification.signals.denoised_excitation import DRIVE_ONLY, quiet
 
 from spool_gap.simulation.point import Point
 from spool_gap.simulation.response import responses
@@ -22,6 +23,9 @@ from spool_gap.thresholds import THRESHOLDS
 
 Array = NDArray[np.float64]
 
+#: Power of the reading over the residual's from which it is motion: below, both hold the same noise, which
+#: the one would predict the other by. Errors of a channel are a seventh of its amplitude at most.
+LOUD = 50.0
 #: Relative eigenvalue of the columns' products below which a combination of columns is not fitted.
 ALIKE = 1e-6
 
@@ -94,7 +98,9 @@ def remainder(
     shares = {}
     for name, functions in FUNCTIONS.items():
         forces = [functions(motion) for motion in motions]
-        rows = responses(simulation, point, forces.__getitem__, SLOPES.get(name, ()))
+        slopes = SLOPES.get(name, ())
+        readings = _LoudReadings(simulation) if slopes else None
+        rows = responses(simulation, point, forces.__getitem__, slopes, readings=readings)
         fitted = simulation.weigh([rows[place] for place in training], training) * fits
         other = simulation.weigh([rows[place] for place in held_out], held_out) * judges
         size = np.linalg.norm(fitted, axis=1)
@@ -106,6 +112,21 @@ def remainder(
         left = wanted - weights @ other
         shares[name] = 1.0 - float(left @ left) / float(wanted @ wanted)
     return PredictableShares(shares, wanted.size)
+
+
+@dataclass(frozen=True, slots=True)
+class _LoudReadings:
+    """What of the spool's reading of a stretch is much louder than what is left, m/s^2."""
+
+    simulation: Simulation
+
+    def __call__(self, number: int) -> Array:
+        record = self.simulation.stretches[number].record
+
+        def density(frequency: Array) -> Array:
+            return LOUD / DRIVE_ONLY * self.simulation.residual_density(number, frequency)
+
+        return quiet(record.spool, density, record.sample_rate).apply(record.spool)
 
 
 def _motion(stretch: Stretch) -> _ScaledMotion:

@@ -22,6 +22,7 @@ def responses(
     forces: Callable[[int], Array],
     slopes: Sequence[int] = (),
     chosen: Sequence[int] | None = None,
+    readings: Callable[[int], Array] | None = None,
 ) -> list[Array]:
     """Return what each of several causes adds to the error of each window, m/s^2, shape (c, n) each.
 
@@ -32,6 +33,8 @@ def responses(
         slopes: orders of derivatives of the spool's reading, as columns after the forces: what an error of
             its sensor adds; scaled to the upper end of the excitation's band.
         chosen: numbers of the windows, all by default.
+        readings: of the spool for the stretch of a number, m/s^2, shape (n,), that ``slopes`` are taken of;
+            by default what of them stands out of white noise.
     """
     wanted = range(len(simulation.places)) if chosen is None else chosen
     found: dict[int, Array] = {}
@@ -39,8 +42,13 @@ def responses(
         places = [place for place in wanted if simulation.places[place][0] is stretch]
         if not places:
             continue
+        reading = stretch.quiet.apply(stretch.record.spool) if readings is None else readings(number)
         rows = _through(
-            stretch, point.damped(simulation.damper), forces(number), slopes, means=simulation.jumps is None
+            stretch,
+            point.damped(simulation.damper),
+            forces(number),
+            (reading, slopes),
+            means=simulation.jumps is None,
         )
         for place in places:
             window = simulation.places[place][1]
@@ -52,7 +60,10 @@ def responses(
     return [found[place] for place in wanted]
 
 
-def _through(stretch: Stretch, point: Point, forces: Array, slopes: Sequence[int], *, means: bool) -> Array:
+def _through(
+    stretch: Stretch, point: Point, forces: Array, sensed_by: tuple[Array, Sequence[int]], *, means: bool
+) -> Array:
+    reading, slopes = sensed_by
     period = stretch.record.sample_period
     count = stretch.record.body.size
     reach = min(count - 1, round(1.0 / (stretch.low_cut * period)))
@@ -68,7 +79,6 @@ def _through(stretch: Stretch, point: Point, forces: Array, slopes: Sequence[int
     for row in forces:
         rows.append(_filtered(row, passed, reach, length))
     if slopes:
-        reading = stretch.quiet.apply(stretch.record.spool)
         slope = turn / (2.0 * np.pi * stretch.noise.high)
         sensed = ends * band.gain(frequency)
         rows += [_filtered(reading, sensed * slope**order, reach, length) for order in slopes]

@@ -270,7 +270,8 @@ class Simulation:
     def band(stretch: Stretch, frequency: Array) -> slice:
         """Return the lines that are compared."""
         high = min(0.45 * stretch.noise.rate, max(HARMONICS * stretch.noise.high, AT_LEAST))
-        return slice(int(np.searchsorted(frequency, stretch.low_cut)), int(np.searchsorted(frequency, high)))
+        low = max(stretch.low_cut, stretch.noise.noisy_below)
+        return slice(int(np.searchsorted(frequency, low)), int(np.searchsorted(frequency, high)))
 
     def spectra(
         self, errors: Sequence[Array], chosen: Sequence[int], *, median: bool = False
@@ -314,6 +315,10 @@ class Simulation:
             found._lines.append(frequency)
             found.density.append(np.maximum(density, least))
         return found
+
+    def residual_density(self, number: int, frequency: Array) -> Array:
+        """Return the density that errors of the stretch of that number are weighed by, (m/s^2)^2/Hz."""
+        return np.asarray(np.interp(frequency, self._lines[number], self.density[number]))
 
     @property
     def training(self) -> list[int]:

@@ -6,6 +6,7 @@ Short overlapping pieces of the record keep those frequencies that stand out of 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,12 +50,12 @@ class Quiet:
         return np.asarray(total[inside] / weight[inside])
 
 
-def quiet(samples: Array, density: float, rate: float) -> Quiet:
-    """Return what keeps the excitation in ``samples`` (n,) and takes white noise of ``density`` off.
+def quiet(samples: Array, density: float | Callable[[Array], Array], rate: float) -> Quiet:
+    """Return what keeps the excitation in ``samples`` (n,) and takes noise of ``density`` off.
 
     Args:
         samples: as read, shape (n,).
-        density: one-sided power density of the noise, unit^2/Hz.
+        density: one-sided power density of the noise, unit^2/Hz, at all frequencies (Hz), or by frequency.
         rate: samples per second.
     """
     length = max(OVERLAP * 4, OVERLAP * round(PIECE * rate / OVERLAP))
@@ -62,7 +63,8 @@ def quiet(samples: Array, density: float, rate: float) -> Quiet:
     hop = length // OVERLAP
     padded = _padded(samples, length)
     window = _window(length)
-    expected = density * 0.5 * rate * float(np.sum(window**2))
+    level = density(np.fft.rfftfreq(length, 1.0 / rate)) if callable(density) else density
+    expected = level * 0.5 * rate * float(np.sum(window**2))
     count = (padded.size - length) // hop + 1
     gains = np.empty((count, length // 2 + 1))
     for number in range(count):
