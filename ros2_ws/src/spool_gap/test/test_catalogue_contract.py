@@ -38,7 +38,9 @@ CONTRACT = {
 FORCES = sorted(name for name, entry in EFFECTS.items() if entry.terms)
 #: What two accelerometers show along the motion; the others are found from the start, checks or the base.
 SEARCHED = sorted(
-    name for name, entry in EFFECTS.items() if "accelerations" in entry.kinds and entry.searched
+    name
+    for name, entry in EFFECTS.items()
+    if "accelerations" in entry.kinds and entry.searched and not entry.nuisance
 )
 PERIOD = 1e-4
 VALVE = find_valve("4weh10_soft")
@@ -53,7 +55,7 @@ class Nonlinear(SensorEffect):
     parameters = (Parameter("nonlinearity", "s^2/m", -0.02, 0.02, 1e-3, "change of the gain per m/s^2"),)
     equation = "reading = (1 + b abs(a)) a"
 
-    def reading(self, acceleration, period, values):
+    def reading(self, acceleration, period, values, time):
         return acceleration * (1.0 + values["nonlinearity"] * np.abs(acceleration))
 
 

@@ -15,10 +15,12 @@ from spool_gap.effect import Effect
 from spool_gap.registry import EFFECTS, FRICTIONS
 from spool_gap.result import GapResult, GapSettings, RankedHypothesis
 
+from .cross_validation import cross_validated
 from .force_balance import ForceBalance, ForceFit, independent_samples
 from .force_conditions import check_mass, conditions_of
 from .force_record import ForceRecord
-from .force_result import SIMPLER, Chosen, result_of
+from .force_result import CONSTANT, SIMPLER, Chosen, result_of
+from .position_fit import fitted_by_position
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -31,8 +33,9 @@ SMALLEST = 0.03
 EVIDENCE = 20.0
 #: Correlation of two columns, base taken off, from which they cannot be distinguished.
 ALIKE = 0.97
-#: Ratio of the 95 to the 5 % quantile of the speed below which the speed hardly varies.
-VARIED = 6.0
+#: Ratio of the 95 to the 5 % quantile of the speed below which the speed hardly varies, and standard
+#: deviations from which viscous and Coulomb friction are two numbers all the same (one in 370 by chance).
+VARIED, TWO_NUMBERS = 6.0, 3.0
 
 
 def analyse_forces(
@@ -72,6 +75,10 @@ def analyse_forces(
     columns += ["stiffness"] if "spring" in names else []
     columns += ["mass"] if kind == "driven" and mass is None else []
     balance = ForceBalance(train, held, [*columns, "zero"], driven=kind == "driven", mass=mass)
+    if kind == "driven" and "stiffness" in columns and not _has_spring(train, balance, base):
+        columns.remove("stiffness")
+        warnings.append("no spring is seen: a free run without one does as well, so the base has none here")
+        balance = ForceBalance(train, held, [*columns, "zero"], driven=True, mass=mass)
     alike = _cannot_tell(balance)
     steps: list[tuple[Chosen, ForceFit]] = [((), balance.fit([]))]
     if kind == "driven":
@@ -84,6 +91,10 @@ def analyse_forces(
             break
         steps.append(better)
     tell("measuring what is left", 0.9)
+    if kind == "driven":
+        tell("following the position", 0.6)
+        steps = _by_position(train, balance, steps, base)
+        steps += _with_constant_force(balance, steps[-1], ranking, base)
     return result_of(records, base, kind, balance, steps, ranking, warnings, alike, begun)
 
 
@@ -128,7 +139,84 @@ def _cannot_tell(balance: ForceBalance) -> tuple[str, ...]:
     velocity, sign, one = np.concatenate(rows, axis=1)
     velocity, sign = velocity - velocity.mean() * one, sign - sign.mean() * one
     alike = abs(float(velocity @ sign)) / max(float(np.linalg.norm(velocity) * np.linalg.norm(sign)), 1e-30)
-    return ("viscous_friction", "coulomb_friction") if alike > ALIKE or spread < VARIED else ()
+    # A driven mass passes through all speeds; an imposed one may have a single speed, and its reversals.
+    if alike <= ALIKE and (spread >= VARIED or (balance.driven and _two_numbers(balance))):
+        return ()
+    return ("viscous_friction", "coulomb_friction")
+
+
+def _has_spring(train: Sequence[ForceRecord], balance: ForceBalance, base: Model) -> bool:
+    """Whether a spring is needed: by covariance, and by free runs over parts that no fit has seen."""
+    known = [(EFFECTS["coulomb_friction"], {})]
+    chosen = tuple(known) if balance.plausible(known[0][0], [], {}) else ()
+    fit = balance.fit(chosen)
+    fit = fitted_by_position(base, balance, chosen, fit) or fit
+    place = balance.base.index("stiffness")
+    if abs(float(fit.coefficients[place])) < TWO_NUMBERS * float(fit.deviations[place]):
+        return False
+    without = [name for name in balance.base if name != "stiffness"]
+    errors = [cross_validated(train, names, chosen, base, balance.mass) for names in (balance.base, without)]
+    return errors[0] < errors[1] or math.isinf(errors[1])
+
+
+def _two_numbers(balance: ForceBalance) -> bool:
+    """Whether the covariance of a joint fit determines both viscous and Coulomb friction."""
+    if "damping" not in balance.base:
+        return False
+    fit = balance.fit([(EFFECTS["coulomb_friction"], {})])
+    size = np.abs(fit.coefficients) / np.maximum(fit.deviations, 1e-300)
+    return bool(min(size[balance.base.index("damping")], size[-1]) > TWO_NUMBERS)
+
+
+def _by_position(
+    train: Sequence[ForceRecord],
+    balance: ForceBalance,
+    steps: Sequence[tuple[Chosen, ForceFit]],
+    base: Model,
+) -> list[tuple[Chosen, ForceFit]]:
+    """Return ``steps`` with the numbers that follow the position, where that holds on parts left out, too."""
+    chosen, fit = steps[-1]
+    followed = fitted_by_position(base, balance, chosen, fit)
+    if followed is None:
+        return list(steps)
+    errors = [
+        cross_validated(train, balance.base, chosen, base, balance.mass, by_position=by_position)
+        for by_position in (True, False)
+    ]
+    return [*steps[:-1], (chosen, followed)] if errors[0] < errors[1] else list(steps)
+
+
+def _with_constant_force(
+    balance: ForceBalance, step: tuple[Chosen, ForceFit], ranking: list[RankedHypothesis], base: Model
+) -> list[tuple[Chosen, ForceFit]]:
+    """Return ``step`` with its constant force named, if held-out data needs that.
+
+    The force of an actuator has a zero, too, and friction that differs by direction is the same to a record
+    without rest: the simpler of them is named.
+    """
+    entry = EFFECTS[CONSTANT]
+    chosen, fit = step
+    if any(own.name == CONSTANT for own in base.terms):
+        return []
+    names = [name for name in balance.base if name != "zero"]
+    bare = ForceBalance(balance.train, balance.held, names, driven=True, mass=balance.mass)
+    without = bare.fit(chosen)
+    without = fitted_by_position(base, bare, chosen, without) or without
+    before, after = (math.sqrt(sum(float(np.sum(row**2)) for row in own.held)) for own in (without, fit))
+    place = balance.base.index("zero")
+    size = abs(float(fit.coefficients[place])) / max(float(fit.deviations[place]), 1e-300)
+    independent = sum(independent_samples(row) for row in without.held)
+    evidence = 2.0 * independent * math.log(max(before, 1e-12) / max(after, 1e-12))
+    evidence -= math.log(max(3.0, independent))
+    enough = after < (1.0 - SMALLEST) * before and evidence > EVIDENCE and size > TWO_NUMBERS
+    reason = "" if enough else "it does not close the gap significantly"
+    push = -balance.sign * float(fit.coefficients[place])
+    known = tuple(e.id for e, _ in chosen)
+    row = RankedHypothesis(
+        CONSTANT, known, balance.nrmse(fit), evidence, {"push": push}, accepted=enough, reason=reason
+    )
+    ranking.append(row)
+    return [((*chosen, (entry, {})), fit)] if enough else []
 
 
 def _forward(

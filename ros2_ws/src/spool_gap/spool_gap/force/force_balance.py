@@ -10,7 +10,7 @@ over force and columns alike: a jump of dry friction smeared on one side only wo
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,8 +70,8 @@ class ForceBalance:
         self.train, self.held = tuple(train), tuple(held)
         self.base = tuple(base)
         self.driven, self.mass = driven, mass
-        centre = _centre(train)
-        self.motions = {id(r): _motion(r, centre, driven=driven) for r in (*train, *held)}
+        self.centre = _centre(train)
+        self.motions = {id(r): _motion(r, self.centre, driven=driven) for r in (*train, *held)}
         self.known = {id(r): _known(r, self.motions[id(r)]) for r in (*train, *held)} if driven else {}
         # The reaction to friction has the velocity's sign; a rig may count it the other way round.
         power = sum(float(np.sum(r.force_at * m.velocity)) for r, m in self._pairs(self.train))
@@ -129,6 +129,14 @@ class ForceBalance:
             tuple(e.id for e, _ in chosen), tuple(s for _, s in chosen), names, coefficients,
             np.sqrt(np.maximum(np.diag(covariance), 0.0)) / scale, train, held, squares,
         )  # fmt: skip
+
+    def measured(self, fit: ForceFit, chosen: Sequence[tuple[Effect, dict[str, float]]]) -> ForceFit:
+        """Return ``fit`` with what its coefficients leave of the force."""
+        train, held = (
+            tuple(self.target(r) - self.columns(r, chosen) @ fit.coefficients for r in records)
+            for records in (self.train, self.held)
+        )
+        return replace(fit, train=train, held=held, squares=float(sum(np.sum(row**2) for row in train)))
 
     def best_shape(
         self, effect: Effect, chosen: Sequence[tuple[Effect, dict[str, float]]]

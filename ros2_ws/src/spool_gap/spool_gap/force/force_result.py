@@ -12,24 +12,32 @@ from scipy import signal
 from scipy.special import expit
 from spool_sim.model import Model
 from spool_sim.terms import term
+from spool_stream.errors import InputError
 from spool_stream.quantity import Quantity, Validity
 from spool_stream.uncertainty import PLUS_MINUS, percent, with_interval
 
 from spool_gap.effect import Effect
 from spool_gap.registry import EFFECTS, FRICTIONS
 from spool_gap.report.location import Residual, locate, surface
-from spool_gap.result import Curves, GapResult, HeldOutAgreement, NamedEffect, RankedHypothesis
+from spool_gap.report.outcome import EXPLAINS, LOOKS_LIKE
+from spool_gap.result import Curves, GapResult, HeldOutAgreement, NamedEffect, RankedHypothesis, Remainder
 
 from .force_balance import ForceBalance, ForceFit
 from .force_record import ForceRecord
+from .position_run import position_rmse
 
 Array = NDArray[np.float64]
 #: Error over that of a richer law up to which the simpler one, which it contains, is kept.
 SIMPLER = 1.15
 #: Error from which what is left has no name; below, derivatives of the displacement may be the reason.
 LEFT = 0.03
-#: Error up to which an effect that was added explains the force.
-MUCH = 0.4
+#: Error up to which an effect that was added explains the force, and share of the gap's power from which what
+#: is left besides is said: a tenth of its amplitude.
+MUCH, LITTLE = 0.4, 0.01
+#: Effect that is the zero of a driven record's force: it is in the base of every fit already.
+CONSTANT = "constant_force"
+#: Error of a free run of position over the travel, rms, up to which it follows the motion.
+FOLLOWED = 0.01
 Chosen = tuple[tuple[Effect, dict[str, float]], ...]
 
 
@@ -69,6 +77,13 @@ def result_of(
         verdict, confidence, candidates = "unexplained", 0.5, named
     elif not named and before > 3.0 * floor and before > LEFT:
         verdict, confidence = "unexplained", 0.6
+    runs = [free_run_error(base, balance, *steps[0]), free_run_error(base, balance, chosen, final)]
+    travel = float(np.std(np.concatenate([record.displacement for record in balance.held])))
+    # A motion that is followed shows all forces, however well its second derivative is known.
+    left = None if runs[1] < FOLLOWED * travel else _remainder(before, after, floor)
+    if named and not alike and left is not None and 1.0 - left.share >= EXPLAINS:
+        verdict, confidence, candidates = "+".join((*named, "unexplained")), _confidence(ranking, named), ()
+    left = left if "unexplained" in verdict else None
     effects = [] if verdict in ("none", "unexplained") else _named(balance, steps, chosen, final)
     runner = max(
         (h for h in ranking if not h.accepted and not h.jointly_with), key=lambda h: h.evidence, default=None
@@ -85,11 +100,53 @@ def result_of(
         surface=surface(_residual(balance, first, floor * size)),
         surface_after=surface(_residual(balance, final, floor * size)),
         curves=_curves(balance, first, final, floor * size),
-        before=HeldOutAgreement(before, math.nan), after=HeldOutAgreement(after, math.nan), noise_floor=floor,
+        before=HeldOutAgreement(before, math.nan, runs[0]), after=HeldOutAgreement(after, math.nan, runs[1]),
+        noise_floor=floor, remainder=left,
         model=_model(base, balance, chosen, final), warnings=tuple(warnings),
         seconds=sum(record.duration for record in (*balance.train, *balance.held)),
         elapsed=time.monotonic() - begun, advice=advice,
     )  # fmt: skip
+
+
+def _remainder(before: float, after: float, floor: float) -> Remainder | None:
+    """Return what is left where it is more than noise and than what derivatives err by, else ``None``."""
+    if after < MUCH and (after <= 3.0 * floor or after <= LEFT):
+        return None
+    if after < MUCH and after**2 < LITTLE * before**2:
+        return None
+    gap = max(before**2 - floor**2, 1e-30)
+    share = max(0.0, after**2 - floor**2) / gap
+    return Remainder(share, (after / max(floor, 1e-12)) ** 2, "nothing", LOOKS_LIKE["nothing"])
+
+
+def free_run_error(base: Model, balance: ForceBalance, chosen: Chosen, fit: ForceFit) -> float:
+    """Return the error of the free run of position over the held-out records, m; NaN for imposed motion."""
+    if not balance.driven:
+        return math.nan
+    try:
+        model, zero = model_with(base, balance, chosen, fit)
+    except InputError:
+        return math.nan
+    return position_rmse(balance.held, model, zero, balance.centre, balance.sign)
+
+
+def model_with(base: Model, balance: ForceBalance, chosen: Chosen, fit: ForceFit) -> tuple[Model, float]:
+    """Return ``base`` with ``chosen`` effects by the numbers of ``fit``, and the force's zero apart, N.
+
+    Raises:
+        InputError: no mass can be moved by these numbers.
+    """
+    numbers = fit.coefficients
+    mass = balance.mass or (float(numbers[balance.base.index("mass")]) if "mass" in balance.base else 0.0)
+    if not np.isfinite(numbers).all() or mass <= 0.0:
+        raise InputError("mass: a free run needs one > 0 kg")
+    for entry, shape in chosen:
+        if entry.id != CONSTANT and balance.values(entry, shape, fit) is None:
+            raise InputError(f"{entry.id}: its numbers make no sense on a machine")
+    model = _model(base, balance, tuple(pair for pair in chosen if pair[0].id != CONSTANT), fit)
+    if "inertia" not in {entry.name for entry in model.terms}:
+        raise InputError(f"{base.name}: a free run needs the term inertia")
+    return model, float(numbers[balance.base.index("zero")]) if "zero" in balance.base else 0.0
 
 
 def _confidence(ranking: Sequence[RankedHypothesis], named: tuple[str, ...]) -> float:
@@ -133,6 +190,10 @@ def _quantities(balance: ForceBalance, fit: ForceFit, chosen: Chosen) -> tuple[Q
 def _parameters(
     balance: ForceBalance, fit: ForceFit, entry: Effect, shape: dict[str, float]
 ) -> list[Quantity]:
+    if entry.id == CONSTANT and "zero" in balance.base:
+        place = balance.base.index("zero")
+        push, spread = -balance.sign * float(fit.coefficients[place]), float(fit.deviations[place])
+        return [Quantity("push", "N", push, spread, Validity.VALID)]
     values = balance.values(entry, shape, fit) or {}
     own = [n for n, name in enumerate(fit.names) if name.startswith(f"{entry.id}.")]
     relative = float(np.min(fit.deviations[own] / np.maximum(np.abs(fit.coefficients[own]), 1e-30)))
@@ -202,9 +263,13 @@ def _model(base: Model, balance: ForceBalance, chosen: Chosen, fit: ForceFit) ->
         for n, name in enumerate(balance.base)
         if name != "zero"
     }
-    terms = [*base.terms, *(term(name) for entry, _ in chosen for name in entry.terms)]
+    gone = {"spring"} if "stiffness" not in balance.base else set()
+    gone |= {"viscous_friction"} if "damping" not in balance.base else set()
+    terms = [entry for entry in base.terms if entry.name not in gone]
+    terms += [term(name) for entry, _ in chosen for name in entry.terms]
     for entry, shape in chosen:
-        values |= balance.values(entry, shape, fit) or {}
+        own = [] if entry.id != CONSTANT else _parameters(balance, fit, entry, shape)
+        values |= {q.name: q.value for q in own} or balance.values(entry, shape, fit) or {}
     known = {p.name: p for entry_ in terms for p in entry_.parameters}
     if balance.mass is not None:
         values["mass"] = balance.mass

@@ -7,11 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 from spool_identification.record import Record
+from spool_identification.signals.zero_phase import ZeroPhase
 from spool_sim.terms import Parameter
 
 from spool_gap.effect import Array, Motion
 
 from .chain_effect import ChainEffect, Spectrum, filtered, lines_of
+
+#: Hz, below which a corrected record holds nothing: half of the lowest frequency that is analysed.
+SLOWEST = 0.5
 
 
 class AcCoupling(ChainEffect):
@@ -71,8 +75,10 @@ class AcCoupling(ChainEffect):
         """Return ``record`` with each channel through the inverse of its filter, its mean left out."""
         spool, body = _corners(values)
         frequency = lines_of(record.body.size, record.sample_period)
+        # What noise the inverse makes of the slowest lines is a drift.
+        kept = ZeroPhase(record.sample_period, SLOWEST).gain(frequency)
         rows = [
-            filtered(row - row.mean(), _ratio(frequency, 0.0, corner)) if corner > 0.0 else row
+            filtered(row - row.mean(), kept * _ratio(frequency, 0.0, corner))
             for row, corner in ((record.body, body), (record.spool, spool))
         ]
         return replace(record, body=rows[0], spool=rows[1])

@@ -175,9 +175,17 @@ def _line(envelope: Complex, frequency: float, centre: float, stray: float) -> _
     noise = float(np.median(power[around])) / np.log(2.0)
     if power[best] < max(SIGNIFICANT * noise, ALONE * float(power[around].max())):
         return None
-    turned = envelope * np.exp(-2j * np.pi * offset[best] * step * np.arange(envelope.size))
+    shift = float(offset[best]) + _between(power, best) * float(offset[1])
+    turned = envelope * np.exp(-2j * np.pi * shift * step * np.arange(envelope.size))
     amplitude = complex(np.median(turned.real), np.median(turned.imag))
     deviation = float(np.sqrt(noise)) / float(np.sum(np.hanning(even.size)))
     # A piece stands for its middle.
-    amplitude *= complex(np.exp(-1j * np.pi * offset[best] * PIECE))
-    return _Line(frequency + float(offset[best]), amplitude, deviation)
+    amplitude *= complex(np.exp(-1j * np.pi * shift * PIECE))
+    return _Line(frequency + shift, amplitude, deviation)
+
+
+def _between(power: Array, best: int) -> float:
+    """Return how far from the line ``best`` the peak of ``power`` is, in lines: that of a parabola in dB."""
+    left, middle, right = np.log(np.maximum(power[[best - 1, best, (best + 1) % power.size]], 1e-300))
+    curve = left - 2.0 * middle + right
+    return float(0.5 * (left - right) / curve) if curve < 0.0 else 0.0

@@ -41,8 +41,8 @@ def result_to_dict(result: GapResult) -> dict[str, Any]:
         "base": _quantities(result.base),
         "parameters": _quantities(result.parameters),
         "gap": {
-            "before": _agreement(result.before),
-            "after": _agreement(result.after),
+            "before": _agreement(result.before, result.kind),
+            "after": _agreement(result.after, result.kind),
             "noise_floor": number(result.noise_floor),
         },
         "foretold": {name: number(share) for name, share in result.predictable.items()},
@@ -92,8 +92,9 @@ def _quantities(entries: tuple[Quantity, ...]) -> dict[str, Any]:
     }
 
 
-def _agreement(agreement: HeldOutAgreement) -> dict[str, Any]:
-    return {"nrmse": number(agreement.nrmse), "amplitude_ratio": number(agreement.amplitude_ratio)}
+def _agreement(agreement: HeldOutAgreement, kind: str) -> dict[str, Any]:
+    found = {"nrmse": number(agreement.nrmse), "amplitude_ratio": number(agreement.amplitude_ratio)}
+    return found | ({"position_rmse_m": number(agreement.position_rmse)} if kind == "driven" else {})
 
 
 def _hypothesis(entry: RankedHypothesis) -> dict[str, Any]:

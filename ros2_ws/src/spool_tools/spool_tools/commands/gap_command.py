@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
+from spool_stream.errors import InputError
 
 from spool_tools.console import cli_options as cli
 from spool_tools.console.command import Command
@@ -45,6 +46,12 @@ def gap(
         float,
         typer.Option(help="Delay between the channels that is allowed, s.", callback=cli.in_range(0.0, 4e-3)),
     ] = 0.5e-3,
+    mass: Annotated[
+        float | None,
+        typer.Option(
+            help="Mass that the force of a driven record moves, kg; default: fitted, or the valve's."
+        ),
+    ] = None,
     name: cli.NameOption = None,
     columns: cli.ColumnsOption = None,
     start: cli.StartOption = 0.0,
@@ -59,12 +66,15 @@ def gap(
     Example: ./spool gap rig.csv --kind imposed --holdout other.csv
     """
     from spool_tools.input.record_loading import selection  # noqa: PLC0415
+
+    if mass is not None and (kind != "driven" or not mass > 0.0):
+        raise InputError(f"--mass {mass:g}: a mass > 0 kg, with --kind driven")
     from spool_tools.operations.gap_run import run_gap  # noqa: PLC0415 - slow to load, as below
 
     code = run_gap(
         records, valve, base, kind, selection(name, columns, start, stop),
         ResultFiles(json, report, save_model), holdout=holdout or (),
-        gain_tolerance=gain_tolerance, delay_tolerance=delay_tolerance,
+        gain_tolerance=gain_tolerance, delay_tolerance=delay_tolerance, mass=mass,
     )  # fmt: skip
     raise typer.Exit(code)
 

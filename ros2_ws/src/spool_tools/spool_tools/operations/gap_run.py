@@ -48,6 +48,7 @@ def run_gap(
     holdout: Sequence[Path] = (),
     gain_tolerance: float = 0.05,
     delay_tolerance: float = 0.5e-3,
+    mass: float | None = None,
 ) -> int:
     """Find what ``base`` lacks in ``records`` and say it; return 0, whatever the verdict.
 
@@ -64,7 +65,7 @@ def run_gap(
         else:
             # Who imposes a motion measures the force on whatever is moved: no mass is known.
             described = find_valve(valve) if valve is not None and kind == "driven" else None
-            mass = None if described is None else described.moving_mass
+            mass = mass if described is None or mass is not None else described.moving_mass
             forces, held = (_force_records(paths, kind, selection) for paths in (records, holdout))
             result = analyse_forces(
                 forces, model, kind, holdout=held, mass=mass, settings=settings, progress=tell
