@@ -41,6 +41,14 @@ NAMES: tuple[str, ...] = (
     "power_drag", "power_exponent",
     "loose_mass", "loose_friction",  # a part that rides on the spool and slips
     "skew_stiffness",  # N/m^2, even in z
+    "warming_share", "warming_time",  # drag that tends to 1 + share times itself, with a time constant, s
+    "slip_force", "slip_travel",  # Maxwell slip: all elements slide at this force, N, after this travel, m
+    "soft_preload", "soft_travel",  # preload that sets in smoothly, N and m
+    "seat_place", "seat_stiffness", "seat_dissipation",  # a seat on one side that pushes and never pulls
+    "flow_stiffness", "flow_overlap",  # flow force of an opening beyond the overlap, N/m and m
+    "flow_ripple", "flow_frequency", "flow_phase",  # relative ripple of the pressure that drives it
+    "chamber_stiffness", "chamber_time",  # oil chamber that leaks: Maxwell's spring and dashpot in series
+    "surge_mass", "surge_damping",  # mass of the spring's coils, kg, and their drag, N s/m
 )  # fmt: skip
 PLACE: dict[str, int] = {name: index for index, name in enumerate(NAMES)}
 
@@ -61,6 +69,14 @@ STEP, STEP_PLACE, STEP_WIDTH = PLACE["step_force"], PLACE["step_place"], PLACE["
 POWER, EXPONENT = PLACE["power_drag"], PLACE["power_exponent"]
 LOOSE_MASS, LOOSE_FRICTION = PLACE["loose_mass"], PLACE["loose_friction"]
 SKEW = PLACE["skew_stiffness"]
+WARMING, WARMING_TIME = PLACE["warming_share"], PLACE["warming_time"]
+SLIP, SLIP_TRAVEL = PLACE["slip_force"], PLACE["slip_travel"]
+SOFT, SOFT_TRAVEL = PLACE["soft_preload"], PLACE["soft_travel"]
+SEAT, SEAT_PLACE, SEAT_LOSS = PLACE["seat_stiffness"], PLACE["seat_place"], PLACE["seat_dissipation"]
+FLOW, OVERLAP = PLACE["flow_stiffness"], PLACE["flow_overlap"]
+FLOW_RIPPLE, FLOW_HZ, FLOW_PHASE = PLACE["flow_ripple"], PLACE["flow_frequency"], PLACE["flow_phase"]
+CHAMBER, CHAMBER_TIME = PLACE["chamber_stiffness"], PLACE["chamber_time"]
+SURGE, SURGE_DAMPING = PLACE["surge_mass"], PLACE["surge_damping"]
 
 
 @compiled
@@ -82,6 +98,13 @@ def restoring(z: float, v: float, t: float, p: Array) -> float:
         force += inward * max(push, 0.0)
     if p[STEP] != 0.0:
         force += 0.5 * p[STEP] * (1.0 + math.tanh((z - p[STEP_PLACE]) / p[STEP_WIDTH]))
+    if p[SOFT] != 0.0:
+        force += p[SOFT] * math.tanh(z / p[SOFT_TRAVEL])
+    if p[SEAT] > 0.0 and z > p[SEAT_PLACE]:
+        force += max(p[SEAT] * (z - p[SEAT_PLACE]) * (1.0 + p[SEAT_LOSS] * v), 0.0)
+    if p[FLOW] != 0.0 and abs(z) > p[OVERLAP]:
+        pressure = 1.0 + p[FLOW_RIPPLE] * math.sin(2.0 * math.pi * p[FLOW_HZ] * t + p[FLOW_PHASE])
+        force += p[FLOW] * pressure * math.copysign(abs(z) - p[OVERLAP], z)
     if p[RIPPLE] != 0.0:
         force -= p[RIPPLE] * math.sin(2.0 * math.pi * p[RIPPLE_HZ] * t + p[RIPPLE_PHASE])
     return float(force)
@@ -90,7 +113,10 @@ def restoring(z: float, v: float, t: float, p: Array) -> float:
 @compiled
 def drag(z: float, v: float, t: float, p: Array) -> float:
     """Return what grows with the velocity, N."""
-    share = max(1.0 + p[DAMPING_RATE] * t, 0.0) * (1.0 + p[BY_POSITION] * z * z)
+    course = 1.0 + p[DAMPING_RATE] * t
+    if p[WARMING] != 0.0:
+        course += p[WARMING] * (1.0 - math.exp(-t / p[WARMING_TIME]))
+    share = max(course, 0.0) * (1.0 + p[BY_POSITION] * z * z)
     force = p[DAMPING] * share * v
     if p[QUADRATIC] != 0.0:
         force += p[QUADRATIC] * abs(v) * v

@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 
 #: s, longest step, and rad, how far the stiffest contact may turn within one.
 LONGEST_STEP, LARGEST_TURN = 25e-6, 0.03
+#: Stiffness of all slip elements together over force by travel: of four, 1 + 1/2 + 1/3 + 1/4.
+SLIP_STIFFNESS = 25.0 / 12.0
 #: s of motion after the record's end, for a channel that is ahead.
 AFTER = 0.01
 
@@ -44,11 +46,16 @@ class Plant:
     @property
     def longest_step(self) -> float:
         """Longest step that the plant's stiffest contact allows, s."""
-        give = self.numbers.get("preload_travel", 0.0)
+
+        def over(force: str, travel: str) -> float:
+            return self.numbers[force] / self.numbers[travel] if travel in self.numbers else 0.0
+
         stiffest = max(
             self.numbers.get("stop_stiffness", 0.0),
             self.numbers.get("bristle_stiffness", 0.0),
-            self.numbers["preload_force"] / give if give else 0.0,
+            over("preload_force", "preload_travel"),
+            over("soft_preload", "soft_travel"),
+            SLIP_STIFFNESS * over("slip_force", "slip_travel"),
             self.numbers["stiffness"],
         )
         return min(LONGEST_STEP, LARGEST_TURN / float(np.sqrt(stiffest / self.numbers["mass"])))

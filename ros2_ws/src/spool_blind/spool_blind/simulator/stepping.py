@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_stream.kernels.compiled import compiled
 
+from .internal_states import STATES, advance_states, force_of_states, has_states
 from .laws import (
     BRISTLE,
     BRISTLE_DAMPING,
@@ -77,6 +78,7 @@ def step_through(excitation: Array, h: float, start: float, p: Array) -> tuple[A
     acceleration, displacement = np.empty(count), np.empty(count)
     mass = p[MASS]
     z, v, x, loose = 0.0, 0.0, 0.0, 0.0
+    states, more = np.zeros(STATES), has_states(p)
     for n in range(count):
         t = start + (n + 0.5) * h
         body = excitation[n]
@@ -84,6 +86,8 @@ def step_through(excitation: Array, h: float, start: float, p: Array) -> tuple[A
         speed, after = v, v
         for _ in range(2):  # the second time with the velocity in the middle: second order
             force = restoring(middle, speed, t, p) + drag(middle, speed, t, p) + remembered(speed, x, h, p)
+            if more:
+                force += force_of_states(states, middle, speed, h, p)
             after = kick(v, speed, -body - force / mass, h, p)
             speed = 0.5 * (v + after)
         if p[LOOSE_MASS] > 0.0:
@@ -97,6 +101,8 @@ def step_through(excitation: Array, h: float, start: float, p: Array) -> tuple[A
             x = bristle_after(x, speed, h, p)
         elif p[HYSTERESIS] > 0.0:
             x = hysteresis_after(x, speed, h, p)
+        if more:
+            advance_states(states, middle, speed, body, h, p)
         acceleration[n] = (after - v) / h + body
         displacement[n] = middle
         z = middle + 0.5 * h * after

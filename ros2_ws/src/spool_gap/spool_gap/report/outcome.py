@@ -87,9 +87,9 @@ def judge_outcome(
     named_ones = tuple(
         name for name in final.effects if name not in CHAIN and not (hum and name == "periodic_force")
     )
-    names = (*named_ones, *(["sensor_saturation"] if extra else []))
+    clipped_alone = bool(extra) and _nothing_but_clips(state, residue, saturation)
+    names = (*(() if clipped_alone else named_ones), *(["sensor_saturation"] if extra else []))
     candidates: tuple[str, ...] = ()
-    clipped_alone = bool(extra) and not final.effects and residue.power < CLIPPED_MAY_LEAVE
     jitter = _jitter(state, final)
     # Jitter comes and goes with the motion without being a part of it.
     jitters = jitter is not None and not residue.predictable
@@ -169,6 +169,14 @@ def _nuisances(
         measured = state.fitting.simulation.measured(state.fitting.simulation.held_out)
         rms = float(np.sqrt(np.mean(np.concatenate([row.ravel() for row in measured]) ** 2)))
         yield Nuisance("coloured_noise", "spool", after * rms, "m/s^2", CHECK_COLOURED)
+
+
+def _nothing_but_clips(state: SelectionState, residue: FinalResidual, saturation: Saturation) -> bool:
+    """Whether nothing is missing but what a channel clips, whatever its samples leave next to that."""
+    if "body" not in saturation.limits:
+        return not state.hypothesis.effects and residue.power < CLIPPED_MAY_LEAVE
+    # What moved the spool while the body's channel clipped is not known: that leaves more than any noise.
+    return not state.hypothesis.effects or 1.0 - residue.share < EXPLAINS
 
 
 def _left(residue: FinalResidual) -> Remainder:

@@ -95,12 +95,9 @@ def remainder(
     fits, judges = simulation.trust(target, training), simulation.trust(wanted, held_out)
     target, wanted = target * fits, wanted * judges
     motions = [_motion(stretch) for stretch in simulation.stretches]
-    shares = {}
-    for name, functions in FUNCTIONS.items():
-        forces = [functions(motion) for motion in motions]
-        slopes = SLOPES.get(name, ())
-        readings = _LoudReadings(simulation) if slopes else None
-        rows = responses(simulation, point, forces.__getitem__, slopes, readings=readings)
+
+    def predicted(rows: Sequence[Array]) -> float:
+        """Return the share of the held-out squares that ``rows``, fitted to the others, predict."""
         fitted = simulation.weigh([rows[place] for place in training], training) * fits
         other = simulation.weigh([rows[place] for place in held_out], held_out) * judges
         size = np.linalg.norm(fitted, axis=1)
@@ -110,7 +107,16 @@ def remainder(
         kept = products > ALIKE * products[-1]
         weights = vectors[:, kept] @ ((vectors[:, kept].T @ (fitted @ target)) / products[kept])
         left = wanted - weights @ other
-        shares[name] = 1.0 - float(left @ left) / float(wanted @ wanted)
+        return 1.0 - float(left @ left) / float(wanted @ wanted)
+
+    shares = {}
+    for name, functions in FUNCTIONS.items():
+        forces = [functions(motion) for motion in motions]
+        slopes = SLOPES.get(name, ())
+        shares[name] = min(
+            predicted(responses(simulation, point, forces.__getitem__, slopes, readings=readings))
+            for readings in ((None, _LoudReadings(simulation)) if slopes else (None,))
+        )
     return PredictableShares(shares, wanted.size)
 
 

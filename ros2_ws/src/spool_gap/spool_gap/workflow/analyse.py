@@ -12,6 +12,7 @@ from spool_sim.valve.description import Valve
 
 from spool_gap.checks import conditions
 from spool_gap.checks.saturation import Saturation, find_saturation
+from spool_gap.checks.stuck import as_stuck, dithered, is_stuck
 from spool_gap.fitting.descent import Fitted
 from spool_gap.report.assembly import assembled, model_of
 from spool_gap.report.outcome import judge_outcome
@@ -30,6 +31,8 @@ from .preparation import Task, first_look, motions_for, prepared
 
 #: Samples that are looked at before windows are chosen.
 LONGEST_LOOKED_AT = 600_000
+#: Samples that are simulated of a stuck spool: its picture needs no more.
+STUCK_LONGEST = 6_000
 
 
 def analyse(
@@ -59,18 +62,25 @@ def analyse(
     tell("checking the record", 0.0)
     usable, warnings, trusted = _checked(records, valve)
     held = _parts(conditions.usable(holdout)[0]) if holdout else []
+    chosen = settings or GapSettings()
+    stuck = is_stuck(usable, valve)
+    if stuck:
+        # Nothing is searched where nothing can be found; the base alone shows what was recorded.
+        usable, held = list(dithered(usable)), list(dithered(held))
+        left_out = frozenset({"find_small_effect"})
+        chosen = replace(chosen, most_effects=0, longest=STUCK_LONGEST, left_out=left_out)
     saturation = find_saturation([*usable, *held])
     warnings += saturation.warnings
     # A filter's inverse spreads a clipped top over its neighbours: what clips is analysed as it is.
     chain = Chain(tuple(usable), tuple(held), (), MOST_CORRECTIONS)
-    if not saturation.limits:
+    if not saturation.limits and not stuck:
         tell("looking at the measuring chain", 0.02)
         chain = cleaned(usable, held, valve)
         saturation = find_saturation([*chain.records, *chain.holdout])
     while True:
         tell("preparing", 0.05)
         task = Task(
-            chain.records, chain.holdout, saturation, base, valve, settings or GapSettings(),
+            chain.records, chain.holdout, saturation, base, valve, chosen,
             motions_for(base), tell, chain_open=chain.open,
         )  # fmt: skip
         state = _selected(task)
@@ -90,7 +100,8 @@ def analyse(
         )
     outcome = replace(outcome, warnings=(*warnings, *outcome.warnings))
     result = assembled(records, base, state, numbers, outcome, time.monotonic() - begun)
-    return replace(result, nuisances=(*chain.found, *result.nuisances))
+    result = replace(result, nuisances=(*chain.found, *result.nuisances))
+    return as_stuck(result) if stuck else result
 
 
 def _selected(task: Task) -> SelectionState:
@@ -113,10 +124,13 @@ def _checked(records: Sequence[Record], valve: Valve) -> tuple[list[Record], lis
     """Return the parts that are looked at, what is odd about them, and whether they can be trusted."""
     usable, warnings = conditions.usable(records)
     trusted = True
-    for record in usable[:3]:
+    saturation = find_saturation(usable[:3])
+    for record in saturation.repaired:
         found, good = conditions.judge(record, valve)
+        # Flat tops spoil the coherence of channels that belong together, and are told themselves.
+        found = found if good or not saturation.limits else []
         warnings += [line for line in found if line not in warnings]
-        trusted = trusted and good
+        trusted = trusted and (good or bool(saturation.limits))
     return _parts(usable), warnings, trusted
 
 
