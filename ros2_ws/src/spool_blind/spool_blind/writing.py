@@ -5,13 +5,15 @@ from __future__ import annotations
 import gzip
 import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .case import BlindCase
+from .condition import ExperimentCondition
 
 Array = NDArray[np.float64]
 
@@ -20,7 +22,19 @@ LAND_DIAMETER, LAND_LENGTH, RADIAL_CLEARANCE, VISCOSITY = 0.020, 0.032, 15.0e-6,
 SPOOL_SHARE = 0.172 / 0.18
 
 
-def valve_text(case: BlindCase) -> str:
+class DescribedCase(Protocol):
+    """Case of any family, as far as its valve's description needs it."""
+
+    @property
+    def plant(self) -> Mapping[str, float]:
+        """Numbers of the plant."""
+
+    @property
+    def condition(self) -> ExperimentCondition:
+        """Condition of the experiment."""
+
+
+def valve_text(case: DescribedCase) -> str:
     """Return the valve's description, YAML: its mass is true, its spring is the maker's number."""
     mass = case.plant["mass"]
     return (

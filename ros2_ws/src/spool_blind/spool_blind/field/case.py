@@ -1,4 +1,4 @@
-"""Field case: a record as a measuring chain stores it, with its truth, drawn without looking what it shows."""
+"""Field case: a record as a measuring chain stores it, with its truth; nobody looks what it shows."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class FieldCase:
     Attributes:
         seed: makes it again.
         hidden: "none", an effect's id, two joined by "+", or the id of a law outside of the catalogue.
-        accepted: verdicts that are right; with "unexplained" among them, so is any that names it beside others.
+        accepted: verdicts that are right; if "unexplained" is, so is it next to names.
         factor: size over that of the clear cases.
         condition: drawn.
         plant: numbers of the plant, with what is hidden.
@@ -130,8 +130,8 @@ def accepted_verdicts(
 ) -> tuple[str, ...]:
     """Return the verdicts that are right, ids in the order of the alphabet.
 
-    What matters is named, what does not may be; so may what a nuisance does to the spool's channel. A law of no
-    catalogue has to leave something unexplained, unless it reads as a name.
+    What matters is named, what does not may be; so may what a nuisance does to the spool's channel. A law of
+    no catalogue has to leave something unexplained, unless it reads as a name.
     """
     # Of each hidden thing one of these is said.
     choices: list[tuple[str, ...]] = []

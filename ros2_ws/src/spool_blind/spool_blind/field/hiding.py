@@ -17,7 +17,7 @@ from .laws import FIELD_LAWS
 BLOCK, SHARES = 12, (4, 4, 2)
 #: Size over that of the clear cases, evenly in its logarithm: nobody looks whether it can be seen.
 SIZE = (0.2, 1.5)
-#: Share of the drifting viscosities that follow an exponential, and its time constant over the record's length.
+#: Share of the drifting viscosities that follow an exponential; its time constant over the record's length.
 EXPONENTIAL, WARMING_TIME = 0.5, (0.15, 0.8)
 
 

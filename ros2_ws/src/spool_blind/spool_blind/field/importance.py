@@ -92,7 +92,7 @@ class ImportanceJudge:
         return Importance(float((self.spool - without).std() / self.spool.std()), *found, limit)
 
     def is_coulomb(self, name: str) -> bool:
-        """Return whether the friction ``name`` cannot be distinguished from Coulomb friction of its own loss."""
+        """Return whether the friction ``name`` is not distinguished from Coulomb friction of its own loss."""
         if name not in LIKE_COULOMB:
             return False
         hidden = self.parts[name]
@@ -109,7 +109,7 @@ class ImportanceJudge:
     def _left(
         self, chain: MeasuringChain, plant: Plant, without: Array, free: Sequence[str], tolerance: float
     ) -> tuple[float, float]:
-        """Return share and evidence of what is left once the numbers ``free``, gain and delay are refitted."""
+        """Return share and evidence of what is left once the numbers ``free``, gain, delay are refitted."""
         slopes = [
             self._reading(chain, plant.with_(**{name: plant.numbers[name] * (1.0 + STEPS[name])})) - without
             for name in free

@@ -1,7 +1,7 @@
 """Out-of-catalogue laws of field cases: physics of valves for which no name of the catalogue is right alone.
 
-Sizes are drawn in terms of the motion with nothing hidden, as those of the catalogue's effects are. A law that
-happens to be drawn where it is another one says so: see :meth:`FieldLaw.reads_as`.
+Sizes are drawn in terms of the motion with nothing hidden, as those of the catalogue's effects are. A law
+that happens to be drawn where it is another one says so: see :meth:`FieldLaw.reads_as`.
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ class OneSidedContact(FieldLaw):
 
 
 class FlowForceRipple(FieldLaw):
-    """Flow force beyond the overlap, driven by a pressure with a pump's ripple: a spring that comes and goes."""
+    """Flow force beyond the overlap, driven by a pressure that ripples: a spring that comes and goes."""
 
     id = "flow_force_ripple"
 

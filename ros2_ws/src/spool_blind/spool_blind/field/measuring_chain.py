@@ -20,7 +20,7 @@ class MeasuringChain:
     """Measuring chain: gain, delay and range of the spool's channel, noise of both, and nuisances.
 
     Attributes:
-        gain, delay, full_scale: of the spool's channel, 1, s and m/s^2 (0 for none); the body's is the reference.
+        gain, delay, full_scale: of the spool's channel over the body's, 1, s and m/s^2 (0: none).
         noise: rms of white noise by channel, m/s^2.
         nuisances: in the order of the chain.
         seed: of the noise.
@@ -45,7 +45,7 @@ class MeasuringChain:
         return time, body, spool
 
     def noise_of(self, channel: str, quiet: Array, rate: float) -> Array:
-        """Return all noise of a channel whose reading is ``quiet`` (m/s^2, ``rate`` Hz): no motion explains it."""
+        """Return all noise of a channel whose reading is ``quiet`` (m/s^2, ``rate`` Hz)."""
         total = self._white(channel, quiet.size, rate)
         for one in self._of(channel):
             total = total + one.like_noise(channel, quiet, rate)

@@ -62,7 +62,7 @@ def force_of_states(states: Array, z: float, v: float, h: float, p: Array) -> fl
 
 @compiled
 def advance_states(states: Array, z: float, v: float, body: float, h: float, p: Array) -> None:
-    """Advance ``states`` in place by a step of ``h`` s: spool at ``z``, ``v`` in its middle, body at ``body``.
+    """Advance ``states`` in place by a step of ``h`` s, in whose middle the spool is at ``z`` with ``v``.
 
     ``body`` is the acceleration of the body, m/s^2, which the coils feel as the spool does.
     """

@@ -1,4 +1,4 @@
-"""Nuisances that add something to a reading: hum, bias and drift, spikes, lateral vibration, coloured noise."""
+"""Nuisances that add to a reading: hum, bias and drift, spikes, lateral vibration, coloured noise."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ class GainDrift(FieldNuisance):
         change = log_between(generator, 0.003, 0.06) * float(generator.choice([-1.0, 1.0]))
         constant = float(generator.choice([0.0, generator.uniform(0.2, 0.6)]))
         return cls(
-            {name: change for name in draw_channels(generator, (0.4, 0.5, 0.1))},
+            dict.fromkeys(draw_channels(generator, (0.4, 0.5, 0.1)), change),
             new_seed(generator),
             constant=constant,
         )

@@ -95,19 +95,19 @@ class AntiAlias(FieldNuisance):
     def on_motion(self, channel: str, motion: Array, rate: float) -> Array:  # noqa: ARG002
         """Return the filtered acceleration, set back by its delay where that is equalised."""
         filtered = self._through(motion, rate)
-        return np.interp(self._set_back(motion.size, rate), np.arange(motion.size), filtered)
+        ahead = self.delay * rate if self.equalised else 0.0
+        places: Array = np.arange(motion.size, dtype=np.float64)
+        return np.asarray(np.interp(places + ahead, places, filtered))
 
     def on_noise(self, channel: str, noise: Array, rate: float) -> Array:  # noqa: ARG002
         """Return the filtered noise."""
         return self._through(noise, rate)
 
-    def _set_back(self, size: int, rate: float) -> Array:
-        return np.arange(size) + (self.delay * rate if self.equalised else 0.0)
-
     def _through(self, row: Array, rate: float) -> Array:
         if self.kind == "fir":
             taps = max(3, round(self.order * rate / self.rate))
-            return np.asarray(fftconvolve(row, firwin(taps, self._corner, fs=rate))[: row.size])
+            passed = fftconvolve(row, firwin(taps, self._corner, fs=rate))[: row.size]
+            return np.asarray(passed, dtype=np.float64)
         return np.asarray(sosfilt(self._sections(rate), row))
 
     @property

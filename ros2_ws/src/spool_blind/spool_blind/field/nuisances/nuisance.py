@@ -94,7 +94,7 @@ class FieldNuisance(ABC):
         return noise
 
     def disturbance(self, channel: str, reading: Array, rate: float) -> Array:  # noqa: ARG002
-        """Return what it adds that no motion explains and nobody can foretell, m/s^2, shape of ``reading``."""
+        """Return what it adds at random, m/s^2, shape of ``reading``."""
         return np.zeros(reading.size)
 
     def like_noise(self, channel: str, reading: Array, rate: float) -> Array:
