@@ -10,6 +10,7 @@ from spool_stream.errors import InputError
 #: Each is a module of ``studies`` with ``run(cases, seed, out, workers)``.
 STUDIES = {
     "gap": "gap",
+    "field": "field.study",
     "gap-limit": "gap_limit",
     "ablation": "ablation",
     "estimation": "estimation",

@@ -31,6 +31,7 @@ class GapSettings:
         delay_tolerance: delay between the channels that the measuring system allows, s.
         longest: samples at most that are simulated, for the fit and again for the held-out part.
         most_effects: at most that are named in one record.
+        least_share: of the spool's acceleration, rms, that an effect must change to be part of the verdict.
         left_out: names of stages of the selection that are not run, to see what they are worth.
     """
 
@@ -38,6 +39,7 @@ class GapSettings:
     delay_tolerance: float = 0.5e-3
     longest: int = 30_000
     most_effects: int = 3
+    least_share: float = 0.0025
     left_out: frozenset[str] = frozenset()
 
 
@@ -170,6 +172,21 @@ class Nuisance:
 
 
 @dataclass(frozen=True, slots=True)
+class SmallEffect:
+    """Effect that is significant and does not matter: it changes the acceleration by less than was asked.
+
+    Attributes:
+        id: of the catalogue.
+        parameters: each with its standard deviation.
+        share: of the spool's acceleration, rms, that it changes.
+    """
+
+    id: str
+    parameters: tuple[Quantity, ...]
+    share: float
+
+
+@dataclass(frozen=True, slots=True)
 class NamedEffect:
     """An effect that was found.
 
@@ -258,6 +275,7 @@ class GapResult:
         predictable: predictable share of what is left, by what from, see :mod:`.screening.remainder`.
         remainder: what is left, ``None`` where that is noise.
         nuisances: what the measuring chain did.
+        small_effects: what was found and does not matter.
         trace: which stage of the selection changed the choice.
     """
 
@@ -290,4 +308,5 @@ class GapResult:
     predictable: Mapping[str, float] = field(default_factory=dict)
     remainder: Remainder | None = None
     nuisances: tuple[Nuisance, ...] = ()
+    small_effects: tuple[SmallEffect, ...] = ()
     trace: tuple[Change, ...] = ()

@@ -83,6 +83,6 @@ def warming(generator: Generator, linear: Hidden, condition: ExperimentCondition
     return replace(
         linear,
         plant={"warming_share": share, "warming_time": constant},
-        truth={"warming_share": share, "warming_time": constant},
+        truth={"damping_drift_rate": share / constant, "damping_drift_time": constant},
         size=("warming_share",),
     )

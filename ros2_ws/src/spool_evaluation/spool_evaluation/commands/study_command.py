@@ -13,8 +13,8 @@ def study(
     what: Annotated[
         str,
         typer.Argument(
-            help="gap: effects named right? gap-limit: how small? ablation: what is each stage worth? "
-            "estimation: do intervals hold? records: is the truth of bags/ found? steps: "
+            help="gap: effects named right? field: behind real measuring chains? gap-limit: how small? "
+            "ablation: what is each stage worth? estimation: do intervals hold? records: is the truth of bags/ found? steps: "
             "what does a step cost? monitor: events found in time? monitor-hours: quiet over healthy hours?"
         ),
     ],

@@ -147,8 +147,8 @@ def _cannot_tell(balance: ForceBalance) -> tuple[str, ...]:
 
 def _has_spring(train: Sequence[ForceRecord], balance: ForceBalance, base: Model) -> bool:
     """Whether a spring is needed: by covariance, and by free runs over parts that no fit has seen."""
-    known = [(EFFECTS["coulomb_friction"], {})]
-    chosen = tuple(known) if balance.plausible(known[0][0], [], {}) else ()
+    coulomb = EFFECTS["coulomb_friction"]
+    chosen: Chosen = ((coulomb, {}),) if balance.plausible(coulomb, [], {}) else ()
     fit = balance.fit(chosen)
     fit = fitted_by_position(base, balance, chosen, fit) or fit
     place = balance.base.index("stiffness")

@@ -38,7 +38,7 @@ class BiasDrift(RecordNuisance):
         found: dict[str, Nuisance] = {}
         cleaned = []
         for record in records:
-            rows = {}
+            rows = {"body": record.body, "spool": record.spool}
             noise = noise_of(record.body, record.spool, record.sample_rate)
             for name, density in (("body", noise.body), ("spool", noise.spool)):
                 row = getattr(record, name)
@@ -49,7 +49,7 @@ class BiasDrift(RecordNuisance):
                 size = float(abs(line[-1] - line[0]))
                 if size > MATTERS * float(row.std()) and (name not in found or size > found[name].size):
                     found[name] = Nuisance(self.id, name, size, "m/s^2", self.check, far, corrected=True)
-            cleaned.append(replace(record, **rows))
+            cleaned.append(replace(record, body=rows["body"], spool=rows["spool"]))
         ordered = tuple(found[name] for name in sorted(found))
         return Cleaned(tuple(cleaned) if found else tuple(records), ordered)
 

@@ -74,7 +74,7 @@ class Hum(RecordNuisance):
                 rows[name] = rows[name] - _wave(line, record)
                 if name not in largest or abs(line.amplitude) > abs(largest[name].amplitude):
                     largest[name] = line
-            cleaned.append(replace(record, **rows))
+            cleaned.append(replace(record, body=rows["body"], spool=rows["spool"]))
         found = tuple(
             Nuisance(self.id, name, abs(line.amplitude), "m/s^2", self.check, line.deviation, corrected=True)
             for name, line in sorted(largest.items())

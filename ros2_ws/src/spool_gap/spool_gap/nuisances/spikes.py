@@ -46,7 +46,7 @@ class Spikes(RecordNuisance):
         cleaned = []
         seconds = sum(record.duration for record in records)
         for record in records:
-            rows = {}
+            rows = {"body": record.body, "spool": record.spool}
             band = ZeroPhase(record.sample_period, TRAVEL)
             motion = [np.abs(band.apply(record.spool - record.body, order)) for order in (1, 2)]
             for name in ("body", "spool"):
@@ -55,7 +55,7 @@ class Spikes(RecordNuisance):
                 if 0 < places.size < MOST * row.size and not (name == "spool" and _of_motion(places, motion)):
                     rows[name] = _without(row, places)
                     rate[name] = rate.get(name, 0.0) + places.size / seconds
-            cleaned.append(replace(record, **rows))
+            cleaned.append(replace(record, body=rows["body"], spool=rows["spool"]))
         found = tuple(
             Nuisance(self.id, name, value, "1/s", self.check, float(np.sqrt(value / seconds)), corrected=True)
             for name, value in sorted(rate.items())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from spool_stream.quantity import Quantity, Validity
 from spool_gap.fitting.descent import Fitted
 from spool_gap.fitting.hypothesis import Fitting, Hypothesis
 from spool_gap.registry import EFFECTS
-from spool_gap.result import Curves, GapResult, HeldOutAgreement, NamedEffect, Surface, Where
+from spool_gap.result import Curves, GapResult, HeldOutAgreement, NamedEffect, SmallEffect, Surface, Where
 from spool_gap.selection.state import SelectionState
 from spool_gap.simulation.batches import Run
 from spool_gap.simulation.noise_floor import Floor
@@ -72,6 +72,7 @@ def assembled(
         predictable=outcome.rest.shares,
         remainder=outcome.remainder,
         nuisances=outcome.nuisances,
+        small_effects=tuple(_small(numbers, outcome)),
         trace=state.trace,
     )
 
@@ -126,6 +127,12 @@ def _named(state: SelectionState, numbers: Fitted, outcome: Outcome) -> list[Nam
         )
         last = after
     return found
+
+
+def _small(numbers: Fitted, outcome: Outcome) -> Iterator[SmallEffect]:
+    by_name = {quantity.name: quantity for quantity in _quantities(numbers)}
+    for name, share in outcome.small.items():
+        yield SmallEffect(name, tuple(by_name[p] for p in EFFECTS[name].fitted if p in by_name), share)
 
 
 def _located(fitting: Fitting, step: Hypothesis, floor: Floor) -> tuple[Where, Surface]:

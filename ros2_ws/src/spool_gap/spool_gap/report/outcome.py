@@ -21,6 +21,7 @@ from spool_gap.simulation.jitter import Jitter, sampling_jitter
 from spool_gap.simulation.noise_floor import Floor
 from spool_gap.thresholds import THRESHOLDS
 
+from .importance import share_of
 from .residual import FinalResidual, residue_of
 from .sentence import missing_nothing, named, still_missing, unnamed
 
@@ -68,6 +69,7 @@ class Outcome:
     rest: PredictableShares
     remainder: Remainder | None
     extra: Mapping[str, Quantity]
+    small: Mapping[str, float]
     nuisances: tuple[Nuisance, ...]
     warnings: tuple[str, ...]
     advice: str
@@ -87,6 +89,9 @@ def judge_outcome(
     named_ones = tuple(
         name for name in final.effects if name not in CHAIN and not (hum and name == "periodic_force")
     )
+    shares = {name: share_of(state, name) for name in named_ones}
+    small = {name: share for name, share in shares.items() if share < state.fitting.settings.least_share}
+    named_ones = tuple(name for name in named_ones if name not in small)
     clipped_alone = bool(extra) and _nothing_but_clips(state, residue, saturation)
     names = (*(() if clipped_alone else named_ones), *(["sensor_saturation"] if extra else []))
     candidates: tuple[str, ...] = ()
@@ -128,6 +133,7 @@ def judge_outcome(
         remainder=left,
         extra=extra,
         warnings=(jitter.sentence,) if jitter else (),
+        small=small,
         nuisances=tuple(_nuisances(state, numbers, saturation, jitter, residue, is_open=is_open)) + hum,
         advice=_advice(candidates or effects),
     )

@@ -52,7 +52,8 @@ def named(
     parts = []
     for name in effects:
         entry = EFFECTS[name]
-        sizes = [_number(numbers, parameter, extra) for parameter in entry.fitted]
+        known = [own for own in entry.fitted if own in extra or own in numbers.deviations]
+        sizes = [_number(numbers, parameter, extra) for parameter in known]
         told = f"{', '.join(sizes)}; {PLUS_MINUS}"
         parts.append(f"{name.replace('_', ' ')} ({told}): {entry.on_the_machine}; check {entry.to_check}")
     return (

@@ -33,6 +33,10 @@ def result_to_dict(result: GapResult) -> dict[str, Any]:
         "verdict": result.verdict,
         "remainder": _remainder(result.remainder),
         "nuisances": [_nuisance(entry) for entry in result.nuisances],
+        "small_effects": [
+            {"id": entry.id, "parameters": _quantities(entry.parameters), "share": number(entry.share)}
+            for entry in result.small_effects
+        ],
         "confidence": number(result.confidence),
         "sentence": result.sentence,
         "candidates": list(result.candidates),

@@ -63,7 +63,11 @@ def quiet(samples: Array, density: float | Callable[[Array], Array], rate: float
     hop = length // OVERLAP
     padded = _padded(samples, length)
     window = _window(length)
-    level = density(np.fft.rfftfreq(length, 1.0 / rate)) if callable(density) else density
+    level = (
+        density(np.asarray(np.fft.rfftfreq(length, 1.0 / rate), dtype=np.float64))
+        if callable(density)
+        else density
+    )
     expected = level * 0.5 * rate * float(np.sum(window**2))
     count = (padded.size - length) // hop + 1
     gains = np.empty((count, length // 2 + 1))

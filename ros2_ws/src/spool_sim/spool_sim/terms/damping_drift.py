@@ -1,10 +1,15 @@
-"""Drift of the damping."""
+"""Drift of the damping: a line, or the course of oil that warms towards a temperature."""
 
 from __future__ import annotations
+
+import math
 
 from spool_stream.kernels.compiled import compiled
 
 from .base import Parameter, Term
+
+#: s, time constant beyond which the course of any record is a straight line.
+LINE = 1e7
 
 
 @compiled
@@ -14,20 +19,31 @@ def force_law(
     t: float,
     viscous_coefficient: float,
     damping_drift_rate: float,
+    damping_drift_time: float,
 ) -> float:
     """Return the force, N."""
-    return viscous_coefficient * max(-1.0, damping_drift_rate * t) * v
+    course = -damping_drift_time * math.expm1(-t / damping_drift_time)
+    return viscous_coefficient * max(-1.0, damping_drift_rate * course) * v
 
 
 class DampingDriftTerm(Term):
-    """Damping drift: the viscous coefficient changes in proportion to time."""
+    """Damping drift: the viscous coefficient changes by a line over time, or by an exponential course."""
 
     name = "damping_drift"
     parameters = (
         Parameter("viscous_coefficient", "N s/m", 0.0, 1e5, 8.2, "pi d l mu / h", "viscous_coefficient"),
-        Parameter("damping_drift_rate", "1/s", -100.0, 100.0, -0.01, "relative change per second"),
+        Parameter("damping_drift_rate", "1/s", -100.0, 100.0, -0.01, "relative change per second at t = 0"),
+        Parameter(
+            "damping_drift_time",
+            "s",
+            1.0,
+            LINE,
+            LINE,
+            "time constant; the largest is a line",
+            held=True,
+        ),
     )
-    law = "F = c max(-1, r t) z': with the viscous term c (1 + r t) z', never below 0"
+    law = "F = c max(-1, r T (1 - exp(-t/T))) z': with the viscous term never below 0; r t for large T"
     source = "(12) with a viscosity that runs away from its value at t = 0"
     meaning = "oil that warms up or cools down, or thins"
     check = "oil temperature over the record"

@@ -52,6 +52,13 @@ def gap(
             help="Mass that the force of a driven record moves, kg; default: fitted, or the valve's."
         ),
     ] = None,
+    least_share: Annotated[
+        float,
+        typer.Option(
+            help="Share of the spool's acceleration, rms, that an effect must change to be named.",
+            callback=cli.in_range(0.0, 0.5),
+        ),
+    ] = 0.0025,
     name: cli.NameOption = None,
     columns: cli.ColumnsOption = None,
     start: cli.StartOption = 0.0,
@@ -74,7 +81,7 @@ def gap(
     code = run_gap(
         records, valve, base, kind, selection(name, columns, start, stop),
         ResultFiles(json, report, save_model), holdout=holdout or (),
-        gain_tolerance=gain_tolerance, delay_tolerance=delay_tolerance, mass=mass,
+        gain_tolerance=gain_tolerance, delay_tolerance=delay_tolerance, mass=mass, least_share=least_share,
     )  # fmt: skip
     raise typer.Exit(code)
 

@@ -21,7 +21,7 @@ from spool_identification.record_parts import LARGEST
 from spool_sim.model import Model, load_model
 from spool_sim.valve.description import Valve, find_valve
 from spool_stream.errors import InputError
-from spool_stream.uncertainty import LEGEND, PLUS_MINUS, interval
+from spool_stream.uncertainty import LEGEND, PLUS_MINUS, interval, percent, with_interval
 
 from spool_tools.console.outputs import write_file, write_json
 from spool_tools.console.progress import progress
@@ -49,13 +49,16 @@ def run_gap(
     gain_tolerance: float = 0.05,
     delay_tolerance: float = 0.5e-3,
     mass: float | None = None,
+    least_share: float = 0.0025,
 ) -> int:
     """Find what ``base`` lacks in ``records`` and say it; return 0, whatever the verdict.
 
     Raises:
         InputError: records, valve or model cannot be used.
     """
-    settings = GapSettings(gain_tolerance=gain_tolerance, delay_tolerance=delay_tolerance)
+    settings = GapSettings(
+        gain_tolerance=gain_tolerance, delay_tolerance=delay_tolerance, least_share=least_share
+    )
     model = load_model(base)
     described: Valve | None
     with progress("looking for the gap", 1.0) as advance:
@@ -183,6 +186,7 @@ def show(result: GapResult, console: Console) -> None:
         console.print(f"{LEGEND}; {COUNTED}", markup=False, highlight=False, soft_wrap=True)
     else:
         console.print(LEGEND, markup=False, highlight=False, soft_wrap=True)
+    _show_nuisances(result, console)
     table = Table(box=None, pad_edge=False)
     for column in ("hypothesis", "jointly with", "error after", "evidence"):
         table.add_column(column, no_wrap=True)
@@ -193,3 +197,23 @@ def show(result: GapResult, console: Console) -> None:
         table.add_row(row.id, " + ".join(row.jointly_with) or "the base", after, f"{row.evidence:.0f}", note)
     if result.ranking:
         console.print(table)
+
+
+def _show_nuisances(result: GapResult, console: Console) -> None:
+    """Print what the measuring chain did, and what is there but does not matter."""
+    if result.nuisances:
+        table = Table("measuring chain", "channel", "size", "unit", "", box=None, pad_edge=False)
+        for entry in result.nuisances:
+            note = "taken out; " if entry.corrected else ""
+            size = f"{entry.size:.2g}"
+            table.add_row(entry.id, entry.channel, size, entry.unit, f"{note}check {entry.check}")
+        console.print(table)
+    for small in result.small_effects:
+        values = ", ".join(
+            f"{q.name} {with_interval(q.value, q.standard_deviation, q.unit)}" for q in small.parameters
+        )
+        console.print(
+            f"There is some {small.id.replace('_', ' ')} ({values}), which changes the acceleration by "
+            f"{percent(small.share)}: too little to matter.",
+            markup=False, highlight=False, soft_wrap=True,
+        )  # fmt: skip

@@ -1,0 +1,1 @@
+"""Field study: the gap workflow on records of real measuring chains."""

@@ -1,0 +1,235 @@
+"""Counts over field cases: right, over-cautious, false, missed; by what is hidden and by nuisance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from spool_evaluation.results.proportion import Proportion
+
+UNEXPLAINED, NONE = "unexplained", "none"
+REFUSED, FAILED = "refused", "failed"
+RIGHT, OVER_CAUTIOUS, FALSE, MISSED, NO_VERDICT = "right", "over-cautious", "false", "missed", "no verdict"
+OUTCOMES = (RIGHT, OVER_CAUTIOUS, FALSE, MISSED, NO_VERDICT)
+#: What was asked of the workflow, by what matters in the record.
+NOTHING, ONE, TWO, OUTSIDE, UNIMPORTANT = (
+    "nothing hidden", "one effect", "two effects", "out-of-catalogue law", "not of importance",
+)  # fmt: skip
+QUESTIONS = (NOTHING, ONE, TWO, OUTSIDE, UNIMPORTANT)
+#: Standard deviations of a 95 % interval.
+Z_95 = 1.96
+
+
+@dataclass(frozen=True, slots=True)
+class ChainFault:
+    """Nuisance of the measuring chain, as it was drawn or as it was told."""
+
+    id: str
+    channel: str
+    size: float | None
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class HiddenShare:
+    """Share of the spool's acceleration that a hidden effect makes, and whether it has to be named.
+
+    Attributes:
+        with_without: rms of the difference with and without it over the rms of the acceleration.
+        share: the same after the base is refitted; this one decides.
+        over_threshold: evidence of a test that knows it over what finds half of such records.
+        matters: a name is demanded.
+    """
+
+    with_without: float
+    share: float
+    over_threshold: float
+    matters: bool
+
+
+@dataclass(frozen=True, slots=True)
+class FieldVerdict:
+    """Verdict of the workflow on one field case, with its truth.
+
+    Attributes:
+        seed, window, kind, hidden, accepted: of the case; see :mod:`spool_blind.field.case`.
+        importance: of each hidden effect.
+        nuisances, told: of the measuring chain, drawn and as the workflow told them.
+        verdict: what was said; "refused" where the record was, "failed" where no word came.
+        candidates: the class that was named together with "unexplained".
+        confidence: 0 to 1.
+        truth: values of the parameters by "effect.parameter"; SI.
+        found: the fitted ones with their standard deviations, ``None`` where that is not known.
+        before, after, floor: held-out gap and noise floor, rms over rms; ``None`` where unknown.
+        seconds, processor_seconds: taken by the workflow, and of them spent computing.
+        condition: excitation, spring, rate and so on, for looking up.
+        message: why it was refused.
+    """
+
+    seed: int
+    window: str
+    kind: str
+    hidden: str
+    accepted: tuple[str, ...]
+    importance: dict[str, HiddenShare]
+    nuisances: tuple[ChainFault, ...]
+    verdict: str
+    told: tuple[ChainFault, ...] = ()
+    candidates: tuple[str, ...] = ()
+    confidence: float | None = None
+    truth: dict[str, float] = field(default_factory=dict)
+    found: dict[str, tuple[float, float | None]] = field(default_factory=dict)
+    before: float | None = None
+    after: float | None = None
+    floor: float | None = None
+    seconds: float = 0.0
+    processor_seconds: float = 0.0
+    condition: str = ""
+    message: str = ""
+
+    @property
+    def said(self) -> frozenset[str]:
+        """What was said, without ``none``."""
+        return frozenset(self.verdict.split("+")) - {NONE}
+
+    @property
+    def outcome(self) -> str:
+        """One of ``OUTCOMES``.
+
+        Over-cautious: the names are right, and something is said to be left that is not. False: a name of
+        what is not there. Missed: names are missing, and none is false.
+        """
+        if self.verdict in (REFUSED, FAILED):
+            return NO_VERDICT
+        right = [frozenset(one.split("+")) - {NONE} for one in self.accepted]
+        names = self.said - {UNEXPLAINED}
+        if self.said in right:
+            return RIGHT
+        if UNEXPLAINED in self.said:
+            if frozenset({UNEXPLAINED}) in right and self.kind == "out_of_catalogue":
+                return RIGHT
+            if names in right:
+                return OVER_CAUTIOUS
+        return FALSE if names - frozenset().union(*right) else MISSED
+
+    @property
+    def question(self) -> str:
+        """One of ``QUESTIONS``."""
+        matter = [name for name, one in self.importance.items() if one.matters]
+        if not self.importance:
+            return NOTHING
+        if not matter:
+            return UNIMPORTANT
+        if self.kind == "out_of_catalogue":
+            return OUTSIDE
+        return ONE if len(matter) == 1 else TWO
+
+    @property
+    def names_right(self) -> bool:
+        """Whether all names are right, whatever is said to be left besides."""
+        return self.outcome in (RIGHT, OVER_CAUTIOUS)
+
+    @property
+    def within(self) -> dict[str, bool]:
+        """Whether the 95 % interval of each parameter that is known and was found holds the truth."""
+        if not self.names_right:
+            return {}
+        return {
+            name: abs(self.found[name][0] - true) <= Z_95 * deviation
+            for name, true in self.truth.items()
+            if name in self.found and (deviation := self.found[name][1]) is not None
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what a row of the file holds of it."""
+        return {**asdict(self), "outcome": self.outcome, "question": self.question}
+
+
+def verdict_from(row: dict[str, Any]) -> FieldVerdict:
+    """Return the verdict that ``to_dict`` wrote."""
+    given = {key: value for key, value in row.items() if key in FieldVerdict.__slots__}
+    for name in ("nuisances", "told"):
+        given[name] = tuple(ChainFault(**entry) for entry in row[name])
+    for name in ("accepted", "candidates"):
+        given[name] = tuple(row[name])
+    given["importance"] = {name: HiddenShare(**entry) for name, entry in row["importance"].items()}
+    given["found"] = {name: (entry[0], entry[1]) for name, entry in row["found"].items()}
+    return FieldVerdict(**given)
+
+
+def counted(rows: Iterable[FieldVerdict]) -> dict[str, Proportion]:
+    """Return how many of ``rows`` end in each outcome."""
+    listed = list(rows)
+    return {
+        outcome: Proportion(sum(row.outcome == outcome for row in listed), len(listed))
+        for outcome in OUTCOMES
+    }
+
+
+def by_nuisance(rows: Sequence[FieldVerdict]) -> dict[str, list[FieldVerdict]]:
+    """Return the rows with each nuisance, by its id; first those without any."""
+    groups = {"no nuisance": [row for row in rows if not row.nuisances]}
+    groups["any nuisance"] = [row for row in rows if row.nuisances]
+    for name in sorted({one.id for row in rows for one in row.nuisances}):
+        groups[name] = [row for row in rows if any(one.id == name for one in row.nuisances)]
+    return groups
+
+
+def told_of(rows: Sequence[FieldVerdict], name: str) -> tuple[Proportion, Proportion]:
+    """Return in how many records the nuisance ``name`` was told: of those with it, and of those without."""
+    there = [row for row in rows if row.verdict not in (REFUSED, FAILED)]
+    having = [row for row in there if any(one.id == name for one in row.nuisances)]
+    without = [row for row in there if row not in having]
+
+    def told(these: Sequence[FieldVerdict]) -> Proportion:
+        return Proportion(sum(any(one.id == name for one in row.told) for row in these), len(these))
+
+    return told(having), told(without)
+
+
+@dataclass(frozen=True, slots=True)
+class FieldTarget:
+    """Target of the field study: a proportion, what is wanted of it in words, and whether it is met."""
+
+    name: str
+    wanted: str
+    share: Proportion
+    met: bool
+
+    @property
+    def answer(self) -> str:
+        """yes, no, or unknown where no case asked."""
+        return ("yes" if self.met else "no") if self.share.of else "unknown"
+
+
+def field_targets(rows: Sequence[FieldVerdict]) -> list[FieldTarget]:
+    """Return the study's questions with their answers."""
+
+    def share(question: str, right: Callable[[FieldVerdict], bool]) -> Proportion:
+        these = [row for row in rows if row.question == question]
+        return Proportion(sum(right(row) for row in these), len(these))
+
+    inside = [held for row in rows for held in row.within.values()]
+    cover = Proportion(sum(inside), len(inside))
+    single, pair = share(ONE, lambda row: row.names_right), share(TWO, lambda row: row.names_right)
+    false = share(NOTHING, lambda row: row.outcome == FALSE)
+    quiet = share(NOTHING, lambda row: row.outcome == RIGHT)
+    outside = share(OUTSIDE, lambda row: row.outcome == RIGHT)
+    at_least = "at least {:.0%}".format
+    return [
+        FieldTarget("one effect of importance, its name right", at_least(0.95), single, _from(single, 0.95)),
+        FieldTarget("two effects of importance, both names right", at_least(0.9), pair, _from(pair, 0.9)),
+        FieldTarget("nothing hidden, a false name", "at most 1%", false, (false.value or 0.0) <= 0.01),
+        FieldTarget("nothing hidden, `none` said", at_least(0.9), quiet, _from(quiet, 0.9)),
+        FieldTarget(
+            "out-of-catalogue laws not given a name alone", at_least(0.85), outside, _from(outside, 0.85)
+        ),
+        FieldTarget(
+            "95 % intervals that hold the truth", "93% to 97%", cover, 0.93 <= (cover.value or 0.0) <= 0.97
+        ),
+    ]
+
+
+def _from(share: Proportion, least: float) -> bool:
+    return (share.value or 0.0) >= least

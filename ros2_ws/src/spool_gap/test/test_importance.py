@@ -1,0 +1,79 @@
+"""An effect is named where it matters; a spool that is stuck, and oil that warms, are called that."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from spool_gap.result import GapSettings
+from spool_gap.workflow.analyse import analyse
+from spool_identification.record import Record
+from spool_sim.excitation.kinds import SweptSine
+from spool_sim.model import MODELS, Model
+from spool_sim.sensors import Sensor
+from spool_sim.simulator import Simulator
+from spool_sim.terms import term
+from spool_sim.valve.description import find_valve
+
+VALVE = find_valve("4weh10_soft")
+FLUID = MODELS["fluid"]
+RATE = 1000.0
+
+
+def recorded(effect: str, noise: float = 0.03, **values: float) -> Record:
+    """Return 24 s of three sweeps of the fluid model with ``effect``."""
+    model = Model("hidden", (*FLUID.terms, term(effect)), values) if effect else FLUID
+    sweep = SweptSine(start_frequency=6.0, stop_frequency=45.0, duration=8.0, amplitude=8.0)
+    sensor = Sensor(noise=noise)
+    simulator = Simulator(
+        VALVE, sweep, model=model, sample_rate=RATE, block_size=500, body_sensor=sensor, spool_sensor=sensor
+    )
+    blocks = list(simulator.records(24.0))
+    body, spool = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("body", "spool"))
+    return Record("sweeps", 0, 1.0 / RATE, body.astype(np.float64), spool.astype(np.float64))
+
+
+def test_an_effect_that_hardly_changes_the_acceleration_is_told_and_not_named() -> None:
+    record = recorded("cubic_stiffness", 0.005, cubic_coefficient=2e6)
+    named = analyse([record], VALVE, FLUID, settings=GapSettings(least_share=0.0))
+    assert named.verdict == "cubic_stiffness"
+    found = analyse([record], VALVE, FLUID, settings=GapSettings(least_share=0.2))
+    assert found.verdict == "none"
+    assert not found.effects
+    (small,) = found.small_effects
+    assert small.id == "cubic_stiffness"
+    assert 0.0 < small.share < 0.2
+    (size,) = small.parameters
+    assert size.value == pytest.approx(2e6, abs=4.0 * size.standard_deviation, rel=0.02)
+
+
+def test_oil_that_warms_is_damping_that_drifts_on_an_exponential_course() -> None:
+    record = recorded("damping_drift", damping_drift_rate=-0.08, damping_drift_time=6.0)
+    found = analyse([record], VALVE, FLUID)
+    assert found.verdict == "damping_drift"
+    numbers = {q.name: q for q in found.effects[0].parameters}
+    for name, truth in (("damping_drift_rate", -0.08), ("damping_drift_time", 6.0)):
+        assert numbers[name].value == pytest.approx(truth, abs=4.0 * numbers[name].standard_deviation)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.03])
+def test_a_locked_spool_is_stuck_and_has_no_friction_law(noise: float) -> None:
+    record = recorded("")
+    read = record.body + noise * np.random.default_rng(1).standard_normal(record.body.size)
+    found = analyse([replace(record, spool=read)], VALVE, FLUID)
+    assert found.verdict == "unexplained"
+    assert not found.effects
+    assert found.sentence.startswith("The spool is stuck")
+
+
+@pytest.mark.parametrize("share", [0.1, 0.25])
+def test_both_channels_clipped_is_saturation_and_no_mechanics(share: float) -> None:
+    record = recorded("")
+    rail = float(np.quantile(np.abs([record.body, record.spool]), 1.0 - share))
+    clipped = replace(
+        record, body=np.clip(record.body, -rail, rail), spool=np.clip(record.spool, -rail, rail)
+    )
+    found = analyse([clipped], VALVE, FLUID)
+    assert found.verdict == "sensor_saturation"
+    assert {entry.channel for entry in found.nuisances if entry.id == "clipping"} >= {"spool"}
