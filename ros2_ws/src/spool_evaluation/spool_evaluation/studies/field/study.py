@@ -105,7 +105,7 @@ def judge_field(case: FieldCase) -> FieldVerdict:
             with _at_most(LONGEST):
                 result = analysed(record, valve)
         except InputError as error:
-            return field_row(case, {"verdict": REFUSED}, watch.read(), str(error).replace(folder, ""))
+            return field_row(case, {"verdict": REFUSED}, watch.read(), str(error).replace(f"{record}: ", ""))
         except Exception:  # one crash must not end the study; its last lines are kept
             text = traceback.format_exc().strip().splitlines()
             return field_row(case, {"verdict": FAILED}, watch.read(), " ".join(text[-3:]))
