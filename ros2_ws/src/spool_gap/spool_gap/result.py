@@ -32,6 +32,7 @@ class GapSettings:
         longest: samples at most that are simulated, for the fit and again for the held-out part.
         most_effects: at most that are named in one record.
         least_share: of the spool's acceleration, rms, that an effect must change to be part of the verdict.
+        thorough: a search has all the time that it takes.
         left_out: names of stages of the selection that are not run, to see what they are worth.
     """
 
@@ -40,6 +41,7 @@ class GapSettings:
     longest: int = 30_000
     most_effects: int = 3
     least_share: float = 0.0025
+    thorough: bool = False
     left_out: frozenset[str] = frozenset()
 
 
@@ -238,11 +240,15 @@ class RankedHypothesis:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Change of the choice: the stage that made it, and the effects chosen before and after it."""
+    """Change of the choice: the stage that made it, and the effects chosen before and after it.
+
+    ``gave_up``: the stage was not run to its end, since the time was over.
+    """
 
     stage: str
     before: tuple[str, ...]
     after: tuple[str, ...]
+    gave_up: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -77,3 +77,14 @@ def test_both_channels_clipped_is_saturation_and_no_mechanics(share: float) -> N
     found = analyse([clipped], VALVE, FLUID)
     assert found.verdict == "sensor_saturation"
     assert {entry.channel for entry in found.nuisances if entry.id == "clipping"} >= {"spool"}
+
+
+def test_a_search_out_of_time_says_what_it_gave_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("spool_gap.workflow.analyse.AT_LEAST", 0.0)
+    monkeypatch.setattr("spool_gap.workflow.analyse.PER_SECOND", 0.0)
+    record = recorded("cubic_stiffness", cubic_coefficient=5e7)
+    hurried = analyse([record], VALVE, FLUID)
+    assert not hurried.effects
+    assert any("out of time" in line and "--thorough" in line for line in hurried.warnings)
+    thorough = analyse([record], VALVE, FLUID, settings=GapSettings(thorough=True))
+    assert thorough.verdict == "cubic_stiffness"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -23,6 +25,7 @@ class Context:
         regressed: as many of those as the regression takes.
         progress: takes what is done and the share of the work.
         left_out: names of stages that are not run.
+        deadline: by the monotonic clock, s, after which nothing further is looked for.
     """
 
     start: Point
@@ -30,6 +33,12 @@ class Context:
     regressed: Sequence[Stretch]
     progress: Progress
     left_out: frozenset[str] = frozenset()
+    deadline: float = math.inf
+
+    @property
+    def late(self) -> bool:
+        """Whether the time that a search may take is over."""
+        return time.monotonic() > self.deadline
 
     @property
     def reach(self) -> float:

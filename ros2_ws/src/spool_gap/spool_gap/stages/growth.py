@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from spool_gap.registry import EFFECTS
+from spool_gap.result import Change
 from spool_gap.selection.completeness import is_complete
 from spool_gap.selection.context import Context
 from spool_gap.selection.state import SelectionState, Stage, run_stages
@@ -46,6 +47,9 @@ BACKWARD: tuple[Stage, ...] = (synchronise,)
 def grow(context: Context, state: SelectionState) -> SelectionState:
     """Forward and backward selection from what is accepted."""
     while len(state.hypothesis.effects) < state.fitting.settings.most_effects:
+        if context.late:
+            given_up = Change("grow", state.choice, state.choice, gave_up=True)
+            return replace(state, trace=(*state.trace, given_up))
         known = " + ".join(state.hypothesis.effects) or "the base"
         context.progress(f"trying effects jointly with {known}", 0.25)
         state = run_stages(FORWARD, context, state.begun)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -33,6 +34,9 @@ from .preparation import Task, first_look, motions_for, prepared
 LONGEST_LOOKED_AT = 600_000
 #: Samples that are simulated of a stuck spool: its picture needs no more.
 STUCK_LONGEST = 6_000
+#: s of searching for each second of data, and at least: two minutes a minute; judging what was found comes on
+#: top of that, a quarter of it where it takes longest.
+PER_SECOND, AT_LEAST = 1.5, 45.0
 
 
 def analyse(
@@ -81,10 +85,10 @@ def analyse(
         tell("preparing", 0.05)
         task = Task(
             chain.records, chain.holdout, saturation, base, valve, chosen,
-            motions_for(base), tell, chain_open=chain.open,
+            motions_for(base), tell, begun + _allowed(usable, chosen), chain.open,
         )  # fmt: skip
-        state = _selected(task)
-        if not (chain.open and nuisances_of(state.hypothesis)):
+        state, corrects = _selected(task)
+        if not corrects:
             break
         chain = chain.corrected(state.hypothesis)
         saturation = find_saturation([*chain.records, *chain.holdout])
@@ -98,17 +102,35 @@ def analyse(
             f"even the best model leaves {100.0 * left:.3g} % of the spool's acceleration: units of both "
             "channels, order and sign of the columns, valve file?"
         )
+    gave_up = list(dict.fromkeys(change.stage.replace("_", " ") for change in state.trace if change.gave_up))
+    if gave_up:
+        warnings.append(
+            f"out of time after {time.monotonic() - begun:.0f} s: gave up {', '.join(gave_up)}; this is the "
+            "best so far, --thorough goes on"
+        )
     outcome = replace(outcome, warnings=(*warnings, *outcome.warnings))
     result = assembled(records, base, state, numbers, outcome, time.monotonic() - begun)
     result = replace(result, nuisances=(*chain.found, *result.nuisances))
     return as_stuck(result) if stuck else result
 
 
-def _selected(task: Task) -> SelectionState:
-    """Return what was selected, as far as the first nuisance of the measuring chain where there is one."""
+def _allowed(records: Sequence[Record], settings: GapSettings) -> float:
+    """Return the time that a search may take, s."""
+    seconds = sum(record.duration for record in records)
+    return math.inf if settings.thorough else max(AT_LEAST, PER_SECOND * seconds)
+
+
+def _selected(task: Task) -> tuple[SelectionState, bool]:
+    """Return what was selected, and whether it is as far as a nuisance that is to be taken out first."""
     point, has_stops = first_look(task)
     state = _with_stop(task, point) if has_stops else None
-    return state or _without_stop(task, point)
+    if state is not None:
+        return state, task.chain_open and bool(nuisances_of(state.hypothesis))
+    context, state = prepared(task, point, point.get("viscous_coefficient"), task.settings.longest)
+    state = select(context, state)
+    if task.chain_open and nuisances_of(state.hypothesis) and not context.late:
+        return state, True
+    return judge(context, state), False
 
 
 def _numbers(records: Sequence[Record], base: Model, state: SelectionState, saturation: Saturation) -> Fitted:
@@ -148,9 +170,3 @@ def _with_stop(task: Task, point: Point) -> SelectionState | None:
     if found is None or found.fitting.nrmse(found.hypothesis) > THRESHOLDS.explains_nothing:
         return None
     return found
-
-
-def _without_stop(task: Task, point: Point) -> SelectionState:
-    context, state = prepared(task, point, point.get("viscous_coefficient"), task.settings.longest)
-    state = select(context, state)
-    return state if task.chain_open and nuisances_of(state.hypothesis) else judge(context, state)

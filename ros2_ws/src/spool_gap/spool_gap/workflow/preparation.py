@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -36,6 +37,7 @@ class Task:
         base, valve, settings: as given.
         motions: kernels for the base with any effect.
         progress: takes what is done and the share of the work.
+        deadline: by the monotonic clock, s, after which nothing further is looked for.
         chain_open: nuisances of the measuring chain are tried next to effects.
     """
 
@@ -47,6 +49,7 @@ class Task:
     settings: GapSettings
     motions: Sequence[SwitchableMotion]
     progress: Progress
+    deadline: float = math.inf
     chain_open: bool = True
 
     @property
@@ -101,7 +104,9 @@ def prepared(task: Task, start: Point, damping: float, longest: int) -> tuple[Co
         damping=damping, gain=gain, delay=delay, clipped=task.saturation.kept,
     )  # fmt: skip
     simulation = Simulation(pieces_of(whole, longest, gain, delay), task.motions)
-    context = Context(start, whole, thinned(whole, 3 * longest), task.progress, task.settings.left_out)
+    context = Context(
+        start, whole, thinned(whole, 3 * longest), task.progress, task.settings.left_out, task.deadline
+    )
     fitting = Fitting(simulation, task.base, task.valve, task.settings)
     return context, SelectionState(
         fitting,

@@ -59,6 +59,9 @@ def gap(
             callback=cli.in_range(0.0, 0.5),
         ),
     ] = 0.0025,
+    thorough: Annotated[
+        bool, typer.Option(help="Search to the end; default: two minutes for a minute of data.")
+    ] = False,
     name: cli.NameOption = None,
     columns: cli.ColumnsOption = None,
     start: cli.StartOption = 0.0,
@@ -81,7 +84,8 @@ def gap(
     code = run_gap(
         records, valve, base, kind, selection(name, columns, start, stop),
         ResultFiles(json, report, save_model), holdout=holdout or (),
-        gain_tolerance=gain_tolerance, delay_tolerance=delay_tolerance, mass=mass, least_share=least_share,
+        gain_tolerance=gain_tolerance, delay_tolerance=delay_tolerance, mass=mass,
+        least_share=least_share, thorough=thorough,
     )  # fmt: skip
     raise typer.Exit(code)
 

@@ -50,6 +50,7 @@ def run_gap(
     delay_tolerance: float = 0.5e-3,
     mass: float | None = None,
     least_share: float = 0.0025,
+    thorough: bool = False,
 ) -> int:
     """Find what ``base`` lacks in ``records`` and say it; return 0, whatever the verdict.
 
@@ -57,7 +58,10 @@ def run_gap(
         InputError: records, valve or model cannot be used.
     """
     settings = GapSettings(
-        gain_tolerance=gain_tolerance, delay_tolerance=delay_tolerance, least_share=least_share
+        gain_tolerance=gain_tolerance,
+        delay_tolerance=delay_tolerance,
+        least_share=least_share,
+        thorough=thorough,
     )
     model = load_model(base)
     described: Valve | None
