@@ -105,7 +105,7 @@ class AntiAlias(FieldNuisance):
 
     def _through(self, row: Array, rate: float) -> Array:
         if self.kind == "fir":
-            taps = max(3, round(self.order * rate / self.rate))
+            taps = round((self.order - 1) * rate / self.rate) + 1
             passed = fftconvolve(row, firwin(taps, self._corner, fs=rate))[: row.size]
             return np.asarray(passed, dtype=np.float64)
         return np.asarray(sosfilt(self._sections(rate), row))

@@ -1,0 +1,170 @@
+"""Field study: how it counts, what its page says, and that plain records are named as such."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from spool_blind.field.case import make_field
+from spool_evaluation.studies.field import study
+from spool_evaluation.studies.field.page import PAGE, PICTURE, field_parts, write_field_page
+from spool_evaluation.studies.field.reliability import brier_scores, deciles
+from spool_evaluation.studies.field.summary import (
+    FALSE,
+    MISSED,
+    NO_VERDICT,
+    NOTHING,
+    ONE,
+    OUTSIDE,
+    OVER_CAUTIOUS,
+    RIGHT,
+    TWO,
+    UNIMPORTANT,
+    ChainFault,
+    FieldVerdict,
+    HiddenShare,
+    by_nuisance,
+    counted,
+    field_targets,
+    told_of,
+    verdict_from,
+)
+
+LARGE, SMALL = HiddenShare(0.1, 0.05, 100.0, True), HiddenShare(0.01, 0.001, 100.0, False)
+HUM = ChainFault("hum", "spool", 0.2, "m/s^2")
+
+
+def row(hidden: str, verdict: str, accepted: tuple[str, ...] = (), **given: object) -> FieldVerdict:
+    names = [] if hidden == "none" else hidden.split("+")
+    kind = ("none", "effect", "pair")[len(names)] if hidden != "oil_chamber" else "out_of_catalogue"
+    values: dict[str, object] = {
+        "seed": 7, "window": "report", "importance": dict.fromkeys(names, LARGE), "nuisances": (), **given
+    }  # fmt: skip
+    return FieldVerdict(kind=kind, hidden=hidden, accepted=accepted or (hidden,), verdict=verdict, **values)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "verdict", "outcome"),
+    [
+        ("none", "none", RIGHT),
+        ("none", "unexplained", OVER_CAUTIOUS),
+        ("none", "coulomb_friction", FALSE),
+        ("none", "coulomb_friction+unexplained", FALSE),
+        ("none", "refused", NO_VERDICT),
+        ("end_stop", "end_stop", RIGHT),
+        ("end_stop", "end_stop+unexplained", OVER_CAUTIOUS),
+        ("end_stop", "unexplained", MISSED),
+        ("end_stop", "none", MISSED),
+        ("end_stop", "cubic_stiffness", FALSE),
+        ("end_stop", "coulomb_friction+end_stop", FALSE),
+        ("a+b", "b+a", RIGHT),
+        ("a+b", "b+unexplained+a", OVER_CAUTIOUS),
+        ("a+b", "b", MISSED),
+        ("a+b", "b+unexplained", MISSED),
+        ("a+b", "b+c", FALSE),
+    ],
+)
+def test_a_verdict_is_right_over_cautious_false_or_missed_by_its_set_of_names(hidden, verdict, outcome):
+    assert row(hidden, verdict).outcome == outcome
+
+
+@pytest.mark.parametrize(
+    ("verdict", "outcome"),
+    [
+        ("unexplained", RIGHT),
+        ("mixed_friction+unexplained", RIGHT),
+        ("mixed_friction", FALSE),
+        ("none", MISSED),
+    ],
+)
+def test_a_law_of_no_catalogue_has_to_leave_something_unexplained(verdict, outcome):
+    assert row("oil_chamber", verdict, ("unexplained",)).outcome == outcome
+
+
+def test_what_does_not_matter_is_not_counted_against():
+    accepted = ("none", "end_stop")
+    small = {"importance": {"end_stop": SMALL}}
+    assert [row("end_stop", said, accepted, **small).outcome for said in accepted] == [RIGHT, RIGHT]
+    assert row("end_stop", "none", accepted, **small).question == UNIMPORTANT
+    assert row("a+b", "a", importance={"a": LARGE, "b": SMALL}).question == ONE
+    assert [row(hidden, "none").question for hidden in ("none", "a", "a+b", "oil_chamber")] == [
+        NOTHING, ONE, TWO, OUTSIDE,
+    ]  # fmt: skip
+
+
+def test_outcomes_are_counted_by_nuisance():
+    rows = [row("none", "none"), row("none", "unexplained", nuisances=(HUM,), told=(HUM,)), row("a", "a")]
+    groups = by_nuisance(rows)
+    assert [len(groups[name]) for name in ("no nuisance", "any nuisance", "hum")] == [2, 1, 1]
+    assert counted(groups["hum"])[OVER_CAUTIOUS].count == 1
+    where, elsewhere = told_of(rows, "hum")
+    assert (where.count, where.of, elsewhere.count, elsewhere.of) == (1, 1, 0, 2)
+
+
+def test_names_count_as_right_whatever_is_left_and_none_has_to_be_said_alone():
+    rows = [row("a", "a+unexplained"), row("a", "a"), row("none", "unexplained")]
+    met = {target.name: target.met for target in field_targets(rows)}
+    assert met["one effect of importance, its name right"]
+    assert met["nothing hidden, a false name"]
+    assert not met["nothing hidden, `none` said"]
+
+
+def test_intervals_are_held_against_the_truth_where_the_names_are_right():
+    held = row("a", "a", truth={"a.x": 2.0, "a.y": 1.0}, found={"a.x": (2.1, 0.06), "a.y": (1.5, 0.1)})
+    assert held.within == {"a.x": True, "a.y": False}
+    assert row("a", "b", truth={"a.x": 2.0}, found={"a.x": (2.1, 0.06)}).within == {}
+    assert row("a", "a", truth={"a.x": 2.0}, found={"a.x": (2.1, None)}).within == {}
+
+
+def test_a_confidence_that_is_a_frequency_beats_the_base_rate():
+    sure = [row("a", "a", confidence=0.9)] * 18 + [row("a", "b", confidence=0.9)] * 2
+    doubtful = [row("a", "a", confidence=0.1)] * 2 + [row("a", "b", confidence=0.1)] * 18
+    low, high = deciles(sure + doubtful)
+    assert (low.low, high.low, low.share.count, high.share.count) == (0.1, 0.9, 2, 18)
+    assert low.agrees
+    assert high.agrees
+    score = brier_scores(sure + doubtful)[0]
+    assert score.score == pytest.approx(0.09)
+    assert score.base_rate == pytest.approx(0.25)
+    assert brier_scores([row("a", "a", confidence=1.0)])[0].score == 0.0
+
+
+def test_the_page_names_its_window_and_every_case_that_went_wrong(tmp_path: Path):
+    rows = [row("none", "none", confidence=0.9), row("a", "b", seed=8, nuisances=(HUM,), confidence=0.8)]
+    page = write_field_page(rows, tmp_path, "./spool study field").read_text()
+    assert "window **report**" in page
+    assert "| 8 | a | false | b | 0.80 |" in page
+    assert "hum (spool 0.2 m/s^2)" in page
+    assert (tmp_path / PICTURE).stat().st_size > 1000
+    others = field_parts([row("none", "none", window="check")])[1]
+    assert "**check**" in others
+    assert "no choice has seen" in others
+
+
+def test_a_study_goes_on_where_it_was_ended(tmp_path: Path, monkeypatch):
+    rows = [row("a", "a", seed=seed, nuisances=(HUM,), found={"a.x": (1.0, None)}) for seed in (5, 6)]
+    lines = [json.dumps(one.to_dict()) for one in rows]
+    (tmp_path / study.ROWS).write_text("\n".join([lines[0], lines[0][:30], ""]))
+    looked = []
+    monkeypatch.setattr(study, "judge_field_seed", lambda seed: looked.append(seed) or rows[1])
+    for _ in range(2):
+        assert study.run(2, 5, tmp_path, 1) == rows
+    assert looked == [6]
+    assert "2 cases" in (tmp_path / PAGE).read_text()
+    assert verdict_from(json.loads(lines[1])) == rows[1]
+
+
+def test_a_record_with_nothing_hidden_and_no_nuisance_lacks_nothing():
+    found = study.judge_field(make_field(25, "none", ()))
+    assert (found.verdict, found.outcome, found.question) == ("none", RIGHT, NOTHING)
+    assert found.confidence > 0.5
+
+
+def test_empty_cells_end_in_a_row_that_says_why():
+    """A record that is refused is no verdict, neither right nor false."""
+    case = make_field(14)
+    assert [one.id for one in case.nuisances if one.id == "missing_samples"]
+    found = study.field_row(case, {"verdict": "refused"}, (1.0, 1.0), "spool_m_s2 is empty")
+    assert found.outcome == NO_VERDICT
+    assert "spool_m_s2 is empty" in "\n".join(field_parts([found]))
