@@ -156,14 +156,28 @@ def test_a_study_goes_on_where_it_was_ended(tmp_path: Path, monkeypatch):
 
 
 def test_a_record_with_nothing_hidden_and_no_nuisance_lacks_nothing():
-    found = study.judge_field(make_field(25, "none", ()))
+    found = study.judge_field(make_field(33, "none", ()))
     assert (found.verdict, found.outcome, found.question) == ("none", RIGHT, NOTHING)
     assert found.confidence > 0.5
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seed", "hidden", "nuisances"),
+    [
+        (158, "none", ("hum", "quantisation")),
+        (33, "coulomb_friction", ("hum",)),
+        (135, "spring_preload", ("bias_drift", "coloured_noise")),
+    ],
+)
+def test_what_a_measuring_chain_does_is_no_force(seed, hidden, nuisances):
+    found = study.judge_field(make_field(seed, hidden, nuisances))
+    assert found.outcome in (RIGHT, OVER_CAUTIOUS), found.verdict
+
+
 def test_empty_cells_end_in_a_row_that_says_why():
     """A record that is refused is no verdict, neither right nor false."""
-    case = make_field(14)
+    case = make_field(33, nuisances=("missing_samples",))
     assert [one.id for one in case.nuisances if one.id == "missing_samples"]
     found = study.field_row(case, {"verdict": "refused"}, (1.0, 1.0), "spool_m_s2 is empty")
     assert found.outcome == NO_VERDICT
