@@ -27,8 +27,8 @@ from .page import write_field_page
 from .summary import FAILED, REFUSED, ChainFault, FieldVerdict, HiddenShare, field_targets, verdict_from
 
 ROWS, RESULT = "field_cases.jsonl", "field_study.json"
-#: s after which a case counts as one without a word: five times what the workflow may take.
-LONGEST = 600
+#: s of computing after which a case counts as one without a word: five times what the workflow may take.
+LONGEST = 600.0
 
 
 def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[FieldVerdict]:
@@ -136,19 +136,19 @@ def analysed(record: Path, valve: Path) -> dict[str, Any]:
 
 
 @contextmanager
-def _at_most(seconds: int) -> Iterator[None]:
-    """Raise TimeoutError where what is inside takes longer; only in a process's main thread."""
+def _at_most(seconds: float) -> Iterator[None]:
+    """Raise TimeoutError where what is inside computes longer; only in a process's main thread."""
 
     def ring(*_: object) -> None:
-        raise TimeoutError(f"no verdict within {seconds} s")
+        raise TimeoutError(f"no verdict within {seconds:g} s of computing")
 
-    before = signal.signal(signal.SIGALRM, ring)
-    signal.alarm(seconds)
+    before = signal.signal(signal.SIGPROF, ring)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
     try:
         yield
     finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
 
 
 def field_row(
