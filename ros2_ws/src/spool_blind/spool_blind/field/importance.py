@@ -2,13 +2,13 @@
 
 A name is demanded only of an effect that matters. Its share is the difference between the records with and
 without it, the base refitted to the one without: stiffness, drag, and gain and delay within their tolerances
-take what they can, to first order. For what is small that is exact, and what is large matters anyway.
+take what they can.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,10 @@ LEAST_SHARE = 0.0025
 LIKE_COULOMB = (*(name for name, kind in EFFECTS.items() if kind.richer), "presliding_friction")
 #: Relative steps of stiffness, drag and friction for slopes.
 STEPS = {"stiffness": 0.002, "damping": 0.02, "coulomb_force": 0.02}
+#: Steps of a refit at most, and share of what is left above which another one is not worth its time.
+ROUNDS, ENOUGH = 6, 0.97
+#: Change of a number in one step at most.
+LARGEST_CHANGE = (0.6, 1.6)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +91,7 @@ class ImportanceJudge:
         )  # fmt: skip
         without = self._reading(bare, numbers)
         tolerance = 1.0 if name in EFFECTS else OUT_OF_CATALOGUE_TOLERANCE
-        found = self._left(bare, numbers, without, ("stiffness", "damping"), tolerance)
+        found = self._left(bare, numbers, ("stiffness", "damping"), tolerance)
         limit = threshold(max(1, len(hidden.truth)))
         return Importance(float((self.spool - without).std() / self.spool.std()), *found, limit)
 
@@ -99,29 +103,48 @@ class ImportanceJudge:
         others = [part for other, part in self.parts.items() if other != name]
         force = equivalent_force(hidden, self.motion)
         numbers = plant_of(self.condition, [*others, Hidden({"coulomb_force": force})])
-        without = self._reading(self.chain, numbers)
-        share, evidence = self._left(self.chain, numbers, without, tuple(STEPS), 1.0)
+        share, evidence = self._left(self.chain, numbers, tuple(STEPS), 1.0)
         return not (share > LEAST_SHARE and evidence > threshold(max(1, len(hidden.truth) - 1)))
 
     def _reading(self, chain: MeasuringChain, plant: Plant) -> Array:
         return chain.quiet(SPOOL, self.condition.move(plant, like=self.plant), self.time)
 
     def _left(
-        self, chain: MeasuringChain, plant: Plant, without: Array, free: Sequence[str], tolerance: float
+        self, chain: MeasuringChain, plant: Plant, free: Sequence[str], tolerance: float
     ) -> tuple[float, float]:
         """Return share and evidence of what is left once the numbers ``free``, gain, delay are refitted."""
+        left = self.spool - self._reading(chain, plant)
+        for _ in range(ROUNDS):
+            step = self._step(chain, plant, free, left, tolerance)
+            factors = {name: 1.0 + STEPS[name] * one for name, one in zip(free, step[:-2], strict=True)}
+            bounded = {name: float(np.clip(one, *LARGEST_CHANGE)) for name, one in factors.items()}
+            nearer = plant.with_(**{name: plant.numbers[name] * one for name, one in bounded.items()})
+            gain = chain.gain + GAIN_TOLERANCE * float(step[-2])
+            refitted = replace(chain, gain=gain, delay=chain.delay + DELAY_TOLERANCE * float(step[-1]))
+            after = self.spool - self._reading(refitted, nearer)
+            if not after.std() < ENOUGH * left.std():
+                left = after if after.std() < left.std() else left
+                break
+            chain, plant, left = refitted, nearer, after
+        return float(left.std() / self.spool.std()), self._evidence(left)
+
+    def _step(
+        self, chain: MeasuringChain, plant: Plant, free: Sequence[str], left: Array, tolerance: float
+    ) -> Array:
+        """Return the Gauss-Newton step that ``left`` asks for, in units of ``STEPS`` and the tolerances."""
+        now = self.spool - left
         slopes = [
-            self._reading(chain, plant.with_(**{name: plant.numbers[name] * (1.0 + STEPS[name])})) - without
+            self._reading(chain, plant.with_(**{name: plant.numbers[name] * (1.0 + STEPS[name])})) - now
             for name in free
         ]
         rate = self.condition.sample_rate
-        slopes += [GAIN_TOLERANCE * without, -DELAY_TOLERANCE * rate * np.gradient(without)]
+        slopes += [GAIN_TOLERANCE / chain.gain * now, -DELAY_TOLERANCE * rate * np.gradient(now)]
         basis, small = np.linalg.qr(np.array(slopes).T)
-        difference = self.spool - without
-        room = np.array([np.inf] * len(free) + [tolerance, tolerance])
-        found = lsq_linear(small, basis.T @ difference, (-room, room))
-        left = difference - basis @ (small @ found.x)
-        return float(left.std() / self.spool.std()), self._evidence(left)
+        place = np.array([(chain.gain - 1.0) / GAIN_TOLERANCE, chain.delay / DELAY_TOLERANCE])
+        # Bounds of the solver have to have a width.
+        low = np.concatenate([[-np.inf] * len(free), np.minimum(-tolerance - place, -1e-9)])
+        high = np.concatenate([[np.inf] * len(free), np.maximum(tolerance - place, 1e-9)])
+        return np.asarray(lsq_linear(small, basis.T @ left, (low, high)).x)
 
     def _evidence(self, left: Array) -> float:
         window = np.hanning(left.size)
