@@ -37,7 +37,7 @@ EXPLAINING = {
     "alarms.md": [("kind", "number"), ("number", "what it means"), ("file", "holds")],
     "architecture.md": [("package", "job"), ("topic", "offered")],
     "commissioning.md": [("what `replay` says", "what it means, what to do")],
-    "gap.md": [("verdict",), ("matter", "what happens")],
+    "gap.md": [("verdict",), ("matter", "what happens"), ("nuisance", "how it is known")],
     "glossary.md": [("term", "meaning")],
     "methods/estimation.md": [("question", "answer")],
     "methods/gap.md": [("threshold", "value")],

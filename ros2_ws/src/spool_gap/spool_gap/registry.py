@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from spool_identification.nuisances.record_nuisance import RecordNuisance
 from spool_stream.discovery import classes_in
 from spool_stream.errors import InputError
 
+from .chain_effect import ChainEffect
 from .effect import Effect
-from .nuisances.chain_effect import ChainEffect
-from .nuisances.record_nuisance import RecordNuisance
 
 #: Nuisances that compete with effects for what a model lacks.
 CHAIN: dict[str, ChainEffect] = {
@@ -16,7 +16,7 @@ CHAIN: dict[str, ChainEffect] = {
 #: Nuisances that a record shows without a model, in the order in which they are looked for.
 RECORD_NUISANCES: tuple[RecordNuisance, ...] = tuple(
     sorted(
-        (entry() for entry in classes_in(f"{__package__}.nuisances", RecordNuisance)),
+        (entry() for entry in classes_in("spool_identification.nuisances", RecordNuisance)),
         key=lambda entry: entry.order,
     )
 )

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_identification.nuisances.nuisance import Nuisance
 from spool_sim.model import Model
 from spool_stream.quantity import Quantity
 
@@ -150,27 +151,6 @@ class Remainder:
     over_noise_floor: float
     function_of: str
     looks_like: str
-
-
-@dataclass(frozen=True, slots=True)
-class Nuisance:
-    """Nuisance of the measuring chain that was found: no part of the valve, and never of the verdict.
-
-    Attributes:
-        id: of its kind.
-        channel: ``body``, ``spool`` or ``both``.
-        size: how large it is, in ``unit``, with its standard ``deviation`` (NaN where that is not known).
-        check: what to look at on the measuring chain.
-        corrected: it was taken out of the record before anything was fitted.
-    """
-
-    id: str
-    channel: str
-    size: float
-    unit: str
-    check: str
-    deviation: float = float("nan")
-    corrected: bool = False
 
 
 @dataclass(frozen=True, slots=True)

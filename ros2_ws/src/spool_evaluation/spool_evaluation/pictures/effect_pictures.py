@@ -28,6 +28,8 @@ STIFFNESS, DAMPING = 1632.0, 4.0
 OUTSIDE = "Forces from outside, changes with time"
 CHANNELS = "Sensors and data channels"
 GROUPS = ("Dry friction", "Drag and springs", OUTSIDE, CHANNELS)
+#: Effects on the spool and its readings that a verdict may name.
+MECHANICS = {name: entry for name, entry in EFFECTS.items() if not entry.nuisance}
 
 
 def shown_motion() -> Motion:
@@ -107,7 +109,9 @@ def effects_text() -> str:
     parts = []
     for title in GROUPS:
         parts.append(f"### {title}\n")
-        parts += [_one_effect(entry) for entry in EFFECTS.values() if group(entry) == title]
+        parts += [
+            _one_effect(entry) for entry in EFFECTS.values() if group(entry) == title and not entry.nuisance
+        ]
     return "\n".join(parts)
 
 
@@ -126,7 +130,7 @@ def _one_effect(entry: Effect) -> str:
 def main(arguments: list[str] | None = None) -> int:
     """Write FOLDER/effects.md between its marks, and the pictures into FOLDER/effects."""
     given = sys.argv[1:] if arguments is None else arguments
-    figures = {name: draw(entry) for name, entry in EFFECTS.items()}
+    figures = {name: draw(entry) for name, entry in MECHANICS.items()}
     PAGE.write(Path(given[0] if given else "docs"), effects_text(), figures)
     return 0
 

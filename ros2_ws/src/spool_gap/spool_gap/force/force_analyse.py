@@ -75,14 +75,14 @@ def analyse_forces(
     columns += ["stiffness"] if "spring" in names else []
     columns += ["mass"] if kind == "driven" and mass is None else []
     balance = ForceBalance(train, held, [*columns, "zero"], driven=kind == "driven", mass=mass)
+    if kind == "driven":
+        check_mass(balance, balance.fit([]), train[0].name, mass)
     if kind == "driven" and "stiffness" in columns and not _has_spring(train, balance, base):
         columns.remove("stiffness")
         warnings.append("no spring is seen: a free run without one does as well, so the base has none here")
         balance = ForceBalance(train, held, [*columns, "zero"], driven=True, mass=mass)
     alike = _cannot_tell(balance)
     steps: list[tuple[Chosen, ForceFit]] = [((), balance.fit([]))]
-    if kind == "driven":
-        check_mass(balance, steps[0][1], train[0].name, mass)
     ranking: list[RankedHypothesis] = []
     while len(steps) <= chosen_settings.most_effects:
         tell(f"trying effects jointly with {' + '.join(steps[-1][1].effects) or 'the base'}", 0.3)

@@ -10,9 +10,8 @@ from spool_identification.record import Record
 from spool_identification.signals.zero_phase import ZeroPhase
 from spool_sim.terms import Parameter
 
+from spool_gap.chain_effect import ChainEffect, Spectrum, filtered, lines_of
 from spool_gap.effect import Array, Motion
-
-from .chain_effect import ChainEffect, Spectrum, filtered, lines_of
 
 #: Hz, below which a corrected record holds nothing: half of the lowest frequency that is analysed.
 SLOWEST = 0.5

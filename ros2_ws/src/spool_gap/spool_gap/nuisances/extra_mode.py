@@ -12,9 +12,8 @@ from spool_identification.record import Record
 from spool_identification.signals.zero_phase import ZeroPhase
 from spool_sim.terms import Parameter
 
+from spool_gap.chain_effect import ChainEffect, Spectrum, filtered, lines_of
 from spool_gap.effect import Array, Motion, Trial
-
-from .chain_effect import ChainEffect, Spectrum, filtered, lines_of
 
 #: Frequencies that are tried in each octave, and the damping ratio that they are tried with: steps of 6 %, at
 #: which a mode of that damping has half of its power.

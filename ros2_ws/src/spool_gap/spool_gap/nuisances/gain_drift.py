@@ -9,9 +9,8 @@ import numpy as np
 from spool_identification.record import Record
 from spool_sim.terms import Parameter
 
+from spool_gap.chain_effect import ChainEffect
 from spool_gap.effect import Array
-
-from .chain_effect import ChainEffect
 
 
 class GainDrift(ChainEffect):

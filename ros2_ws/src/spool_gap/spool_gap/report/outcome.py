@@ -7,14 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import expit
+from spool_identification.nuisances.hum import MAINS, STRAY, Hum
+from spool_identification.nuisances.nuisance import Nuisance
 from spool_stream.quantity import Quantity, Validity
 
 from spool_gap.checks.saturation import Saturation
 from spool_gap.fitting.descent import Fitted
 from spool_gap.fitting.hypothesis import Hypothesis
-from spool_gap.nuisances.hum import MAINS, STRAY, Hum
 from spool_gap.registry import CHAIN, EFFECTS
-from spool_gap.result import Nuisance, RankedHypothesis, Remainder
+from spool_gap.result import RankedHypothesis, Remainder
 from spool_gap.screening.remainder import PredictableShares
 from spool_gap.selection.state import SelectionState
 from spool_gap.simulation.jitter import Jitter, sampling_jitter

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from spool_identification.nuisances.nuisance import Nuisance
 from spool_stream.quantity import Quantity
 
-from spool_gap.result import GapResult, HeldOutAgreement, Nuisance, RankedHypothesis, Remainder, Share, Where
+from spool_gap.result import GapResult, HeldOutAgreement, RankedHypothesis, Remainder, Share, Where
 
 
 def result_to_dict(result: GapResult) -> dict[str, Any]:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from spool_identification.nuisances.nuisance import Nuisance
 from spool_identification.record import Record
 from spool_sim.valve.description import Valve
 
 from spool_gap.fitting.hypothesis import Hypothesis
 from spool_gap.registry import CHAIN, RECORD_NUISANCES
-from spool_gap.result import Nuisance
 
 #: Times that a record is corrected by what a selection finds and is analysed afresh, at most: two nuisances,
 #: and one of them again, whose size was off as long as the other one was there.

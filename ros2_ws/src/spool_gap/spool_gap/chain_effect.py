@@ -14,10 +14,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
+from spool_identification.nuisances.nuisance import Nuisance
 from spool_identification.record import Record
 
 from spool_gap.effect import Array
-from spool_gap.result import Nuisance
 from spool_gap.sensor_effect import SensorEffect
 
 Spectrum = NDArray[np.complex128]

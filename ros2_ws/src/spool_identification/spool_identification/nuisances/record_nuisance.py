@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from spool_identification.record import Record
 from spool_sim.valve.description import Valve
 
-from spool_gap.result import Nuisance
+from spool_identification.record import Record
+
+from .nuisance import Nuisance
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_identification.record import Record
-from spool_identification.signals.channel_noise import noise_of
 from spool_sim.valve.description import Valve
 
-from spool_gap.result import Nuisance
+from spool_identification.record import Record
+from spool_identification.signals.channel_noise import noise_of
 
+from .nuisance import Nuisance
 from .record_nuisance import Cleaned, RecordNuisance
 
 Array = NDArray[np.float64]

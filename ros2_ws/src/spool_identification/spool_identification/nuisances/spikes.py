@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from spool_identification.record import Record
-from spool_identification.signals.zero_phase import ZeroPhase
 from spool_sim.valve.description import Valve
 
-from spool_gap.result import Nuisance
+from spool_identification.record import Record
+from spool_identification.signals.zero_phase import ZeroPhase
 
+from .nuisance import Nuisance
 from .record_nuisance import Cleaned, RecordNuisance
 
 Array = NDArray[np.float64]

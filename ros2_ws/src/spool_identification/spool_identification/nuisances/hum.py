@@ -13,12 +13,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_identification.record import Record
 from spool_sim.valve.description import Valve
 
-from spool_gap.checks.units import expected_transfer
-from spool_gap.result import Nuisance
+from spool_identification.record import Record
 
+from .nuisance import Nuisance
 from .record_nuisance import Cleaned, RecordNuisance
 
 Array = NDArray[np.float64]
@@ -111,7 +110,7 @@ def _lines(record: Record, valve: Valve, frequency: float, stray: float) -> dict
     ratio, coherence = _transfer(body, spool, stray)
     described = coherence < COHERENT
     if described:
-        ratio = complex(expected_transfer(np.array([frequency]), valve)[0])
+        ratio = _described(frequency, valve)
     rows = {"body": body, "spool": spool}
     left = _line(spool - ratio * body, frequency, 0.0, stray)
     if left is None:
@@ -130,6 +129,13 @@ def _lines(record: Record, valve: Valve, frequency: float, stray: float) -> dict
             # The spool does not follow the body's line: that one alone is none of the motion.
             return {"body": own["body"]}
     return own or {"spool": left}
+
+
+def _described(frequency: float, valve: Valve) -> complex:
+    """Return spool over body at ``frequency`` (Hz) by the valve's description."""
+    turn = 2j * np.pi * frequency
+    force = valve.spring_stiffness + valve.viscous_coefficient * turn
+    return complex(force / (force + valve.moving_mass * turn**2))
 
 
 def _transfer(body: Complex, spool: Complex, stray: float) -> tuple[complex, float]:

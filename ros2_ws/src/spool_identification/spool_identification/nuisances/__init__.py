@@ -1,0 +1,1 @@
+"""Nuisances of the measuring chain that a record shows without any model."""
