@@ -11,6 +11,8 @@ from spool_identification.nuisances.nuisance import Nuisance
 from spool_sim.model import Model
 from spool_stream.quantity import Quantity
 
+from spool_gap.profile_likelihood import ProfileLikelihood
+
 Array = NDArray[np.float64]
 
 
@@ -34,6 +36,7 @@ class GapSettings:
         most_effects: at most that are named in one record.
         least_share: of the spool's acceleration, rms, that an effect must change to be part of the verdict.
         thorough: a search has all the time that it takes.
+        profiles: the profile likelihood of each number of what is named is worked out.
         left_out: names of stages of the selection that are not run, to see what they are worth.
     """
 
@@ -43,6 +46,7 @@ class GapSettings:
     most_effects: int = 3
     least_share: float = 0.0025
     thorough: bool = False
+    profiles: bool = False
     left_out: frozenset[str] = frozenset()
 
 
@@ -263,6 +267,9 @@ class GapResult:
         nuisances: what the measuring chain did.
         small_effects: what was found and does not matter.
         trace: which stage of the selection changed the choice.
+        confidence_note: why the confidence is capped, empty where it is a frequency.
+        signs: what the confidence goes by, see :mod:`.report.confidence`.
+        profiles: of the numbers of what is named, where they were asked for.
     """
 
     record: str
@@ -296,3 +303,6 @@ class GapResult:
     nuisances: tuple[Nuisance, ...] = ()
     small_effects: tuple[SmallEffect, ...] = ()
     trace: tuple[Change, ...] = ()
+    confidence_note: str = ""
+    signs: Mapping[str, float] = field(default_factory=dict)
+    profiles: tuple[ProfileLikelihood, ...] = ()

@@ -248,12 +248,6 @@ class Thresholds:
         "share of the gap's amplitude beyond which a free run does not show what is named",
         "none of 970 blind cases that was named right left more than 0.51",
     )
-    incomplete_confidence: float = decided(
-        0.9,
-        "1",
-        "factor of the confidence where more than noise is left",
-        "29 of 31 blind cases of that kind were named right",
-    )
     jitter_evidence: float = decided(60.0, "1", "evidence from which sampling instants scatter", CASES)
     jitter_share: float = decided(
         0.2, "1", "share of the noise above the excitation that must grow with the slope for that", CASES

@@ -46,9 +46,11 @@ def with_hum(record: Record) -> Record:
 
 
 def with_spikes(record: Record) -> Record:
-    places = np.random.default_rng(5).integers(10, TIME.size - 10, 16)
+    """One to three samples wide."""
+    generator = np.random.default_rng(5)
     spool = record.spool.copy()
-    spool[places] += 12.0
+    for place in generator.integers(10, TIME.size - 10, 16):
+        spool[place : place + generator.integers(1, 4)] += 12.0
     return replace(record, spool=spool)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import traceback
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -81,8 +82,12 @@ def judge_seed(seed: int, hidden: str | None = None, factor: float | None = None
     return judge(make(seed, hidden, factor=factor))
 
 
-def judge(case: BlindCase, left_out: frozenset[str] = frozenset()) -> BlindVerdict:
+def judge(
+    case: BlindCase, left_out: frozenset[str] = frozenset(), *, least_share: float | None = None
+) -> BlindVerdict:
     """Return what the workflow, without the stages ``left_out``, says to ``case``.
+
+    ``least_share``: of the spool's acceleration, that a name must be worth; ``None`` takes the default.
 
     A crash is a row too, and counts as wrong.
     """
@@ -91,9 +96,12 @@ def judge(case: BlindCase, left_out: frozenset[str] = frozenset()) -> BlindVerdi
     from spool_gap.workflow.analyse import analyse  # noqa: PLC0415 - counting needs none of its kernels
 
     record, valve = given(case)
+    settings = GapSettings(left_out=left_out)
+    if least_share is not None:
+        settings = replace(settings, least_share=least_share)
     watch = Stopwatch()
     try:
-        found = analyse([record], valve, MODELS[BASE], settings=GapSettings(left_out=left_out))
+        found = analyse([record], valve, MODELS[BASE], settings=settings)
         result = result_to_dict(found) | {"changed_by": sorted({change.stage for change in found.trace})}
     except InputError as error:
         return row_of(case, {"verdict": REFUSED}, watch.read(), str(error))

@@ -78,7 +78,7 @@ def smallest_named(item: tuple[str, int]) -> DetectionLimit:
     def named(power: int) -> bool:
         case = make(seed, effect, factor=seen.factor * STEP**power, moderate=True)
         values[power] = case.truth[effect][parameter]
-        return judge(case).right
+        return judge(case, least_share=0.0).right
 
     smallest = _smallest(named, top)
     if smallest is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from spool_gap.result import GapResult, GapSettings, RankedHypothesis
 from .cross_validation import cross_validated
 from .force_balance import ForceBalance, ForceFit, independent_samples
 from .force_conditions import check_mass, conditions_of
+from .force_profile import force_profiles
 from .force_record import ForceRecord
 from .force_result import CONSTANT, SIMPLER, Chosen, result_of
 from .position_fit import fitted_by_position
@@ -95,7 +97,10 @@ def analyse_forces(
         tell("following the position", 0.6)
         steps = _by_position(train, balance, steps, base)
         steps += _with_constant_force(balance, steps[-1], ranking, base)
-    return result_of(records, base, kind, balance, steps, ranking, warnings, alike, begun)
+    result = result_of(records, base, kind, balance, steps, ranking, warnings, alike, begun)
+    if chosen_settings.profiles and result.effects:
+        result = replace(result, profiles=force_profiles(balance, *steps[-1], result.effects))
+    return result
 
 
 def _split(

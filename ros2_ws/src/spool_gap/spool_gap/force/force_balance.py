@@ -9,6 +9,7 @@ over force and columns alike: a jump of dry friction smeared on one side only wo
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -185,6 +186,22 @@ class ForceBalance:
         zero = self.sign * fit.coefficients[self.base.index("zero")] if "zero" in self.base else 0.0
         error = sum(float(np.sum(row**2)) for row in fit.held)
         return float(np.sqrt(error / sum(float(np.sum((self.seen(r) - zero) ** 2)) for r in self.held)))
+
+    def sliding_error(self, fit: ForceFit) -> float:
+        """Return :meth:`nrmse` of the samples farther from a reversal than the low-pass reaches.
+
+        A step of friction at a reversal is smeared by the derivatives, whichever law makes it.
+        """
+        error = power = 0.0
+        zero = self.sign * fit.coefficients[self.base.index("zero")] if "zero" in self.base else 0.0
+        for record, row in zip(self.held, fit.held, strict=True):
+            reversal = np.diff(self.motions[id(record)].velocity > 0.0, prepend=False)
+            slides = ~binary_dilation(reversal, np.ones(4 * record.smoothing() + 1))
+            slides &= self.known[id(record)] > 0.0 if self.driven else True
+            force = record.low_passed(record.force) if self.driven else record.force
+            error += float(np.sum(row[slides] ** 2))
+            power += float(np.sum((force[slides] - zero) ** 2))
+        return math.sqrt(error / power) if power > 0.0 else math.nan
 
     def seen(self, record: ForceRecord) -> Array:
         """Return the force as it is compared, N: what the low-pass leaves of it where a mass is driven."""

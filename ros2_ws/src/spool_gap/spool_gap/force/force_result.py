@@ -18,6 +18,7 @@ from spool_stream.uncertainty import PLUS_MINUS, percent, with_interval
 
 from spool_gap.effect import Effect
 from spool_gap.registry import EFFECTS, FRICTIONS
+from spool_gap.report.confidence import uncalibrated
 from spool_gap.report.location import Residual, locate, surface
 from spool_gap.report.outcome import EXPLAINS, LOOKS_LIKE
 from spool_gap.result import Curves, GapResult, HeldOutAgreement, NamedEffect, RankedHypothesis, Remainder
@@ -80,7 +81,10 @@ def result_of(
     runs = [free_run_error(base, balance, *steps[0]), free_run_error(base, balance, chosen, final)]
     travel = float(np.std(np.concatenate([record.displacement for record in balance.held])))
     # A motion that is followed shows all forces, however well its second derivative is known.
-    left = None if runs[1] < FOLLOWED * travel else _remainder(before, after, floor)
+    followed = runs[1] < FOLLOWED * travel
+    # A step of friction is smeared at reversals; a force that is missing acts between them, too.
+    smeared = bool(FRICTIONS & set(named)) and balance.sliding_error(final) <= LEFT
+    left = None if followed or smeared else _remainder(before, after, floor)
     if named and not alike and left is not None and 1.0 - left.share >= EXPLAINS:
         verdict, confidence, candidates = "+".join((*named, "unexplained")), _confidence(ranking, named), ()
     left = left if "unexplained" in verdict else None
@@ -88,10 +92,11 @@ def result_of(
     runner = max(
         (h for h in ranking if not h.accepted and not h.jointly_with), key=lambda h: h.evidence, default=None
     )
+    sure = uncalibrated(confidence, "force records")
     where = locate(_residual(balance, first, floor * size))
     return GapResult(
         record=", ".join(dict.fromkeys(record.name for record in records)),
-        kind=kind, base_model=base.name, verdict=verdict, confidence=confidence,
+        kind=kind, base_model=base.name, verdict=verdict, confidence=sure.value, confidence_note=sure.note,
         sentence=_sentence(verdict, effects, before, after, floor, alike), effects=tuple(effects),
         runner_up=runner, candidates=candidates,
         ranking=tuple(sorted(ranking, key=lambda h: (len(h.jointly_with), -h.evidence))),

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import expit
 from spool_identification.nuisances.hum import MAINS, STRAY, Hum
 from spool_identification.nuisances.nuisance import Nuisance
 from spool_stream.quantity import Quantity, Validity
@@ -22,6 +22,7 @@ from spool_gap.simulation.jitter import Jitter, sampling_jitter
 from spool_gap.simulation.noise_floor import Floor
 from spool_gap.thresholds import THRESHOLDS
 
+from .confidence import Confidence, calibrated, logarithm
 from .importance import share_of
 from .residual import FinalResidual, residue_of
 from .sentence import missing_nothing, named, still_missing, unnamed
@@ -33,9 +34,16 @@ CLIPPED_MAY_LEAVE = 3.0
 #: Share of the gap's power that names must explain to stay where something else is left. One that explains
 #: less is a start value of what is missing rather than a part of it.
 EXPLAINS = 0.1
+#: Share of the gap's power that names must explain where the body's channel clips: the errors of its restored
+#: tops make most of the gap there, and any force that is fitted takes some of them.
+MOST_OF_IT = 0.5
 #: Power of what is left over the white noise's from which noise is called coloured: the density of white
 #: noise is known to some 10 %, that of the residual to some 20 %.
 COLOURED = 2.0
+#: Confidence at most where the channels may not be of one valve: even that they are is doubted.
+DOUBTFUL = 0.3
+#: Importance of a verdict without names that have one: that of a large effect.
+IMPORTANT = 1.0
 #: What to look at.
 CHECK_CLIPPING = "measuring range against the largest acceleration, amplifier setting"
 CHECK_JITTER = "the clock that takes the samples: a timer of its own in place of a program's loop"
@@ -61,7 +69,8 @@ class Outcome:
     """Verdict with its reasons; fields as those of the result."""
 
     verdict: str
-    confidence: float
+    confidence: Confidence
+    signs: Mapping[str, float]
     sentence: str
     effects: tuple[str, ...]
     runner_up: RankedHypothesis | None
@@ -77,19 +86,19 @@ class Outcome:
 
 
 def judge_outcome(
-    state: SelectionState, numbers: Fitted, saturation: Saturation, *, trusted: bool
+    state: SelectionState, numbers: Fitted, saturation: Saturation, *, trusted: bool, corrected: int = 0
 ) -> Outcome:
     """Return the verdict on what ``state`` accepted, with its ``numbers``.
 
-    ``trusted``: both channels are of one valve.
+    ``trusted``: both channels are of one valve; ``corrected``: nuisances that were taken out of the records.
     """
     final = state.hypothesis
     residue = residue_of(state)
     extra = _limit_of(saturation)
     hum = _hum(final)
-    named_ones = tuple(
-        name for name in final.effects if name not in CHAIN and not (hum and name == "periodic_force")
-    )
+    # What the body did while its channel clipped is restored by a curve: a gain is not told from that.
+    told_apart = {*CHAIN, *(["periodic_force"] if hum else []), *_of_clipped_body(saturation)}
+    named_ones = tuple(name for name in final.effects if name not in told_apart)
     shares = {name: share_of(state, name) for name in named_ones}
     small = {name: share for name, share in shares.items() if share < state.fitting.settings.least_share}
     named_ones = tuple(name for name in named_ones if name not in small)
@@ -101,17 +110,15 @@ def judge_outcome(
     jitters = jitter is not None and not residue.predictable
     is_open = residue.unexplained and not clipped_alone and not jitters
     if is_open and names and 1.0 - residue.share >= EXPLAINS:
-        verdict, confidence = "+".join((*names, "unexplained")), _confidence(state, residue.power)
+        verdict = "+".join((*names, "unexplained"))
     elif is_open:
         candidates = named_ones or tuple(row.id for row in state.ranking[:1])
-        verdict, confidence = "unexplained", _confidence_of_gap(residue)
-    elif names:
-        verdict, confidence = "+".join(names), _confidence(state, residue.power)
+        verdict = "unexplained"
     else:
-        verdict, confidence = "none", min(0.99, 1.0 / max(1.0, residue.power))
+        verdict = "+".join(names) or "none"
     # Strong friction, too, spoils the coherence; a model that explains the record settles that.
-    if not trusted and (residue.unexplained or not names):
-        verdict, confidence = "unexplained", min(confidence, 0.3)
+    doubtful = not trusted and (residue.unexplained or not names)
+    verdict = "unexplained" if doubtful else verdict
     effects = names if verdict not in ("none", "unexplained") else ()
     if verdict == "none":
         text = missing_nothing(state, residue.floor.nrmse)
@@ -119,12 +126,18 @@ def judge_outcome(
         text = unnamed(state, residue, candidates)
     else:
         text = named(state, numbers, effects, extra, residue.floor.nrmse)
+    nuisances = (*_nuisances(state, numbers, saturation, jitter, residue, is_open=is_open), *hum)
+    signs = _signs(state, residue, shares, corrected + len(nuisances))
+    confidence = calibrated(verdict, signs)
+    if doubtful:
+        confidence = replace(confidence, value=min(confidence.value, DOUBTFUL))
     left = _left(residue) if is_open else None
     if left is not None and effects:
         text = f"{text} {still_missing(left)}"
     return Outcome(
         verdict=verdict,
         confidence=confidence,
+        signs=signs,
         sentence=text,
         effects=effects,
         runner_up=_runner_up(state),
@@ -135,9 +148,13 @@ def judge_outcome(
         extra=extra,
         warnings=(jitter.sentence,) if jitter else (),
         small=small,
-        nuisances=tuple(_nuisances(state, numbers, saturation, jitter, residue, is_open=is_open)) + hum,
+        nuisances=nuisances,
         advice=_advice(candidates or effects),
     )
+
+
+def _of_clipped_body(saturation: Saturation) -> tuple[str, ...]:
+    return ("spool_gain_error",) if "body" in saturation.limits else ()
 
 
 def _hum(final: Hypothesis) -> tuple[Nuisance, ...]:
@@ -183,7 +200,7 @@ def _nothing_but_clips(state: SelectionState, residue: FinalResidual, saturation
     if "body" not in saturation.limits:
         return not state.hypothesis.effects and residue.power < CLIPPED_MAY_LEAVE
     # What moved the spool while the body's channel clipped is not known: that leaves more than any noise.
-    return not state.hypothesis.effects or 1.0 - residue.share < EXPLAINS
+    return not state.hypothesis.effects or 1.0 - residue.share < MOST_OF_IT
 
 
 def _left(residue: FinalResidual) -> Remainder:
@@ -223,29 +240,40 @@ def _runner_up(state: SelectionState) -> RankedHypothesis | None:
     return max(others, key=lambda row: row.evidence, default=None)
 
 
-def _confidence_of_gap(residue: FinalResidual) -> float:
-    """Return the confidence that something without a name is missing, from how much is left."""
-    power = residue.power / THRESHOLDS.residual_power
-    evidence = residue.remainder.evidence / THRESHOLDS.evidence
-    return 1.0 - 0.5 / max(1.0, power, evidence)
+def _signs(
+    state: SelectionState, residue: FinalResidual, shares: Mapping[str, float], nuisances: int
+) -> dict[str, float]:
+    """Return what the confidence goes by."""
+    stretches = state.fitting.stretches
+    importance = [share for share in shares.values() if math.isfinite(share)]
+    least = min(importance, default=IMPORTANT)
+    return {
+        "margin": logarithm(_margin(state)),
+        "passed_over": logarithm(
+            max((row.evidence for row in state.ranking if not row.accepted), default=0.0)
+        ),
+        "importance": math.log(max(least, 1e-6)),
+        "power": logarithm(residue.power),
+        "predictable": residue.remainder.share,
+        "share": residue.share,
+        "level": residue.level.share,
+        "names": float(len(shares)),
+        "nuisances": float(nuisances),
+        "sample_rate": 1.0 / stretches[0].record.sample_period,
+        "duration": sum(stretch.record.duration for stretch in stretches),
+    }
 
 
-def _confidence(state: SelectionState, power: float) -> float:
-    """Return the confidence: from the evidence over the runner-up of each step, and what is left."""
-    sure = 0.99
+def _margin(state: SelectionState) -> float:
+    """Return the least evidence of a name over the runner-up of its step, infinite without names."""
     final = state.hypothesis
+    margins = [margin for name, margin in state.overruled.items() if name not in final.effects]
     for step in state.steps[1:]:
         name = step.newest
         own = next((row for row in state.ranking if row.id == name and row.accepted), None)
-        if own is None or name not in final.effects:
-            continue
-        margin = own.evidence - max([0.0, *(row.evidence for row in _rivals(state, own))])
-        sure *= float(expit(0.08 * margin))
-    for name, margin in state.overruled.items():
-        if name not in final.effects:
-            sure *= float(expit(0.08 * margin))
-    more_than_noise = power > THRESHOLDS.residual_power
-    return float(sure * (THRESHOLDS.incomplete_confidence if more_than_noise else 1.0))
+        if own is not None and name in final.effects:
+            margins.append(own.evidence - max([0.0, *(row.evidence for row in _rivals(state, own))]))
+    return min(margins, default=math.inf)
 
 
 def _rivals(state: SelectionState, own: RankedHypothesis) -> list[RankedHypothesis]:

@@ -8,6 +8,7 @@ from typing import Any
 from spool_identification.nuisances.nuisance import Nuisance
 from spool_stream.quantity import Quantity
 
+from spool_gap.profile_likelihood import ProfileLikelihood
 from spool_gap.result import GapResult, HeldOutAgreement, RankedHypothesis, Remainder, Share, Where
 
 
@@ -39,6 +40,8 @@ def result_to_dict(result: GapResult) -> dict[str, Any]:
             for entry in result.small_effects
         ],
         "confidence": number(result.confidence),
+        "confidence_note": result.confidence_note or None,
+        "confidence_from": {name: number(value) for name, value in result.signs.items()},
         "sentence": result.sentence,
         "candidates": list(result.candidates),
         "runner_up": None if result.runner_up is None else _hypothesis(result.runner_up),
@@ -51,6 +54,7 @@ def result_to_dict(result: GapResult) -> dict[str, Any]:
             "noise_floor": number(result.noise_floor),
         },
         "foretold": {name: number(share) for name, share in result.predictable.items()},
+        "profiles": {one.name: _profile(one) for one in result.profiles},
         "warnings": list(result.warnings),
         "advice": result.advice or None,
         "seconds_of_data": number(result.seconds),
@@ -83,6 +87,19 @@ def _nuisance(entry: Nuisance) -> dict[str, Any]:
         "unit": entry.unit,
         "corrected": entry.corrected,
         "check": entry.check,
+    }
+
+
+def _profile(one: ProfileLikelihood) -> dict[str, Any]:
+    return {
+        "verdict": one.verdict,
+        "sentence": one.sentence,
+        "low": one.low,
+        "high": one.high,
+        "unit": one.unit,
+        "together_with": one.partner or None,
+        "values": list(one.values),
+        "rises": [number(rise) for rise in one.rises],
     }
 
 

@@ -15,6 +15,7 @@ from spool_gap.checks import conditions
 from spool_gap.checks.saturation import Saturation, find_saturation
 from spool_gap.checks.stuck import as_stuck, dithered, is_stuck
 from spool_gap.fitting.descent import Fitted
+from spool_gap.fitting.profile import profiles_of
 from spool_gap.report.assembly import assembled, model_of
 from spool_gap.report.outcome import judge_outcome
 from spool_gap.result import GapResult, GapSettings
@@ -64,7 +65,8 @@ def analyse(
     begun = time.monotonic()
     tell = progress or (lambda _what, _share: None)
     tell("checking the record", 0.0)
-    usable, warnings, trusted = _checked(records, valve)
+    usable, warnings = conditions.usable(records)
+    usable = _parts(usable)
     held = _parts(conditions.usable(holdout)[0]) if holdout else []
     chosen = settings or GapSettings()
     stuck = is_stuck(usable, valve)
@@ -75,12 +77,13 @@ def analyse(
         chosen = replace(chosen, most_effects=0, longest=STUCK_LONGEST, left_out=left_out)
     saturation = find_saturation([*usable, *held])
     warnings += saturation.warnings
-    # A filter's inverse spreads a clipped top over its neighbours: what clips is analysed as it is.
     chain = Chain(tuple(usable), tuple(held), (), MOST_CORRECTIONS)
-    if not saturation.limits and not stuck:
+    if not stuck:
         tell("looking at the measuring chain", 0.02)
-        chain = cleaned(usable, held, valve)
+        chain = cleaned(usable, held, valve, clipped=saturation.limits)
         saturation = find_saturation([*chain.records, *chain.holdout])
+    odd, trusted = _judged(chain.records, valve)
+    warnings += odd
     while True:
         tell("preparing", 0.05)
         task = Task(
@@ -95,7 +98,7 @@ def analyse(
     tell("fitting all data", 0.85)
     numbers = _numbers(chain.records, base, state, saturation)
     tell("measuring what is left", 0.95)
-    outcome = judge_outcome(state, numbers, saturation, trusted=trusted)
+    outcome = judge_outcome(state, numbers, saturation, trusted=trusted, corrected=len(chain.found))
     left = state.fitting.nrmse(state.hypothesis)
     if left > THRESHOLDS.explains_nothing:
         warnings.append(
@@ -111,6 +114,11 @@ def analyse(
     outcome = replace(outcome, warnings=(*warnings, *outcome.warnings))
     result = assembled(records, base, state, numbers, outcome, time.monotonic() - begun)
     result = replace(result, nuisances=(*chain.found, *result.nuisances))
+    if chosen.profiles:
+        tell("profiling the numbers", 0.97)
+        named = {quantity.name for effect in result.effects for quantity in effect.parameters}
+        own = profiles_of(state.fitting, state.hypothesis, numbers, sorted(named))
+        result = replace(result, profiles=own, elapsed=time.monotonic() - begun)
     return as_stuck(result) if stuck else result
 
 
@@ -142,18 +150,18 @@ def _numbers(records: Sequence[Record], base: Model, state: SelectionState, satu
     return final_fit(records, model_of(base, own.effects, own.point), state) or own.fitted
 
 
-def _checked(records: Sequence[Record], valve: Valve) -> tuple[list[Record], list[str], bool]:
-    """Return the parts that are looked at, what is odd about them, and whether they can be trusted."""
-    usable, warnings = conditions.usable(records)
+def _judged(records: Sequence[Record], valve: Valve) -> tuple[list[str], bool]:
+    """Return what is odd about ``records``, and whether both channels are of one valve."""
+    warnings: list[str] = []
     trusted = True
-    saturation = find_saturation(usable[:3])
+    saturation = find_saturation(records[:3])
     for record in saturation.repaired:
         found, good = conditions.judge(record, valve)
         # Flat tops spoil the coherence of channels that belong together, and are told themselves.
         found = found if good or not saturation.limits else []
         warnings += [line for line in found if line not in warnings]
         trusted = trusted and (good or bool(saturation.limits))
-    return _parts(usable), warnings, trusted
+    return warnings, trusted
 
 
 def _parts(records: Sequence[Record]) -> list[Record]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from spool_identification.nuisances.nuisance import Nuisance
 from spool_identification.record import Record
@@ -48,15 +49,31 @@ class Chain:
         return Chain(records, holdout, _together(found), self.corrections + 1)
 
 
-def cleaned(records: Sequence[Record], holdout: Sequence[Record], valve: Valve) -> Chain:
-    """Return ``records`` and ``holdout`` without what they show of a measuring chain without a model."""
+def cleaned(
+    records: Sequence[Record], holdout: Sequence[Record], valve: Valve, clipped: Collection[str] = ()
+) -> Chain:
+    """Return ``records`` and ``holdout`` without what they show of a measuring chain without a model.
+
+    Channels that are ``clipped`` stay as they are: what is taken off a flat top leaves none to be seen. Where
+    one is, no filter is looked for: its inverse spreads a clipped top over its neighbours.
+    """
     everything: tuple[Record, ...] = (*records, *holdout)
     found: list[Nuisance] = []
     for nuisance in RECORD_NUISANCES:
         result = nuisance.clean(everything, valve)
-        everything = result.records
-        found += result.found
-    return Chain(everything[: len(records)], everything[len(records) :], tuple(found))
+        everything = tuple(map(partial(_kept, clipped), everything, result.records))
+        found += [entry for entry in result.found if entry.channel not in clipped]
+    corrections = MOST_CORRECTIONS if clipped else 0
+    return Chain(everything[: len(records)], everything[len(records) :], tuple(found), corrections)
+
+
+def _kept(channels: Collection[str], before: Record, after: Record) -> Record:
+    """Return ``after`` with its ``channels`` as ``before``."""
+    return replace(
+        after,
+        body=before.body if "body" in channels else after.body,
+        spool=before.spool if "spool" in channels else after.spool,
+    )
 
 
 def nuisances_of(hypothesis: Hypothesis) -> tuple[str, ...]:

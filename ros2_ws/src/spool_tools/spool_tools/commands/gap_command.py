@@ -62,6 +62,10 @@ def gap(
     thorough: Annotated[
         bool, typer.Option(help="Search to the end; default: two minutes for a minute of data.")
     ] = False,
+    profiles: Annotated[
+        bool,
+        typer.Option("--profiles", help="Say of each number that is named whether the record determines it."),
+    ] = False,
     name: cli.NameOption = None,
     columns: cli.ColumnsOption = None,
     start: cli.StartOption = 0.0,
@@ -85,7 +89,7 @@ def gap(
         records, valve, base, kind, selection(name, columns, start, stop),
         ResultFiles(json, report, save_model), holdout=holdout or (),
         gain_tolerance=gain_tolerance, delay_tolerance=delay_tolerance, mass=mass,
-        least_share=least_share, thorough=thorough,
+        least_share=least_share, thorough=thorough, profiles=profiles,
     )  # fmt: skip
     raise typer.Exit(code)
 

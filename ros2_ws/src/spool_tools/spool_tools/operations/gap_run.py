@@ -51,6 +51,7 @@ def run_gap(
     mass: float | None = None,
     least_share: float = 0.0025,
     thorough: bool = False,
+    profiles: bool = False,
 ) -> int:
     """Find what ``base`` lacks in ``records`` and say it; return 0, whatever the verdict.
 
@@ -62,6 +63,7 @@ def run_gap(
         delay_tolerance=delay_tolerance,
         least_share=least_share,
         thorough=thorough,
+        profiles=profiles,
     )
     model = load_model(base)
     described: Valve | None
@@ -174,7 +176,10 @@ def show(result: GapResult, console: Console) -> None:
     """Print the verdict, what was found and how the hypotheses rank."""
     for warning in result.warnings:
         warn(warning)
-    console.print(f"{result.verdict}  (confidence {result.confidence:.2f})", style="bold", highlight=False)
+    note = f"; {result.confidence_note}" if result.confidence_note else ""
+    console.print(
+        f"{result.verdict}  (confidence {result.confidence:.2f}{note})", style="bold", highlight=False
+    )
     console.print(result.sentence, markup=False, highlight=False, soft_wrap=True)
     console.print(f"Where it sat: {result.where.sentence}.", markup=False, highlight=False, soft_wrap=True)
     if result.advice:
@@ -190,6 +195,8 @@ def show(result: GapResult, console: Console) -> None:
         console.print(f"{LEGEND}; {COUNTED}", markup=False, highlight=False, soft_wrap=True)
     else:
         console.print(LEGEND, markup=False, highlight=False, soft_wrap=True)
+    for profile in result.profiles:
+        console.print(profile.sentence, markup=False, highlight=False, soft_wrap=True)
     _show_nuisances(result, console)
     table = Table(box=None, pad_edge=False)
     for column in ("hypothesis", "jointly with", "error after", "evidence"):

@@ -24,6 +24,11 @@ SURFACE = (
 )
 RANKING = "Every hypothesis, fitted together with the base and validated on data that no fit has seen."
 WAVEFORM = "The held-out stretch in which the base model was worst: measured, before, after."
+PROFILES = (
+    "Profile likelihood: each number held at values around its estimate, all others fitted anew. Where the "
+    "curve crosses the dashed line (3.84, 95 %) on both sides the record determines the number, and the "
+    "crossings are its interval; where it stays below on one side the record sets no bound there."
+)
 SPECTRUM = "What is left over by frequency, before and after, with the measured signal and the noise."
 
 
@@ -41,7 +46,8 @@ def gap_page(result: GapResult, sources: Sequence[tuple[str, str]] = ()) -> str:
         *([html.listing([f"Warning: {line}" for line in result.warnings])] if result.warnings else []),
         html.table(["", "before", "after", "noise alone"], _gap_rows(result)),
         html.paragraph(
-            f"Confidence {result.confidence:.2f}. Where it sat: {result.where.sentence}. "
+            f"Confidence {result.confidence:.2f}{f' ({note})' if (note := result.confidence_note) else ''}. "
+            f"Where it sat: {result.where.sentence}. "
             f"What is left: {result.where_after.sentence}."
         ),
     ]
@@ -50,6 +56,19 @@ def gap_page(result: GapResult, sources: Sequence[tuple[str, str]] = ()) -> str:
     if result.effects:
         sections.append(html.heading("What is missing"))
         sections.append(html.table(["effect", "numbers", "what it means", "what to check"], _found(result)))
+    if result.profiles:
+        sections += [
+            html.heading("What the record determines"),
+            html.drawing(
+                pictures.profile_figure(result.profiles),
+                PROFILES,
+                " ".join(f"{profile.sentence}." for profile in result.profiles),
+            ),
+            html.listing([f"{profile.sentence}." for profile in result.profiles]),
+        ]
+    if result.nuisances:
+        sections.append(html.heading("What the measuring chain did"))
+        sections.append(html.table(["finding", "channel", "size", "what to check"], _nuisances(result)))
     if result.candidates:
         sections.append(html.heading("What comes nearest"))
         sections.append(html.listing([_candidate(name) for name in result.candidates]))
@@ -143,6 +162,18 @@ def _found(result: GapResult) -> list[dict[str, object]]:
             "what to check": effect.check,
         }
         for effect in result.effects
+    ]
+
+
+def _nuisances(result: GapResult) -> list[dict[str, object]]:
+    return [
+        {
+            "finding": f"{entry.id.replace('_', ' ')}{', taken out' if entry.corrected else ''}",
+            "channel": entry.channel,
+            "size": f"{entry.size:.2g} {entry.unit}".removesuffix(" 1"),
+            "what to check": entry.check,
+        }
+        for entry in result.nuisances
     ]
 
 

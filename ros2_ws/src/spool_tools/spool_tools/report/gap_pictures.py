@@ -11,6 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from spool_gap.profile_likelihood import RISE_95, ProfileLikelihood
 from spool_gap.result import Curves, GapResult, RankedHypothesis, Share, Surface, Where
 
 from .fit_pictures import DARK, MEASURED, WIDTH
@@ -87,6 +88,30 @@ def surface_figure(before: Surface, after: Surface) -> Figure:
     axes[0].set_ylabel("velocity, m/s", fontsize=9)
     if mesh is not None:
         figure.colorbar(mesh, ax=axes, label="force that the model lacks, N", shrink=0.9)
+    return figure
+
+
+def profile_figure(profiles: Sequence[ProfileLikelihood]) -> Figure:
+    """Return the profile likelihood of each number, with the threshold of its 95 % interval."""
+    columns = min(3, len(profiles))
+    rows = -(-len(profiles) // columns)
+    figure: Figure
+    size = (WIDTH, 0.6 + 2.2 * rows)
+    figure, axes = plt.subplots(rows, columns, figsize=size, layout="constrained", squeeze=False)
+    for axis, profile in zip(axes.ravel(), profiles, strict=False):
+        axis.plot(profile.values, profile.rises, marker="o", ms=3, color=AFTER)
+        axis.axhline(RISE_95, color=FLOOR, lw=1.2, ls=(0, (4, 2)))
+        axis.axvline(profile.best, color=BEFORE, lw=1.0)
+        axis.set_ylim(-0.3, 3.0 * RISE_95)
+        axis.set_title(profile.verdict, fontsize=8)
+        unit = "" if profile.unit == "1" else f", {profile.unit}"
+        axis.set_xlabel(f"{profile.name.replace('_', ' ')}{unit}", fontsize=8)
+        axis.tick_params(labelsize=7)
+        _plain(axis)
+    for axis in axes.ravel()[len(profiles) :]:
+        axis.set_visible(False)
+    for axis in axes[:, 0]:
+        axis.set_ylabel("2 x fall of log likelihood", fontsize=8)
     return figure
 
 

@@ -198,4 +198,5 @@ def field_row(
             f"noise {100.0 * condition.noise_share:.2g} %, size {case.factor:.2g}"
         ),
         message=message,
+        signs=result.get("confidence_from", {}),
     )

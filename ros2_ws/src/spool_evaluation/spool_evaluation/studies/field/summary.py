@@ -65,6 +65,7 @@ class FieldVerdict:
         seconds, processor_seconds: taken by the workflow, and of them spent computing.
         condition: excitation, spring, rate and so on, for looking up.
         message: why it was refused.
+        signs: what the confidence went by.
     """
 
     seed: int
@@ -87,6 +88,7 @@ class FieldVerdict:
     processor_seconds: float = 0.0
     condition: str = ""
     message: str = ""
+    signs: dict[str, float] = field(default_factory=dict)
 
     @property
     def said(self) -> frozenset[str]:
