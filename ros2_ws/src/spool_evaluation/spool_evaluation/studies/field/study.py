@@ -23,10 +23,13 @@ from spool_evaluation.results.timing import Stopwatch
 from spool_evaluation.studies.gap import BASE, CATALOGUE_NAMES
 from spool_evaluation.studies.workers import spread
 
+from .calibration import confidence_rule
 from .page import write_field_page
 from .summary import FAILED, REFUSED, ChainFault, FieldVerdict, HiddenShare, field_targets, verdict_from
 
 ROWS, RESULT = "field_cases.jsonl", "field_study.json"
+#: Rule of the confidences, fitted where all seeds are of the calibration window; `spool_gap.report` ships it.
+RULE, CALIBRATION = "confidence_rule.json", "calibration"
 #: s of computing after which a case counts as one without a word: five times what the workflow may take.
 LONGEST = 600.0
 
@@ -47,6 +50,8 @@ def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[Fi
             file.flush()
     rows = [found[number] for number in seeds]
     renew_json(out / RESULT, field_result(rows))
+    if {row.window for row in rows} == {CALIBRATION}:
+        renew_json(out / RULE, confidence_rule(rows, study_command("field", cases, seed)))
     page = write_field_page(rows, out, study_command("field", cases, seed))
     _show(rows)
     print(f"{page}: every number, what went wrong and how to make it again")

@@ -1,0 +1,80 @@
+"""Profile likelihood: what a record determines, bounds on one side, or knows only with another number."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from spool_gap.force.force_analyse import analyse_forces
+from spool_gap.force.force_record import ForceRecord
+from spool_gap.profile_likelihood import RISE_95, verdict_of
+from spool_gap.result import GapSettings
+from spool_gap.workflow.analyse import analyse
+from spool_identification.record import Record
+from spool_sim.excitation.kinds import SweptSine
+from spool_sim.model import MODELS
+from spool_sim.sensors import Sensor
+from spool_sim.simulator import Simulator
+from spool_sim.valve.description import find_valve
+
+
+@given(st.floats(-50.0, 50.0), st.floats(1e-3, 10.0))
+def test_of_a_parabola_the_ends_are_those_of_the_normal_interval(best: float, deviation: float) -> None:
+    steps = np.arange(-4.0, 4.5)
+    values = tuple((best + steps * deviation).tolist())
+    profile = verdict_of("drag", "N s/m", values, tuple((steps**2).tolist()), values[4])
+    assert profile.verdict == "identifiable"
+    assert profile.low == pytest.approx(best - 1.96 * deviation, abs=1e-3 * deviation)
+    assert profile.high == pytest.approx(best + 1.96 * deviation, abs=1e-3 * deviation)
+
+
+def test_a_side_that_stays_below_the_threshold_has_no_bound() -> None:
+    flat = verdict_of("preload", "N", (1.0, 2.0, 3.0, 4.0), (9.0, 0.0, 0.5, 0.6), 2.0, "backlash")
+    assert (flat.verdict, flat.high) == ("one-sided", None)
+    assert flat.low == pytest.approx(2.0 - np.sqrt(RISE_95) / 3.0)
+    assert "at least" in flat.sentence
+    assert "backlash" in flat.sentence
+    both = verdict_of("preload", "N", (1.0, 2.0, 3.0), (0.1, 0.0, 0.1), 2.0, "spring_stiffness")
+    assert both.verdict == "only together"
+    assert verdict_of("preload", "N", (1.0, 2.0, 3.0), (0.1, 0.0, 0.1), 2.0).verdict == "not identifiable"
+
+
+def test_the_friction_of_a_sweep_is_identifiable_and_its_interval_holds_the_truth() -> None:
+    valve = find_valve("4weh10_soft").model_copy(update={"dynamic_viscosity": 0.03})
+    sweep = SweptSine(start_frequency=6.0, stop_frequency=45.0, duration=16.0, amplitude=8.0)
+    sensor = Sensor(noise=0.03)
+    simulator = Simulator(
+        valve, sweep, model="coulomb", parameters={"coulomb_force": 0.4}, sample_rate=1000.0,
+        block_size=500, body_sensor=sensor, spool_sensor=sensor, seed=4,
+    )  # fmt: skip
+    blocks = list(simulator.records(16.0))
+    body, spool = (np.concatenate([getattr(b, name) for b in blocks]) for name in ("body", "spool"))
+    record = Record("sweep", 0, 1e-3, body.astype(np.float64), spool.astype(np.float64))
+    result = analyse([record], valve, MODELS["fluid"], settings=GapSettings(profiles=True))
+    assert result.verdict == "coulomb_friction"
+    (profile,) = result.profiles
+    assert (profile.name, profile.verdict) == ("coulomb_force", "identifiable")
+    assert profile.low is not None
+    assert profile.high is not None
+    assert profile.low < 0.4 < profile.high
+    assert profile.high - profile.low < 0.02
+
+
+def test_a_load_cell_s_record_tells_which_of_its_numbers_it_determines() -> None:
+    """A rig at two speeds of one sign of slip knows a force, and not the speed at which friction falls."""
+    time = np.arange(0.0, 24.0, 2e-3)
+    draw = np.random.default_rng(3)
+    place = 0.02 * np.sin(2.0 * np.pi * 0.5 * time) + 0.004 * np.sin(2.0 * np.pi * 2.3 * time)
+    speed = np.gradient(place, time)
+    force = 6.0 * speed + 800.0 * place + 0.7 * np.sign(speed) + 0.02 * draw.standard_normal(time.size)
+    result = analyse_forces(
+        [ForceRecord("rig", 0.0, 2e-3, place, force)], MODELS["fluid"], "imposed",
+        settings=GapSettings(profiles=True),
+    )  # fmt: skip
+    assert "coulomb_friction" in result.verdict
+    profile = next(one for one in result.profiles if one.name == "coulomb_force")
+    assert profile.verdict == "identifiable"
+    assert profile.low is not None
+    assert profile.high is not None
+    assert 0.68 < profile.low < profile.high < 0.72
