@@ -1,0 +1,27 @@
+"""`./spool analyse`: what the model of a running valve lacks in its last samples."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from spool_tools.console import cli_options as cli
+from spool_tools.console.command import Command
+
+
+def analyse(
+    valve: Annotated[str, typer.Argument(metavar="VALVE", help="Namespace of the valve, e.g. valve_1.")],
+    json: cli.JsonFile = None,
+    _force: cli.Force = False,
+) -> None:
+    """Let a running valve's estimator look for what its model lacks in the last minute, and say it.
+
+    Example: ./spool analyse valve_1 --json gap.json
+    """
+    from spool_tools.operations.analysis_client import analyse_live  # noqa: PLC0415 - slow to load
+
+    analyse_live(valve, json)
+
+
+COMMAND = Command(analyse, place=166, line="what a running valve's model lacks, by its last minute")

@@ -1,0 +1,69 @@
+"""`./spool baseline`: what a running valve's healthy state is held to be."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from spool_tools.console.command import Command
+
+app = typer.Typer(
+    no_args_is_help=True,
+    help="Show what the monitor holds the healthy valve to be; confirm it, learn it anew, take an older one "
+    "back.\n\nExample: ./spool baseline show valve_1",
+)
+
+Valve = Annotated[str, typer.Argument(metavar="VALVE", help="Namespace of the valve, e.g. valve_1.")]
+Who = Annotated[str, typer.Option(help="Who does it; default: the user's name.")]
+Comment = Annotated[str, typer.Option(help="What is to be said about it.")]
+
+
+@app.command()
+def show(valve: Valve) -> None:
+    """Show the start values that drift is judged against.
+
+    Example: ./spool baseline show valve_1
+    """
+    _manage(valve, "show")
+
+
+@app.command()
+def learn(valve: Valve, who: Who = "", comment: Comment = "") -> None:
+    """Forget them and learn new ones from here on, as after a repair.
+
+    Example: ./spool baseline learn valve_1 --comment "new spool fitted"
+    """
+    _manage(valve, "learn", who=who, comment=comment)
+
+
+@app.command()
+def freeze(valve: Valve, who: Who = "", comment: Comment = "") -> None:
+    """Confirm what was learned.
+
+    Example: ./spool baseline freeze valve_1 --who Eva
+    """
+    _manage(valve, "freeze", who=who, comment=comment)
+
+
+@app.command()
+def restore(
+    valve: Valve,
+    version: Annotated[int, typer.Argument(help="Number of the version.")],
+    who: Who = "",
+    comment: Comment = "",
+) -> None:
+    """Take an older version back.
+
+    Example: ./spool baseline restore valve_1 2
+    """
+    _manage(valve, "restore", version=version, who=who, comment=comment)
+
+
+def _manage(valve: str, action: str, *, version: int = 0, who: str = "", comment: str = "") -> None:
+    from spool_tools.operations.baseline_client import manage_baseline  # noqa: PLC0415 - slow to load
+
+    manage_baseline(valve, action, version=version, who=who, comment=comment)
+
+
+COMMAND = Command(app, place=165, line="what the healthy valve is held to be: show, learn, confirm, restore")

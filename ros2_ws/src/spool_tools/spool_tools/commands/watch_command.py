@@ -1,0 +1,50 @@
+"""`./spool watch`: running valves on the terminal, or as a page on this host."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+from spool_stream.errors import InputError
+
+from spool_tools.console.command import Command
+
+
+def watch(
+    valves: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[VALVE]...", help="Namespaces of valves; default: all that are heard."),
+    ] = None,
+    web: Annotated[bool, typer.Option("--web", help="As a page, for browsers on this host.")] = False,
+    port: Annotated[int, typer.Option(help="Port of the page.", min=1, max=65535)] = 8765,
+    operator: Annotated[
+        bool, typer.Option("--operator", help="The page may acknowledge and shelve, with a token.")
+    ] = False,
+    who: Annotated[str, typer.Option(help="Who acknowledges and shelves; default: the user's name.")] = "",
+    seconds: Annotated[
+        float | None, typer.Option(help="Off a terminal: end after so many seconds.", min=0.0)
+    ] = None,
+) -> None:
+    """Watch running valves: a table, worst first, their alarms, and keys to acknowledge, shelve and reset.
+
+    Off a terminal a line for each valve every 5 s, and each event at once.
+
+    Example: ./spool watch
+
+    Example: ./spool watch --web --port 8765
+    """
+    if web:
+        try:
+            from spool_web.serve import serve  # noqa: PLC0415 - another package, for machines with a page
+        except ModuleNotFoundError as error:
+            raise InputError("--web: the package spool_web is not installed here") from error
+        serve(port=port, operator=operator, names=tuple(valves or ()))
+        return
+    if operator:
+        raise InputError("--operator: is of the page, with --web; on the terminal the keys are there anyway")
+    from spool_tools.watch.run import watch as run  # noqa: PLC0415 - slow to load
+
+    run(tuple(valves or ()), who, seconds)
+
+
+COMMAND = Command(watch, place=155, line="running valves on the terminal, or as a page on this host")

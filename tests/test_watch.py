@@ -1,0 +1,154 @@
+"""`./spool watch`, `baseline` and `analyse` on real nodes: what is shown, and what an operator's keys do."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from spool_msgs.msg import Alarm, AlarmList, ModelEstimate, ValveHealth
+from spool_tools.demo.processes import find_executable
+from spool_tools.watch.app import WatchApp
+from spool_tools.watch.condition import condition_of
+from spool_tools.watch.heard import HeardValve, Listener
+
+if TYPE_CHECKING:
+    from textual.pilot import Pilot
+
+    from .conftest import System
+
+SILENCE = "stale/acceleration"
+#: s; what is waited for comes much sooner on an idle machine.
+PATIENCE = 120.0
+
+
+def spool(system: System, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run the command line in the system's domain."""
+    return subprocess.run(
+        [str(find_executable("spool_bringup", "spool")), *arguments],
+        env={**os.environ, "ROS_DOMAIN_ID": str(system.domain_id)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def heard(level: int, state: int, baseline: int = ValveHealth.BASELINE_FROZEN) -> HeardValve:
+    health = ValveHealth(level=level, baseline=baseline)
+    return HeardValve("v", health, 100.0, ModelEstimate(state=state))
+
+
+@pytest.mark.parametrize(
+    ("valve", "now", "word"),
+    [
+        (heard(ValveHealth.LEVEL_OK, ModelEstimate.STATE_TRACKING), 100.5, "OK"),
+        (heard(ValveHealth.LEVEL_OK, ModelEstimate.STATE_TRACKING), 104.0, "NO WORD"),
+        (HeardValve("v"), 100.0, "NO WORD"),
+        (heard(ValveHealth.LEVEL_STALE, ModelEstimate.STATE_TRACKING), 100.5, "STALE"),
+        (heard(ValveHealth.LEVEL_OK, ModelEstimate.STATE_STALE), 100.5, "STALE"),
+        (heard(ValveHealth.LEVEL_UNKNOWN, ModelEstimate.STATE_TRACKING), 100.5, "UNKNOWN"),
+        (heard(ValveHealth.LEVEL_OK, ModelEstimate.STATE_LEARNING), 100.5, "LEARNING"),
+        (heard(ValveHealth.LEVEL_OK, ModelEstimate.STATE_TRACKING, 1), 100.5, "LEARNING"),
+        (heard(ValveHealth.LEVEL_OK, ModelEstimate.STATE_NOT_EXCITED), 100.5, "AT REST"),
+        (heard(ValveHealth.LEVEL_ALARM, ModelEstimate.STATE_STALE), 100.5, "ALARM"),
+    ],
+)
+def test_a_valve_is_good_only_where_all_is_known_and_heard_lately(
+    valve: HeardValve, now: float, word: str
+) -> None:
+    assert condition_of(valve, now).word == word
+
+
+def test_marks_tell_conditions_without_colour() -> None:
+    levels = (ValveHealth.LEVEL_OK, ValveHealth.LEVEL_WARNING, ValveHealth.LEVEL_ALARM, 0)
+    marks = {condition_of(heard(level, ModelEstimate.STATE_TRACKING), 100.0).mark for level in levels}
+    assert len(marks) == len(levels)
+
+
+async def until(pilot: Pilot[None], met: Callable[[], object], what: str) -> None:
+    end = time.monotonic() + PATIENCE
+    while not met():
+        assert time.monotonic() < end, f"waited in vain: {what}"
+        await pilot.pause(0.1)
+
+
+def test_alarms_are_acknowledged_and_shelved_by_keys(system: System, monkeypatch: pytest.MonkeyPatch) -> None:
+    alarms = system.listen(AlarmList, "/valve_1/alarms", latched=True)
+    health = system.listen(ValveHealth, "/valve_1/health", latched=True)
+    system.start("monitor", baseline_time=3.0)
+    system.start("estimator")
+    simulator = system.start("simulator", excitation="multisine", wait_for_subscribers=2)
+    system.until(lambda: health.heard and health.last.level == ValveHealth.LEVEL_OK, "data are judged")
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(system.domain_id))
+    listener = Listener()
+
+    def state() -> tuple[int, Any]:
+        valve = listener.valves.get("valve_1")
+        listed = [] if valve is None or valve.alarms is None else valve.alarms.alarms
+        found = next((one for one in listed if one.name == SILENCE), None)
+        return (-1, None) if found is None else (found.state, found)
+
+    async def work() -> None:
+        app = WatchApp(listener, "Eva")
+        async with app.run_test(size=(160, 40)) as pilot:
+            valves: Any = app.query_one("#valves")
+            await until(pilot, lambda: valves.row_count == 1, "the valve is found by itself")
+            simulator.kill()
+            table: Any = app.query_one("#alarms")
+            await until(pilot, lambda: state()[0] == Alarm.STATE_UNACKNOWLEDGED, "the silence is an alarm")
+            await until(pilot, lambda: table.row_count == 1, "it is shown")
+            assert "STALE" in str(valves.get_row_at(0)[1]) or "ALARM" in str(valves.get_row_at(0)[1])
+            await pilot.press("a")
+            await pilot.press(*"seen", "enter")
+            await until(pilot, lambda: state()[0] == Alarm.STATE_ACKNOWLEDGED, "it is acknowledged")
+            assert (state()[1].acknowledged_by, state()[1].comment) == ("Eva", "seen")
+            await pilot.press("s", "escape")
+            await pilot.press("s", "enter")
+            await until(pilot, lambda: state()[0] == Alarm.STATE_SHELVED, "it is on the shelf")
+            await pilot.press("u", "enter")
+            await until(pilot, lambda: state()[0] == Alarm.STATE_ACKNOWLEDGED, "it is off the shelf")
+            await pilot.press("r", "enter")
+            said: Any = app.query_one("#said")
+            await until(pilot, lambda: "can't be reset" in str(said.content), "a refusal is said")
+
+    try:
+        asyncio.run(work())
+    finally:
+        listener.close()
+    assert alarms.heard
+
+
+@pytest.mark.slow
+def test_off_a_terminal_lines_a_baseline_and_an_analysis_come_by_command(
+    system: System, tmp_path: Path
+) -> None:
+    health = system.listen(ValveHealth, "/valve_1/health", latched=True)
+    system.start("monitor", baseline_time=3.0)
+    system.start("estimator")
+    system.start("simulator", excitation="multisine", wait_for_subscribers=2)
+    system.until(
+        lambda: health.heard and health.last.baseline == ValveHealth.BASELINE_FROZEN, "a baseline is learned"
+    )
+    watched = spool(system, "watch", "--seconds", "7")
+    assert watched.returncode == 0, watched.stderr
+    assert "valve_1  " in watched.stdout
+    shown = spool(system, "baseline", "show", "valve_1")
+    assert shown.returncode == 0, shown.stderr
+    assert "spring_stiffness" in shown.stdout
+    confirmed = spool(system, "baseline", "freeze", "valve_1", "--who", "Eva")
+    assert "confirmed by Eva" in confirmed.stdout, confirmed.stderr
+    missing = spool(system, "baseline", "restore", "valve_1", "9", "--who", "Eva")
+    assert (missing.returncode, "Traceback" in missing.stderr) == (2, False)
+    file = tmp_path / "gap.json"
+    analysed = spool(system, "analyse", "valve_1", "--json", str(file))
+    assert analysed.returncode == 0, analysed.stderr
+    assert json.loads(file.read_text())["verdict"] in analysed.stdout
+    nobody = spool(system, "analyse", "valve_9")
+    assert nobody.returncode == 2
+    assert "no active estimator answers in /valve_9" in nobody.stderr
