@@ -128,7 +128,8 @@ def test_the_smallest_size_is_found_by_few_looks(monkeypatch):
     """Named from twice the square root of two on; of 16 sizes few are tried."""
     looked = []
 
-    def judged(case):
+    def judged(case, least_share):
+        assert least_share == 0.0
         looked.append(case.factor)
         return SimpleNamespace(right=case.factor > 2.5 * looked[0] / 2.0)
 

@@ -21,8 +21,8 @@ from .regression import Screened
 
 Array = NDArray[np.float64]
 
-#: Hypotheses that are simulated.
-SIMULATED = 4
+#: Forces that are simulated, and effects of the measuring chain besides: these take no force's place.
+SIMULATED, OF_THE_CHAIN = 4, 2
 
 
 def screened_by_residual(
@@ -75,4 +75,16 @@ def screened_by_residual(
                 best = Screened(entry, gain, values, trial, numbers)
         if best is not None:
             found.append(best)
-    return sorted(found, key=lambda one: -one.gain)[:SIMULATED]
+    return foremost(sorted(found, key=lambda one: -one.gain), SIMULATED, OF_THE_CHAIN)
+
+
+def foremost(ordered: Sequence[Screened], forces: int, of_the_chain: int) -> list[Screened]:
+    """Return the first ones of ``ordered``: so many ``forces``, and so many effects ``of_the_chain``."""
+    left = {True: of_the_chain, False: forces}
+    found = []
+    for entry in ordered:
+        kind = entry.effect.nuisance
+        if left[kind] > 0:
+            left[kind] -= 1
+            found.append(entry)
+    return found

@@ -13,11 +13,11 @@ from spool_gap.simulation.simulate import Simulation
 from spool_gap.thresholds import THRESHOLDS
 
 from .regression import Balance, Screened
-from .residual import screened_by_residual
+from .residual import foremost, screened_by_residual
 from .spectral_lines import lines_beside_excitation
 
-#: Hypotheses that are simulated in each step.
-SIMULATED = 7
+#: Forces that are simulated in each step, and effects of the measuring chain besides.
+SIMULATED, OF_THE_CHAIN = 7, 2
 
 
 def balance_of(stretches: Sequence[Stretch], values: Mapping[str, float]) -> Balance:
@@ -109,4 +109,4 @@ def promising(screened: Sequence[Screened]) -> list[Screened]:
         share = THRESHOLDS.screened_confusable if near else THRESHOLDS.screened_near
         if entry.gain >= max(THRESHOLDS.screened, share * best.gain):
             found.append(entry)
-    return found[:SIMULATED]
+    return foremost(found, SIMULATED, OF_THE_CHAIN)
