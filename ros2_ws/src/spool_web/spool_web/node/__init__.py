@@ -1,0 +1,1 @@
+"""Node ``page``: listens to valves and asks their services."""

@@ -1,0 +1,156 @@
+"""Listening to valves: their health, states and alarms always, samples and more while their page is open."""
+
+from __future__ import annotations
+
+import re
+import time
+from concurrent.futures import Future
+from functools import partial
+from typing import Any
+
+from rcl_interfaces.srv import GetParameters
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from spool_msgs.msg import AccelerationBlock, AlarmList, GapAnalysis, ModelEstimate, ValveHealth
+from spool_msgs.srv import ManageBaseline
+from spool_node import qos
+
+from spool_web.view.alarms import alarms_of
+from spool_web.view.board import Board, HeardValve
+from spool_web.view.detail import NAMES
+
+from .calls import Calls
+from .estimate_state import estimate_state
+
+#: s between two askings for the baseline and the limits of a valve whose page is open.
+ASK_EVERY = 10.0
+#: Valves whose pages are fed with samples and more at a time.
+MOST_OPEN = 16
+_HEALTH = re.compile(r"/(?P<valve>[A-Za-z0-9_/]+)/health")
+
+
+class Listening:
+    """Listener of one node; everything but the board's own is touched on the node's thread only."""
+
+    def __init__(self, node: Node, board: Board, calls: Calls, names: tuple[str, ...]) -> None:
+        self._node, self._board, self._calls, self._names = node, board, calls, names
+        self._heard: dict[str, list[Any]] = {}
+        self._opened: dict[str, list[Any]] = {}
+        self._asked: dict[str, float] = {}
+        for name in names:
+            self._join(name)
+
+    def look(self) -> None:
+        """Join the valves that appeared."""
+        if self._names:
+            return
+        for topic, types in self._node.get_topic_names_and_types():
+            match = _HEALTH.fullmatch(topic)
+            if match and "spool_msgs/msg/ValveHealth" in types:
+                self._join(match["valve"])
+
+    def follow(self) -> None:
+        """Take up and let go of what only pages that are open need."""
+        wanted = [name for name in list(self._board.open) if name in self._heard][:MOST_OPEN]
+        for name in [name for name in self._opened if name not in wanted]:
+            self._close(name)
+        now = time.monotonic()
+        for name in wanted:
+            if name not in self._opened:
+                self._open(name)
+            if now - self._asked.get(name, -ASK_EVERY) >= ASK_EVERY:
+                self._asked[name] = now
+                self._ask(self._board.valves[name])
+
+    def ask_again(self, name: str) -> None:
+        """Ask for baseline and limits of ``name`` soon: they were changed."""
+        self._asked.pop(name, None)
+
+    def close(self) -> None:
+        """Let go of every subscription."""
+        for name in list(self._opened):
+            self._close(name)
+        for subscriptions in self._heard.values():
+            for one in subscriptions:
+                self._node.destroy_subscription(one)
+        self._heard.clear()
+
+    def _join(self, name: str) -> None:
+        if name in self._heard:
+            return
+        valve = self._board.join(name)
+        if valve is None:
+            return
+        subscribe = self._node.create_subscription
+        self._heard[name] = [
+            subscribe(ValveHealth, f"/{name}/health", partial(_take_health, valve), qos.state()),
+            subscribe(
+                ModelEstimate, f"/{name}/estimate", partial(self._take_estimate, valve), qos.state(), raw=True
+            ),
+            subscribe(AlarmList, f"/{name}/alarms", partial(_take_alarms, valve), qos.state()),
+        ]
+
+    def _open(self, name: str) -> None:
+        valve = self._board.valves[name]
+        if valve.estimate_raw:
+            valve.estimate = deserialize_message(valve.estimate_raw, ModelEstimate)
+        subscribe = self._node.create_subscription
+        self._opened[name] = []
+        for kind, topic, take, quality, raw in (
+            (AccelerationBlock, "acceleration", _take_block, qos.samples_wanted(), True),
+            (GapAnalysis, "gap", _take_gap, qos.state(), False),
+        ):
+            made = subscribe(kind, f"/{name}/{topic}", partial(take, valve), quality, raw=raw)
+            self._opened[name].append(made)
+
+    def _close(self, name: str) -> None:
+        for one in self._opened.pop(name):
+            self._node.destroy_subscription(one)
+        valve = self._board.valves[name]
+        valve.blocks.clear()
+        valve.gap = valve.estimate = None
+        self._asked.pop(name, None)
+
+    def _take_estimate(self, valve: HeardValve, raw: bytes) -> None:
+        valve.estimate_raw, valve.estimate_state = raw, estimate_state(raw)
+        if valve.name in self._opened:
+            valve.estimate = deserialize_message(raw, ModelEstimate)
+        valve.changes += 1
+
+    def _ask(self, valve: HeardValve) -> None:
+        def take_baseline(answer: Future[Any]) -> None:
+            got = answer.result()
+            valve.baseline = got if got is not None and got.success else None
+            valve.changes += 1
+
+        def take_limits(answer: Future[Any]) -> None:
+            got = answer.result()
+            values = [] if got is None else got.values
+            valve.limits = {
+                name: float(value.double_value) for name, value in zip(NAMES, values, strict=False)
+            }
+            valve.changes += 1
+
+        show = ManageBaseline.Request(action=ManageBaseline.Request.SHOW)
+        self._calls.ask(valve.name, "manage_baseline", show).add_done_callback(take_baseline)
+        limits = GetParameters.Request(names=list(NAMES))
+        self._calls.ask(valve.name, "get_parameters", limits).add_done_callback(take_limits)
+
+
+def _take_health(valve: HeardValve, message: ValveHealth) -> None:
+    valve.health, valve.health_at = message, time.monotonic()
+    valve.changes += 1
+
+
+def _take_alarms(valve: HeardValve, message: AlarmList) -> None:
+    valve.alarms = alarms_of(message)
+    valve.changes += 1
+
+
+def _take_block(valve: HeardValve, raw: bytes) -> None:
+    valve.blocks.append(raw)
+
+
+def _take_gap(valve: HeardValve, message: GapAnalysis) -> None:
+    valve.gap = message
+    valve.changes += 1

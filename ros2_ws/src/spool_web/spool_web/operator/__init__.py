@@ -1,0 +1,1 @@
+"""Operator: token, log of acts, limits."""

@@ -1,0 +1,1 @@
+"""Server of the page: routes, streams of events, what keeps strangers out."""

@@ -1,0 +1,138 @@
+// Charts of a valve's page: spectrum, waterfall, trend.
+
+import { digits, fill, language, nameOf, setText, texts, unitText, valve } from "/static/text.js";
+
+const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const SPAN = 120;
+let spectrum = null;
+let trend = null;
+const fall = [];
+
+function size(place, height) {
+  return { width: Math.max(260, Math.floor(place.clientWidth)), height };
+}
+
+function axis(label, values, decades = false) {
+  const filter = decades ? (_, splits) => splits.map((one) => (one !== null && Math.log10(one) % 1 ? null : one)) : undefined;
+  return { label, stroke: colour("--text"), grid: { stroke: colour("--line"), width: 1, ...(filter ? { filter } : {}) }, ticks: { stroke: colour("--line") }, font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif", ...(values ? { values } : {}) };
+}
+
+function follow(chart, place, height) {
+  new ResizeObserver(() => chart().setSize(size(place, height))).observe(place);
+}
+
+/** Show the spectrum (peak acceleration by line) with the natural frequency (Hz, or null). */
+export function showSpectrum(data, natural) {
+  const place = document.getElementById("spectrum");
+  const frequency = data.body.map((_, i) => +(i * data.step).toFixed(3));
+  let peak = 1;
+  for (let i = 2; i < data.body.length; i++) if (data.body[i] > data.body[peak]) peak = i;
+  const words = { body: digits(data.body[peak].toPrecision(3)), frequency: digits(frequency[peak].toFixed(1)), natural: natural === null ? texts.not_known : digits(natural.toFixed(1)) };
+  const said = fill(texts.spectrum_text, words);
+  setText(document.getElementById("spectrum_text"), said);
+  const positive = (list) => list.map((value) => Math.max(value, 1e-4));
+  const values = [frequency, positive(data.body), positive(data.spool)];
+  if (!spectrum) {
+    const mark = (chart) => {
+      if (chart.natural === null || chart.natural === undefined) return;
+      const x = chart.valToPos(chart.natural, "x", true);
+      const { top, height } = chart.bbox;
+      chart.ctx.save();
+      chart.ctx.strokeStyle = colour("--text");
+      chart.ctx.setLineDash([6, 4]);
+      chart.ctx.beginPath();
+      chart.ctx.moveTo(x, top);
+      chart.ctx.lineTo(x, top + height);
+      chart.ctx.stroke();
+      chart.ctx.restore();
+    };
+    spectrum = new uPlot({
+      ...size(place, 260), scales: { x: { time: false }, y: { distr: 3 } }, hooks: { draw: [mark] },
+      axes: [axis("Hz"), axis("m/s²", (_, ticks) => ticks.map((tick) => (tick === null || Math.log10(tick) % 1 ? "" : digits(tick))), true)],
+      series: [{ label: "Hz" }, { label: texts.body, stroke: colour("--body"), width: 1.5 }, { label: texts.spool, stroke: colour("--spool"), width: 1.5, dash: [5, 2] }],
+    }, values, place);
+    place.setAttribute("role", "img");
+    follow(() => spectrum, place, 260);
+  }
+  spectrum.natural = natural;
+  spectrum.setData(values);
+  place.setAttribute("aria-label", said);
+  showWaterfall(data, natural);
+}
+
+function showWaterfall(data, natural) {
+  fall.push(data.spool);
+  if (fall.length > SPAN) fall.shift();
+  const canvas = document.getElementById("waterfall");
+  const count = Math.round(200 / data.step);
+  if (canvas.width !== count) canvas.width = count;
+  const context = canvas.getContext("2d");
+  const picture = context.createImageData(count, SPAN);
+  fall.forEach((lines, row) => {
+    const y = SPAN - fall.length + row;
+    for (let i = 0; i < count; i++) {
+      // Three decades up to 10 m/s^2, black over blue and yellow to white: brightness alone tells it.
+      const level = Math.min(1, Math.max(0, (Math.log10((lines[i] ?? 0) + 1e-9) + 2) / 3));
+      const place = 4 * (y * count + i);
+      picture.data[place] = 255 * Math.min(1, Math.max(0, 2 * level - 0.6));
+      picture.data[place + 1] = 255 * Math.min(1, Math.max(0, 1.6 * level - 0.25));
+      picture.data[place + 2] = 255 * Math.min(1, level < 0.5 ? 1.3 * level : Math.max(0.4, 1.4 * level - 0.4));
+      picture.data[place + 3] = 255;
+    }
+  });
+  context.putImageData(picture, 0, 0);
+  if (natural !== null) {
+    context.fillStyle = "#ffffff";
+    for (let y = 0; y < SPAN; y += 6) context.fillRect(Math.round(natural / data.step), y, 1, 3);
+  }
+}
+
+async function loadTrend() {
+  const parameter = document.getElementById("trend_parameter");
+  const range = document.getElementById("trend_range").value;
+  const place = document.getElementById("trend");
+  const text = document.getElementById("trend_text");
+  let data = null;
+  try {
+    const answer = await fetch("/trend?" + new URLSearchParams({ valve, range, parameter: parameter.value }), { cache: "no-store" });
+    data = answer.ok ? await answer.json() : null;
+  } catch {
+    data = null;
+  }
+  if (data?.parameters.length && parameter.options.length !== data.parameters.length) {
+    parameter.replaceChildren(...data.parameters.map((name) => new Option(nameOf(name), name, false, name === data.parameter)));
+  }
+  if (!data?.start.length) {
+    setText(text, texts.no_trend);
+    trend?.destroy();
+    trend = null;
+    return;
+  }
+  const round = (value) => digits(Number(value).toPrecision(4));
+  const words = { parameter: nameOf(data.parameter), low: round(Math.min(...data.minimum)), high: round(Math.max(...data.maximum)), last: round(data.mean.at(-1)), unit: unitText(data.unit).trim(), span: texts.spans[data.seconds] };
+  const said = fill(texts.trend_text, words);
+  setText(text, said);
+  const options = {
+    ...size(place, 260),
+    axes: [axis(texts.time), axis(unitText(data.unit).trim() || "1", (_, ticks) => ticks.map((tick) => digits(+tick.toPrecision(6))))],
+    tzDate: (seconds) => uPlot.tzDate(new Date(1000 * seconds), Intl.DateTimeFormat().resolvedOptions().timeZone),
+    series: [
+      { label: texts.time, value: (_, seconds) => (seconds === null ? "" : new Date(1000 * seconds).toLocaleString(language)) },
+      { label: texts.lowest, stroke: colour("--soft"), width: 1 }, { label: texts.mean, stroke: colour("--body"), width: 2, points: { show: data.start.length < 50 } }, { label: texts.highest, stroke: colour("--soft"), width: 1 },
+    ],
+    scales: { x: { range: data.from ? [data.from, data.until] : (_, low, high) => [low - data.seconds, high + data.seconds] } },
+    bands: [{ series: [3, 1], fill: colour("--within") }],
+  };
+  trend?.destroy();
+  trend = new uPlot(options, [data.start, data.minimum, data.mean, data.maximum], place);
+  place.setAttribute("role", "img");
+  place.setAttribute("aria-label", said);
+}
+
+export function startTrend() {
+  const place = document.getElementById("trend");
+  for (const id of ["trend_parameter", "trend_range"]) document.getElementById(id).addEventListener("change", loadTrend);
+  loadTrend();
+  setInterval(loadTrend, 60000);
+  new ResizeObserver(() => trend?.setSize(size(place, 260))).observe(place);
+}

@@ -1,0 +1,49 @@
+// Texts, numbers and times in the page's language; elements are made with text only, never with markup.
+
+const data = JSON.parse(document.getElementById("page_data").textContent);
+export const { texts, language, valve, operable } = data;
+
+export function fill(text, values) {
+  return text.replace(/\{(\w+)\}/g, (_, name) => String(values[name] ?? ""));
+}
+
+/** Digits with the language's decimal mark. */
+export function digits(text) {
+  return language === "de" ? String(text).replace(".", ",") : String(text);
+}
+
+export function unitText(unit) {
+  return !unit || unit === "1" ? "" : " " + unit.replace(" s", "·s").replace("^2", "²").replace("deg C", "°C");
+}
+
+/** A quantity with its interval, e.g. "28.7 ± 0.3 Hz". */
+export function quantity(one) {
+  if (!one || one.text === null) return texts.not_known;
+  const half = one.half === null || one.half === "unknown" ? "" : " ± " + digits(one.half);
+  const held = one.validity === "valid" ? "" : ` (${texts[one.validity] ?? one.validity})`;
+  return digits(one.text) + half + unitText(one.unit) + held;
+}
+
+export function nameOf(name) {
+  return texts[name] ?? name.replaceAll("_", " ");
+}
+
+export function clock(seconds) {
+  return seconds ? new Date(1000 * seconds).toLocaleString(language, { dateStyle: "short", timeStyle: "medium" }) : "";
+}
+
+/** An element with attributes and children; strings become text. */
+export function make(tag, attributes = {}, ...children) {
+  const found = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) {
+    if (name === "onclick") found.addEventListener("click", value);
+    else if (value !== null && value !== false) found.setAttribute(name, value);
+  }
+  found.append(...children.filter((one) => one !== null && one !== undefined));
+  return found;
+}
+
+/** Set text only where it changed: screen readers and selections are left alone. */
+export function setText(element, text) {
+  if (element.textContent !== text) element.textContent = text;
+}
