@@ -35,6 +35,8 @@ PACKAGES = {
     "estimator": "spool_estimator",
     "monitor": "spool_monitor",
     "recorder": "spool_bag",
+    "plots": "spool_bridge",
+    "opcua": "spool_bridge",
 }
 TRANSITIONS = {
     "configure": Transition.TRANSITION_CONFIGURE,

@@ -56,9 +56,9 @@ ROS_PACKAGES = {
     "std_msgs",
     "std_srvs",
 }
-# Without a key, and documented for pip: what converts records, the terminal view, and the peers of the
-# benchmarks and tests.
-FROM_PIP = {"pyarrow", "padasip", "pysindy", "river", "ruptures", "textual"}
+# Without a key, and documented for pip: what converts records, the terminal view, the OPC UA server, and
+# the peers of the benchmarks and tests.
+FROM_PIP = {"pyarrow", "padasip", "pysindy", "river", "ruptures", "textual", "asyncua"}
 RUNTIME = {"depend", "exec_depend", "build_depend", "build_export_depend"}
 TEST = {*RUNTIME, "test_depend"}
 

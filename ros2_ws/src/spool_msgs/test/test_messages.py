@@ -93,6 +93,8 @@ def test_every_message_of_a_valve_says_when_and_which(name: str) -> None:
 def test_uncertain_numbers_are_quantities() -> None:
     """A bare float is allowed for what is known exactly only."""
     exact = {"sample_period", "delay", "memory", "window", "value", "standard_deviation"}
+    # Ends of an interval say the uncertainty, and bounds of samples are samples.
+    exact |= {"low", "high", "body_low", "body_high", "spool_low", "spool_high"}
     for name in NAMES:
         if name == "ValveDescription":  # given by the user, not determined
             continue

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from importlib.metadata import entry_points
 from typing import Annotated
 
 import typer
 from spool_stream.errors import InputError
 
 from spool_tools.console.command import Command
+
+#: Entry point of the function that serves the page: of another package, which a machine may lack.
+PAGES = "spool.pages"
 
 
 def watch(
@@ -34,11 +38,10 @@ def watch(
     Example: ./spool watch --web --port 8765
     """
     if web:
-        try:
-            from spool_web.serve import serve  # noqa: PLC0415 - another package, for machines with a page
-        except ModuleNotFoundError as error:
-            raise InputError("--web: the package spool_web is not installed here") from error
-        serve(port=port, operator=operator, names=tuple(valves or ()))
+        page = next(iter(entry_points(group=PAGES)), None)
+        if page is None:
+            raise InputError("--web: the package spool_web is not installed here")
+        page.load()(port=port, operator=operator, names=tuple(valves or ()))
         return
     if operator:
         raise InputError("--operator: is of the page, with --web; on the terminal the keys are there anyway")

@@ -29,6 +29,15 @@ SERVICES: dict[str, Any] = {
 _HEALTH = re.compile(r"/(?P<valve>.+)/health")
 
 
+def health_topics(node: Node) -> list[str]:
+    """Return the namespaces of the valves whose monitors ``node`` discovers."""
+    return [
+        match["valve"]
+        for topic, types in node.get_topic_names_and_types()
+        if "spool_msgs/msg/ValveHealth" in types and (match := _HEALTH.fullmatch(topic))
+    ]
+
+
 @dataclass(slots=True)
 class HeardValve:
     """Last messages of a valve and when they arrived (s, monotonic)."""
@@ -122,10 +131,9 @@ class Listener:
     def _look(self) -> None:
         if self._names:
             return
-        for topic, types in self._node.get_topic_names_and_types():
-            match = _HEALTH.fullmatch(topic)
-            if match and "spool_msgs/msg/ValveHealth" in types and len(self.valves) < MOST_VALVES:
-                self._join(match["valve"])
+        for name in health_topics(self._node):
+            if len(self.valves) < MOST_VALVES:
+                self._join(name)
 
     def _join(self, name: str) -> None:
         if name in self.valves:

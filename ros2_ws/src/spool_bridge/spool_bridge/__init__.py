@@ -1,0 +1,1 @@
+"""Bridges from valves to viewers and plant systems."""

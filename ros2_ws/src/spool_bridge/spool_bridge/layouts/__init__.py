@@ -1,0 +1,1 @@
+"""Layouts of viewers, made of the topics of valves."""

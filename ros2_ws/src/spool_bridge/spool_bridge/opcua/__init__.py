@@ -1,0 +1,1 @@
+"""OPC UA server: state and alarms of valves for plant systems, read only."""

@@ -1,0 +1,1 @@
+"""Topics of single numbers, which live plotters draw directly."""

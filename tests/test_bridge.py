@@ -1,0 +1,147 @@
+"""Bridges to viewers and plant systems: numbers of real nodes come out, and nothing comes in."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from asyncua import Client, ua
+from spool_msgs.msg import ModelEstimate, PlotValue, ValveHealth, WaveformEnvelope
+
+if TYPE_CHECKING:
+    from .conftest import Process, System
+
+LEVEL = "valve_1.health.level"
+STIFFNESS = "valve_1.estimate.spring_stiffness [N/m]"
+
+
+def valve(system: System) -> Process:
+    """Start the nodes of a valve, wait until it is judged, and return its monitor."""
+    health = system.listen(ValveHealth, "/valve_1/health", latched=True)
+    monitor = system.start("monitor", baseline_time=3.0)
+    system.start("estimator")
+    system.start("simulator", excitation="multisine", wait_for_subscribers=2)
+    system.until(lambda: health.heard and health.last.level == ValveHealth.LEVEL_OK, "data are judged")
+    return monitor
+
+
+def test_numbers_and_the_waveform_come_on_topics_of_their_own(system: System) -> None:
+    estimates = system.listen(ModelEstimate, "/valve_1/estimate", latched=True)
+    stiffness = system.listen(PlotValue, "/valve_1/plot/spring_stiffness")
+    amplification = system.listen(PlotValue, "/valve_1/plot/amplification")
+    waveform = system.listen(WaveformEnvelope, "/valve_1/plot/waveform")
+    system.start("plots", waveform_rate=50.0)
+    valve(system)
+    system.until(lambda: stiffness.heard and amplification.heard, "numbers come")
+    system.until(lambda: len(waveform.heard) > 100, "the waveform comes")
+    said = stiffness.last
+    assert said.low < said.value < said.high
+    same = [one for one in estimates.messages if one.header.stamp == said.header.stamp]
+    numbers = {one.name: one for message in same for one in message.parameters}
+    assert numbers["spring_stiffness"].value == said.value
+    stamps = [one.header.stamp.sec + 1e-9 * one.header.stamp.nanosec for one in waveform.messages[-50:]]
+    assert stamps[-1] - stamps[0] == pytest.approx(49 / 50.0, abs=1e-6)
+    assert all(one.body_low <= one.body_high and one.spool_low < one.spool_high for one in waveform.messages)
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+async def until(met: Callable[[], Any], what: str) -> Any:
+    end = time.monotonic() + 60.0
+    while True:
+        found = await met()
+        if found:
+            return found
+        assert time.monotonic() < end, f"waited in vain: {what}"
+        await asyncio.sleep(0.1)
+
+
+async def attacks(client: Client, index: int) -> list[str]:
+    """Try to change something in every way that the protocol has; return what was let through."""
+    level = client.get_node(ua.NodeId(LEVEL, index))
+    valves = client.get_node(ua.NodeId("Valves", index))
+    tries: dict[str, Callable[[], Any]] = {
+        "write a value": lambda: level.write_value(1),
+        "make it writable": level.set_writable,
+        "add a folder": lambda: valves.add_folder(index, "mine"),
+        "delete the valves": lambda: client.delete_nodes([valves], recursive=True),
+        "call a method": lambda: client.nodes.server.call_method("0:GetMonitoredItems", ua.UInt32(1)),
+    }
+    through = []
+    for name, attempt in tries.items():
+        try:
+            await attempt()
+        except (ua.UaError, ConnectionError, TimeoutError):
+            continue
+        through.append(name)
+    return through
+
+
+def test_plant_systems_see_state_and_quality_and_change_nothing(system: System) -> None:
+    port = free_port()
+    bridge = system.start("opcua", namespace="", port=port)
+    monitor = valve(system)
+    url = f"opc.tcp://127.0.0.1:{port}"
+
+    async def listens() -> bool:
+        with socket.socket() as probe:
+            return probe.connect_ex(("127.0.0.1", port)) == 0
+
+    async def work() -> None:
+        await until(listens, "the server starts")
+        async with Client(url) as client:
+            index = await client.get_namespace_index("urn:spool-suite:valves")
+
+            async def read(name: str) -> Any:
+                try:
+                    node = client.get_node(ua.NodeId(name, index))
+                    return await node.read_data_value(raise_on_bad_status=False)
+                except ua.UaError:
+                    return None
+
+            async def good() -> Any:
+                value = await read(STIFFNESS)
+                return value if value is not None and value.StatusCode.is_good() else None
+
+            known = await until(good, "the stiffness is known")
+            assert 1500.0 < known.Value.Value < 1800.0
+            assert (await read(LEVEL)).Value.Value == ValveHealth.LEVEL_OK
+            monitor.kill()
+
+            async def lost() -> bool:
+                value = await read(LEVEL)
+                return bool(value.StatusCode.value == ua.StatusCodes.BadNoCommunication)
+
+            await until(lost, "a dead monitor is told by the quality")
+        async with Client(url) as client:
+            assert await attacks(client, index) == []
+        administrator = Client(url)
+        administrator.set_user("admin")
+        with pytest.raises(ua.UaError):
+            await administrator.connect()
+
+    asyncio.run(work())
+    assert bridge.alive
+    with socket.socket() as other:
+        other.settimeout(2.0)
+        # Only loopback's own address is listened on.
+        assert other.connect_ex((_own_address(), port)) != 0
+
+
+def _own_address() -> str:
+    """Return an address of this host that is not loopback's own, as the network would use it."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))
+        except OSError:
+            return "127.0.0.2"
+        address = str(probe.getsockname()[0])
+    return "127.0.0.2" if address == "127.0.0.1" else address
