@@ -8,7 +8,7 @@ setup(
     name=PACKAGE,
     version="0.1.0",
     packages=find_packages(exclude=["test"]),
-    package_data={f"{PACKAGE}.report": ["templates/*.html"]},
+    package_data={f"{PACKAGE}.report": ["templates/*.html", "templates/*.js", "templates/vendor/*/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),

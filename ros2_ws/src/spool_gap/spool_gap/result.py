@@ -270,6 +270,8 @@ class GapResult:
         confidence_note: why the confidence is capped, empty where it is a frequency.
         signs: what the confidence goes by, see :mod:`.report.confidence`.
         profiles: of the numbers of what is named, where they were asked for.
+        correlation: of the numbers ``correlated``, shape (p, p); empty where it is not known.
+        correlated: names of its rows.
     """
 
     record: str
@@ -306,3 +308,5 @@ class GapResult:
     confidence_note: str = ""
     signs: Mapping[str, float] = field(default_factory=dict)
     profiles: tuple[ProfileLikelihood, ...] = ()
+    correlation: Array = field(default_factory=lambda: np.empty((0, 0)))
+    correlated: tuple[str, ...] = ()

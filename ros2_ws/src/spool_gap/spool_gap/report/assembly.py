@@ -76,6 +76,8 @@ def assembled(
         nuisances=outcome.nuisances,
         small_effects=tuple(_small(numbers, outcome)),
         trace=state.trace,
+        correlation=numbers.correlation,
+        correlated=tuple(free.name for free in numbers.free),
     )
 
 

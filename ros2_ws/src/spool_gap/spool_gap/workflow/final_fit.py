@@ -12,6 +12,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
 from spool_identification.agreement import free_run_agreement
 from spool_identification.fit import fit
 from spool_identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, Fit, FitSettings
@@ -25,6 +27,8 @@ from spool_gap.fitting.hypothesis import Hypothesis
 from spool_gap.registry import EFFECTS
 from spool_gap.selection.state import SelectionState
 from spool_gap.simulation.point import DELAY, GAIN
+
+Array = NDArray[np.float64]
 
 #: Names of the channel's numbers in a fit.
 NAMES = {GAIN: SPOOL_GAIN, DELAY: SPOOL_DELAY}
@@ -84,7 +88,20 @@ def _taken(found: Fit, final: Hypothesis) -> Fitted | None:
         own,
         point=own.point.moved(list(quantities), [q.value for q in quantities.values()]),
         deviations={**own.deviations, **{name: q.standard_deviation for name, q in quantities.items()}},
+        correlation=_correlation(found, own),
     )
+
+
+def _correlation(found: Fit, own: Fitted) -> Array:
+    """Return the correlation of the numbers of ``own`` in the fit of all data; theirs where that has none."""
+    correlation = own.correlation.copy()
+    known = {name: place for place, name in enumerate(found.observable)}
+    places = [known.get(NAMES.get(free.name, free.name)) for free in own.free]
+    for row, first in enumerate(places):
+        for column, second in enumerate(places):
+            if first is not None and second is not None:
+                correlation[row, column] = found.correlation[first, second]
+    return correlation
 
 
 def _determined(found: Quantity, own: Fitted, named: bool) -> bool:

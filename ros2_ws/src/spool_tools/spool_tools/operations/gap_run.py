@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from rich.console import Console
@@ -17,6 +19,7 @@ from spool_gap.force.force_record import ForceRecord
 from spool_gap.report.serialisation import result_to_dict
 from spool_gap.result import COUNTED, GapResult, GapSettings
 from spool_gap.workflow.analyse import analyse
+from spool_identification.record import Record
 from spool_identification.record_parts import LARGEST
 from spool_sim.model import Model, load_model
 from spool_sim.valve.description import Valve, find_valve
@@ -32,6 +35,12 @@ from spool_tools.input.record_loading import Selection, load_recordings, stretch
 from spool_tools.input.record_names import is_csv
 from spool_tools.report.model_file import LONGEST_NAME, save_model
 from spool_tools.report.provenance import sources
+
+if TYPE_CHECKING:
+    from spool_tools.report.evidence.exhibit import Exhibit, LeftOut
+
+#: Stretches of one kind of record.
+Measured: TypeAlias = Sequence[Record] | Sequence[ForceRecord]
 
 #: Confidence at most where the record contradicts its valve file: its numbers are as likely wrong as right.
 DOUBTED_CONFIDENCE = 0.5
@@ -70,7 +79,10 @@ def run_gap(
     with progress("looking for the gap", 1.0) as advance:
         tell = Shares(advance).tell
         if kind == "accelerations":
-            result, described = _of_accelerations(records, valve, model, selection, holdout, settings, tell)
+            measured: Measured
+            result, described, measured = _of_accelerations(
+                records, valve, model, selection, holdout, settings, tell
+            )
         else:
             # Who imposes a motion measures the force on whatever is moved: no mass is known.
             described = find_valve(valve) if valve is not None and kind == "driven" else None
@@ -79,8 +91,10 @@ def run_gap(
             result = analyse_forces(
                 forces, model, kind, holdout=held, mass=mass, settings=settings, progress=tell
             )
+            measured = [*forces, *held]
     # Files first: who reads only the first lines of what is shown (`| head`) has them all the same.
-    written = _write(result, outputs, sources([*records, *holdout], described) if outputs.report else [])
+    made_from = sources([*records, *holdout], described) if outputs.report else []
+    written = _write(result, outputs, made_from, partial(_evidence, result, model, described, measured))
     # Off a terminal names must not be cut to some width that nobody has.
     console = Console()
     show(result, console if console.is_terminal else Console(width=140))
@@ -110,21 +124,36 @@ def _of_accelerations(
     holdout: Sequence[Path],
     settings: GapSettings,
     tell: Callable[[str, float], None],
-) -> tuple[GapResult, Valve]:
-    """Return what ``model`` lacks in records of two accelerometers, and the valve that they are of."""
+) -> tuple[GapResult, Valve, list[Record]]:
+    """Return what ``model`` lacks in records of two accelerometers, their valve, and all of them."""
     bounded = replace(selection, longest=LARGEST)
     recordings, described = load_recordings(records, valve, bounded)
     held = load_recordings(holdout, valve, bounded)[0] if holdout else []
     for recording in held:
         check(recording)
-    result = analyse(
-        stretches_of(recordings), described, model, holdout=stretches_of(held), settings=settings,
-        progress=tell,
-    )  # fmt: skip
-    return doubted(result, check_records(described, stretches_of(recordings))), described
+    fitted, others = stretches_of(recordings), stretches_of(held)
+    result = analyse(fitted, described, model, holdout=others, settings=settings, progress=tell)
+    return doubted(result, check_records(described, fitted)), described, [*fitted, *others]
 
 
-def _write(result: GapResult, outputs: ResultFiles, made_from: Sequence[tuple[str, str]]) -> list[str]:
+def _evidence(
+    result: GapResult, base: Model, valve: Valve | None, measured: Measured
+) -> list[Exhibit | LeftOut]:
+    """Return the pictures that let an expert check ``result``; libraries that draw are loaded here."""
+    from spool_tools.report.evidence.of_gap import gap_exhibits, gap_force_exhibits  # noqa: PLC0415
+
+    forces = [entry for entry in measured if isinstance(entry, ForceRecord)]
+    if forces or valve is None:
+        return gap_force_exhibits(result, forces)
+    return gap_exhibits(result, base, valve, [entry for entry in measured if isinstance(entry, Record)])
+
+
+def _write(
+    result: GapResult,
+    outputs: ResultFiles,
+    made_from: Sequence[tuple[str, str]],
+    evidence: Callable[[], list[Exhibit | LeftOut]],
+) -> list[str]:
     """Write the files that are wanted; return a line about each that people look for."""
     written = []
     if outputs.json is not None:
@@ -132,7 +161,7 @@ def _write(result: GapResult, outputs: ResultFiles, made_from: Sequence[tuple[st
     if outputs.report is not None:
         from spool_tools.report.gap_page import gap_page  # noqa: PLC0415 - matplotlib is needed here only
 
-        write_file(outputs.report, gap_page(result, made_from), "--report")
+        write_file(outputs.report, gap_page(result, made_from, evidence()), "--report")
         written.append(f"{outputs.report}: the report")
     if outputs.model is not None:
         found = f"{result.base_model} with what the gap analysis of {result.record} found: {result.verdict}"

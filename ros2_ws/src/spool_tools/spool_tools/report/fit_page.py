@@ -10,6 +10,7 @@ from spool_stream.uncertainty import LEGEND
 from . import fit_curves as curves
 from . import fit_pictures as pictures
 from . import page as html
+from .evidence.of_fit import fit_exhibits
 from .fit_tables import correlated, parameter_rows, quality_rows
 from .provenance import sources
 from .validated_fit import ValidatedFit
@@ -28,6 +29,9 @@ FRICTION = (
 )
 SPECTRUM = (
     "What the model leaves over, by frequency. The best that any model can do is the noise of both sensors."
+)
+EVIDENCE = (
+    "What an expert looks at before believing the above, in this order, from the data that were fitted."
 )
 
 
@@ -69,6 +73,11 @@ def fit_page(validated: ValidatedFit) -> str:
             SPECTRUM,
             seen([validated]),
         ),
+    ]
+    sections += [
+        html.heading("Evidence"),
+        html.paragraph(EVIDENCE),
+        *html.evidence(fit_exhibits(found, validated.data.valve, validated.data.fitted)),
     ]
     records = (*validated.data.paths, *validated.data.held_paths)
     return html.page(title, sections, sources(records, validated.data.valve))

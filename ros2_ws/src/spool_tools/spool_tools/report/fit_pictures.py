@@ -18,18 +18,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from spool_identification.fit_result import Agreement
 
+from .drawing.palette import DARK, MEASURED, STYLES, WIDTH
 from .fit_curves import Excerpt, FrictionCurve, Overlay
 
 Array = NDArray[np.float64]
 
-MEASURED, DARK = "#8a8a8a", "#222222"
-#: Okabe and Ito's colours with a dash and a marker each: apart for the colour-blind and in print.
-STYLES = (
-    ("#0072B2", "-", "o"), ("#D55E00", (0, (5, 2)), "s"), ("#009E73", (0, (5, 1.5, 1, 1.5)), "^"),
-    ("#CC79A7", (0, (1.5, 1.2)), "D"), ("#E69F00", (0, (8, 2)), "v"),
-    ("#56B4E9", (0, (3, 1, 1, 1, 1, 1)), "P"),
-)  # fmt: skip
-WIDTH = 9.0
 RATIO_SHOWN = (0.0, 2.0)
 
 

@@ -13,6 +13,7 @@ from spool_stream.uncertainty import LEGEND, interval, with_interval
 
 from . import gap_pictures as pictures
 from . import page as html
+from .evidence.exhibit import Exhibit, LeftOut
 
 WHERE = (
     "Where the missing force sits, as shares of its energy before anything was added; after is drawn in the "
@@ -29,11 +30,23 @@ PROFILES = (
     "curve crosses the dashed line (3.84, 95 %) on both sides the record determines the number, and the "
     "crossings are its interval; where it stays below on one side the record sets no bound there."
 )
+EVIDENCE = (
+    "What an expert looks at before believing the above, in this order. Records are shown as they were "
+    "measured: what was taken out of a channel is still in them here."
+)
 SPECTRUM = "What is left over by frequency, before and after, with the measured signal and the noise."
 
 
-def gap_page(result: GapResult, sources: Sequence[tuple[str, str]] = ()) -> str:
-    """Return the page of ``result``; ``sources`` are label and value of what it was made from."""
+def gap_page(
+    result: GapResult, sources: Sequence[tuple[str, str]] = (), evidence: Sequence[Exhibit | LeftOut] = ()
+) -> str:
+    """Return the page of ``result``.
+
+    Args:
+        result: of the analysis.
+        sources: label and value of what it was made from.
+        evidence: pictures that let an expert check it.
+    """
     said = result.verdict.replace("_", " ").replace("+", " and ")
     title = {
         "none": f"{result.record}: nothing is missing",
@@ -97,6 +110,8 @@ def gap_page(result: GapResult, sources: Sequence[tuple[str, str]] = ()) -> str:
         html.heading("Before and after"),
         html.drawing(pictures.waveform_figure(result.curves), WAVEFORM, _error_seen(result)),
         html.drawing(pictures.spectrum_figure(result.curves), SPECTRUM, _error_seen(result)),
+        *([html.heading("Evidence"), html.paragraph(EVIDENCE)] if evidence else []),
+        *html.evidence(evidence),
         html.heading("Numbers"),
         html.table(["parameter", "base model", "with what was found", "unit"], _numbers(result)),
         html.paragraph(

@@ -9,14 +9,13 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from spool_gap.profile_likelihood import RISE_95, ProfileLikelihood
 from spool_gap.result import Curves, GapResult, RankedHypothesis, Share, Surface, Where
 
-from .fit_pictures import DARK, MEASURED, WIDTH
+from .drawing.palette import AFTER, BEFORE, FLOOR, MEASURED, WIDTH
+from .drawing.palette import plain as _plain
 
-BEFORE, AFTER, FLOOR = "#D55E00", "#0072B2", "#555555"
 #: Hypotheses shown at most.
 SHOWN = 12
 UNIT = {"m": (1e3, "mm"), "rad": (180.0 / np.pi, "°")}
@@ -197,9 +196,3 @@ def spectrum_figure(curves: Curves) -> Figure:
 
 def _said(name: str) -> str:
     return name.replace("_", " ")
-
-
-def _plain(axis: Axes) -> None:
-    axis.spines[["top", "right"]].set_visible(False)
-    axis.spines[["left", "bottom"]].set_color(DARK)
-    axis.tick_params(labelsize=8)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import base64
 import io
+import json
+import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
@@ -11,12 +13,18 @@ import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
+import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 from spool_stream.uncertainty import number
 
+from .evidence.exhibit import Exhibit, LeftOut, Panel
 from .provenance import provenance
+
+#: What marks a figure that can be zoomed into.
+_ZOOM = '<figure class="zoom">'
 
 #: Characters from which a cell holds a sentence.
 LONG = 40
@@ -35,8 +43,30 @@ def page(title: str, sections: Iterable[str], sources: Sequence[tuple[str, str]]
         sections: what the functions below return; other text is escaped.
         sources: label and value of what it was made from.
     """
+    shown = list(sections)
+    styles, programs = _viewer() if any(_ZOOM in section for section in shown) else ("", "")
     template = _TEMPLATES.get_template("page.html")
-    return template.render(title=title, sections=list(sections), sources=[*provenance(), *sources]) + "\n"
+    return (
+        template.render(
+            title=title, sections=shown, sources=[*provenance(), *sources], styles=styles, programs=programs
+        )
+        + "\n"
+    )
+
+
+def _viewer() -> tuple[Markup, Markup]:
+    """Return what a page carries to zoom into its charts: uPlot with its licence, and the viewer."""
+    licence = _asset("vendor/uplot/LICENSE")
+    plot = _asset("vendor/uplot/uPlot.iife.min.js").partition("*/")[2].strip()
+    style = Markup(f"<style>{_asset('vendor/uplot/uPlot.min.css')}</style>")
+    programs = f"<script>/*! uPlot\n{licence}\n*/\n{plot}</script><script>{_asset('viewer.js')}</script>"
+    return style, Markup(programs)
+
+
+def _asset(name: str) -> str:
+    """Return a file of the templates' folder as it stands."""
+    assert _TEMPLATES.loader is not None
+    return _TEMPLATES.loader.get_source(_TEMPLATES, name)[0]
 
 
 def heading(text: str) -> Markup:
@@ -89,6 +119,64 @@ def drawing(figure: Figure, caption: str, seen: str = "") -> Markup:
     content = _drawn(figure, format="svg", dpi=200, metadata={"Date": None})
     address = _address("image/svg+xml", content)
     return Markup(_PARTS.drawing(f"{seen} {caption}".strip(), address, caption))
+
+
+def evidence(items: Sequence[Exhibit | LeftOut]) -> list[Markup]:
+    """Return pictures of evidence, each with how to read it and what it shows here; the figures are closed.
+
+    A picture that could not be drawn is a sentence why.
+    """
+    found = []
+    for item in items:
+        found.append(Markup(_PARTS.minor_heading(item.title)))
+        if isinstance(item, LeftOut):
+            found.append(paragraph(f"Left out: {item.reason}."))
+        else:
+            found.append(_exhibited(item))
+    return found
+
+
+def _exhibited(item: Exhibit) -> Markup:
+    content = _drawn(item.figure, format="svg", dpi=120, metadata={"Date": None})
+    address = _address("image/svg+xml", content)
+    caption = f"{item.seen} How to read it: {item.caption}"
+    if not item.panels:
+        return Markup(_PARTS.drawing(f"{item.title}: {item.seen}", address, caption))
+    # What ends a script in HTML must not stand in one.
+    numbers = json.dumps([_panel(one) for one in item.panels], allow_nan=False).replace("</", "<\\/")
+    return Markup(_PARTS.zoomable(f"{item.title}: {item.seen}", address, caption, Markup(numbers)))
+
+
+def _panel(panel: Panel) -> dict[str, object]:
+    return {
+        "across": panel.across,
+        "up": panel.up,
+        "x": _numbers(panel.x),
+        "log_x": panel.log_x,
+        "log_y": panel.log_y,
+        "marks": [[_number(place), text] for place, text in panel.marks],
+        "lines": [
+            {
+                "label": line.label,
+                "values": _numbers(line.values),
+                "colour": line.colour,
+                "dash": list(line.dash),
+                "width": line.width,
+                **({} if line.low is None else {"low": _numbers(line.low)}),
+                **({} if line.high is None else {"high": _numbers(line.high)}),
+            }
+            for line in panel.lines
+        ],
+    }
+
+
+def _numbers(row: NDArray[np.float64]) -> list[float | None]:
+    return [_number(value) for value in row.tolist()]
+
+
+def _number(value: float) -> float | None:
+    """Return ``value`` with as many digits as a screen shows, ``None`` where it is not known."""
+    return float(f"{value:.5g}") if math.isfinite(value) else None
 
 
 def _drawn(figure: Figure, **how: Any) -> bytes:

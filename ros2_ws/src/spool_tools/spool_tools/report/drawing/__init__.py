@@ -1,0 +1,1 @@
+"""Drawing: colours, dashes and axes that all pictures of reports share."""

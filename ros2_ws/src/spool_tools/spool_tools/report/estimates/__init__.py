@@ -1,0 +1,1 @@
+"""Estimates: what the evidence of a report is drawn from, as arrays."""

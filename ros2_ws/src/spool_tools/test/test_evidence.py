@@ -1,0 +1,216 @@
+"""Evidence of reports: what is drawn follows closed forms, and says how well it is known."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from spool_identification.fit import fit
+from spool_identification.fit_result import FitSettings
+from spool_identification.record import Record
+from spool_sim.excitation.broadband import Multisine
+from spool_sim.model import load_model
+from spool_sim.sensors import Sensor
+from spool_sim.simulator import Simulator
+from spool_sim.valve.description import find_valve
+from spool_tools.cli import main
+from spool_tools.report import page as html
+from spool_tools.report.estimates.bands import bands_of
+from spool_tools.report.estimates.cross_spectra import cross_spectra, linear_transmissibility
+from spool_tools.report.estimates.ellipse import Ellipse
+from spool_tools.report.estimates.loops import loops_of
+from spool_tools.report.estimates.runs import Numbers
+from spool_tools.report.estimates.whiteness import whiteness
+from spool_tools.report.evidence.confidence_ellipse import ellipse_of
+from spool_tools.report.evidence.exhibit import Exhibit, LeftOut, made
+from spool_tools.report.evidence.force_loops import step_at_zero
+from spool_tools.report.evidence.of_accelerations import AccelerationEvidence
+
+VALVE = find_valve("4weh10_soft")
+PERIOD = 1.0 / 2000.0
+#: Lines so close to each other that pieces of 2 s see a continuous spectrum.
+BROADBAND = Multisine(low_frequency=5.0, high_frequency=100.0, lines=1000, rms=7.0, period=60.0)
+LINEAR = {
+    "mass": VALVE.moving_mass,
+    "viscous_coefficient": VALVE.viscous_coefficient,
+    "spring_stiffness": VALVE.spring_stiffness,
+}
+
+
+def record(
+    seconds: float, *, model: str = "fluid", seed: int = 0, noise: float = 0.05, **values: float
+) -> Record:
+    """Return a simulated record of the soft valve, shaken by many sines."""
+    sensor = Sensor(noise=noise)
+    simulator = Simulator(
+        VALVE, BROADBAND, model=model, parameters=values, seed=seed, body_sensor=sensor,
+        spool_sensor=sensor,
+    )  # fmt: skip
+    blocks = list(simulator.records(seconds))
+    body, spool = (
+        np.concatenate([getattr(block, name) for block in blocks]).astype(np.float64)
+        for name in ("body", "spool")
+    )
+    return Record("simulated", blocks[0].stamp, PERIOD, body, spool)
+
+
+def sides(*names: str, **values: float) -> list[Numbers]:
+    found = []
+    for name in names:
+        model = load_model(name)
+        found.append(Numbers(name, model, {**model.values_for(VALVE), **values}))
+    return found
+
+
+def test_the_transmissibility_of_a_linear_valve_is_the_closed_form_within_its_error() -> None:
+    one = record(30.0)
+    spectra = cross_spectra([one.body], [one.spool], PERIOD)
+    told = spectra.excited & (spectra.coherence > 0.9) & (spectra.frequency > 3.0)
+    closed = linear_transmissibility(spectra.frequency, *LINEAR.values())
+    apart = np.abs(spectra.response / closed - 1.0)[told]
+    assert told.sum() > 30
+    # Both errors, in line and across: 95 % of a Rayleigh distribution lies below 2.45 standard deviations.
+    # A piece of 2 s smooths the resonance by half a per cent at its peak.
+    inside = apart < 2.45 * spectra.relative_error[told] + 0.005
+    assert inside.mean() > 0.9
+
+
+def test_the_error_of_a_transmissibility_is_what_repetitions_scatter_by() -> None:
+    draw = np.random.default_rng(3)
+    ratios, errors = [], []
+    for _ in range(60):
+        drive, noise = draw.standard_normal((2, 6000))
+        spectra = cross_spectra([drive], [0.5 * drive + 0.5 * noise], 1e-3)
+        place = spectra.frequency.size // 3
+        ratios.append(abs(spectra.response[place]) / 0.5)
+        errors.append(float(spectra.relative_error[place]))
+    assert np.std(ratios) == pytest.approx(np.mean(errors), rel=0.35)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_autocorrelation_of_white_noise_stays_in_its_band(seed: int) -> None:
+    rows = np.random.default_rng(seed).standard_normal((3, 8000))
+    found = whiteness(list(rows), PERIOD)
+    assert found.outside < 0.09
+    # 40 lags or so of 500 leave it by chance, each by little.
+    assert np.abs(found.correlation).max() < 2.5 * found.band
+
+
+def test_the_autocorrelation_of_a_forgotten_resonance_leaves_its_band() -> None:
+    time = PERIOD * np.arange(16000)
+    found = whiteness(
+        [np.sin(2.0 * np.pi * 15.0 * time) + np.random.default_rng(0).standard_normal(16000)], PERIOD
+    )
+    assert found.outside > 0.5
+
+
+def test_an_ellipse_holds_the_truth_as_often_as_it_says() -> None:
+    """Coulomb friction and drag of simulated records: more than 2 of 8 miss once in 170 times by chance."""
+    held = 0
+    for seed in range(8):
+        found = fit(
+            [record(10.0, model="coulomb", seed=seed, coulomb_force=0.4)], load_model("coulomb"), VALVE
+        )
+        ellipse = ellipse_of(found.parameters, found.observable, found.correlation)
+        held += ellipse.holds(np.array([VALVE.viscous_coefficient, 0.4]))
+    assert held >= 6
+
+
+def test_an_ellipse_of_normal_numbers_holds_95_of_100() -> None:
+    covariance = np.array([[4.0, -1.8], [-1.8, 1.0]])
+    draws = np.random.default_rng(1).multivariate_normal((0.0, 0.0), covariance, 4000)
+    ellipse = Ellipse(("a", "b"), ("1", "1"), np.zeros(2), covariance)
+    assert np.mean([ellipse.holds(draw) for draw in draws]) == pytest.approx(0.95, abs=0.012)
+    edge = ellipse.outline()
+    inner = [ellipse.holds(point) for point in 0.999 * edge.T]
+    outer = [ellipse.holds(point) for point in 1.001 * edge.T]
+    assert all(inner)
+    assert not any(outer)
+
+
+def test_missing_dry_friction_is_a_step_at_velocity_zero_of_twice_its_size() -> None:
+    one = record(12.0, model="coulomb", coulomb_force=0.5, noise=0.02)
+    loops = loops_of([one], sides("fluid", "coulomb", coulomb_force=0.5))
+    assert step_at_zero(loops.over_velocity["fluid"]) == pytest.approx(1.0, rel=0.25)
+    assert abs(step_at_zero(loops.over_velocity["coulomb"])) < 0.1
+    assert loops.missing["coulomb"] < 0.3 * loops.missing["fluid"]
+
+
+def test_information_bounds_the_interval_of_a_fit() -> None:
+    """A linear valve: the inverse root of what all bands tell is no smaller than the fit's, nor far off."""
+    one = record(20.0)
+    bands = bands_of(cross_spectra([one.body], [one.spool], PERIOD), *LINEAR.values())
+    found = fit([one], load_model("fluid"), VALVE, FitSettings(timing=0.0))
+    for name, field in (("spring_stiffness", "stiffness"), ("viscous_coefficient", "damping")):
+        quantity = found.parameter(name)
+        told = 1.0 / np.sqrt(sum(getattr(band, field) for band in bands))
+        assert 0.1 < quantity.standard_deviation / quantity.value / told < 1.3
+
+
+def shown(records: list[Record], *names: str) -> list[Exhibit | LeftOut]:
+    return AccelerationEvidence(records, VALVE, sides(*names)).exhibits()
+
+
+@pytest.mark.parametrize("case", ["short", "stuck", "no_temperature", "silent", "nothing"])
+def test_no_record_keeps_a_report_from_being_written(case: str) -> None:
+    made_of = {
+        "short": lambda: [record(0.3)],
+        "stuck": lambda: [Record("stuck", 0, PERIOD, *np.repeat(record(8.0).body[np.newaxis], 2, axis=0))],
+        "no_temperature": lambda: [record(8.0)],
+        "silent": lambda: [Record("silent", 0, PERIOD, np.zeros(16000), np.zeros(16000))],
+        "nothing": list,
+    }[case]
+    items = shown(made_of(), "fluid", "coulomb")
+    assert len(items) == 5
+    text = " ".join(html.evidence(items))
+    for item in items:
+        assert item.title in text
+        assert (item.reason if isinstance(item, LeftOut) else item.seen).strip()
+    drawn = [item for item in items if isinstance(item, Exhibit)]
+    assert len(drawn) == {"short": 1, "no_temperature": 5, "nothing": 0}.get(case, len(drawn))
+
+
+def test_a_fit_without_dry_friction_says_that_it_has_none() -> None:
+    def build() -> Exhibit:
+        raise AssertionError(ellipse_of((), (), np.empty((0, 0))))
+
+    left = made("an ellipse", build)
+    assert isinstance(left, LeftOut)
+    assert "viscous coefficient" in left.reason
+
+
+@pytest.fixture(scope="module", name="page")
+def _page(tmp_path_factory: pytest.TempPathFactory) -> str:
+    folder = tmp_path_factory.mktemp("evidence")
+    words = ["simulate", "--seconds", "12", "--excitation", "multisine", "--out", str(folder / "bag")]
+    assert main(words) == 0
+    assert main(["fit", str(folder / "bag"), "--report", str(folder / "fit.html")]) == 0
+    return (folder / "fit.html").read_text(encoding="utf-8")
+
+
+def test_a_page_stands_by_itself_and_stays_small(page: str) -> None:
+    assert len(page.encode()) < 2_000_000
+    outside_pictures = re.sub(r"base64,[A-Za-z0-9+/=]+", "", page)
+    assert "http:" not in outside_pictures
+    assert "https:" not in outside_pictures
+    assert not re.search(r'(src|href)="(?!data:)', outside_pictures)
+    assert "Copyright (c) 2022 Leon Sorokin" in page
+
+
+def test_every_picture_of_evidence_says_how_to_read_it_and_what_it_shows(page: str) -> None:
+    evidence = page[page.index("<h2>Evidence</h2>") :]
+    captions = re.findall(r"<figcaption>(.*?)</figcaption>", evidence, re.S)
+    assert len(captions) == evidence.count("<h3>") == 6
+    for caption in captions:
+        seen, _, how = caption.partition("How to read it:")
+        assert re.search(r"\d", seen)
+        assert "Good:" in how
+        assert "Bad:" in how
+
+
+def test_print_shows_the_picture_in_place_of_what_can_be_zoomed(page: str) -> None:
+    printed = page[page.index("@media print") :]
+    assert "figure.zoom.on .live,figure.zoom button{display:none}" in printed
+    assert "figure.zoom.on .still{display:block}" in printed
+    assert page.count('<div class="still"><div class="wide"><img') == page.count('<figure class="zoom">') > 1
