@@ -34,6 +34,7 @@ def test_replay_and_refits_are_measured(tmp_path: Path, monkeypatch: pytest.Monk
         assert row.peer_s > 0.0
 
 
+@pytest.mark.slow
 def test_every_block_of_several_live_valves_is_judged(
     system: System, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -61,7 +61,7 @@ def slow(*values: object) -> Any:
     ("seed", "hidden"),
     [
         slow(9023, "none"),  # the noise looks like a cubic spring to either half of the record
-        (1081, "none"),  # and here like one to the half that is held out
+        slow(1081, "none"),  # and here like one to the half that is held out
         (12, "quadratic_damping"),
         # Few windows, in which the two simulators stick differently, favour a richer law.
         (15005, "coulomb_friction"),

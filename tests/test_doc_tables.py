@@ -14,6 +14,8 @@ from spool_evaluation.studies import records, steps
 from spool_evaluation.studies.estimation_page import LIMITS
 from spool_evaluation.studies.estimation_page import page_parts as estimation_parts
 from spool_evaluation.studies.estimation_summary import Estimated, RecordFit
+from spool_evaluation.studies.field.page import field_parts
+from spool_evaluation.studies.field.summary import ChainFault, FieldVerdict, HiddenShare
 from spool_evaluation.studies.gap_limit_page import page_parts as limit_parts
 from spool_evaluation.studies.gap_limit_summary import DetectionLimit, sentence, within
 from spool_evaluation.studies.gap_page import page_parts as gap_parts
@@ -91,6 +93,14 @@ def test_links_lead_somewhere(page: Path) -> None:
     assert [link for link in links if "://" not in link and not (page.parent / link).exists()] == []
 
 
+def field_row(hidden: str, verdict: str) -> FieldVerdict:
+    kind = "none" if hidden == "none" else "effect"
+    shares = {} if hidden == "none" else {hidden: HiddenShare(0.1, 0.1, 10.0, matters=True)}
+    hum = (ChainFault("hum", "spool", 0.2, "m/s^2"),)
+    known = {"truth": {"end_stop.gap": 1.0}, "found": {"end_stop.gap": (1.0, 0.1)}, "confidence": 0.9}
+    return FieldVerdict(1, "report", kind, hidden, (hidden,), shares, hum, verdict, **known)
+
+
 def test_result_pages_have_the_columns_that_their_commands_write() -> None:
     known = {"truth": {"a.x": 1.0}, "found": {"a.x": 1.0}, "before": 0.1, "after": 0.01, "floor": 0.01}
     case = {"kind": "effect", "hidden": "end_stop", "accepted": ("end_stop",), "factor": 1.0}
@@ -104,6 +114,9 @@ def test_result_pages_have_the_columns_that_their_commands_write() -> None:
     wanted = {
         "gap_study.md": "\n\n".join(gap_parts([right, wrong])),
         "gap_limits.md": limit_parts([limit])[-1],
+        "field_study.md": "\n\n".join(
+            field_parts([field_row("end_stop", "end_stop"), field_row("none", "x")])
+        ),
         "monitor_study.md": table([ScenarioOutcome("healthy", 1, 60.0, (), (), ())]),
         "time_steps.md": steps.table({}),
         "estimation_records.md": records.table([]),

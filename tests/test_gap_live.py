@@ -81,6 +81,7 @@ def test_a_gap_that_opens_raises_its_event(system: System, tmp_path: Path) -> No
     assert "something is missing" in raised.message
 
 
+@pytest.mark.slow
 def test_the_model_that_was_found_runs_in_simulator_and_estimator(
     system: System, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -144,6 +144,7 @@ def test_memory_holds_one_window() -> None:
     assert max(sizes[300:]) < 1.05 * sizes[250]
 
 
+@pytest.mark.slow
 def test_the_process_gives_the_same_bits_skips_what_comes_too_soon_and_survives_its_death() -> None:
     tasks = tasks_of(record())
     worker = RefitWorker(SETTINGS)

@@ -88,6 +88,7 @@ def test_objective_as_printed_lets_errors_cancel() -> None:
     assert abs(found.objective_as_printed) < 0.05 * found.objective
 
 
+@pytest.mark.slow
 def test_command_writes_a_page_that_stands_by_itself(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -34,6 +34,8 @@ CLIPPED_MAY_LEAVE = 3.0
 #: Share of the gap's power that names must explain to stay where something else is left. One that explains
 #: less is a start value of what is missing rather than a part of it.
 EXPLAINS = 0.1
+#: Error of the base over the noise floor from which the gap is larger than noise: half of its power or more.
+LARGER = 1.5
 #: Share of the gap's power that names must explain where the body's channel clips: the errors of its restored
 #: tops make most of the gap there, and any force that is fitted takes some of them.
 MOST_OF_IT = 0.5
@@ -103,7 +105,9 @@ def judge_outcome(
     small = {name: share for name, share in shares.items() if share < state.fitting.settings.least_share}
     named_ones = tuple(name for name in named_ones if name not in small)
     clipped_alone = bool(extra) and _nothing_but_clips(state, residue, saturation)
-    names = (*(() if clipped_alone else named_ones), *(["sensor_saturation"] if extra else []))
+    left_out = clipped_alone or _hardly_explain(state, residue)
+    clipped = ("sensor_saturation",) if extra else ()
+    names = (*(() if left_out else named_ones), *clipped)
     candidates: tuple[str, ...] = ()
     jitter = _jitter(state, final)
     # Jitter comes and goes with the motion without being a part of it.
@@ -111,6 +115,9 @@ def judge_outcome(
     is_open = residue.unexplained and not clipped_alone and not jitters
     if is_open and names and 1.0 - residue.share >= EXPLAINS:
         verdict = "+".join((*names, "unexplained"))
+    elif is_open and clipped:
+        # Flat tops are seen without any model, whatever else is there.
+        names, verdict = clipped, "+".join((*clipped, "unexplained"))
     elif is_open:
         candidates = named_ones or tuple(row.id for row in state.ranking[:1])
         verdict = "unexplained"
@@ -151,6 +158,14 @@ def judge_outcome(
         nuisances=nuisances,
         advice=_advice(candidates or effects),
     )
+
+
+def _hardly_explain(state: SelectionState, residue: FinalResidual) -> bool:
+    """Whether names explain less than a tenth of a gap that is larger than noise: chance does as much."""
+    before = state.fitting.nrmse(state.steps[0])
+    hardly = 1.0 - residue.share < EXPLAINS and before > LARGER * residue.floor.nrmse
+    # Where runs are synchronised, free ones part from the record at chance.
+    return hardly and not state.synchronised
 
 
 def _of_clipped_body(saturation: Saturation) -> tuple[str, ...]:
