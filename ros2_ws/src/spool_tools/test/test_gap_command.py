@@ -179,3 +179,18 @@ def test_a_saved_model_is_read_back_as_it_was(name: str, tmp_path: Path) -> None
     assert dict(read.values) == values
     assert [entry.name for entry in read.terms] == [entry.name for entry in terms]
     assert read.values_for(SOFT) == values
+
+
+def test_an_unevenly_sampled_force_record_is_resampled_and_said(
+    tmp_path: Path, rubbing: tuple[Array, Array, Array], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A program's loop that samples up to a tenth of a step early or late still shows the friction."""
+    time, place, force = rubbing
+    draw = np.random.default_rng(2)
+    late = time + 0.1 / RATE * draw.uniform(-1.0, 1.0, time.size)
+    rows = [np.interp(late, time, row) for row in (place, force)]
+    record = write(tmp_path / "loop.csv", late, *rows)
+    result = gap(tmp_path, record, "--kind", "driven")
+    assert "unevenly sampled" in result["warnings"][0]
+    assert "resampled" in capsys.readouterr().err
+    assert result["verdict"].startswith("coulomb_friction")

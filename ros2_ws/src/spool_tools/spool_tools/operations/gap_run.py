@@ -42,6 +42,9 @@ if TYPE_CHECKING:
 #: Stretches of one kind of record.
 Measured: TypeAlias = Sequence[Record] | Sequence[ForceRecord]
 
+#: Scatter of the sampling steps of a force record, over their median, from which resampling is told: a step's
+#: worth of motion is then off by a hundredth.
+UNEVEN = 0.01
 #: Confidence at most where the record contradicts its valve file: its numbers are as likely wrong as right.
 DOUBTED_CONFIDENCE = 0.5
 
@@ -87,10 +90,12 @@ def run_gap(
             # Who imposes a motion measures the force on whatever is moved: no mass is known.
             described = find_valve(valve) if valve is not None and kind == "driven" else None
             mass = mass if described is None or mass is not None else described.moving_mass
-            forces, held = (_force_records(paths, kind, selection) for paths in (records, holdout))
+            notes: list[str] = []
+            forces, held = (_force_records(paths, kind, selection, notes) for paths in (records, holdout))
             result = analyse_forces(
                 forces, model, kind, holdout=held, mass=mass, settings=settings, progress=tell
             )
+            result = replace(result, warnings=(*dict.fromkeys(notes), *result.warnings))
             measured = [*forces, *held]
     # Files first: who reads only the first lines of what is shown (`| head`) has them all the same.
     made_from = sources([*records, *holdout], described) if outputs.report else []
@@ -179,7 +184,10 @@ def doubted(result: GapResult, doubts: Sequence[str]) -> GapResult:
     return replace(result, warnings=(*doubts, *result.warnings), confidence=confidence)
 
 
-def _force_records(paths: Sequence[Path], kind: str, selection: Selection) -> list[ForceRecord]:
+def _force_records(
+    paths: Sequence[Path], kind: str, selection: Selection, notes: list[str]
+) -> list[ForceRecord]:
+    """Return the stretches of ``paths`` without a gap, evenly sampled; ``notes`` gets what was resampled."""
     found = []
     for path in paths:
         if not is_csv(path):
@@ -193,6 +201,12 @@ def _force_records(paths: Sequence[Path], kind: str, selection: Selection) -> li
             if own.size < 30:
                 continue
             time = table.time[own]
+            uneven = float(np.std(np.diff(time)) / table.period)
+            if uneven > UNEVEN:
+                notes.append(
+                    f"{path}: unevenly sampled (steps of {1e3 * table.period:.4g} ms scatter by "
+                    f"{percent(uneven)}): resampled by straight lines"
+                )
             even = np.arange(time[0], time[-1] + 0.5 * table.period, table.period)
             rows = (np.interp(even, time, table.columns[name][own]) for name in (DISPLACEMENT, FORCE))
             found.append(ForceRecord(str(path), float(time[0]), table.period, *rows))
