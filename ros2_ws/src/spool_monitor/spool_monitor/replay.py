@@ -17,6 +17,7 @@ from spool_stream.block_gate import BlockGate, SharedGate
 from spool_monitor.detectors.model_gap import gap_event
 from spool_monitor.events.event import Event, EventState
 
+from .drift.drift_trace import DriftTrace
 from .monitor import Monitor
 
 
@@ -31,6 +32,7 @@ class Replay:
         estimates: every estimate, where ``keep`` asked for them; the last one is ``estimator.latest``.
         gap: watches what the model leaves over, as the estimator's node does.
         refitted: every refit, where ``refits`` asked for them; none is skipped here.
+        trace: takes what the drift tests show, where it is given.
         check: compares the valve's description with the estimates, where it is given.
         events: every event; a valve that flaps is bounded by its conditions' delays.
 
@@ -42,6 +44,7 @@ class Replay:
     refits: WindowRefits | None = None
     gap: GapWatch = field(default_factory=GapWatch)
     check: ValveCheck | None = None
+    trace: DriftTrace | None = None
     estimates: list[Estimate] = field(default_factory=list, init=False)
     events: list[Event] = field(default_factory=list, init=False)
     refitted: list[Refit] = field(default_factory=list, init=False)
@@ -158,6 +161,8 @@ class Replay:
             if change is not None:
                 self.events.append(gap_event(change))
             self._told(self.monitor.update_estimate(estimate))
+            if self.trace is not None:
+                self.trace.take(estimate, self.monitor.detection.parameters)
             if self.check is not None:
                 self.check.update(estimate)
             if self.keep:

@@ -71,6 +71,7 @@ class ParameterDrift:
     released: bool = field(default=False, init=False)
     judged: bool = field(default=False, init=False)
     _smoothed: float = field(default=math.nan, init=False)
+    _variance: float = field(default=math.nan, init=False)
     _last: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
@@ -153,8 +154,10 @@ class ParameterDrift:
         unit = "1" if self.relative else quantity.unit
         shown, uncertain = self._smoothed * self.matters, deviation * self.matters
         self.change = Quantity(f"{self.parameter}_change", unit, shown, uncertain, Validity.VALID)
+        # The mean of a first-order process over a long time has the variance of 2 T per s.
+        self._variance = 2.0 * estimate.memory * deviation**2
         self.level = None
-        if self._exceeds(deviation, estimate.memory):
+        if self._exceeds(deviation):
             self.level = Severity.ALARM if abs(self._smoothed) >= 2.0 else Severity.WARNING
         self.released = abs(self._smoothed) < RELEASE
         if self.released and self.sum.size > 0.0:
@@ -162,13 +165,21 @@ class ParameterDrift:
             self.sum.up = min(self.sum.up, SHORTEST_SUM)
             self.sum.down = min(self.sum.down, SHORTEST_SUM)
 
-    def _exceeds(self, deviation: float, memory: float) -> bool:
-        """Whether the sum tells of a change; estimates that forget over ``memory`` s are not independent."""
+    @property
+    def threshold(self) -> float:
+        """Sum from which a change is told; NaN while nothing was judged.
+
+        By the spread of estimates that forget over their memory, and so are not independent.
+        """
+        if math.isnan(self._variance):
+            return math.nan
+        return max(SHORTEST_SUM, threshold_for(self.run_length, self.sum.allowance, self._variance))
+
+    def _exceeds(self, deviation: float) -> bool:
+        """Whether the sum tells of a change."""
         if self.sum.size < SHORTEST_SUM or self.sum.side * self._smoothed <= self.sum.allowance:
             return False
-        # The mean of a first-order process over a long time has the variance of 2 T per s.
-        threshold = threshold_for(self.run_length, self.sum.allowance, 2.0 * memory * deviation**2)
-        return self.sum.size >= threshold and abs(self._smoothed) > SIGNIFICANCE * deviation
+        return self.sum.size >= self.threshold and abs(self._smoothed) > SIGNIFICANCE * deviation
 
     @property
     def latest_change(self) -> Quantity:

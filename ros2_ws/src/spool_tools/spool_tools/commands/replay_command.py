@@ -29,6 +29,7 @@ def replay(
     ] = None,
     columns: cli.ColumnsOption = None,
     json: cli.JsonFile = None,
+    report: cli.ReportFile = None,
     _force: cli.Force = False,
     method: Annotated[str, typer.Option(help="Estimator: prediction, or equation.")] = "prediction",
     refits: Annotated[bool, typer.Option("--refits", help="Refit the last 4 s again and again.")] = False,
@@ -42,11 +43,13 @@ def replay(
     """Run estimator and monitor over a record, as fast as the machine can.
 
     Example: ./spool replay bags/practice_03 --valve 4weh10_soft --json result.json
+
+    Example: ./spool replay bags/practice_03 --valve 4weh10_soft --report replay.html
     """
     from spool_tools.operations.record_replay import RefitRequest, replay_bag  # noqa: PLC0415 - slow to load
 
     request = RefitRequest(refit_model, refit_period) if refits else None
-    result = replay_bag(record, valve or [], refits=request, method=method, columns=columns)
+    result = replay_bag(record, valve or [], refits=request, method=method, columns=columns, report=report)
     if json is not None:
         write_json(json, result)
     for warning in result["warnings"]:
@@ -55,6 +58,8 @@ def replay(
         for warning in one["warnings"]:
             warn(warning)
         _show(name, one, Console())
+    if report is not None:
+        print(f"{report}: pictures and tables")
 
 
 def _show(name: str, valve: Mapping[str, Any], console: Console) -> None:

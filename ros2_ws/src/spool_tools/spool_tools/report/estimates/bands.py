@@ -61,10 +61,11 @@ def bands_of(
         ("stiffness", (damping, stiffness * (1.0 + STEP))),
         ("damping", (damping * (1.0 + STEP), stiffness)),
     ):
-        slope = (
-            linear_transmissibility(frequency, mass, *changed)
-            - linear_transmissibility(frequency, mass, damping, stiffness)
-        ) / STEP
+        with np.errstate(invalid="ignore", divide="ignore"):  # no mass, no spring: nothing is known of them
+            slope = (
+                linear_transmissibility(frequency, mass, *changed)
+                - linear_transmissibility(frequency, mass, damping, stiffness)
+            ) / STEP
         information[name] = np.where(spectra.excited, np.abs(slope) ** 2 * weight, 0.0)
     top = float(frequency[-1])
     edges = [*(edge for edge in EDGES if edge < top), top]

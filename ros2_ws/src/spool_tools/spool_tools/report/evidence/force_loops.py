@@ -18,7 +18,8 @@ CAPTION = (
     "less model, the force that is missing; thin: the same periods, thick with markers: median over the "
     "whole record. Good: the missing force after is a thin line around zero. Bad: it has a shape: a step at "
     "velocity 0 is dry friction, a slope over velocity drag, a slope over displacement a spring, a bend "
-    "there a stiffening spring, a wall at one end a stop, an open loop a delay between the channels or friction with a memory."
+    "there a stiffening spring, a wall at one end a stop, an open loop a delay between the channels or "
+    "friction with a memory."
 )
 LOOKS = ((BEFORE, DASHED, "s"), (AFTER, "-", "o"))
 #: Share of the missing force's size that a step or a slope must make to be said.

@@ -9,6 +9,7 @@ import numpy as np
 from spool_identification.free_run import excitation_limit
 from spool_identification.record import Record
 from spool_sim.valve.description import Valve
+from spool_stream.errors import InputError
 
 from spool_tools.report.estimates.bands import bands_of
 from spool_tools.report.estimates.cross_spectra import cross_spectra
@@ -80,6 +81,7 @@ class AccelerationEvidence:
         return transmissibility_picture.transmissibility(self._both())
 
     def _loops(self) -> Exhibit:
+        self._need_a_model()
         return loops_picture.force_loops(loops_of(self.records, self.sides))
 
     def _whiteness(self) -> Exhibit:
@@ -87,7 +89,12 @@ class AccelerationEvidence:
         found = {name: whiteness(runs.residuals(name), runs.period) for name in runs.simulated}
         return whiteness_picture.residual_whiteness(found)
 
+    def _need_a_model(self) -> None:
+        if not self.sides:
+            raise InputError("no model of this valve is known from the record")
+
     def _both(self) -> Runs:
+        self._need_a_model()
         if self._runs is None:
             self._runs = runs_of(self.records, self.valve, self.sides)
         return self._runs
