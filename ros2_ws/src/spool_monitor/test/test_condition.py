@@ -122,7 +122,11 @@ def test_the_event_carries_what_was_judged() -> None:
     condition = Condition(event_kind("friction_drift"), 0.0, 0.0)
     quantity = Quantity("coulomb_force_change", "N", 0.3)
     (event,) = condition.judge(Finding(7, WARNING, False, "oil_contamination", quantity, "text"))
-    said = f"text; what to do: {event_kind('friction_drift').cause('oil_contamination').remedy}"
+    said = (
+        "text; how sure: counted, not estimated; how urgent: plan it, its reserve runs down "
+        "(NE 107: M, maintenance required), no trend tells a time; "
+        f"what to do: {event_kind('friction_drift').cause('oil_contamination').remedy}"
+    )
     assert event == Event(7, "friction_drift", RAISED, WARNING, "oil_contamination", quantity, said)
     assert math.isnan(event.quantity.standard_deviation)
 

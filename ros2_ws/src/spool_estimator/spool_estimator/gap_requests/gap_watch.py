@@ -11,7 +11,7 @@ import numpy as np
 from spool_identification.signals.clipping import flat_share
 from spool_stream.block import Block
 from spool_stream.quantity import Quantity
-from spool_stream.text.sentence import Account, over, raised
+from spool_stream.text.sentence import Account, over, raised, urgency
 from spool_stream.uncertainty import percent
 
 from spool_estimator.estimate import Estimate, State
@@ -72,7 +72,11 @@ class GapChange:
         """Return one line for people."""
         now, before = (percent(share) for share in (self.residual.value, self.median))
         account = Account(
-            f"the model leaves {now} of the force unexplained, usually {before}", "something is missing"
+            f"the model leaves {now} of the force unexplained, usually {before}",
+            "something is missing",
+            sure=f"it stayed so for {PATIENCE:g} memories of the estimator while no parameter changed",
+            urgent=urgency("S", alarm=False),
+            outlook="no trend tells a time",
         )
         return raised(account, REMEDY) if self.raised else over(MODEL_GAP, account, self.lasted)
 

@@ -86,7 +86,9 @@ class FrictionDrift(Detector):
                 ShareOfCause(one.name, one.share, _evidence(one, leading, moment.parameters))
                 for one in causes
             )
-            return Account(leading.text(), began=began, causes=told)
+            return Account(
+                leading.text(), began=began, causes=told, sure=leading.sure, outlook=leading.outlook
+            )
 
         released = viscous.released and coulomb.released
         return Finding(moment.stamp, indicated, released, causes[0].name, leading.latest_change, account)

@@ -58,7 +58,9 @@ class SpringChange(Detector):
         def account() -> Account:
             began = 1e-9 * (moment.stamp - stiffness.since) if stiffness.since else math.nan
             at = f", natural frequency now {natural:.1f} Hz" if math.isfinite(natural) else ""
-            return Account(f"{stiffness.text()}{at}", began=began)
+            return Account(
+                f"{stiffness.text()}{at}", began=began, sure=stiffness.sure, outlook=stiffness.outlook
+            )
 
         return Finding(
             moment.stamp, stiffness.level, stiffness.released, cause, stiffness.latest_change, account

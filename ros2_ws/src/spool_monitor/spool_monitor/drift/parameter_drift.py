@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 
 from spool_estimator.estimate import Estimate, State
 from spool_stream.quantity import Quantity, Validity
-from spool_stream.text.sentence import change
+from spool_stream.text.sentence import change, duration
 
 from spool_monitor.events.event import Severity
 from spool_monitor.signals.sequential import CumulativeSum, threshold_for
 
 from .baseline import Baseline
+from .outlook import Outlook
 
 #: Standard deviations that a change must exceed before its size is judged at all.
 SIGNIFICANCE = 4.0
@@ -23,6 +24,9 @@ VISCOUS = "viscous_coefficient"
 #: Of the change that must be found: what is let pass for ever, what a single value counts for at most, below
 #: what it is over, and above what uncertainty nothing is judged.
 ALLOWANCE, CAP, RELEASE, UNCERTAIN = 0.65, 2.5, 0.45, 0.35
+
+#: Changes that warn which make an alarm.
+ALARMS = 2.0
 
 #: s, what the sum needs at least: a change that just matters takes 8.6 s from when the estimate shows it.
 SHORTEST_SUM = 3.0
@@ -73,6 +77,8 @@ class ParameterDrift:
     _smoothed: float = field(default=math.nan, init=False)
     _variance: float = field(default=math.nan, init=False)
     _last: int = field(default=0, init=False)
+    _memory: float = field(default=math.nan, init=False)
+    _outlook: Outlook = field(default_factory=Outlook, init=False)
 
     def __post_init__(self) -> None:
         self.sum = CumulativeSum(ALLOWANCE, CAP)
@@ -93,6 +99,7 @@ class ParameterDrift:
     def reset(self) -> None:
         """Forget the sum: what went before may not be believed."""
         self.sum.reset()
+        self._outlook.reset()
         self.level = None
         self.released = False
         self._smoothed = math.nan
@@ -151,6 +158,8 @@ class ParameterDrift:
         law = LAW_ERROR * warmer / self.matters if self.referred and not math.isnan(warmer) else 0.0
         self.sum.allowance = ALLOWANCE + law + self.tolerance
         self.sum.update(estimate.stamp, change, seconds)
+        self._outlook.take(self.sum.since, estimate.stamp, change)
+        self._memory = estimate.memory
         unit = "1" if self.relative else quantity.unit
         shown, uncertain = self._smoothed * self.matters, deviation * self.matters
         self.change = Quantity(f"{self.parameter}_change", unit, shown, uncertain, Validity.VALID)
@@ -158,7 +167,7 @@ class ParameterDrift:
         self._variance = 2.0 * estimate.memory * deviation**2
         self.level = None
         if self._exceeds(deviation):
-            self.level = Severity.ALARM if abs(self._smoothed) >= 2.0 else Severity.WARNING
+            self.level = Severity.ALARM if abs(self._smoothed) >= ALARMS else Severity.WARNING
         self.released = abs(self._smoothed) < RELEASE
         if self.released and self.sum.size > 0.0:
             # Otherwise a long drift that was repaired would take as long to be forgotten.
@@ -191,6 +200,18 @@ class ParameterDrift:
             return self.change
         value = (self.quantity.value - base) / size
         return Quantity(self.change.name, unit, value, deviation / size, Validity.VALID)
+
+    @property
+    def sure(self) -> str:
+        """What speaks for the change being no chance: the false alarms that the test is set to allow."""
+        return f"noise alone feigns it once in {duration(self.run_length)} on average"
+
+    @property
+    def outlook(self) -> str:
+        """When the change reaches the size of an alarm, or that no trend tells it."""
+        if self.level is Severity.ALARM:
+            return "the limit of an alarm is passed"
+        return self._outlook.text(ALARMS, self._memory)
 
     def text(self) -> str:
         """Return how the parameter changed, for people: the last estimate against the baseline.

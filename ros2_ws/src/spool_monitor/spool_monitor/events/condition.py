@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 from spool_stream.quantity import Quantity
-from spool_stream.text.sentence import Account, over, raised
+from spool_stream.text.sentence import Account, duration, over, raised, urgency
 
 from .event import Event, EventState, Severity, condition_name
 from .event_kind import EventKind
@@ -15,6 +15,9 @@ from .event_kind import EventKind
 #: What there is to tell, or what makes it: most of what is judged is never told. A string is what is seen.
 Told = str | Account
 Text = Told | Callable[[], Told]
+
+#: What is said of the time to a limit where nothing is followed over time.
+NO_TREND = "no trend tells a time"
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,8 +96,21 @@ class Condition:
         account = _account(finding.message)
         if math.isnan(account.began) and self._indicated is not None:
             account = replace(account, began=1e-9 * (stamp - self._indicated))
-        text = raised(account, self.declared.cause(cause).remedy)
+        declared = self.declared.cause(cause)
+        account = replace(
+            account,
+            sure=account.sure or self._sure(),
+            urgent=account.urgent or urgency(declared.namur.letter, alarm=severity is Severity.ALARM),
+            outlook=account.outlook or NO_TREND,
+        )
+        text = raised(account, declared.remedy)
         return [self._event(stamp, EventState.RAISED, finding.quantity, text)]
+
+    def _sure(self) -> str:
+        """Return what speaks for a finding that states no error of its own."""
+        if self.on_delay > 0.0:
+            return f"seen without a break for {duration(self.on_delay)} or more"
+        return "counted, not estimated"
 
     @property
     def kind(self) -> str:

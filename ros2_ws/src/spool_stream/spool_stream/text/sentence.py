@@ -1,7 +1,8 @@
 """Sentences of events: the one place where what people read of an alarm is put together.
 
-The order is fixed: what and how large, against what it was; since when; the causes with their shares; what to
-do. An event that ended says what is over, after how long, and what is seen now; it advises nothing.
+The order is fixed: what and how large, against what it was; since when; the causes with their shares; how
+sure; how urgent; what to do. An event that ended says what is over, after how long, and what is seen now; it
+advises nothing.
 """
 
 from __future__ import annotations
@@ -39,6 +40,9 @@ class Account:
         judgement: what that means; said only when it begins.
         began: how long ago, s; NaN where it is not known.
         causes: ranked, the most likely one first.
+        sure: what speaks for it being no chance.
+        urgent: how soon somebody has to act.
+        outlook: when a limit is reached, or that nothing tells.
 
     """
 
@@ -46,6 +50,9 @@ class Account:
     judgement: str = ""
     began: float = math.nan
     causes: tuple[ShareOfCause, ...] = field(default=())
+    sure: str = ""
+    urgent: str = ""
+    outlook: str = ""
 
 
 def raised(account: Account, remedy: str = "") -> str:
@@ -55,9 +62,29 @@ def raised(account: Account, remedy: str = "") -> str:
     if account.began >= NOW:
         clauses.append(f"began about {duration(account.began)} ago")
     clauses += _causes(account.causes)
+    if account.sure:
+        clauses.append(f"how sure: {account.sure}")
+    if account.urgent:
+        urgent = ", ".join(part for part in (account.urgent, account.outlook) if part)
+        clauses.append(f"how urgent: {urgent}")
     if remedy:
         clauses.append(f"what to do: {remedy}")
     return "; ".join(clauses)
+
+
+def urgency(letter: str, *, alarm: bool) -> str:
+    """Return how soon somebody has to act, by the status ``letter`` after NAMUR NE 107 and the severity.
+
+    Empty for a letter that asks nobody to act.
+    """
+    return {
+        "F": "at once, it does not do what it should (NE 107: F, failure)",
+        "C": "when the check is over (NE 107: C, function check)",
+        "S": f"{'at once' if alarm else 'soon'}, it works outside of what it was made for "
+        "(NE 107: S, out of specification)",
+        "M": f"{'soon, its reserve is used up' if alarm else 'plan it, its reserve runs down'} "
+        "(NE 107: M, maintenance required)",
+    }.get(letter, "")
 
 
 def over(kind: str, account: Account, lasted: float = math.nan) -> str:

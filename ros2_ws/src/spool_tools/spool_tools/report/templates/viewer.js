@@ -27,7 +27,7 @@
       axes: [axis(panel.across), axis(panel.up)],
       cursor: { sync: { key: key }, drag: { x: true, y: false } },
       hooks: { draw: [function (u) {
-        var c = u.ctx; c.save(); c.strokeStyle = "#222"; c.fillStyle = "#222"; c.setLineDash([2, 3]); c.font = "11px sans-serif";
+        var c = u.ctx; c.save(); c.strokeStyle = "#222"; c.fillStyle = "#222"; c.setLineDash([2, 3]); c.font = "11px sans-serif"; c.textAlign = "left";
         marks.forEach(function (mark) {
           var at = u.valToPos(mark[0], "x", true);
           if (at < u.bbox.left || at > u.bbox.left + u.bbox.width) { return; }
