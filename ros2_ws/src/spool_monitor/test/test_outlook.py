@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
-from spool_monitor.detectors import KINDS
+from spool_estimator.estimator import Estimator, settings_for
+from spool_monitor.detectors import KINDS, MonitorSettings
 from spool_monitor.drift.outlook import Outlook
 from spool_monitor.events.condition import Condition, Finding
 from spool_monitor.events.event import EventState, Severity
 from spool_monitor.events.event_kind import EventKind
+from spool_monitor.monitor import Monitor
+from spool_monitor.replay import Replay
+from spool_sim.excitation.presets import PRESETS
+from spool_sim.sensors import Sensor
+from spool_sim.simulator import Simulator
+from spool_sim.valve.description import find_valve
 from spool_stream.quantity import Quantity
+from spool_stream.text.sentence import Account
 
 SECOND = 1_000_000_000
 MEMORY = 4.0
@@ -55,6 +64,37 @@ def test_no_trend_tells_no_time(changes: np.ndarray) -> None:
     outlook = followed(changes)
     assert math.isnan(outlook.seconds_to(2.0, MEMORY))
     assert "nothing is said of when" in outlook.text(2.0, MEMORY)
+
+
+def test_what_reaches_its_limit_within_a_shift_is_not_to_be_planned() -> None:
+    said = []
+    for hurries in (False, True):
+        account = Account("drag fell", hurries=hurries)
+        finding = Finding(0, Severity.WARNING, False, "wear", Quantity("x", "1"), account)
+        (event,) = Condition(KINDS["friction_drift"], 0.0, 0.0).judge(finding)
+        said.append(event.message)
+    assert "how urgent: plan it, " in said[0]
+    assert "how urgent: soon, " in said[1]
+
+
+def test_a_slow_wear_says_when_it_becomes_an_alarm() -> None:
+    valve = find_valve("4weh10_soft")
+    sensor = Sensor(noise=0.05)
+    simulator = Simulator(
+        valve, PRESETS["multisine"], coulomb_force=0.3, body_sensor=sensor, spool_sensor=sensor
+    )
+    one = Replay(
+        Estimator(settings_for(valve)), Monitor(MonitorSettings(natural_frequency=valve.natural_frequency))
+    )
+    one.run(simulator.records(20.0))
+    simulator.set_drift("viscous_coefficient", 0.3 * valve.viscous_coefficient, 150.0)
+    one.run(simulator.records(110.0))
+    warning, alarm = [event for event in one.events if event.kind == "friction_drift"]
+    told = re.search(r"the limit of an alarm is reached in about ([0-9.]+) s", warning.message)
+    assert told is not None
+    assert float(told[1]) == pytest.approx((alarm.stamp - warning.stamp) * 1e-9, rel=0.25)
+    assert "how urgent: soon, its reserve runs down fast" in warning.message
+    assert "the limit of an alarm is passed" in alarm.message
 
 
 def test_a_new_drift_forgets_the_one_before() -> None:

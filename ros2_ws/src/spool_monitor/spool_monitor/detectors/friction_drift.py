@@ -87,7 +87,12 @@ class FrictionDrift(Detector):
                 for one in causes
             )
             return Account(
-                leading.text(), began=began, causes=told, sure=leading.sure, outlook=leading.outlook
+                leading.text(),
+                began=began,
+                causes=told,
+                sure=leading.sure,
+                outlook=leading.outlook,
+                hurries=leading.hurries,
             )
 
         released = viscous.released and coulomb.released

@@ -59,7 +59,11 @@ class SpringChange(Detector):
             began = 1e-9 * (moment.stamp - stiffness.since) if stiffness.since else math.nan
             at = f", natural frequency now {natural:.1f} Hz" if math.isfinite(natural) else ""
             return Account(
-                f"{stiffness.text()}{at}", began=began, sure=stiffness.sure, outlook=stiffness.outlook
+                f"{stiffness.text()}{at}",
+                began=began,
+                sure=stiffness.sure,
+                outlook=stiffness.outlook,
+                hurries=stiffness.hurries,
             )
 
         return Finding(

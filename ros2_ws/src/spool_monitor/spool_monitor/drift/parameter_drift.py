@@ -28,6 +28,9 @@ ALLOWANCE, CAP, RELEASE, UNCERTAIN = 0.65, 2.5, 0.45, 0.35
 #: Changes that warn which make an alarm.
 ALARMS = 2.0
 
+#: s of a shift: what reaches its limit sooner is not to be planned but done.
+SHIFT = 8.0 * 3600.0
+
 #: s, what the sum needs at least: a change that just matters takes 8.6 s from when the estimate shows it.
 SHORTEST_SUM = 3.0
 
@@ -212,6 +215,11 @@ class ParameterDrift:
         if self.level is Severity.ALARM:
             return "the limit of an alarm is passed"
         return self._outlook.text(ALARMS, self._memory)
+
+    @property
+    def hurries(self) -> bool:
+        """Whether it reaches the size of an alarm within a shift, at the present rate."""
+        return self._outlook.seconds_to(ALARMS, self._memory) < SHIFT
 
     def text(self) -> str:
         """Return how the parameter changed, for people: the last estimate against the baseline.

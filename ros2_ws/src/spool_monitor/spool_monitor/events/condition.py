@@ -100,7 +100,8 @@ class Condition:
         account = replace(
             account,
             sure=account.sure or self._sure(),
-            urgent=account.urgent or urgency(declared.namur.letter, alarm=severity is Severity.ALARM),
+            urgent=account.urgent
+            or urgency(declared.namur.letter, alarm=severity is Severity.ALARM, hurries=account.hurries),
             outlook=account.outlook or NO_TREND,
         )
         text = raised(account, declared.remedy)

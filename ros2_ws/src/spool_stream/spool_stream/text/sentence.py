@@ -43,6 +43,7 @@ class Account:
         sure: what speaks for it being no chance.
         urgent: how soon somebody has to act.
         outlook: when a limit is reached, or that nothing tells.
+        hurries: that limit is near.
 
     """
 
@@ -53,6 +54,7 @@ class Account:
     sure: str = ""
     urgent: str = ""
     outlook: str = ""
+    hurries: bool = False
 
 
 def raised(account: Account, remedy: str = "") -> str:
@@ -72,18 +74,19 @@ def raised(account: Account, remedy: str = "") -> str:
     return "; ".join(clauses)
 
 
-def urgency(letter: str, *, alarm: bool) -> str:
+def urgency(letter: str, *, alarm: bool, hurries: bool = False) -> str:
     """Return how soon somebody has to act, by the status ``letter`` after NAMUR NE 107 and the severity.
 
-    Empty for a letter that asks nobody to act.
+    ``hurries``: what is only due to be planned reaches its limit before a plan would. Empty for a
+    letter that asks nobody to act.
     """
+    reserve = "soon, its reserve runs down fast" if hurries else "plan it, its reserve runs down"
     return {
         "F": "at once, it does not do what it should (NE 107: F, failure)",
         "C": "when the check is over (NE 107: C, function check)",
         "S": f"{'at once' if alarm else 'soon'}, it works outside of what it was made for "
         "(NE 107: S, out of specification)",
-        "M": f"{'soon, its reserve is used up' if alarm else 'plan it, its reserve runs down'} "
-        "(NE 107: M, maintenance required)",
+        "M": f"{'soon, its reserve is used up' if alarm else reserve} (NE 107: M, maintenance required)",
     }.get(letter, "")
 
 
