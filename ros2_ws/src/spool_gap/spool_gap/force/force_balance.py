@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,13 @@ Array = NDArray[np.float64]
 STILL = 4.0
 
 
+def correlation_of(covariance: Array) -> Array:
+    """Return the correlation that belongs to ``covariance``, same shape; 0 where a variance is."""
+    spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    scale = np.where(spread > 0.0, spread, 1.0)
+    return np.asarray(covariance / np.outer(scale, scale))
+
+
 @dataclass(frozen=True, slots=True)
 class ForceFit:
     """A fitted set of effects.
@@ -40,6 +47,7 @@ class ForceFit:
         deviations: their standard deviations.
         train, held: measured - model of each record, N.
         squares: of the training part, N^2.
+        correlation: of the coefficients, shape (p, p); empty where it is not known.
     """
 
     effects: tuple[str, ...]
@@ -50,6 +58,7 @@ class ForceFit:
     train: tuple[Array, ...]
     held: tuple[Array, ...]
     squares: float
+    correlation: Array = field(default_factory=lambda: np.empty((0, 0)))
 
 
 class ForceBalance:
@@ -129,6 +138,7 @@ class ForceBalance:
         return ForceFit(
             tuple(e.id for e, _ in chosen), tuple(s for _, s in chosen), names, coefficients,
             np.sqrt(np.maximum(np.diag(covariance), 0.0)) / scale, train, held, squares,
+            correlation_of(covariance),
         )  # fmt: skip
 
     def measured(self, fit: ForceFit, chosen: Sequence[tuple[Effect, dict[str, float]]]) -> ForceFit:

@@ -110,6 +110,7 @@ def result_of(
         model=_model(base, balance, chosen, final), warnings=tuple(warnings),
         seconds=sum(record.duration for record in (*balance.train, *balance.held)),
         elapsed=time.monotonic() - begun, advice=advice,
+        correlation=final.correlation, correlated=_correlated(balance, final, chosen),
     )  # fmt: skip
 
 
@@ -208,6 +209,16 @@ def _parameters(
         for name in entry.fitted
         if name in values
     ]
+
+
+def _correlated(balance: ForceBalance, fit: ForceFit, chosen: Chosen) -> tuple[str, ...]:
+    """Return the names of the numbers that the rows of the fit's correlation are; columns have their own."""
+    own = {BASE_NAMES[name][0]: name for name in balance.base}
+    own |= {
+        entry.fitted[0]: f"{entry.id}.0" for entry, shape in chosen if len(entry.fitted) == 1 and not shape
+    }
+    numbers = {column: name for name, column in own.items()}
+    return tuple(numbers.get(column, column) for column in fit.names)
 
 
 def _named(

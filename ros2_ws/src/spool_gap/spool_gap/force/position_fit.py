@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 from spool_sim.model import Model
 from spool_stream.errors import InputError
 
-from .force_balance import ForceBalance, ForceFit, independent_samples
+from .force_balance import ForceBalance, ForceFit, correlation_of, independent_samples
 from .force_record import ForceRecord
 from .force_result import Chosen, model_with
 from .position_run import position_run, speed_at
@@ -66,8 +66,14 @@ def fitted_by_position(base: Model, balance: ForceBalance, chosen: Chosen, fit: 
     if not np.isfinite(found.cost) or found.cost >= 0.5 * float(np.sum(errors(start) ** 2)):
         return None
     slopes = found.jac / _deviation(found.fun, len(parts))
-    spread = np.sqrt(np.maximum(np.diag(np.linalg.pinv(slopes.T @ slopes)), 0.0)) * size
-    return balance.measured(replace(fit, coefficients=found.x * size, deviations=spread), chosen)
+    covariance = np.asarray(np.linalg.pinv(slopes.T @ slopes))
+    moved = replace(
+        fit,
+        coefficients=found.x * size,
+        deviations=np.sqrt(np.maximum(np.diag(covariance), 0.0)) * size,
+        correlation=correlation_of(covariance),
+    )
+    return balance.measured(moved, chosen)
 
 
 def stretches_of(records: Sequence[ForceRecord]) -> tuple[list[ForceRecord], list[float]]:
