@@ -17,6 +17,8 @@ NOTHING, ONE, TWO, OUTSIDE, UNIMPORTANT = (
     "nothing hidden", "one effect", "two effects", "out-of-catalogue law", "not of importance",
 )  # fmt: skip
 QUESTIONS = (NOTHING, ONE, TWO, OUTSIDE, UNIMPORTANT)
+#: Numbers of a drag that warms: an exponential's rate is that of its beginning, a line's that of all.
+DRIFT_RATE, DRIFT_TIME = "damping_drift.damping_drift_rate", "damping_drift.damping_drift_time"
 #: Standard deviations of a 95 % interval.
 Z_95 = 1.96
 
@@ -140,8 +142,14 @@ class FieldVerdict:
         return {
             name: abs(self.found[name][0] - true) <= Z_95 * deviation
             for name, true in self.truth.items()
-            if name in self.found and (deviation := self.found[name][1]) is not None
+            if name in self.found
+            and self._comparable(name)
+            and (deviation := self.found[name][1]) is not None
         }
+
+    def _comparable(self, name: str) -> bool:
+        """Whether ``name`` means the same in truth and result: a rate belongs to its time constant."""
+        return name != DRIFT_RATE or (DRIFT_TIME in self.truth) == (DRIFT_TIME in self.found)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what a row of the file holds of it."""
