@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -178,6 +179,22 @@ def test_a_fit_without_dry_friction_says_that_it_has_none() -> None:
     left = made("an ellipse", build)
     assert isinstance(left, LeftOut)
     assert "viscous coefficient" in left.reason
+
+
+def test_a_gap_report_shows_before_and_after(tmp_path: Path) -> None:
+    bag, file = tmp_path / "bag", tmp_path / "gap.html"
+    words = ["simulate", "--seconds", "10", "--coulomb-force", "0.5", "--excitation", "multisine"]
+    assert main([*words, "--out", str(bag)]) == 0
+    assert main(["gap", str(bag), "--report", str(file)]) == 0
+    text = file.read_text(encoding="utf-8")
+    evidence = text[text.index("<h2>Evidence</h2>") :]
+    assert evidence.count("<h3>") == evidence.count("How to read it: ") == 6
+    missing = re.search(r"base model (\d+) %.*?with what was found ([0-9.]+) %", evidence)
+    assert missing is not None
+    # Where within a sample a reversal falls is not known: what friction jumps by there stays.
+    assert float(missing[2]) < 0.5 * float(missing[1])
+    assert "correlation -" in evidence
+    assert len(text.encode()) < 2_000_000
 
 
 @pytest.fixture(scope="module", name="page")

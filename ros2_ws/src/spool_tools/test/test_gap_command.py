@@ -118,7 +118,15 @@ def test_a_reader_who_ends_early_has_all_files_with_a_known_mass_and_columns_of_
             main([str(word) for word in (*words, *files)])
         sys.stdout.close()
     assert json.loads(result.read_text())["verdict"] == "coulomb_friction"
-    assert "coulomb" in page.read_text()
+    text = page.read_text()
+    assert "coulomb" in text
+    evidence = text[text.index("<h2>Evidence</h2>") :]
+    # No body is shaken, so there is one picture less.
+    assert evidence.count("<h3>") == 6
+    assert evidence.count("Left out: a record of force and displacement holds no acceleration") == 1
+    assert evidence.count("Left out: ") == 1
+    assert "a step of 0.9" in evidence
+    assert len(text.encode()) < 2_000_000
     model = load_model(saved)
     assert model.values["mass"] == SOFT.moving_mass
     assert model.values["spring_stiffness"] == pytest.approx(1632.0, rel=0.02)

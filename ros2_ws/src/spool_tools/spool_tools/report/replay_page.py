@@ -12,7 +12,8 @@ from .evidence.exhibit import Exhibit, LeftOut
 
 ABOUT = (
     "What an expert looks at before believing the above: first what drifted and when, then whether the "
-    "record could tell it, then whether the model holds at all."
+    "record could tell it, then whether the model holds at all. The model has the numbers of the last "
+    "estimate: where a parameter drifted, it fits the end of the record only."
 )
 
 

@@ -77,7 +77,7 @@ def _seen(bands: Sequence[Band], *, informed: bool) -> str:
         values = [getattr(band, name) for band in bands]
         best = int(np.argmax(values))
         total = sum(values)
-        if not total > 0.0:
+        if not total > Z_95**2:  # not even to 100 %
             parts.append(f"it says nothing about {said}")
             continue
         parts.append(

@@ -124,8 +124,10 @@ def _degrees(spectra: CrossSpectra, shown: slice) -> Array:
 def _seen(measured: CrossSpectra, models: dict[str, CrossSpectra], shown: NDArray[np.bool_]) -> str:
     """Return peak, coherence there, and how much of the band each model keeps to."""
     places = np.flatnonzero(shown)
-    peak = places[int(np.argmax(np.abs(measured.response)[places]))]
     told = places[measured.coherence[places] > TOLD]
+    # Where the coherence is low a peak may be noise over little drive.
+    places = told if told.size else places
+    peak = places[int(np.argmax(np.abs(measured.response)[places]))]
     parts = [
         f"measured peak {number(float(np.abs(measured.response[peak])), 3)} at "
         f"{number(float(measured.frequency[peak]), 3)} Hz, coherence {measured.coherence[peak]:.2f} there"
