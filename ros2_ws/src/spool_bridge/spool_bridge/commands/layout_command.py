@@ -51,4 +51,4 @@ def layout(
         print(out / name)
 
 
-COMMAND = Command(layout, place=170, line="layouts of viewers (Foxglove, Lichtblick, PlotJuggler) for valves")
+COMMAND = Command(layout, place=175, line="layouts of viewers (Foxglove, Lichtblick, PlotJuggler) for valves")
