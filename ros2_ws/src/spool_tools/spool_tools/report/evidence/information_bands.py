@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import matplotlib.pyplot as plt
 import numpy as np
-from spool_stream.uncertainty import Z_95, number
+from spool_stream.uncertainty import Z_95, percent
 
 from spool_tools.report.drawing.palette import AFTER, BEFORE, DARK, MEASURED, WIDTH, plain
 from spool_tools.report.estimates.bands import Band
@@ -82,7 +82,7 @@ def _seen(bands: Sequence[Band], *, informed: bool) -> str:
             continue
         parts.append(
             f"{_shares(values)[best]:.0f} % of what it says about {said} comes from {_hertz(bands[best])}; "
-            f"all of it tells {said} to ± {number(100.0 * Z_95 / np.sqrt(total), 2)} % (95 %) or better, "
+            f"all of it tells {said} to {percent(Z_95 / float(np.sqrt(total)))} on either side (95 %) or better, "
             "were the spool's law linear"
         )
     return f"{'; '.join(parts)}."
