@@ -41,6 +41,7 @@ EXPLAINING = {
     "commissioning.md": [("what `replay` says", "what it means, what to do")],
     "gap.md": [("verdict",), ("matter", "what happens"), ("nuisance", "how it is known")],
     "glossary.md": [("term", "meaning")],
+    "watch.md": [("state", "what is known")],
     "methods/estimation.md": [("question", "answer")],
     "methods/gap.md": [("threshold", "value")],
     "methods/monitoring.md": [("detector", "what it judges"), ("what moved", "cause")],

@@ -59,6 +59,8 @@ ROS_PACKAGES = {
 # Without a key, and documented for pip: what converts records, the terminal view, the OPC UA server, and
 # the peers of the benchmarks and tests.
 FROM_PIP = {"pyarrow", "padasip", "pysindy", "river", "ruptures", "textual", "asyncua"}
+# The page in the browser, likewise, and what drives a browser in its tests.
+FROM_PIP |= {"starlette", "uvicorn", "playwright"}
 RUNTIME = {"depend", "exec_depend", "build_depend", "build_export_depend"}
 TEST = {*RUNTIME, "test_depend"}
 

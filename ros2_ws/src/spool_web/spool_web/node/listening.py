@@ -1,4 +1,4 @@
-"""Listening to valves: their health, states and alarms always, samples and more while their page is open."""
+"""Listening to valves: health and alarms always, estimates, samples and more while their page is open."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import Any
 
 from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message
 from spool_msgs.msg import AccelerationBlock, AlarmList, GapAnalysis, ModelEstimate, ValveHealth
 from spool_msgs.srv import ManageBaseline
 from spool_node import qos
@@ -20,7 +19,6 @@ from spool_web.view.board import Board, HeardValve
 from spool_web.view.detail import NAMES
 
 from .calls import Calls
-from .estimate_state import estimate_state
 
 #: s between two askings for the baseline and the limits of a valve whose page is open.
 ASK_EVERY = 10.0
@@ -84,20 +82,16 @@ class Listening:
         subscribe = self._node.create_subscription
         self._heard[name] = [
             subscribe(ValveHealth, f"/{name}/health", partial(_take_health, valve), qos.state()),
-            subscribe(
-                ModelEstimate, f"/{name}/estimate", partial(self._take_estimate, valve), qos.state(), raw=True
-            ),
             subscribe(AlarmList, f"/{name}/alarms", partial(_take_alarms, valve), qos.state()),
         ]
 
     def _open(self, name: str) -> None:
         valve = self._board.valves[name]
-        if valve.estimate_raw:
-            valve.estimate = deserialize_message(valve.estimate_raw, ModelEstimate)
         subscribe = self._node.create_subscription
         self._opened[name] = []
         for kind, topic, take, quality, raw in (
             (AccelerationBlock, "acceleration", _take_block, qos.samples_wanted(), True),
+            (ModelEstimate, "estimate", _take_estimate, qos.state(), False),
             (GapAnalysis, "gap", _take_gap, qos.state(), False),
         ):
             made = subscribe(kind, f"/{name}/{topic}", partial(take, valve), quality, raw=raw)
@@ -110,12 +104,6 @@ class Listening:
         valve.blocks.clear()
         valve.gap = valve.estimate = None
         self._asked.pop(name, None)
-
-    def _take_estimate(self, valve: HeardValve, raw: bytes) -> None:
-        valve.estimate_raw, valve.estimate_state = raw, estimate_state(raw)
-        if valve.name in self._opened:
-            valve.estimate = deserialize_message(raw, ModelEstimate)
-        valve.changes += 1
 
     def _ask(self, valve: HeardValve) -> None:
         def take_baseline(answer: Future[Any]) -> None:
@@ -144,6 +132,11 @@ def _take_health(valve: HeardValve, message: ValveHealth) -> None:
 
 def _take_alarms(valve: HeardValve, message: AlarmList) -> None:
     valve.alarms = alarms_of(message)
+    valve.changes += 1
+
+
+def _take_estimate(valve: HeardValve, message: ModelEstimate) -> None:
+    valve.estimate = message
     valve.changes += 1
 
 

@@ -102,7 +102,7 @@ class PageNode(ManagedNode):
         )
         self._server = ServerThread(application(desk), self._socket)
         self._server.start()
-        self.every(0.1, self._work, steady=True)
+        self.every(0.2, self._work, steady=True)
         self.every(2.0, self._listening.look, steady=True)
         self._listening.look()
         host = f"[{address}]" if ":" in address else address

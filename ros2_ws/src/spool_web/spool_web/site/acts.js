@@ -102,7 +102,7 @@ document.getElementById("dialog_form").addEventListener("submit", async (event) 
   else dialog.close();
 });
 document.getElementById("dialog_leave").addEventListener("click", () => dialog.close());
-dialog.addEventListener("close", () => document.getElementById("dialog_fields").replaceChildren());
+dialog.addEventListener("close", () => dialog.open || document.getElementById("dialog_fields").replaceChildren());
 
 if (operable) {
   const given = new URLSearchParams(location.hash.slice(1)).get("token");

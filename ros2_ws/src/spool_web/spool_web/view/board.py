@@ -23,8 +23,6 @@ class HeardValve:
     name: str
     health: Any = None
     health_at: float = 0.0
-    estimate_state: int = 0
-    estimate_raw: bytes = b""
     estimate: Any = None
     alarms: tuple[dict[str, Any], ...] = ()
     gap: Any = None

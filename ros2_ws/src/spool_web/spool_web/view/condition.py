@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from spool_msgs.msg import ModelEstimate, ValveHealth
+from collections.abc import Sequence
+
+from spool_msgs.msg import ValveHealth
 
 from .board import HeardValve
 
@@ -20,27 +22,30 @@ _LEVELS = {
     ValveHealth.LEVEL_STALE: STALE,
     ValveHealth.LEVEL_UNKNOWN: UNKNOWN,
 }
-_STATES = {
-    ModelEstimate.STATE_UNKNOWN: LEARNING,
-    ModelEstimate.STATE_LEARNING: LEARNING,
-    ModelEstimate.STATE_STALE: STALE,
-    ModelEstimate.STATE_NOT_EXCITED: AT_REST,
-}
+#: Detectors that compare the valve with its baseline: it is good only where all of them judge.
+DRIFT = ("friction_drift", "spring_change")
+#: What the monitor says of a detector (`ValveHealth.msg`, judgements), and what that makes of the valve.
+_JUDGEMENTS = {"judged": GOOD, "learning": LEARNING, "not enough excitation": AT_REST}
 
 
 def condition_of(valve: HeardValve, now: float) -> str:
     """Return the condition of ``valve`` at ``now`` (s, monotonic), one of ``CONDITIONS``.
 
-    It is good only where the monitor spoke lately, judges it good against a learned baseline, and the
-    estimator follows the data; a level that nobody knows is unknown.
+    It is good only where the monitor spoke lately, has a baseline and judges drift against it; a level or a
+    judgement that nobody knows is unknown.
     """
     health = valve.health
     if health is None or now - valve.health_at > SILENT:
         return NO_WORD
     if health.level != ValveHealth.LEVEL_OK:
         return _LEVELS.get(health.level, UNKNOWN)
-    if valve.estimate_state in _STATES:
-        return _STATES[valve.estimate_state]
-    if valve.estimate_state not in (ModelEstimate.STATE_TRACKING, ModelEstimate.STATE_SETTLING):
-        return UNKNOWN
-    return GOOD if health.baseline == ValveHealth.BASELINE_FROZEN else LEARNING
+    if health.baseline != ValveHealth.BASELINE_FROZEN:
+        return LEARNING
+    return _judged(health.judgements)
+
+
+def _judged(judgements: Sequence[str]) -> str:
+    """Return the worst condition that the judgements of ``DRIFT`` allow."""
+    said = dict(judgement.partition(": ")[::2] for judgement in judgements)
+    found = [_JUDGEMENTS.get(said.get(name, ""), UNKNOWN) for name in DRIFT]
+    return min(found, key=CONDITIONS.index)

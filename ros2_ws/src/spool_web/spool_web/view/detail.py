@@ -8,7 +8,7 @@ from typing import Any
 from spool_msgs.msg import GapAnalysis
 
 from .board import HeardValve
-from .condition import NO_WORD, condition_of
+from .condition import NO_WORD
 from .machine import margin_of, row_of
 from .values import known, rounded, shown
 
@@ -33,7 +33,7 @@ def detail_of(valve: HeardValve, now: float) -> dict[str, Any]:
     """Return what the page of ``valve`` shows at ``now`` (s, monotonic)."""
     estimate = valve.estimate
     detail = row_of(valve, now)
-    silent = condition_of(valve, now) == NO_WORD
+    silent = detail["condition"] == NO_WORD
     detail["alarms"] = list(valve.alarms)
     detail["resonance"] = None if silent or valve.health is None else _resonance(valve)
     detail["judgements"] = [] if silent or valve.health is None else list(valve.health.judgements)
@@ -57,7 +57,7 @@ def _resonance(valve: HeardValve) -> dict[str, Any]:
     health = valve.health
     margin, band = margin_of(health), valve.limits.get(BAND)
     return {
-        "margin": None if margin is None else rounded(100.0 * margin, 3),
+        "margin": None if margin is None else round(100.0 * margin),
         "band": None if band is None else rounded(100.0 * band, 3),
         "shakes": shown(health.dominant_frequency),
         "natural": shown(health.natural_frequency),

@@ -8,11 +8,12 @@ from typing import Any
 
 from spool_monitor.history.state_file import valve_folder
 from spool_monitor.history.trend import KEPT, TrendStore, finest, own_file
-from spool_monitor.history.valve_state import TRENDS
 from spool_stream.errors import InputError
 
 from .values import rounded
 
+#: Name of the file: `valve_state` has it too, and takes 130 MB of libraries along.
+TRENDS = "trends.sqlite"
 #: Lengths that can be asked for, s; 0: all there is.
 RANGES = {"hour": 3600, "day": 86400, "week": 7 * 86400, "year": 366 * 86400, "all": 0}
 #: Points that are sent at most.

@@ -82,7 +82,8 @@ def _seen(bands: Sequence[Band], *, informed: bool) -> str:
             continue
         parts.append(
             f"{_shares(values)[best]:.0f} % of what it says about {said} comes from {_hertz(bands[best])}; "
-            f"all of it tells {said} to {percent(Z_95 / float(np.sqrt(total)))} on either side (95 %) or better, "
+            f"all of it tells {said} to {percent(Z_95 / float(np.sqrt(total)))} on either side (95 %) or "
+            "better, "
             "were the spool's law linear"
         )
     return f"{'; '.join(parts)}."
