@@ -28,11 +28,20 @@ _HEALTH = re.compile(r"/(?P<valve>[A-Za-z0-9_/]+)/health")
 
 
 class Listening:
-    """Listener of one node; everything but the board's own is touched on the node's thread only."""
+    """Listener of one node; everything but the board's own is touched on the node's thread only.
+
+    Health comes once a second of each valve. It is fetched by :meth:`fetch`, with a node that no executor
+    wakes up for: that costs a third of a callback for each message.
+    """
 
     def __init__(self, node: Node, board: Board, calls: Calls, names: tuple[str, ...]) -> None:
         self._node, self._board, self._calls, self._names = node, board, calls, names
-        self._heard: dict[str, list[Any]] = {}
+        self._quiet = Node(
+            f"{node.get_name()}_listener", namespace=node.get_namespace(), context=node.context,
+            enable_rosout=False, start_parameter_services=False, use_global_arguments=False,
+        )  # fmt: skip
+        self._health: dict[str, Any] = {}
+        self._heard: dict[str, Any] = {}
         self._opened: dict[str, list[Any]] = {}
         self._asked: dict[str, float] = {}
         for name in names:
@@ -46,6 +55,16 @@ class Listening:
             match = _HEALTH.fullmatch(topic)
             if match and "spool_msgs/msg/ValveHealth" in types:
                 self._join(match["valve"])
+
+    def fetch(self) -> None:
+        """Fetch what the monitors said since the last time."""
+        for name, subscription in self._health.items():
+            with subscription.handle:
+                taken = subscription.handle.take_message(ValveHealth, False)
+            if taken is not None:
+                valve = self._board.valves[name]
+                valve.health, valve.health_at = taken[0], time.monotonic()
+                valve.changes += 1
 
     def follow(self) -> None:
         """Take up and let go of what only pages that are open need."""
@@ -68,10 +87,11 @@ class Listening:
         """Let go of every subscription."""
         for name in list(self._opened):
             self._close(name)
-        for subscriptions in self._heard.values():
-            for one in subscriptions:
-                self._node.destroy_subscription(one)
+        for one in self._heard.values():
+            self._node.destroy_subscription(one)
         self._heard.clear()
+        self._health.clear()
+        self._quiet.destroy_node()
 
     def _join(self, name: str) -> None:
         if name in self._heard:
@@ -79,11 +99,12 @@ class Listening:
         valve = self._board.join(name)
         if valve is None:
             return
-        subscribe = self._node.create_subscription
-        self._heard[name] = [
-            subscribe(ValveHealth, f"/{name}/health", partial(_take_health, valve), qos.state()),
-            subscribe(AlarmList, f"/{name}/alarms", partial(_take_alarms, valve), qos.state()),
-        ]
+        take = partial(_take_alarms, valve)
+        self._heard[name] = self._node.create_subscription(AlarmList, f"/{name}/alarms", take, qos.state())
+        # What is lost is said again a second later, so nothing has to be confirmed or sent again.
+        quality = qos.samples_wanted(1)
+        health = self._quiet.create_subscription(ValveHealth, f"/{name}/health", _unused, quality)
+        self._health[name] = health
 
     def _open(self, name: str) -> None:
         valve = self._board.valves[name]
@@ -125,9 +146,8 @@ class Listening:
         self._calls.ask(valve.name, "get_parameters", limits).add_done_callback(take_limits)
 
 
-def _take_health(valve: HeardValve, message: ValveHealth) -> None:
-    valve.health, valve.health_at = message, time.monotonic()
-    valve.changes += 1
+def _unused(_message: ValveHealth) -> None:
+    """Stand for the callback that a subscription has to have: no executor calls it."""
 
 
 def _take_alarms(valve: HeardValve, message: AlarmList) -> None:

@@ -158,6 +158,7 @@ class PageNode(ManagedNode):
         assert self._calls is not None
         while self._changed:
             self._listening.ask_again(self._changed.pop())
+        self._listening.fetch()
         self._listening.follow()
         self._calls.work()
 
