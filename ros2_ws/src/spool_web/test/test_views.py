@@ -20,7 +20,7 @@ from spool_web.view.alarms import MOST, alarms_of
 from spool_web.view.board import MOST_VALVES, Board, HeardValve
 from spool_web.view.condition import CONDITIONS, DRIFT, condition_of
 from spool_web.view.detail import detail_of
-from spool_web.view.machine import row_of
+from spool_web.view.machine import AT_REST, row_of
 from spool_web.view.spectrum import spectrum_of
 from spool_web.view.trends import TRENDS, trend_of
 from spool_web.view.values import shown
@@ -78,6 +78,8 @@ def test_the_margin_to_resonance_says_which_side() -> None:
     assert row_of(valve(), 100.0)["margin"] == round(100 * (21.0 / 28.7 - 1))
     unknown = quantity("dominant_frequency", "Hz", math.nan, math.nan, Quantity.VALIDITY_UNKNOWN)
     assert row_of(valve(dominant_frequency=unknown), 100.0)["margin"] is None
+    rest = row_of(valve(judgements=[AT_REST]), 100.0)
+    assert (rest["margin"], rest["shakes"]) == (None, None)
     silent = row_of(valve(), 110.0)
     assert (silent["margin"], silent["shakes"], silent["natural"], silent["summary"]) == (None,) * 4
 

@@ -38,7 +38,7 @@ function row(valve, alarm, withValve) {
     make("td", { "data-label": c.severity }, texts.severities[alarm.severity] ?? alarm.severity),
     make("td", { "data-label": c.since }, clock(alarm.raised)),
     make("td", { "data-label": c.by }, alarm.by, ...(comment ? [comment] : [])),
-    make("td", { "data-label": c.says, lang: "en" }, alarm.message),
+    make("td", { "data-label": c.says, class: "says", lang: "en" }, alarm.message),
   ];
   if (withValve) cells.unshift(make("td", { "data-label": c.valve }, make("a", { href: `/valve/${valve}` }, valve)));
   if (operable) cells.push(make("td", { "data-label": c.acts }, ...buttons(valve, alarm)));

@@ -14,7 +14,7 @@ function size(place, height) {
 
 function axis(label, values, decades = false) {
   const filter = decades ? (_, splits) => splits.map((one) => (one !== null && Math.log10(one) % 1 ? null : one)) : undefined;
-  return { label, stroke: colour("--text"), grid: { stroke: colour("--line"), width: 1, ...(filter ? { filter } : {}) }, ticks: { stroke: colour("--line") }, font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif", ...(values ? { values } : {}) };
+  return { label, stroke: colour("--text"), grid: { stroke: colour("--line"), width: 1, ...(filter ? { filter } : {}) }, ticks: { stroke: colour("--line"), ...(filter ? { filter } : {}) }, font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif", ...(values ? { values } : {}) };
 }
 
 function follow(chart, place, height) {

@@ -44,7 +44,8 @@ function change(one) {
 function limits(one) {
   if ((one.low ?? null) === null) return "";
   const places = Math.min(8, Math.max(0, 2 - Math.floor(Math.log10(one.high - one.low || 1))));
-  return `${digits(one.low.toFixed(places))} … ${digits(one.high.toFixed(places))}`;
+  const end = (value) => digits(value.toFixed(places).replace(/^-(?=[0.]+$)/, ""));
+  return `${end(one.low)} … ${end(one.high)}`;
 }
 
 function estimateRow(one, compared) {

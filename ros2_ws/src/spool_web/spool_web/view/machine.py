@@ -12,10 +12,14 @@ from .values import hertz, known
 WAITING = ("unacknowledged", "returned_unacknowledged", "latched_unacknowledged")
 
 
+#: What the monitor says where the strongest line is too weak to be one of the machine's.
+AT_REST = "resonance: not enough excitation"
+
+
 def margin_of(health: Any) -> float | None:
     """Return how far the strongest line lies from the natural frequency (1, negative: below it)."""
     line, natural = health.dominant_frequency, health.natural_frequency
-    if not known(line) or not known(natural) or natural.value <= 0.0:
+    if AT_REST in health.judgements or not known(line) or not known(natural) or natural.value <= 0.0:
         return None
     return float(line.value / natural.value - 1.0)
 
@@ -37,6 +41,7 @@ def row_of(valve: HeardValve, now: float) -> dict[str, Any]:
         return row
     margin = margin_of(health)
     row["margin"] = None if margin is None else round(100.0 * margin)
-    row["shakes"], row["natural"] = hertz(health.dominant_frequency), hertz(health.natural_frequency)
+    row["shakes"] = None if margin is None else hertz(health.dominant_frequency)
+    row["natural"] = hertz(health.natural_frequency)
     row["summary"] = health.summary
     return row
