@@ -174,4 +174,5 @@ def test_wrong_parameters_end_a_node_in_one_line(
     assert process.popen.wait(timeout=180) == 2
     assert expected in process.said
     assert "Traceback" not in process.said
-    assert len(process.said.strip().splitlines()) == 1
+    # That it compiles its kernels first is said where that takes long.
+    assert len([line for line in process.said.strip().splitlines() if "kernels" not in line]) == 1
