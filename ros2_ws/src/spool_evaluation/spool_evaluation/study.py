@@ -18,6 +18,8 @@ STUDIES = {
     "steps": "steps",
     "monitor": "monitor",
     "monitor-hours": "monitor_hours",
+    "fleet": "fleet.study",
+    "fleet-cost": "fleet.cost",
 }
 
 

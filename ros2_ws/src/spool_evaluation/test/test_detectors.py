@@ -47,7 +47,7 @@ def test_a_moment_that_shows_nothing_of_what_a_detector_looks_at_tells_it_nothin
     before = pickle.dumps(vars(one))
     nothing = Moment(10**18, 15.0, detection.reference, detection.parameters, detection.learned)
     window = Line(10**18, 15.0, 5.0, 9.0, 1.8, 1e-3, 0.9)
-    unseen = nothing if LINE in one.looks_at else replace(nothing, line=window)
+    unseen = nothing if LINE in one.looks_at else nothing._replace(line=window)
     assert one.update(unseen) is None
     assert pickle.dumps(vars(one)) == before
 

@@ -16,7 +16,8 @@ def study(
             help="gap: effects named right? field: behind real measuring chains? gap-limit: how small? "
             "ablation: what is each stage worth? estimation: do intervals hold? "
             "records: is the truth of bags/ found? steps: what does a step cost? "
-            "monitor: events found in time? monitor-hours: quiet over healthy hours?"
+            "monitor: events found in time? monitor-hours: quiet over healthy hours? "
+            "fleet: drift found over a year? fleet-cost: what does a bag cost?"
         ),
     ],
     out: Annotated[Path, typer.Option(help="Folder for tables and pictures.")],

@@ -1,0 +1,23 @@
+"""Install spool_fleet as an ament_python package."""
+
+from setuptools import find_packages, setup
+
+PACKAGE = "spool_fleet"
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    package_data={PACKAGE: ["page/templates/*"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+    ],
+    zip_safe=True,
+    extras_require={"test": ["pytest"]},
+    maintainer="Spool suite maintainers",
+    maintainer_email="maintainers@spool-suite.org",
+    description="Many bags of many spool valves: catalogue, analyses, tables, trends.",
+    license="Apache-2.0",
+    entry_points={"spool.commands": ["spool_fleet = spool_fleet.commands"]},
+)

@@ -1,0 +1,1 @@
+"""Analyses of one bag; each module declares one as ``ANALYSIS``."""

@@ -1,0 +1,73 @@
+"""Features of the two signals: sizes, shapes, resonance; they need no model of the valve."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+from spool_identification.record import Record
+from spool_stream.errors import InputError
+from spool_tools.input.record_loading import Selection, load_recording
+
+from .base import Analysis, Rows, Subject, parameter
+
+#: Samples that are read of a record at most.
+LONGEST = 1_200_000
+#: s of a segment of Welch's method: 0.5 Hz between two lines.
+SEGMENT = 2.0
+#: Band, Hz, in which the resonance of the spool on its springs is looked for, as the monitor does.
+BAND = (5.0, 100.0)
+#: Coherence from which a transmissibility is one.
+COHERENT = 0.8
+
+Array = NDArray[np.float64]
+
+
+def run(subject: Subject) -> Rows:
+    """Return rms, crest factor and kurtosis of both channels, and the resonance of their transmissibility.
+
+    Raises:
+        InputError: the record has no second of samples without a gap.
+    """
+    selection = Selection(subject.namespace, longest=LONGEST, described=False)
+    recording = load_recording(subject.path, selection)
+    longest = max(recording.stretches, key=lambda stretch: stretch.duration)
+    if longest.duration < SEGMENT:
+        raise InputError(f"no stretch of {SEGMENT:g} s without a gap")
+    rows = []
+    for channel in ("body", "spool"):
+        row = np.concatenate([getattr(stretch, channel) for stretch in recording.stretches])
+        for name, value, unit in _shape(row):
+            rows.append(parameter("features", "", f"{channel}_{name}", {"value": value, "unit": unit}))
+    for name, value, unit in _resonance(longest):
+        rows.append(parameter("features", "", name, {"value": value, "unit": unit}))
+    return {"parameters": rows}
+
+
+def _shape(row: Array) -> list[tuple[str, float, str]]:
+    around = row - row.mean()
+    power = float(np.mean(around**2))
+    rms = power**0.5
+    crest = float(np.abs(around).max()) / rms if rms > 0.0 else float("nan")
+    kurtosis = float(np.mean(around**4)) / power**2 if power > 0.0 else float("nan")
+    return [("rms", rms, "m/s^2"), ("crest_factor", crest, "1"), ("kurtosis", kurtosis, "1")]
+
+
+def _resonance(record: Record) -> list[tuple[str, float, str]]:
+    """Return frequency and height of the highest peak of spool over body where the two are coherent."""
+    length = min(record.body.size, round(SEGMENT * record.sample_rate))
+    frequency, cross = signal.csd(record.body, record.spool, record.sample_rate, nperseg=length)
+    _, body = signal.welch(record.body, record.sample_rate, nperseg=length)
+    _, coherence = signal.coherence(record.body, record.spool, record.sample_rate, nperseg=length)
+    seen = (frequency >= BAND[0]) & (frequency <= BAND[1]) & (coherence >= COHERENT) & (body > 0.0)
+    if not seen.any():
+        return []
+    height = np.where(seen, np.abs(cross) / np.where(body > 0.0, body, 1.0), 0.0)
+    peak = int(np.argmax(height))
+    return [
+        ("transmissibility_peak_frequency", float(frequency[peak]), "Hz"),
+        ("transmissibility_peak", float(height[peak]), "1"),
+    ]
+
+
+ANALYSIS = Analysis("features", run, "sizes and shapes of both signals, resonance")

@@ -1,0 +1,39 @@
+"""Gap analysis of a record: what the base model lacks in it."""
+
+from __future__ import annotations
+
+from spool_gap.report.serialisation import result_to_dict
+from spool_gap.result import GapSettings
+from spool_gap.workflow.analyse import analyse
+from spool_identification.record_parts import LARGEST
+from spool_sim.model import load_model
+from spool_tools.input.fit_data import check
+from spool_tools.input.record_loading import Selection, load_recordings, stretches_of
+
+from .base import Analysis, Rows, Subject, parameter
+
+BASE = "fluid"
+
+
+def run(subject: Subject) -> Rows:
+    """Return the verdict on ``subject``.
+
+    Raises:
+        InputError: the record is too short or not excited.
+    """
+    selection = Selection(subject.namespace, longest=LARGEST, described=subject.valve_file is None)
+    recordings, valve = load_recordings([subject.path], subject.valve_file, selection)
+    for recording in recordings:
+        check(recording)
+    found = result_to_dict(analyse(stretches_of(recordings), valve, load_model(BASE), settings=GapSettings()))
+    gap = found["gap"]
+    row = [found["verdict"], found["confidence"], gap["before"]["nrmse"], gap["after"]["nrmse"]]
+    parameters = [
+        parameter("gap", BASE, name, quantity)
+        for effect in found["effects"]
+        for name, quantity in effect["parameters"].items()
+    ]
+    return {"gaps": [row], "parameters": parameters}
+
+
+ANALYSIS = Analysis("gap", run, "verdict of the model-gap workflow")

@@ -1,0 +1,1 @@
+"""Catalogue: which bags there are, of which machine and valve."""

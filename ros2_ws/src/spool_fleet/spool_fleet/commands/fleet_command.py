@@ -1,0 +1,196 @@
+"""`./spool fleet`: many bags of many valves: catalogue, analyses, questions, trends, page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+from spool_tools.console import cli_options as cli
+from spool_tools.console.command import Command
+from spool_tools.console.outputs import write_json
+from spool_tools.console.terminal import cell, warn
+
+fleet = typer.Typer(
+    no_args_is_help=True,
+    help="Many bags of many valves: catalogue, analyse, ask, show.\n\n"
+    "Example: ./spool fleet run --store fleet",
+)
+
+Store = Annotated[
+    Path, typer.Option("--store", metavar="DIR", help="Folder of the fleet's catalogue and tables.")
+]
+Workers = Annotated[
+    int | None,
+    typer.Option("--workers", min=1, max=256, help="Processes at work; default: one for each processor."),
+]
+#: Lines about bags and analyses that are shown at most; the tables have them all.
+MOST_LINES = 20
+
+
+@fleet.command("add")
+def add_bags(
+    folders: Annotated[
+        list[Path], typer.Argument(metavar="FOLDER...", help="Folders with bags in and below them.")
+    ],
+    store: Store,
+    pattern: Annotated[
+        str | None,
+        typer.Option(
+            help="How the paths of the bags name them, such as '{machine}/{date}/{valve}'; * is any text."
+        ),
+    ] = None,
+    table: Annotated[
+        Path | None,
+        typer.Option(help="CSV file with the columns bag,machine,valve[,date], in place of a pattern."),
+    ] = None,
+    valve: Annotated[
+        str,
+        typer.Option("--valve", help="Valve file, or a shipped one's name, where bags do not describe it."),
+    ] = "",
+    workers: Workers = None,
+) -> None:
+    """Bring bags into the catalogue: machine, valve, time, rate, gaps, oil temperature.
+
+    What is damaged or there twice is told and left out of the analyses.
+
+    Example: ./spool fleet add recordings --store fleet --pattern {machine}/{date}/{valve}
+    """
+    from spool_fleet.operations import add_to_store  # noqa: PLC0415 - slow to load, as below
+
+    added = add_to_store(store, folders, pattern, table, valve, workers)
+    _tell(added.told, "bags", "SELECT bag, reason FROM bags WHERE status <> 'ok'")
+    if added.redated:
+        warn(f"{added.redated} bags are filed under another date than their stamps say: the path's is taken")
+    print(
+        f"{store}: {added.new} bags added or changed, {added.unchanged} known already; "
+        f"{added.damaged} damaged, {added.duplicates} duplicates"
+    )
+
+
+@fleet.command("run")
+def run_analyses(
+    store: Store,
+    analysis: Annotated[
+        str, typer.Option(help="What to do with each bag, separated by commas: fit, monitor, gap, features.")
+    ] = "fit,monitor",
+    workers: Workers = None,
+    dask: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="Dask scheduler, such as tcp://10.0.0.5:8786; local: one of its own."
+        ),
+    ] = None,
+) -> None:
+    """Analyse the bags of the catalogue that are not analysed yet; a run that was ended goes on.
+
+    Example: ./spool fleet run --store fleet --analysis fit,monitor --workers 2
+    """
+    from spool_fleet.operations import run_over_store  # noqa: PLC0415
+
+    result, trends = run_over_store(store, analysis, workers, dask)
+    _tell(result.failed, "analyses", "SELECT bag, analysis, reason FROM analyses WHERE status <> 'ok'")
+    print(f"{store}: {result.bags} bags analysed, {len(result.failed)} of {result.analyses} analyses failed")
+    for line in trends:
+        print(line)
+
+
+@fleet.command("query")
+def query_tables(
+    store: Store,
+    sql: Annotated[str | None, typer.Argument(metavar="SQL", help="One SELECT over the tables.")] = None,
+    question: Annotated[str | None, typer.Option(help="A question by its name; 'list' lists them.")] = None,
+    machine: Annotated[str, typer.Option(help="Machine that a question is about.")] = "",
+    valve: Annotated[str, typer.Option("--valve", help="Valve that a question is about.")] = "",
+    parameter: Annotated[
+        str, typer.Option(help="Parameter that a question is about.")
+    ] = "viscous_coefficient",
+    json: cli.JsonFile = None,
+    _force: cli.Force = False,
+) -> None:
+    """Ask the tables: bags, analyses, parameters, events, gaps, trends, services.
+
+    Example: ./spool fleet query --store fleet --question worst
+
+    Example: ./spool fleet query --store fleet --question trend --machine press_1 --valve valve_2
+    """
+    from spool_fleet.operations import answer  # noqa: PLC0415
+
+    rows = answer(store, sql, question, machine, valve, parameter)
+    if json is not None:
+        write_json(json, rows)
+        return
+    _show(rows)
+
+
+@fleet.command("event")
+def tell_event(
+    store: Store,
+    machine: Annotated[str, typer.Option(help="Machine; without --valve all of its valves are meant.")] = "",
+    valve: Annotated[str, typer.Option("--valve", help="Valve, as the tables name it.")] = "",
+    oil_change: Annotated[
+        str | None, typer.Option(metavar="DATE", help="Oil was changed on YYYY-MM-DD.")
+    ] = None,
+    spring_change: Annotated[str | None, typer.Option(metavar="DATE", help="Springs were changed.")] = None,
+    repair: Annotated[str | None, typer.Option(metavar="DATE", help="Spool or sleeve was changed.")] = None,
+    comment: Annotated[str, typer.Option(help="What is to be said about it.")] = "",
+) -> None:
+    """Tell of a service: from then on what it changes is compared with a new baseline.
+
+    Example: ./spool fleet event --store fleet --machine press_1 --oil-change 2026-05-04
+    """
+    from spool_fleet.operations import add_service  # noqa: PLC0415
+
+    dates = {"oil_change": oil_change, "spring_change": spring_change, "repair": repair}
+    for line in add_service(store, machine, valve, dates, comment):
+        print(line)
+
+
+@fleet.command("page")
+def make_page(
+    store: Store,
+    out: Annotated[Path, typer.Option(metavar="FILE.html", help="Page to be made.")],
+    reports: Annotated[
+        int,
+        typer.Option(min=0, help="Newest bags of each conspicuous valve whose replay reports are made, too."),
+    ] = 0,
+    _force: cli.Force = False,
+) -> None:
+    """Make a page of the fleet: a light for each valve, what changed this month, courses of the parameters.
+
+    Example: ./spool fleet page --store fleet --out fleet.html
+    """
+    from spool_fleet.operations import write_page  # noqa: PLC0415
+
+    print(write_page(store, out, reports))
+
+
+def _tell(lines: list[str], table: str, sql: str) -> None:
+    for line in lines[:MOST_LINES]:
+        warn(line)
+    if len(lines) > MOST_LINES:
+        warn(f'{len(lines) - MOST_LINES} more {table}: ./spool fleet query "{sql}"')
+
+
+def _show(rows: list[dict[str, Any]]) -> None:
+    """Print rows as a table, wide where no terminal limits it."""
+    console = Console()
+    console = console if console.is_terminal else Console(width=240)
+    if not rows:
+        console.print("nothing found")
+        return
+    table = Table(*rows[0], box=None, pad_edge=False)
+    for row in rows:
+        table.add_row(*(cell(_text(value)) for value in row.values()))
+    console.print(table)
+
+
+def _text(value: object) -> str:
+    if value is None:
+        return ""
+    return f"{value:.5g}" if isinstance(value, float) else str(value)
+
+
+COMMAND = Command(fleet, place=177, line="many bags of many valves: catalogue, analyses, questions, page")

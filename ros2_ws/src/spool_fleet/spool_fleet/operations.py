@@ -1,0 +1,183 @@
+"""Operations of the command `fleet`: add, run, ask, tell of a service, page."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+from spool_sim.valve.description import find_valve
+from spool_stream.errors import InputError
+from spool_stream.kernels.processors import processors
+from spool_tools.console.progress import progress
+from spool_tools.console.version import suite_version
+
+from .analyses.base import chosen
+from .catalogue.add import Added, Naming, add, found_bags
+from .catalogue.identity import PathPattern, read_table
+from .catalogue.manifest import Manifest, Service
+from .catalogue.scan import DAMAGED, Scan, scan
+from .execution.executor import Executor
+from .execution.process_pool import ProcessPool
+from .execution.run import RunResult, bring_up_to_date, run_tasks, tasks_due
+from .tables.query import ask, rows_of
+from .tables.questions import QUESTIONS, sql_of
+
+
+def add_to_store(
+    store: Path,
+    folders: Sequence[Path],
+    pattern: str | None,
+    table: Path | None,
+    valve: str,
+    workers: int | None,
+) -> Added:
+    """Bring the bags in ``folders`` into the catalogue of ``store``, which is made where it is missing.
+
+    Raises:
+        InputError: a folder, the pattern, the table or the valve file cannot be used.
+    """
+    naming = Naming(
+        None if pattern is None else PathPattern(pattern),
+        {} if table is None else read_table(table),
+        _valve(valve),
+    )
+    bags = found_bags(folders)
+    pool = ProcessPool(workers or processors())
+
+    def scans(changed: Sequence[Path]) -> Iterator[Scan]:
+        if len(changed) == 1:
+            yield scan(changed[0])
+            return
+        for done in pool.run(scan, changed):
+            yield done.found or Scan(done.item, "", "", (), DAMAGED, done.reason)
+
+    with _opened(store, make=True) as manifest, progress("looking at bags", len(bags)) as advance:
+        added = add(manifest, bags, naming, scans, advance)
+        bring_up_to_date(manifest)
+    return added
+
+
+def run_over_store(
+    store: Path, analysis: str, workers: int | None, dask: str | None
+) -> tuple[RunResult, list[str]]:
+    """Run the analyses named in ``analysis`` over what is new; return what was done, and lines on trends.
+
+    Raises:
+        InputError: no store, no such analysis, or no Dask scheduler answers.
+    """
+    from .trends.table import sentences, write_trends  # noqa: PLC0415 - slow to load
+
+    names, key, count = chosen(analysis), suite_version(), workers or processors()
+    with _opened(store) as manifest:
+        tasks = tasks_due(manifest, names, key)
+        with _executor(dask, count) as executor, progress("analysing bags", len(tasks)) as advance:
+            result = run_tasks(manifest, tasks, key, executor, advance)
+        trends = write_trends(store, manifest.services())
+    return result, sentences(trends)
+
+
+def answer(
+    store: Path, sql: str | None, question: str | None, machine: str, valve: str, parameter: str
+) -> list[dict[str, Any]]:
+    """Return the rows that an SQL query or a named question finds.
+
+    Raises:
+        InputError: neither or both are given, or it cannot be answered.
+    """
+    if (sql is None) == (question is None):
+        raise InputError('fleet query: give one SELECT, or --question NAME ("--question list" lists them)')
+    if question == "list":
+        return [{"question": name, "asks": one.line} for name, one in QUESTIONS.items()]
+    asked = sql if question is None else sql_of(question, machine, valve, parameter)
+    assert asked is not None
+    return rows_of(ask(store, asked))
+
+
+def add_service(
+    store: Path, machine: str, valve: str, dates: Mapping[str, str | None], comment: str
+) -> list[str]:
+    """Take the service events of ``dates``, by kind; return a line about each.
+
+    Raises:
+        InputError: no machine, valve or date, a date that is none, or a machine or valve that is not known.
+    """
+    from .trends.table import write_trends  # noqa: PLC0415 - slow to load
+
+    given = {kind: text for kind, text in dates.items() if text is not None}
+    if not given:
+        raise InputError("fleet event: say what was done and when, such as --oil-change 2026-05-04")
+    if not machine and not valve:
+        raise InputError("fleet event: say on which --machine or --valve")
+    lines = []
+    with _opened(store) as manifest:
+        known = {(entry.machine, entry.valve) for entry in manifest.entries()}
+        if not any(machine in ("", one) and valve in ("", other) for one, other in known):
+            raise InputError(f"fleet event: no bag of {' '.join(filter(None, (machine, valve)))} in {store}")
+        for kind, text in given.items():
+            try:
+                moment = datetime.fromisoformat(text)
+            except ValueError:
+                option = kind.replace("_", "-")
+                raise InputError(f"--{option} {text}: write the date as YYYY-MM-DD") from None
+            moment = moment if moment.tzinfo else moment.replace(tzinfo=timezone.utc)
+            start = round(moment.timestamp()) * 1_000_000_000
+            manifest.add_service(Service(machine, valve, start, kind, comment))
+            whose = " ".join(filter(None, (machine, valve)))
+            lines.append(f"{whose}: {kind.replace('_', ' ')} on {moment.date()}")
+        if (store / "tables" / "trends").is_dir():
+            write_trends(store, manifest.services())
+    return lines
+
+
+def write_page(store: Path, out: Path, reports: int) -> str:
+    """Write the page of the fleet, and the replay reports of ``reports`` bags of each conspicuous valve.
+
+    Raises:
+        InputError: no store, or the page cannot be written.
+    """
+    from spool_tools.console.outputs import check_output, write_file  # noqa: PLC0415
+
+    from .page.content import page_content  # noqa: PLC0415 - slow to load
+    from .page.fleet_page import fleet_page  # noqa: PLC0415
+    from .page.reports import write_reports  # noqa: PLC0415
+
+    check_output(out, "--out")
+    with progress("drawing"):
+        content = page_content(store)
+        made = write_reports(content, out, reports) if reports else {}
+        write_file(out, fleet_page(content, made), "--out")
+    return f"{out}: {content.summary}" + (f"; {len(made)} reports beside it" if made else "")
+
+
+@contextlib.contextmanager
+def _opened(store: Path, *, make: bool = False) -> Iterator[Manifest]:
+    manifest = Manifest(store, make=make)
+    try:
+        yield manifest
+    finally:
+        manifest.close()
+
+
+@contextlib.contextmanager
+def _executor(dask: str | None, workers: int) -> Iterator[Executor]:
+    if dask is None:
+        yield ProcessPool(workers)
+        return
+    from .execution.dask_cluster import DaskCluster  # noqa: PLC0415 - an extra
+
+    cluster = DaskCluster(dask, workers)
+    try:
+        yield cluster
+    finally:
+        cluster.close()
+
+
+def _valve(text: str) -> str:
+    """Return the valve file ``text`` as workers find it, checked."""
+    if not text:
+        return ""
+    find_valve(text)
+    return str(Path(text).absolute()) if Path(text).is_file() else text

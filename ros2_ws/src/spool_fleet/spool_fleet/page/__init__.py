@@ -1,0 +1,1 @@
+"""Page of the fleet, made from its tables."""

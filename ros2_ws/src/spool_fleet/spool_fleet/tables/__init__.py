@@ -1,0 +1,1 @@
+"""Tables: results as Parquet files, and queries over them."""

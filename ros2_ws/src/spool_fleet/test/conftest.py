@@ -1,0 +1,31 @@
+"""Bags of a small fleet, simulated once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from spool_tools.operations.simulation import simulate
+
+
+def simulated_bag(path: Path, seed: int, *, celsius: float = 40.0, seconds: float = 8.0) -> Path:
+    """Return a bag of ``seconds`` at 1 kHz."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    simulate(
+        path, "4weh10_soft", "coulomb", "multisine", seconds, sample_rate=1000.0, block_rate=25.0,
+        coulomb_force=0.5, noise=0.05, seed=seed, name="valve_1", oil_temperature=f"{celsius}",
+    )  # fmt: skip
+    return path
+
+
+@pytest.fixture(scope="session")
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of eight bags: two machines with two valves on two days."""
+    folder = tmp_path_factory.mktemp("recordings")
+    seed = 0
+    for machine in ("press_1", "press_2"):
+        for day in ("2026-03-02", "2026-04-06"):
+            for valve in ("valve_1", "valve_2"):
+                seed += 1
+                simulated_bag(folder / machine / day / valve, seed, celsius=35.0 + seed)
+    return folder

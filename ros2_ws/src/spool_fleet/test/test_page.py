@@ -1,0 +1,402 @@
+"""Page of the fleet in a real Chromium: lights, what changed, drill-down, no network, accessibility."""
+
+from __future__ import annotations
+
+import gzip
+import math
+import shlex
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from spool_fleet.catalogue.manifest import Entry, Manifest, Service, StoredResult
+from spool_fleet.execution.run import bring_up_to_date
+from spool_fleet.page.content import PageContent, page_content
+from spool_fleet.page.fleet_page import fleet_page
+from spool_fleet.page.reports import write_reports
+from spool_fleet.page.scales import ticks, time_scale
+from spool_fleet.trends.table import write_trends
+
+from .conftest import simulated_bag
+
+AXE = Path(__file__).parents[2] / "spool_web" / "test" / "vendor" / "axe.min.js.gz"
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+#: Nothing that the browser asks for by itself may be found.
+FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--host-resolver-rules=MAP * ~NOTFOUND"]
+#: s since 1970 of Monday 2026-01-05; weeks of the fleet, days of a month.
+BEGIN, WEEKS, MONTH = 1_767_571_200, 40, 30.44
+EVIL = "<script>document.title='owned'</script>"
+EVIL_BAG = "/data/$(touch owned) 'x' <img src=x onerror=\"document.title='owned'\">"
+
+
+class Fabricated:
+    """Fabricated store: bags that were never recorded, with what an analysis would have found in them."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.manifest = Manifest(folder, make=True)
+        self.number = 0
+        self._random = np.random.default_rng(0)
+
+    def bag(
+        self,
+        machine: str,
+        valve: str,
+        week: int,
+        *,
+        drag: float = 1.0,
+        rubs: float = 1.0,
+        celsius: float = 45.0,
+        path: str = "",
+        status: str = "ok",
+        events: int = 0,
+    ) -> str:
+        """Put a bag of a week in; ``drag`` and ``rubs`` scale viscous coefficient and Coulomb force."""
+        self.number += 1
+        path = path or f"/data/{self.number:05d}"
+        start = (BEGIN + 7 * 86_400 * week + 3600 * (self.number % 100)) * 1_000_000_000
+        reason = "" if status == "ok" else "its head is damaged"
+        entry = Entry(
+            path, "valve_1", f"{self.number:064x}", "s", machine, valve, start, 60.0, 2000.0, 0, celsius,
+            status, reason,
+        )  # fmt: skip
+        self.manifest.put(path, [entry])
+        if status == "ok":
+            noise = np.exp(self._random.normal(0.0, 0.004, 3))
+            names = (
+                ("viscous_coefficient_at_40C", 2.5 * drag, 0.005, "N s/m"),
+                ("coulomb_force", 0.5 * rubs, 0.002, "N"),
+                ("spring_stiffness", 1632.0, 0.5, "N/m"),
+            )
+            rows: list[list[Any]] = [
+                ["monitor", "coulomb", name, value * factor, std, unit]
+                for (name, value, std, unit), factor in zip(names, noise, strict=True)
+            ]
+            raised = [
+                12.3,
+                "resonance",
+                "raised",
+                "warning",
+                None,
+                4.2,
+                "1",
+                f"shakes at 15.2 Hz, amplified 4.2 times {EVIL}",
+            ]
+            found = {"parameters": rows, "events": [raised] * events}
+            self.manifest.keep(path, "k", [("valve_1", StoredResult("monitor", "ok", "", found))])
+        return path
+
+    def valve(self, machine: str, valve: str, weeks: range = range(WEEKS), **rates: float) -> None:
+        """Put a bag of each week in; ``wears`` is the share of drag lost a month from ``since`` on."""
+        since = rates.get("since", 0.0)
+        for week in weeks:
+            months = max(0.0, week - since) * 7.0 / MONTH
+            drag = math.exp(-rates.get("wears", 0.0) * months)
+            drag *= 1.0 + (rates.get("step", 0.0) if week >= since else 0.0)
+            rubs = 1.0 + (rates.get("rubs", 0.0) if week >= since else 0.0)
+            self.bag(machine, valve, week, drag=drag, rubs=rubs)
+
+    def written(self) -> PageContent:
+        """Write the tables, and read from them what the page shows."""
+        bring_up_to_date(self.manifest)
+        write_trends(self.folder, self.manifest.services())
+        self.manifest.close()
+        return page_content(self.folder)
+
+
+def make_fleet(store: Fabricated) -> None:
+    """Put in a fleet with a valve for every light."""
+    for machine in ("press_1", "press_2", "press_3", "press_10"):
+        for valve in ("valve_1", "valve_2", "valve_3", "valve_4"):
+            if (machine, valve) not in (
+                ("press_1", "valve_2"),
+                ("press_1", "valve_3"),
+                ("press_3", "valve_3"),
+            ):
+                store.valve(machine, valve, step=0.1 if machine == "press_2" else 0.0, since=24.0)
+    store.valve("press_1", "valve_2", wears=0.05, since=14.0)
+    store.valve("press_1", "valve_3", step=-0.08, since=36.0)
+    store.valve("press_3", "valve_3", range(35))
+    store.valve(EVIL, "valve_1", range(37, 40))
+    store.bag(EVIL, "valve_1", WEEKS - 1, path=EVIL_BAG, events=2)
+    store.bag("press_3", "valve_5", 12, status="damaged")
+    store.manifest.add_service(
+        Service("press_10", "", (BEGIN + 100 * 86_400) * 1_000_000_000, "oil_change", f"new drum {EVIL}")
+    )
+
+
+@pytest.fixture(scope="module")
+def content(tmp_path_factory: pytest.TempPathFactory) -> PageContent:
+    store = Fabricated(tmp_path_factory.mktemp("fleet") / "store")
+    make_fleet(store)
+    return store.written()
+
+
+@pytest.fixture(scope="module")
+def page_file(content: PageContent, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("page") / "fleet.html"
+    file.write_text(fleet_page(content, {}))
+    return file
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    if CHROMIUM is None:
+        pytest.skip("no Chromium on this machine: apt-get install chromium")
+    playwright = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
+    with playwright.sync_playwright() as one:
+        browser = one.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def open_page(chromium: Any) -> Iterator[Callable[..., Any]]:
+    """Return what opens a file; a page that throws, logs an error or asks for more fails the test."""
+    contexts: list[Any] = []
+    wrong: list[str] = []
+    asked: set[str] = set()
+    files: set[str] = set()
+
+    def make(file: Path, fragment: str = "", *, width: int = 1280, **options: Any) -> Any:
+        context = chromium.new_context(viewport={"width": width, "height": 900}, **options)
+        contexts.append(context)
+        page = context.new_page()
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on("console", lambda said: wrong.append(said.text) if said.type == "error" else None)
+        page.on("request", lambda request: asked.add(request.url.partition("#")[0]))
+        files.add(file.as_uri())
+        page.goto(file.as_uri() + fragment)
+        return page
+
+    yield make
+    for context in contexts:
+        context.close()
+    assert wrong == []
+    assert asked == files
+
+
+def lights(content: PageContent) -> dict[str, str]:
+    return {valve.name: valve.light.name for valve in content.valves}
+
+
+def test_every_valve_has_its_light(content: PageContent) -> None:
+    found = lights(content)
+    assert found.pop("press_1 valve_2") == "alarm"
+    assert found.pop("press_1 valve_3") == "warning"
+    assert found.pop("press_3 valve_3") == "silent"
+    assert found.pop("press_3 valve_5") == "unknown"
+    assert found.pop(f"{EVIL} valve_1") == "learning"
+    assert {found.pop(f"press_2 valve_{number}") for number in range(1, 5)} == {"whole"}
+    assert set(found.values()) == {"good"}
+    assert content.summary == (
+        "18 valves: 2 changed, 4 with their whole machine, 1 silent, 1 learning, 1 unknown"
+    )
+
+
+def test_machines_and_valves_stand_in_the_order_of_their_numbers(content: PageContent) -> None:
+    assert list(content.machines)[-4:] == ["press_1", "press_2", "press_3", "press_10"]
+
+
+def test_the_page_shows_each_light_with_mark_word_and_colour(
+    page_file: Path, content: PageContent, open_page: Callable[..., Any]
+) -> None:
+    page = open_page(page_file)
+    cells = page.query_selector_all(".cells a")
+    assert len(cells) == len(content.valves)
+    words = {cell.get_attribute("data-light"): cell.inner_text() for cell in cells}
+    assert {name: text.split()[0] for name, text in words.items()} == {
+        "alarm": "▲", "warning": "◆", "silent": "∅", "whole": "■", "unknown": "?", "learning": "…",
+        "good": "●",
+    }  # fmt: skip
+    assert "act now" in words["alarm"]
+    colours = {
+        one.evaluate("node => getComputedStyle(node).backgroundColor + getComputedStyle(node).borderStyle")
+        for one in page.query_selector_all(".cells .light")
+    }
+    assert len(colours) == 7
+
+
+def test_what_changed_this_month_is_told_apart_from_what_stands(
+    page_file: Path, open_page: Callable[..., Any]
+) -> None:
+    page = open_page(page_file)
+    new = page.inner_text(".news")
+    assert "press_1 valve_3: Viscous coefficient fell by" in new
+    older = page.inner_text(".older")
+    assert "press_1 valve_2: Viscous coefficient fell by" in older
+    assert "press_1 valve_2" not in new
+    assert "press_3 valve_3 fell silent" in page.inner_text("section[aria-labelledby=month]")
+    assert "Points to wear" in older
+    assert "What to do: measure the internal leakage" in older
+    assert "past the limit of the running valve's monitor (20 %)" in older
+    assert "press_2 (valve_1, valve_2, valve_3, valve_4): Viscous coefficient rose by" in older
+    first = page.inner_text("section[aria-labelledby=worst] tbody tr")
+    assert "press_1 valve_2" in first
+
+
+def test_a_valve_is_reached_and_closed_by_keyboard_alone(
+    page_file: Path, content: PageContent, open_page: Callable[..., Any]
+) -> None:
+    page = open_page(page_file)
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.className") == "skip"
+    (anchor,) = [valve.anchor for valve in content.valves if valve.name == "press_1 valve_2"]
+    for _ in range(100):
+        page.keyboard.press("Tab")
+        if page.evaluate("document.activeElement.hash") == f"#{anchor}":
+            break
+    assert page.evaluate("getComputedStyle(document.activeElement).outlineStyle") == "solid"
+    page.keyboard.press("Enter")
+    page.wait_for_selector(f"details[open] #{anchor} svg.large")
+    assert "press_1 valve_2" in page.evaluate("document.activeElement.innerText")
+    inside = page.inner_text(f"#{anchor}")
+    assert "Viscous coefficient fell by" in inside
+    assert "./spool replay /data/" in inside
+    page.keyboard.press("Enter")
+    page.wait_for_selector(f"details:not([open]) #{anchor}", state="attached")
+
+
+def test_a_link_opens_a_valve_without_programs(
+    page_file: Path, content: PageContent, open_page: Callable[..., Any]
+) -> None:
+    anchor = content.valves[3].anchor
+    page = open_page(page_file, f"#{anchor}", java_script_enabled=False)
+    page.wait_for_selector(f"details[open] #{anchor}")
+
+
+def test_charts_say_what_they_show_and_share_their_scales(
+    page_file: Path, content: PageContent, open_page: Callable[..., Any]
+) -> None:
+    (worn,) = [valve for valve in content.valves if valve.name == "press_1 valve_2"]
+    page = open_page(page_file, f"#{worn.anchor}")
+    said = page.get_attribute(f"#{worn.anchor} svg.large", "aria-label")
+    assert said.startswith("viscous coefficient at 40 °C: baseline 2.5")
+    assert "fell by" in said
+    for mark in (".base", ".healthy", ".band", ".course", ".since", ".fit", ".bar", ".limit"):
+        assert page.query_selector(f"#{worn.anchor} svg.large {mark}") is not None, mark
+    used = {one.get_attribute("href") for one in page.query_selector_all("svg.large use")}
+    assert used == {
+        "#large-viscous_coefficient", "#large-coulomb_force", "#large-spring_stiffness", "#large-temperature",
+    }  # fmt: skip
+    serviced = next(valve for valve in content.valves if valve.machine == "press_10")
+    assert page.query_selector(f"#{serviced.anchor} svg.large path.service") is not None
+
+
+def test_markup_in_names_stays_text_and_commands_are_quoted(
+    page_file: Path, content: PageContent, open_page: Callable[..., Any]
+) -> None:
+    (odd,) = [valve for valve in content.valves if valve.machine == EVIL]
+    page = open_page(page_file, f"#{odd.anchor}")
+    page.wait_for_selector(f"details[open] #{odd.anchor}")
+    assert "owned" not in page.title()
+    assert page.query_selector("main script, main img") is None
+    assert EVIL in page.inner_text("#lights ~ .machine h3")
+    assert f"shakes at 15.2 Hz, amplified 4.2 times {EVIL}" in page.inner_text(f"#{odd.anchor}")
+    command = next(text for text in page.locator(f"#{odd.anchor} code").all_inner_texts() if "owned" in text)
+    assert shlex.split(command)[:4] == ["./spool", "replay", EVIL_BAG, "--report"]
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [1280, 390])
+def test_axe_finds_nothing_serious_and_the_page_fits(
+    page_file: Path, open_page: Callable[..., Any], scheme: str, width: int
+) -> None:
+    page = open_page(page_file, width=width, color_scheme=scheme)
+    page.evaluate("for (const one of document.querySelectorAll('details')) one.open = true")
+    # Evaluated by the debugger, which the content security policy does not bind.
+    page.evaluate(gzip.decompress(AXE.read_bytes()).decode())
+    found = page.evaluate("axe.run(document, { resultTypes: ['violations'] })")
+    serious = [
+        (one["id"], [node["html"][:200] for node in one["nodes"]][:3])
+        for one in found["violations"]
+        if one["impact"] in ("serious", "critical")
+    ]
+    assert serious == []
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_print_opens_the_valves_that_changed_and_no_others(
+    page_file: Path, content: PageContent, open_page: Callable[..., Any]
+) -> None:
+    page = open_page(page_file)
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    shown = {one.get_attribute("id") for one in page.query_selector_all("details[open] .inside")}
+    assert shown == {valve.anchor for valve in content.valves if valve.conspicuous}
+    page.evaluate("dispatchEvent(new Event('afterprint'))")
+    assert page.query_selector("details[open]") is None
+
+
+def test_reports_are_made_of_bags_that_are_there_and_linked(
+    tmp_path: Path, open_page: Callable[..., Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    store = Fabricated(tmp_path / "store")
+    for valve in ("valve_1", "valve_2", "valve_3", "valve_4"):
+        store.valve("press_1", valve, wears=0.05 if valve == "valve_2" else 0.0, since=14.0)
+    bag = str(simulated_bag(tmp_path / "bag of <press>", 1))
+    store.bag("press_1", "valve_2", WEEKS, path=bag, drag=0.75)
+    content = store.written()
+    out = tmp_path / "fleet.html"
+    made = write_reports(content, out, 2)
+    assert list(made) == [bag]
+    assert "it is not there any more" in capsys.readouterr().err
+    out.write_text(fleet_page(content, made))
+    (worn,) = [valve for valve in content.valves if valve.valve == "valve_2"]
+    page = open_page(out, f"#{worn.anchor}")
+    address = page.evaluate(f"document.querySelector('#{worn.anchor} table a').href")
+    assert address == (tmp_path / made[bag]).as_uri()
+    report = (tmp_path / made[bag]).read_text()
+    assert "events" in report.lower()
+    # A second page takes the report that is there.
+    assert write_reports(content, out, 1) == made
+    assert (tmp_path / made[bag]).read_text() == report
+
+
+def test_one_bag_of_one_valve_makes_a_page(tmp_path: Path, open_page: Callable[..., Any]) -> None:
+    store = Fabricated(tmp_path / "store")
+    store.bag("press", "valve", 0)
+    content = store.written()
+    assert content.summary == "1 valve: 0 changed, 1 learning, 0 unknown"
+    out = tmp_path / "fleet.html"
+    out.write_text(fleet_page(content, {}))
+    page = open_page(out, "#valve-1")
+    assert "1 weeks with bags" in page.inner_text("#valve-1")
+    assert page.query_selector("#valve-1 svg.large") is not None
+
+
+def test_a_fleet_of_damaged_bags_makes_a_page(tmp_path: Path) -> None:
+    store = Fabricated(tmp_path / "store")
+    store.bag("press", "valve", 0, status="damaged")
+    content = store.written()
+    assert content.summary == "1 valve: 0 changed, 1 unknown"
+    assert "its head is damaged" in fleet_page(content, {})
+
+
+def test_many_weeks_and_many_bags_do_not_make_a_large_page(tmp_path: Path) -> None:
+    """Four years of a valve take no more room than two, so a page is bounded by its number of valves."""
+    sizes = []
+    for years in (2, 4):
+        store = Fabricated(tmp_path / f"store_{years}")
+        store.valve("press", "valve", range(52 * years))
+        sizes.append(len(fleet_page(store.written(), {})))
+    assert sizes[1] < 1.1 * sizes[0]
+    empty = len(fleet_page(PageContent(tmp_path, None, None, 0, 0), {}))
+    # 200 valves within 5 MB.
+    assert 200 * (sizes[1] - empty) + empty < 5e6
+
+
+@pytest.mark.parametrize(("low", "high"), [(-0.24, 0.24), (-1.0, 7.0), (0.001, 0.0013), (20.0, 70.0)])
+def test_axes_have_round_marks_within_their_range(low: float, high: float) -> None:
+    found = ticks(low, high)
+    assert 2 <= len(found) <= 5
+    assert low - 1e-9 <= found[0] <= found[-1] <= high + 1e-9
+
+
+@pytest.mark.parametrize("days", [0.0, 3.0, 40.0, 365.0, 3000.0, 20_000.0])
+def test_months_are_marked_however_long_the_time(days: float) -> None:
+    scale = time_scale(20_000.0 - days, 20_000.0)
+    assert 1 <= len(scale.ticks) <= 5
+    assert all(0.0 <= scale.share(day) <= 1.0 for day, _ in scale.ticks)
