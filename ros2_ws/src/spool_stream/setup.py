@@ -18,5 +18,5 @@ setup(
     maintainer_email="maintainers@spool-suite.org",
     description="What every consumer of samples shares.",
     license="Apache-2.0",
-    entry_points={"console_scripts": []},
+    entry_points={"console_scripts": ["adapter = spool_stream.program:adapter"]},
 )

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .block import Block, joined
+from .block import Block
+from .block_run import BlockRun, joined_runs
 from .rate_check import RateCheck, RateState
 from .recent import RecentCounts
 
@@ -238,27 +239,30 @@ class SharedGate(BlockGate):
         self._admitted = block
         return self._verdict
 
-    def admit_run(self, blocks: Sequence[Block]) -> Block | None:
-        """Accept ``blocks`` together and return them as one, which every consumer then takes.
+    def admit_run(self, runs: Sequence[BlockRun]) -> Block | None:
+        """Accept the blocks of ``runs`` together and return them as one, which every consumer then takes.
 
         They follow the last one and each other to the nanosecond, and the stream was ``steady``. Where one of
         them is malformed or another valve's, nothing is accepted and ``None`` returned: judge each by itself.
         """
-        run = joined(blocks)
-        if malformed(run) is not None or any(not 0 < block.body.size == block.spool.size for block in blocks):
+        whole = joined_runs(runs)
+        if malformed(whole) is not None or any(run.source and run.source != self.source for run in runs):
             return None
-        if any(block.source and block.source != self.source for block in blocks):
-            return None
-        self.before = self.last if len(blocks) == 1 else _at(blocks[-2])
+        blocks, last = sum(map(len, runs)), runs[-1].last
+        if blocks > 1:
+            ahead = runs[-1].block(len(runs[-1]) - 2) if len(runs[-1]) > 1 else runs[-2].last
+            self.before = _at(ahead)
+        else:
+            self.before = self.last
         self.fault = None
-        for block in blocks:
-            self.rate.take(block)
-        self._accept(blocks[-1], Verdict.CONTINUES)
-        self.recent.advance((run.body.size - blocks[-1].body.size) * run.sample_period)
-        self.accepted += len(blocks) - 1
-        self._admitted = run
+        for run in runs:
+            self.rate.take_run(run)
+        self._accept(last, Verdict.CONTINUES)
+        self.recent.advance((whole.body.size - last.body.size) * last.sample_period)
+        self.accepted += blocks - 1
+        self._admitted = whole
         self._verdict = Verdict.CONTINUES
-        return run
+        return whole
 
     def judge(self, block: Block) -> Verdict:
         """Return what ``admit`` said of ``block``; judge it where it was not admitted."""

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .block import Block
+from .block_run import BlockRun
 
 #: Relative departure of ``sample_period`` from the stamps that is a fault. A stiffness goes with the square
 #: of time: 0.25 % of the period are 0.5 % of the stiffness. Quartz clocks agree to 0.02 % or better.
@@ -103,6 +104,45 @@ class RateCheck:
         self._samples += (block.sequence - sequence) * size
         self._previous = (block.stamp, block.sequence, block.body.size, period)
         self._add(block.stamp - self._base, block.stamp - self._base - self._samples * period * 1e9)
+        return True
+
+    def take_run(self, run: BlockRun) -> None:
+        """Take the blocks of ``run``, as ``take`` does one by one."""
+        if not self._take_steadily(run):
+            for block in run.blocks():
+                self.take(block)
+
+    def _take_steadily(self, run: BlockRun) -> bool:
+        """Take a run of a stream that is steady and due to the nanosecond; return whether it was."""
+        previous = self._previous
+        if previous is None or not self.steady:
+            return False
+        stamp, sequence, size, period = previous
+        due = stamp + size * round(period * 1e9), sequence + 1, period
+        if (run.stamp, run.sequence, run.sample_period) != due:
+            return False
+        count, first = len(run), run.stamp - self._base
+        now = range(first, first + count * run.step, run.step)
+        samples = range(self._samples + size, self._samples + size + count * run.size, run.size)
+        departed = [at - taken * period * 1e9 for at, taken in zip(now, samples, strict=True)]
+        low, high = min(self._low, *departed), max(self._high, *departed)
+        if high - low > BAND:
+            return False
+        self._low, self._high, self._stray = low, high, None
+        self.state, self.departure = RateState.CONFIRMED, 0.0
+        self._samples, self._now = samples[-1], now[-1]
+        self._previous = (run.stamp + (count - 1) * run.step, run.sequence + count - 1, run.size, period)
+        points, newest = self._points, self._points[-1][0]
+        if min(run.step, first - newest) >= SPACING * 1e9:
+            points.extend(zip(now, departed, strict=True))
+        else:
+            for point in zip(now, departed, strict=True):
+                if point[0] - newest >= SPACING * 1e9:
+                    points.append(point)
+                    newest = point[0]
+        oldest = self._now - 2e9 * REFUTE
+        while points[0][0] < oldest:
+            points.popleft()
         return True
 
     def _strays(self, block: Block) -> bool:

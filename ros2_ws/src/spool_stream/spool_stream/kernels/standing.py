@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,15 @@ BOTH_STAND, ONE_STANDS = 0.05, 0.2
 #: Equal samples in a row at least, and shares of the times above from which the newest samples are doubtful.
 LEAST, DOUBTFUL = 8, 0.1
 BODY, SPOOL, BOTH = range(3)
+
+
+class StandingArrays(NamedTuple):
+    """Arrays of a :class:`StandingWatch`, which kernels move on in place."""
+
+    trailing: NDArray[np.int64]
+    longest: NDArray[np.int64]
+    last: Samples
+    limits: NDArray[np.int64]
 
 
 @dataclass(slots=True)
@@ -47,7 +57,12 @@ class StandingWatch:
 
     def take(self, samples: Samples) -> None:
         """Take samples of shape (2, n), m/s^2."""
-        _scan(samples, self._last, self.trailing, self.longest)
+        scan(samples, self.arrays)
+
+    @property
+    def arrays(self) -> StandingArrays:
+        """What the kernels move on in place."""
+        return StandingArrays(self.trailing, self.longest, self._last, self._limits)
 
     @property
     def stands(self) -> bool:
@@ -67,7 +82,9 @@ class StandingWatch:
 
 
 @compiled
-def _scan(samples: Samples, last: Samples, trailing: NDArray[np.int64], longest: NDArray[np.int64]) -> None:
+def scan(samples: Samples, watch: StandingArrays) -> bool:
+    """Take samples as :class:`StandingWatch` does; return whether some are of a standstill."""
+    trailing, longest, last, limits = watch
     longest[:] = 0
     for i in range(samples.shape[1]):
         body, spool = samples[BODY, i] == last[BODY], samples[SPOOL, i] == last[SPOOL]
@@ -77,3 +94,7 @@ def _scan(samples: Samples, last: Samples, trailing: NDArray[np.int64], longest:
         for which in range(3):
             longest[which] = max(longest[which], trailing[which])
         last[BODY], last[SPOOL] = samples[BODY, i], samples[SPOOL, i]
+    stands = False
+    for which in range(3):
+        stands = stands or longest[which] >= limits[which]
+    return stands

@@ -1,0 +1,1 @@
+"""Accelerometers with a ROS driver as sources of the suite."""

@@ -1,0 +1,1 @@
+"""Import of any logger's file: formats, units, clocks."""

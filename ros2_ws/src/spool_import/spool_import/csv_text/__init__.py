@@ -1,0 +1,1 @@
+"""Text of a CSV file: pieces, dialect, cells."""

@@ -1,0 +1,1 @@
+"""Formats of files: one module a format, found by name."""

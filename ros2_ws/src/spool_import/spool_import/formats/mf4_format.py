@@ -1,0 +1,64 @@
+"""ASAM MDF 3 and 4, as measuring systems of vehicles and mobile machines write it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spool_import.tables.table import Channel, Group, Table, Values, as_numbers, check_size
+
+from .format import Format
+
+_TIME = "time of the group"
+
+
+class Mf4Table(Table):
+    """MDF file: each of its channel groups has a clock of its own."""
+
+    def __init__(self, path: Path) -> None:
+        from asammdf import MDF  # noqa: PLC0415 - comes with the extras
+
+        check_size(path)
+        self.path = path
+        with MDF(path) as file:
+            begun = round(file.header.start_time.timestamp() * 1e9)
+            groups = []
+            held_groups: Any = file.groups
+            for at, group in enumerate(held_groups):
+                master = file.masters_db.get(at)
+                channels = [
+                    Channel(one.name, one.unit or getattr(one.conversion, "unit", "") or "")
+                    for number, one in enumerate(group.channels)
+                    if number != master
+                ]
+                name = "" if len(file.groups) == 1 else str(at)
+                held = (Channel(_TIME, "s", time=True), *channels) if master is not None else tuple(channels)
+                groups.append(Group(name, held, start=begun, stamped=True))
+        self.groups = tuple(group for group in groups if len(group.channels) > 1)
+        self._index = {group.name: int(group.name or 0) for group in self.groups}
+
+    def read(self, group: Group, names: Sequence[str], _single: Sequence[str] = ()) -> dict[str, Values]:
+        """Return the values of channels by name."""
+        from asammdf import MDF  # noqa: PLC0415
+
+        found: dict[str, Values] = {}
+        at = self._index[group.name]
+        with MDF(self.path) as file:
+            for name in names:
+                if name == _TIME:
+                    found[name] = np.asarray(file.get_master(at), dtype=np.float64)
+                else:
+                    found[name] = as_numbers(self.path, name, file.get(name, group=at).samples)
+        return found
+
+
+FORMAT = Format(
+    "ASAM MDF",
+    (".mf4", ".mdf", ".dat"),
+    Mf4Table,
+    begins=(b"MDF     ", b"UnFinMF "),
+    library=("asammdf", "asammdf"),
+)

@@ -1,0 +1,1 @@
+"""Records: choice of channels, time base, alignment of two clocks, bags."""

@@ -1,0 +1,293 @@
+"""Record of a data logger: channels in SI units on one time base, whatever file they came from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_bag.tables.column_names import BODY, OIL_TEMPERATURE, SPOOL, TIME
+from spool_stream.errors import InputError
+from spool_stream.text.printable import printable
+
+from spool_import.formats.format import open_table, read_channels
+from spool_import.tables.table import STAMP, Channel, Group, Table, Values
+
+from .choices import Choices, choices
+from .clocks import ClockOffset
+from .roles import REQUIRED, Source, chosen, counter_of, time_of
+from .time_base import TimeBase, loose_time_base, time_base
+from .time_unit import period_check, time_in_seconds
+from .two_clocks import Series, merged
+from .unit_choice import in_kept_unit
+
+#: Beyond any acceleration, force, displacement or time in ns since 1970.
+LARGEST_NUMBER = 1e19
+#: m/s^2, standard gravity (ISO 80000-3).
+GRAVITY = 9.80665
+#: m/s^2, some 200 g: hardly any machine shakes a valve like that.
+LARGEST_USUAL_RMS = 2000.0
+_PIECE = 1 << 20
+
+Array = NDArray[Any]
+
+
+@dataclass(slots=True)
+class LoggerRecord:
+    """Record as arrays of shape (n,).
+
+    Attributes:
+        path: the file, the body's where there are two.
+        time: s, increases; from ``start`` on where that is known.
+        columns: by contract name, in the unit of that name.
+        period: s, between samples.
+        gaps: index of each first sample after a gap.
+        start: ns since 1970 at ``time`` 0, ``None`` where the file does not say.
+        warnings, notes: what is not as it should be, and how the file was understood, one line each.
+        repairs: counts of what was repaired, by name.
+        clocks: how two clocks were brought together, ``None`` for one clock.
+    """
+
+    path: Path
+    time: NDArray[np.float64]
+    columns: dict[str, Array]
+    period: float
+    gaps: NDArray[np.int64]
+    start: int | None = None
+    warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    repairs: Mapping[str, int] = field(default_factory=dict)
+    clocks: ClockOffset | None = None
+
+    @property
+    def duration(self) -> float:
+        """From the first sample to the end of the last one, s."""
+        return float(self.time[-1] - self.time[0]) + self.period
+
+
+def read_record(
+    paths: Path | str | Sequence[Path | str],
+    kind: str = "accelerations",
+    columns: Mapping[str, str] | None = None,
+    *,
+    how: Choices | None = None,
+    regular: bool = True,
+    single: bool = False,
+) -> LoggerRecord:
+    """Read files of any known format as one record of ``kind`` (a key of ``REQUIRED``).
+
+    Args:
+        paths: one file, or two whose channels are on different clocks.
+        kind: two accelerations, or displacement and force of a driven or imposed motion.
+        columns: the files' own names by contract name, e.g. ``{"time_s": "t"}``.
+        how: all choices; ``columns`` are among them.
+        regular: with False times may be spaced as they like; the period is then their median step.
+        single: accelerations as float32, as a bag holds them.
+
+    Raises:
+        InputError: what is wrong, where, and what to type instead.
+    """
+    files = [Path(one) for one in ([paths] if isinstance(paths, (str, Path)) else paths)]
+    asked = how or choices()
+    if columns:
+        asked = Choices(columns, asked.units, asked.scales, asked.topics, asked.rate, asked.align)
+    tables = [open_table(path) for path in files]
+    sources = chosen(tables, kind, asked.columns, asked.topics)
+    first, second = (sources[role] for role in REQUIRED[kind])
+    if first.clock == second.clock:
+        beside = {role: one for role, one in sources.items() if one.clock == first.clock}
+        record = _of_group(first.table, first.group, beside, kind, asked, regular=regular, single=single)
+    else:
+        if kind != "accelerations":
+            raise InputError(f"{files[0]}: displacement and force must be in one file, sampled together")
+        sides = [
+            _of_group(one.table, one.group, {role: one}, kind, asked, regular=True, single=False)
+            for role, one in ((BODY, first), (SPOOL, second))
+        ]
+        record = _together(sides, first, second, asked)
+    notes = [
+        f"{table.path.name}: {note}" if len(tables) > 1 else note for table in tables for note in table.notes
+    ]
+    record.notes = (*notes, *record.notes)
+    if kind == "accelerations":
+        record.warnings = (*record.warnings, *_doubts(record.columns))
+    return record
+
+
+def _of_group(
+    table: Table,
+    group: Group,
+    sources: Mapping[str, Source],
+    kind: str,
+    asked: Choices,
+    *,
+    regular: bool,
+    single: bool,
+) -> LoggerRecord:
+    """Return the record of channels that share one clock."""
+    path, where = table.path, table.where
+    axis = time_of(table, group, asked.columns)
+    counter = counter_of(group) if axis is None and asked.rate else None
+    stated = asked.rate or (None if math.isnan(group.rate) else group.rate)
+    if axis is None and stated is None:
+        held = ", ".join(printable(one.name, 40) for one in group.channels[:12])
+        raise InputError(
+            f"{path}: no column {TIME} and no sampling rate in it; it has {held}: name the time with "
+            f"--columns {TIME}=NAME, or give the rate with --rate HZ"
+        )
+    clock = axis or counter
+    names = [one.channel.name for one in sources.values()]
+    small = [one.channel.name for role, one in sources.items() if single and role in (BODY, SPOOL)]
+    wanted = list(dict.fromkeys([*([clock.name] if clock else []), *names]))
+    values = read_channels(table, group, wanted, small)
+    stamps = values.pop(clock.name) if clock else None
+    found: dict[str, Array] = {}
+    notes: list[str] = []
+    for role, one in sources.items():
+        row = values[one.channel.name]
+        numbers, note = in_kept_unit(path, role, one, np.asarray(row), asked)
+        found[role] = _numbers(path, one.channel.name, numbers, where, holes=role == OIL_TEMPERATURE)
+        notes += [note] if note else []
+    values.clear()
+    size = next(iter(found.values())).size
+    start = group.start
+    if stamps is None or counter is not None:
+        assert stated is not None
+        index = np.arange(size, dtype=np.float64) if stamps is None else np.asarray(stamps, dtype=np.float64)
+        time, label = (index - index[:1]) / stated, "the sample index"
+    else:
+        assert axis is not None
+        time, start, note = _seconds(path, axis, stamps, where, asked, start)
+        notes += [note] if note else []
+        label = axis.name
+    base = _base(path, printable(label, 40), time, list(found.values()), where, regular=regular)
+    if base.kept is not None:
+        found = {role: row[base.kept] for role, row in found.items()}
+    warnings = [*base.warnings]
+    if axis is not None and asked.rate and abs(base.period * asked.rate - 1.0) > 0.005:
+        raise InputError(
+            f"{path}: --rate {asked.rate:g}: {printable(axis.name, 40)} says {1.0 / base.period:g} "
+            "Hz: leave --rate out, or "
+            "correct it"
+        )
+    doubt = period_check(path, label, base.period, kind)
+    warnings += [doubt] if doubt else []
+    return LoggerRecord(
+        path, base.time, found, base.period, base.gaps, start, tuple(warnings), tuple(notes), base.repairs
+    )
+
+
+def _base(
+    path: Path,
+    label: str,
+    time: NDArray[np.float64],
+    rows: list[Array],
+    where: Callable[[int], str],
+    *,
+    regular: bool,
+) -> TimeBase:
+    if not regular:
+        return loose_time_base(str(path), label, time, where)
+    return time_base(str(path), label, time, rows, where)
+
+
+def _seconds(
+    path: Path, axis: Channel, stamps: Values, where: Callable[[int], str], asked: Choices, start: int | None
+) -> tuple[NDArray[np.float64], int | None, str]:
+    """Return times in s, the acquisition time (ns) at 0 where it is known, and how they were understood."""
+    if axis.unit == STAMP:
+        whole = np.asarray(stamps, dtype=np.int64)
+        if whole.size == 0:
+            raise InputError(f"{path}: 0 samples are too few for a record")
+        time = np.empty(whole.size)
+        for at in range(0, whole.size, _PIECE):
+            time[at : at + _PIECE] = (whole[at : at + _PIECE] - whole[0]) * 1e-9
+        return time, int(whole[0]) if whole[0] > 0 else None, ""
+    numbers = _numbers(path, axis.name, np.asarray(stamps, dtype=np.float64), where, holes=False)
+    seconds, note = time_in_seconds(path, axis, numbers, asked)
+    return seconds, start, note
+
+
+def _together(sides: Sequence[LoggerRecord], first: Source, second: Source, asked: Choices) -> LoggerRecord:
+    """Return one record of body and spool that were sampled by two clocks."""
+    body, spool = sides
+    if not asked.align:
+        raise InputError(
+            f"{body.path}: {first.label} and {second.label} are on two clocks, and --align none says "
+            "to leave them so: "
+            "leave it out, or give one file in which both were sampled together"
+        )
+    shared = first.table is second.table and first.group.stamped and second.group.stamped
+    series = [
+        Series(str(one.path), one.time, row, one.period, one.gaps, one.start)
+        for one, row in ((body, body.columns[BODY]), (spool, spool.columns[SPOOL]))
+    ]
+    joined = merged(*series, shared_clock=shared)
+    repairs = {
+        f"{name}_{side}": count
+        for side, one in (("body", body), ("spool", spool))
+        for name, count in one.repairs.items()
+    }
+    notes = [f"{side}: {note}" for side, one in (("body", body), ("spool", spool)) for note in one.notes]
+    warnings = [
+        f"{side}: {text}" for side, one in (("body", body), ("spool", spool)) for text in one.warnings
+    ]
+    return LoggerRecord(
+        body.path,
+        joined.time,
+        {BODY: joined.body, SPOOL: joined.spool},
+        joined.period,
+        joined.gaps,
+        joined.start,
+        (*warnings, *joined.warnings),
+        (*notes, joined.note),
+        repairs,
+        joined.clocks,
+    )
+
+
+def _numbers(path: Path, name: str, values: Array, where: Callable[[int], str], *, holes: bool) -> Array:
+    """Return ``values``; with ``holes`` empty cells are NaN, else they are an error."""
+    name = printable(name, 40)
+    low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
+    if math.isfinite(low) and math.isfinite(high) and max(-low, high) <= LARGEST_NUMBER:
+        return values  # nothing is to be looked for, and no memory is taken for it
+    bad = np.isinf(values) if holes else ~np.isfinite(values)
+    if bad.any():
+        raise InputError(
+            f"{path}: {where(int(np.argmax(bad)))}: {name} is empty, NaN or infinite "
+            f"({int(np.count_nonzero(bad))} such cells)"
+        )
+    huge = np.abs(values) > LARGEST_NUMBER
+    if huge.any():
+        at = int(np.argmax(huge))
+        raise InputError(
+            f"{path}: {where(at)}: {name} is {values[at]:g}, which nothing measures "
+            f"({int(np.count_nonzero(huge))} such cells)"
+        )
+    return values
+
+
+def _rms(row: Array) -> float:
+    """Return the root of the mean square, piece by piece."""
+    pieces = (row[at : at + _PIECE].astype(np.float64) for at in range(0, row.size, _PIECE))
+    return math.sqrt(sum(float(piece @ piece) for piece in pieces) / row.size)
+
+
+def _doubts(columns: Mapping[str, Array]) -> list[str]:
+    """Return what is odd about the size of the accelerations."""
+    warnings = []
+    size = {name: _rms(columns[name]) for name in (BODY, SPOOL)}
+    for name, rms in size.items():
+        if rms > LARGEST_USUAL_RMS:
+            warnings.append(f"{name} has an rms of {rms:.0f} m/s^2: are these mm/s^2 or raw counts?")
+    if min(size.values()) > 0.0:
+        ratio = math.log(size[SPOOL] / size[BODY])
+        if abs(abs(ratio) - math.log(GRAVITY)) < 0.02:
+            smaller = BODY if ratio > 0.0 else SPOOL
+            warnings.append(f"body and spool differ by a factor of 9.81: is {smaller} in g instead of m/s^2?")
+    return warnings

@@ -1,0 +1,1 @@
+"""Tables of a file: channels in groups, each on one clock."""

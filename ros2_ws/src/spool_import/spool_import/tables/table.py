@@ -1,0 +1,133 @@
+"""Table of a logger's file: groups of channels, each group on one clock."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_stream.errors import InputError
+from spool_stream.text.printable import printable
+
+#: Samples of one record that are read: 4 hours at 2 kHz; 16 B each are kept, 24 while they are read.
+MOST_SAMPLES = 30_000_000
+#: Channels of one file that are looked at.
+MOST_CHANNELS = 4096
+#: B that a file may hold, or unpack to, where its library takes it into memory as a whole.
+MOST_BYTES = 1 << 31
+#: Unit of a channel whose values are whole ns since 1970 (int64).
+STAMP = "stamp"
+
+Values = NDArray[np.float64] | NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """Channel of a file: its ``name`` there, and ``unit`` as the file has it, "" where it names none.
+
+    ``time`` marks a time axis by the format itself. ``role``: contract name where the format fixes what the
+    channel is.
+    """
+
+    name: str
+    unit: str = ""
+    time: bool = False
+    role: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Group of channels on one clock: ``rate`` (Hz), NaN where the file does not state it.
+
+    ``start``: acquisition time of the first sample in ns since 1970, ``None`` where not stated. ``stamped``:
+    its times are those of a clock that other groups share.
+    """
+
+    name: str
+    channels: tuple[Channel, ...]
+    rate: float = math.nan
+    start: int | None = None
+    stamped: bool = False
+
+    def channel(self, name: str) -> Channel:
+        """Return the channel that has ``name``."""
+        return next(one for one in self.channels if one.name == name)
+
+
+class Table(ABC):
+    """Table: what a file holds. ``notes``: how it was understood, one line each."""
+
+    path: Path
+    groups: tuple[Group, ...]
+    notes: tuple[str, ...] = ()
+
+    @abstractmethod
+    def read(self, group: Group, names: Sequence[str], _single: Sequence[str] = ()) -> dict[str, Values]:
+        """Return the values of channels of one group by name, each of shape (n,).
+
+        Stamps are int64, all else float64, those in ``single`` may be float32.
+
+        Raises:
+            InputError: values that are no numbers, with their place.
+        """
+
+    def where(self, row: int) -> str:
+        """Return where row ``row`` (from 0) stands, for messages."""
+        return f"sample {row}"
+
+
+@dataclass
+class ArrayTable(Table):
+    """Table whose channels are arrays in memory, by group and channel."""
+
+    path: Path
+    groups: tuple[Group, ...]
+    arrays: Mapping[tuple[str, str], Any]
+    notes: tuple[str, ...] = field(default=())
+
+    def read(self, group: Group, names: Sequence[str], _single: Sequence[str] = ()) -> dict[str, Values]:
+        """Return the values of channels by name."""
+        return {name: as_numbers(self.path, name, self.arrays[group.name, name]) for name in names}
+
+
+def as_numbers(path: Path, name: str, values: Any) -> Values:
+    """Return an array of any kind as numbers: float64, or int64 ns since 1970 for dates.
+
+    Raises:
+        InputError: its values are no numbers.
+    """
+    row = np.asarray(values).reshape(-1)
+    if row.size > MOST_SAMPLES:
+        raise too_long(path)
+    if row.dtype.kind == "M":
+        return row.astype("datetime64[ns]").astype(np.int64)
+    if row.dtype.kind not in "fiub":
+        raise InputError(
+            f"{path}: {printable(name, 40)} holds no numbers: name another channel with --columns"
+        )
+    return row.astype(np.float64, copy=False)
+
+
+def too_long(path: Path) -> InputError:
+    """Return the error of a record that has too many samples."""
+    return InputError(f"{path}: more than {MOST_SAMPLES} samples: split the file and import each part")
+
+
+def check_size(path: Path, size: int | None = None) -> None:
+    """Check that a file, or what it unpacks to (``size``, B), fits into memory.
+
+    Raises:
+        InputError: it does not.
+    """
+    found = path.stat().st_size if size is None else size
+    if found > MOST_BYTES:
+        raise InputError(
+            f"{path}: {found / 1e9:.1f} GB, more than the {MOST_BYTES / 1e9:.1f} GB that are read of "
+            "this format "
+            "at once: split it, or write Parquet"
+        )

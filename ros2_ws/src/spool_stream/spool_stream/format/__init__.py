@@ -1,0 +1,1 @@
+"""Serialised form of the messages that are read in bulk."""
