@@ -17,7 +17,6 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
-from spool_bag.format.cdr import OilTemperature, encode_block, encode_temperature
 from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE, typestore
 from spool_bag.reading.information import describe
 from spool_bag.reading.reader import WINDOW, BagReader
@@ -25,6 +24,7 @@ from spool_bag.recording.recovery import recover
 from spool_bag.recording.writer import BagWriter
 from spool_stream.block import Block
 from spool_stream.errors import InputError
+from spool_stream.format.cdr import OilTemperature, encode_block, encode_temperature
 
 TOPIC = "/valve_1/acceleration"
 MakeBlock = Callable[..., Block]
@@ -358,7 +358,7 @@ def test_information_counts_losses_and_refusals(tmp_path: Path, block: MakeBlock
 
 FILL = """
 import resource, sys
-from spool_bag.format.cdr import encode_block
+from spool_stream.format.cdr import encode_block
 from spool_bag.format.definitions import ACCELERATION_BLOCK
 from spool_bag.recording.writer import BagWriter, RecordingError
 from spool_stream.block import Block

@@ -14,7 +14,6 @@ import zstandard
 from lz4.frame import compress as lz4_compress
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType, Writer
-from spool_bag.format.cdr import encode_block
 from spool_bag.format.definitions import ACCELERATION_BLOCK, definition
 from spool_bag.format.metadata import FILE_NAME
 from spool_bag.mcap.mcap_chunk import LARGEST_CHUNK
@@ -26,6 +25,7 @@ from spool_bag.recording.writer import BagWriter
 from spool_bag.tables.export import export_bag
 from spool_stream.block import Block
 from spool_stream.errors import InputError
+from spool_stream.format.cdr import encode_block
 
 MakeBlock = Callable[..., Block]
 
@@ -209,3 +209,14 @@ def test_a_valve_without_a_namespace_is_read(tmp_path: Path, block: MakeBlock) -
     reader = BagReader(tmp_path / "bag")
     assert reader.valves == [""]
     assert len(list(reader.blocks(""))) == reader.blocks_of("") == 1
+
+
+@pytest.mark.parametrize("name", ["../outside_0.mcap", "{folder}/outside_0.mcap", "../../etc/passwd"])
+def test_a_bag_does_not_lead_out_of_its_folder(bag: Path, tmp_path: Path, name: str) -> None:
+    outside = tmp_path / "outside_0.mcap"
+    outside.write_bytes((bag / "whole_0.mcap").read_bytes())
+    text = (bag / "metadata.yaml").read_text()
+    (bag / "metadata.yaml").write_text(text.replace("whole_0.mcap", name.format(folder=tmp_path)))
+    reader = BagReader(bag)
+    assert [file.path.parent for file in reader.files] == [bag]
+    assert any("would lie outside of the bag" in warning for warning in reader.warnings)

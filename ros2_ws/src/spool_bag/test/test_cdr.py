@@ -7,7 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from spool_bag.format.cdr import (
+from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE, typestore
+from spool_stream.block import Block
+from spool_stream.format.cdr import (
     CdrError,
     OilTemperature,
     block_sequence,
@@ -17,8 +19,6 @@ from spool_bag.format.cdr import (
     encode_temperature,
     header_stamp,
 )
-from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE, typestore
-from spool_stream.block import Block
 
 samples = hnp.arrays(np.float32, st.integers(0, 50), elements=st.floats(width=32, allow_nan=True))
 stamps = st.integers(0, (2**31) * 10**9 - 1)

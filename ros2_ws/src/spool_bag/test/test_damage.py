@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
-from spool_bag.format.cdr import OilTemperature, encode_block, encode_temperature
 from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE
 from spool_bag.mcap.mcap_record import FRAME, MAGIC
 from spool_bag.reading.information import describe
@@ -25,6 +24,7 @@ from spool_bag.recording.recovery import RecoveryResult, recover
 from spool_bag.recording.writer import BagWriter
 from spool_stream.block import Block
 from spool_stream.errors import InputError
+from spool_stream.format.cdr import OilTemperature, encode_block, encode_temperature
 
 START = 1_700_000_000_000_000_000
 VALVES = ("valve_1", "valve_2")

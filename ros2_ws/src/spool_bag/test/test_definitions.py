@@ -53,7 +53,7 @@ def test_unknown_type_is_refused_by_name() -> None:
 def test_works_without_rclpy() -> None:
     code = (
         "import sys; sys.modules['rclpy'] = None\n"
-        "import spool_bag.tables.csv_import, spool_bag.reading.reader\n"
+        "import spool_bag.tables.column_names, spool_bag.reading.reader\n"
         "import spool_bag.recording.recovery, spool_bag.reading.information\n"
         "import spool_bag.tables.export, spool_bag.recording.recorder, spool_bag.format.definitions as d\n"
         "print(d.definition(d.ACCELERATION_BLOCK).digest)"

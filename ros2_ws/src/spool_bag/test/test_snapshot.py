@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from spool_bag.format.cdr import encode_block
 from spool_bag.format.definitions import ACCELERATION_BLOCK, typestore
 from spool_bag.reading.information import describe
 from spool_bag.reading.reader import BagReader
@@ -14,12 +13,14 @@ from spool_bag.recording.snapshot import (
     HEALTH_EVENT,
     MOST_BYTES,
     MOST_WAITING,
+    REQUESTED,
     Message,
     Snapshot,
     SnapshotKeeper,
 )
 from spool_bag.recording.snapshot_writer import SnapshotWriter
 from spool_stream.block import Block
+from spool_stream.format.cdr import encode_block
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -113,6 +114,27 @@ def test_more_alarms_than_can_wait_are_counted() -> None:
     assert keeper.refused == 3
 
 
+def test_a_snapshot_that_is_asked_for_keeps_the_time_before_and_after() -> None:
+    keeper = SnapshotKeeper(3.0, 2.0)
+    assert keeper.ask(VALVE, START) == "nothing of it is recorded"
+    for number in range(500):
+        keeper.take(block(number))
+    now = START + 10 * SECOND
+    assert keeper.ask(VALVE, now) == ""
+    for number in range(500, 1000):
+        keeper.take(block(number))
+    (snapshot,) = keeper.due(now + 5 * SECOND)
+    assert (snapshot.event, snapshot.valve) == (REQUESTED, VALVE)
+    assert span(snapshot) == pytest.approx((7.0, 12.0), abs=0.05)
+
+
+def test_no_more_snapshots_are_begun_than_can_wait() -> None:
+    keeper = SnapshotKeeper(3.0, 2.0)
+    keeper.take(block(0))
+    assert [keeper.ask(VALVE, START) for _ in range(MOST_WAITING)] == [""] * MOST_WAITING
+    assert keeper.ask(VALVE, START) == f"{MOST_WAITING} snapshots of it are under way"
+
+
 def test_memory_is_bounded_by_time_and_by_size() -> None:
     keeper = SnapshotKeeper(3.0, 2.0)
     run(keeper, 20.0)
@@ -173,7 +195,7 @@ def test_what_waits_is_written_when_the_recorder_ends(writer: SnapshotWriter, tm
     assert len(list(BagReader(path).blocks("valve_1"))) > 100
 
 
-def test_no_more_are_made_than_allowed(
+def test_of_more_than_allowed_the_oldest_go(
     writer: SnapshotWriter, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     with caplog.at_level(logging.INFO):
@@ -184,8 +206,9 @@ def test_no_more_are_made_than_allowed(
             writer.keeper.take(message)
             writer.watch(message.received, 2)
         writer.close()
-    assert len(list((tmp_path / "snapshots").iterdir())) == 2
-    assert sum("no more are made" in record.message for record in caplog.records) == 1
+    kept = sorted(path.name[-7:] for path in (tmp_path / "snapshots").iterdir())
+    assert kept == ["221340Z", "221345Z"]
+    assert sum("is removed: snapshot_limit" in record.message for record in caplog.records) == 2
 
 
 def test_a_folder_that_cannot_be_made_is_said(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -18,7 +18,7 @@ from spool_stream.files.staging import leftovers, staged
 
 WRITE = """
 import sys
-from spool_bag.format.cdr import encode_block
+from spool_stream.format.cdr import encode_block
 from spool_bag.format.definitions import ACCELERATION_BLOCK
 from spool_bag.recording.writer import BagWriter
 from spool_stream.block import Block

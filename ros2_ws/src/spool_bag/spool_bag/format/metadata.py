@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,11 +25,13 @@ MOST_VALUES = 1 << 20
 MOST_MISSING = 10
 #: What ``custom_data`` says of a recording under way, or of one that was never finished.
 UNFINISHED = {"recording": "not finished"}
+#: Key of ``custom_data`` that names the machine of which a bag was recorded.
+MACHINE = "machine"
 
 
 @dataclass(slots=True)
 class TopicCount:
-    """Topic of the bag and how many messages it has so far."""
+    """Topic of the bag, and how many messages were written to it so far."""
 
     name: str
     type: str
@@ -38,15 +40,37 @@ class TopicCount:
     messages: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class BagMetadata:
-    """Metadata of a bag; times in ns."""
+@dataclass(slots=True)
+class PartCount:
+    """Count of one file of a bag: messages by topic, first and last time of reception (ns), size (B)."""
 
     file: str
-    start: int
-    duration: int
+    number: int
+    start: int | None = None
+    end: int = 0
+    messages: dict[str, int] = field(default_factory=dict)
+    size: int = 0
+
+    def take(self, topic: str, log_time: int) -> None:
+        """Count a message."""
+        self.messages[topic] = self.messages.get(topic, 0) + 1
+        self.start = log_time if self.start is None else min(self.start, log_time)
+        self.end = max(self.end, log_time)
+
+    @property
+    def duration(self) -> int:
+        """From the first to the last message, ns."""
+        return max(self.end - (self.start or 0), 0) if self.start is not None else 0
+
+
+@dataclass(frozen=True, slots=True)
+class BagMetadata:
+    """Metadata of a bag: its files in order, its topics; ``custom`` is what else is to be said of it."""
+
+    parts: tuple[PartCount, ...]
     topics: tuple[TopicCount, ...]
     finished: bool = True
+    custom: Mapping[str, str] = field(default_factory=dict)
 
 
 class _Dumper(yaml.SafeDumper):
@@ -82,13 +106,16 @@ def write_metadata(folder: Path, bag: BagMetadata) -> None:
 
 
 def _content(bag: BagMetadata) -> dict[str, Any]:
-    count = sum(topic.messages for topic in bag.topics)
+    counts = {topic.name: sum(part.messages.get(topic.name, 0) for part in bag.parts) for topic in bag.topics}
+    starts = [part.start for part in bag.parts if part.start is not None]
+    start = min(starts, default=0)
+    duration = max((part.end for part in bag.parts if part.start is not None), default=start) - start
     return {
         "version": VERSION,
         "storage_identifier": "mcap",
-        "duration": {"nanoseconds": bag.duration},
-        "starting_time": {"nanoseconds_since_epoch": bag.start},
-        "message_count": count,
+        "duration": {"nanoseconds": max(duration, 0)},
+        "starting_time": {"nanoseconds_since_epoch": start},
+        "message_count": sum(counts.values()),
         "topics_with_message_count": [
             {
                 "topic_metadata": {
@@ -98,22 +125,23 @@ def _content(bag: BagMetadata) -> dict[str, Any]:
                     "offered_qos_profiles": dump_qos_v9(list(topic.qos)),
                     "type_description_hash": topic.digest,
                 },
-                "message_count": topic.messages,
+                "message_count": counts[topic.name],
             }
             for topic in bag.topics
         ],
         "compression_format": "",
         "compression_mode": "",
-        "relative_file_paths": [bag.file],
+        "relative_file_paths": [part.file for part in bag.parts],
         "files": [
             {
-                "path": bag.file,
-                "starting_time": {"nanoseconds_since_epoch": bag.start},
-                "duration": {"nanoseconds": bag.duration},
-                "message_count": count,
+                "path": part.file,
+                "starting_time": {"nanoseconds_since_epoch": part.start or 0},
+                "duration": {"nanoseconds": part.duration},
+                "message_count": sum(part.messages.values()),
             }
+            for part in bag.parts
         ],
-        "custom_data": None if bag.finished else dict(UNFINISHED),
+        "custom_data": {**bag.custom, **({} if bag.finished else UNFINISHED)} or None,
         "ros_distro": "jazzy",
     }
 
@@ -161,6 +189,13 @@ def storage_files(folder: Path) -> Storage:
             f"{folder}: compression mode {printable(compression, 80)!r} cannot be read: "
             "decompress the bag first"
         )
+    unlisted = (
+        sorted(_parts_of(folder, names) - set(names), key=lambda name: (len(name), name)) if names else []
+    )
+    warnings.extend(
+        f"{folder}: {printable(name, 200)} is not in {FILE_NAME}, and is read as well" for name in unlisted
+    )
+    names = sorted({*names, *unlisted}, key=lambda name: (len(name), name)) if unlisted else names
     paths = [folder / name for name in names if (folder / name).is_file()]
     missing = [name for name in names if not (folder / name).is_file()]
     warnings.extend(f"{folder}: {printable(name, 200)} is missing" for name in missing[:MOST_MISSING])
@@ -173,6 +208,28 @@ def storage_files(folder: Path) -> Storage:
     return Storage(paths, messages, warnings)
 
 
+def _parts_of(folder: Path, names: Sequence[str]) -> set[str]:
+    """Return the parts ``STEM_N.mcap`` that lie beside those that are listed."""
+    stems = {stem for name in names if (stem := name.rpartition("_")[0]) and name.endswith(".mcap")}
+    beside = (path.name for path in folder.glob("*_*.mcap") if path.is_file())
+    return {
+        name for name in beside if name.rpartition("_")[0] in stems and name[:-5].rpartition("_")[2].isdigit()
+    }
+
+
+def custom_data(path: Path) -> dict[str, str]:
+    """Return ``custom_data`` of the bag at ``path``, texts only; empty where there is none to be read."""
+    try:
+        with (path / FILE_NAME).open(encoding="utf-8") as stream:
+            content = load_yaml(stream.read(LARGEST + 1), largest=LARGEST, most_values=MOST_VALUES)
+        told = content[ROOT].get("custom_data") or {}
+        return {
+            printable(key, 80): printable(text, 200) for key, text in told.items() if isinstance(text, str)
+        }
+    except (OSError, YamlError, ValueError, KeyError, TypeError, AttributeError):
+        return {}
+
+
 def _told(path: Path) -> tuple[str, str, list[str], int]:
     """Return storage, compression, names of files and number of messages."""
     with path.open(encoding="utf-8") as stream:
@@ -180,9 +237,11 @@ def _told(path: Path) -> tuple[str, str, list[str], int]:
             ROOT
         ]
     names = [str(name) for name in info["relative_file_paths"]]
-    unsound = [name for name in names if "\0" in name]
-    if unsound:
-        raise YamlError("a name of a file has a zero byte")
+    for name in names:
+        if "\0" in name:
+            raise YamlError("a name of a file has a zero byte")
+        if Path(name).is_absolute() or ".." in Path(name).parts:
+            raise YamlError(f"the file {printable(name, 80)} would lie outside of the bag")
     count = info.get("message_count", 0)
     storage, compression = str(info["storage_identifier"]), str(info.get("compression_mode") or "")
     return storage, compression, names, count if isinstance(count, int) else 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import zlib
 
 import zstandard
@@ -15,6 +16,16 @@ LARGEST_CHUNK = 1 << 27
 #: Unpacked over packed bytes of a file as a whole, beyond ``FREE_EXPANSION``; blocks of zeros give 40.
 LARGEST_RATIO = 1000
 FREE_EXPANSION = 1 << 28
+
+
+class _Decompressor(threading.local):
+    """Decompressor of a thread: to make one costs as much as to unpack a small chunk."""
+
+    def __init__(self) -> None:
+        self.zstd = zstandard.ZstdDecompressor()
+
+
+_THREAD = _Decompressor()
 
 
 class ChunkError(ValueError):
@@ -49,7 +60,7 @@ def _zstd(packed: memoryview, size: int) -> bytes:
         claimed = zstandard.get_frame_parameters(packed).content_size
         if claimed not in (size, zstandard.CONTENTSIZE_UNKNOWN):
             raise ChunkError(f"a chunk unpacks to {claimed} bytes where it claims {size}")
-        return zstandard.ZstdDecompressor().decompress(packed, max_output_size=size) if size else b""
+        return _THREAD.zstd.decompress(packed, max_output_size=size) if size else b""
     except zstandard.ZstdError as error:
         raise ChunkError(f"a chunk cannot be unpacked ({error})") from error
 

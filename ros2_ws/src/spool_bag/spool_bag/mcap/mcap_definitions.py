@@ -79,15 +79,15 @@ class Definitions:
         )
 
 
-def summary_counts(summary: bytes, definitions: Definitions) -> dict[int, int] | None:
-    """Return the messages by channel that a summary section tells, and add what it defines.
+def summary_counts(summary: bytes, definitions: Definitions) -> tuple[dict[int, int], tuple[int, int]] | None:
+    """Return messages by channel and first and last time (ns) that a summary tells; add what it defines.
 
     ``None`` where it has no statistics.
 
     Raises:
         ValueError, struct.error, mcap.exceptions.McapError: the section is damaged.
     """
-    counts: dict[int, int] | None = None
+    counts: tuple[dict[int, int], tuple[int, int]] | None = None
     at = 0
     while at < len(summary):
         opcode, length = FRAME.unpack_from(summary, at)
@@ -98,6 +98,8 @@ def summary_counts(summary: bytes, definitions: Definitions) -> dict[int, int] |
         if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
             definitions.take(opcode, content)
         elif opcode == Opcode.STATISTICS:
-            counts = dict(Statistics.read(ReadDataStream(BytesIO(content))).channel_message_counts)
+            told = Statistics.read(ReadDataStream(BytesIO(content)))
+            times = told.message_start_time, told.message_end_time
+            counts = dict(told.channel_message_counts), times
         at += length
     return counts

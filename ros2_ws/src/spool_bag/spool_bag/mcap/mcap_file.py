@@ -18,6 +18,10 @@ from .mcap_walk import Damage, RecordRun, Walk
 
 #: B of a summary that are read: 90 B a chunk, so more than a year of chunks of 0.7 s would need.
 LARGEST_SUMMARY = 1 << 27
+#: Messages of a batch at most: more would hold more memory than their chunk.
+LARGEST_BATCH = 4096
+#: Frame of a record and, where it is a message, its channel.
+_RECORD = struct.Struct("<BQH")
 
 
 class McapMessage(NamedTuple):
@@ -30,6 +34,25 @@ class McapMessage(NamedTuple):
     data: bytes
 
 
+@dataclass(frozen=True, slots=True)
+class MessageBatch:
+    """Batch of messages in the order of writing: their records, and where in those each one lies.
+
+    ``places``: of each message its channel, and where its bytes begin and end in ``records``.
+    """
+
+    records: bytes
+    places: list[tuple[int, int, int]] = field(default_factory=list)
+
+    def messages(self) -> Iterator[McapMessage]:
+        """Yield the messages one by one."""
+        for _, start, end in self.places:
+            channel, sequence, log_time, publish_time = MESSAGE.unpack_from(
+                self.records, start - MESSAGE.size
+            )
+            yield McapMessage(channel, sequence, log_time, publish_time, self.records[start:end])
+
+
 @dataclass(slots=True)
 class McapFile:
     """MCAP file, finished or not.
@@ -37,12 +60,14 @@ class McapFile:
     Attributes:
         closed: the file ends as a finished one does.
         counts: messages by channel number from the summary, ``None`` where there is none.
+        times: first and last time of reception (ns) by the summary, likewise.
         density: messages per B of the chunks that were read last, for an estimate of what others held.
     """
 
     path: Path
     closed: bool = False
     counts: dict[int, int] | None = None
+    times: tuple[int, int] | None = None
     density: float = 0.0
     _definitions: Definitions = field(default_factory=Definitions)
     _size: int = 0
@@ -81,6 +106,17 @@ class McapFile:
         Raises:
             InputError: the file is damaged and ``damaged`` is not given.
         """
+        for batch in self.batches(wanted, damaged):
+            yield from batch.messages()
+
+    def batches(
+        self, wanted: Callable[[Topic], bool], damaged: Callable[[Damage], None] | None = None
+    ) -> Iterator[MessageBatch]:
+        """Yield what ``records`` yields, many messages at once.
+
+        Raises:
+            InputError: as ``records``.
+        """
         report = damaged or self._refuse
         quiet_tail = damaged is None and not self.closed
         accepted: dict[int, bool] = {}
@@ -88,7 +124,7 @@ class McapFile:
             walk = Walk(stream, self._size, self._start, report, quiet_tail=quiet_tail)
             for run in walk:
                 try:
-                    yield from self._messages(run, walk, wanted, accepted)
+                    yield from self._batches(run, walk, wanted, accepted)
                 except InputError:
                     raise
                 except Exception as error:  # struct, Unicode, mcap, MemoryError: whatever a bad byte brings
@@ -96,32 +132,43 @@ class McapFile:
                     walk.damaged(Damage(run.frame.offset, size, str(error) or type(error).__name__))
             self.density = walk.messages / walk.size if walk.size else 0.0
 
-    def _messages(
+    def _batches(
         self, run: RecordRun, walk: Walk, wanted: Callable[[Topic], bool], accepted: dict[int, bool]
-    ) -> Iterator[McapMessage]:
+    ) -> Iterator[MessageBatch]:
         data = run.records
+        batch = MessageBatch(data)
         at, end, found, nowhere = 0, len(data), 0, 0
-        unpack_frame, unpack_message, message = FRAME.unpack_from, MESSAGE.unpack_from, int(Opcode.MESSAGE)
-        while at < end:
-            opcode, length = unpack_frame(data, at)
-            at += 9
-            if at + length > end:
-                raise ValueError("a record in a chunk claims to be longer than the chunk")
-            if opcode == message:
-                found += 1
-                channel, sequence, log_time, publish_time = unpack_message(data, at)
-                take = accepted.get(channel)
-                if take is None:
-                    topic = self.topics.get(channel)
-                    if topic is not None:
-                        take = accepted[channel] = wanted(topic)
-                    else:
-                        nowhere += 1
-                if take:
-                    yield McapMessage(channel, sequence, log_time, publish_time, data[at + 22 : at + length])
-            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                self._definitions.take(opcode, data[at : at + length])
-            at += length
+        unpack, message, head = _RECORD.unpack_from, int(Opcode.MESSAGE), MESSAGE.size
+        try:
+            while at < end:
+                # Most records are messages; behind the frame stands their channel.
+                opcode, length, channel = unpack(data, at) if at + _RECORD.size <= end else _frame(data, at)
+                at += 9
+                if at + length > end:
+                    raise ValueError("a record in a chunk claims to be longer than the chunk")
+                if opcode == message:
+                    found += 1
+                    if length < head:
+                        MESSAGE.unpack_from(data, at)
+                    take = accepted.get(channel)
+                    if take is None:
+                        topic = self.topics.get(channel)
+                        if topic is not None:
+                            take = accepted[channel] = wanted(topic)
+                        else:
+                            nowhere += 1
+                    if take:
+                        batch.places.append((channel, at + head, at + length))
+                        if len(batch.places) == LARGEST_BATCH:
+                            yield batch
+                            batch = MessageBatch(data)
+                elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    self._definitions.take(opcode, data[at : at + length])
+                at += length
+        except Exception:
+            yield batch  # what stands ahead of the damage
+            raise
+        yield batch
         walk.messages += found
         if nowhere:
             reason = "messages of a channel that is nowhere described"
@@ -141,13 +188,19 @@ class McapFile:
         except Exception:  # as above
             return
         if counts is not None:
-            self.counts = dict.fromkeys(self.topics, 0) | counts
+            found, self.times = counts
+            self.counts = dict.fromkeys(self.topics, 0) | found
 
     def _refuse(self, damage: Damage) -> None:
         raise InputError(
             f"{self.path}: damaged at byte {damage.offset} ({damage.reason}): "
             "make a readable bag of it with `./spool recover`"
         )
+
+
+def _frame(data: bytes, at: int) -> tuple[int, int, int]:
+    """Return kind and length of a record that ends before a channel could, and none."""
+    return (*FRAME.unpack_from(data, at), -1)
 
 
 def _summary(stream: BinaryIO, size: int) -> bytes | None:

@@ -9,12 +9,13 @@ from typing import Any
 
 from spool_stream.block import Block
 from spool_stream.block_gate import BlockGate, Verdict
+from spool_stream.format.cdr import OilTemperature
 from spool_stream.text.printable import printable
 
-from spool_bag.format.cdr import OilTemperature
 from spool_bag.mcap.mcap_walk import Damage
 
 from .reader import BagReader
+from .span import Span
 from .timeline import Timeline, duration_of, step_text
 
 #: Steps of a valve's time that are listed one by one.
@@ -98,13 +99,14 @@ class BagInformation:
         }
 
 
-def describe(path: Path | str) -> BagInformation:
-    """Read the bag at ``path`` through and return what is in it; damage is listed, not raised.
+def describe(path: Path | str, span: Span | None = None) -> BagInformation:
+    """Return what lies in the bag at ``path``, read through; damage is listed, not raised. Of ``span`` only
+    what lies in it.
 
     Raises:
         InputError: there is no bag at ``path``.
     """
-    reader = BagReader(path, skip_damage=True)
+    reader = BagReader(path, skip_damage=True, span=span or Span())
     passes = {name: _Pass() for name in reader.valves}
     for name, item in reader.streams():
         passes[name].take(item)
@@ -147,7 +149,7 @@ def describe(path: Path | str) -> BagInformation:
 def _shortfall(reader: BagReader, found: int, lost: int) -> list[str]:
     """Return what ``metadata.yaml`` counts beyond what is there and what damage explains."""
     short = reader.told - found - lost
-    if short <= 0:
+    if short <= 0 or not reader.span.is_all:
         return []
     return [f"{reader.path}: metadata.yaml counts {reader.told} messages: at least {short} more are missing"]
 

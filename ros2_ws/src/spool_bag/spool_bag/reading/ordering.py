@@ -5,12 +5,14 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from heapq import heapify, heappop, heappush
+from itertools import pairwise
 from operator import itemgetter
 from typing import NamedTuple
 
 from spool_stream.block import Block
-
-from spool_bag.format.cdr import OilTemperature
+from spool_stream.block_run import BlockRun
+from spool_stream.format.cdr import OilTemperature
 
 #: ns by which a message may be late and is still put in its place.
 WINDOW = 5_000_000_000
@@ -21,19 +23,64 @@ LARGEST_QUEUE = 80_000_000
 LARGEST_QUEUES = 4 * LARGEST_QUEUE
 OVERHEAD = 1000
 
-Item = Block | OilTemperature
+Item = Block | BlockRun | OilTemperature
 
 
 class Keyed(NamedTuple):
-    """Item with its sort key: its stamp (ns) and sequence; ``size`` in B of the message."""
+    """Item with its sort key: stamp (ns), sequence and arrival; ``size`` in B of a message.
+
+    A run is as many messages as it has blocks, each with a key of its own, ``step`` ns apart.
+    """
 
     stamp: int
     sequence: int
+    arrival: int
     item: Item
     size: int
+    messages: int = 1
+    step: int = 0
+
+    @property
+    def last(self) -> int:
+        """Stamp of the last message, ns."""
+        return self.stamp + (self.messages - 1) * self.step
+
+    @property
+    def weight(self) -> int:
+        """What a message costs, B."""
+        return self.size + OVERHEAD
+
+    def before(self, key: tuple[int, int, int]) -> int:
+        """Return how many of the messages come before ``key`` (stamp, sequence, arrival)."""
+        if self[:3] >= key:
+            return 0
+        if self.messages == 1:
+            return 1
+        whole = min(max((key[0] - self.stamp) // self.step, 0), self.messages)
+        at = self.stamp + whole * self.step, self.sequence + whole, self.arrival
+        return min(whole + (at < key), self.messages)
+
+    def cut(self, count: int) -> tuple[Keyed, Keyed | None]:
+        """Return the first ``count`` messages, and the others, where there are any."""
+        if count >= self.messages or not isinstance(self.item, BlockRun):
+            return self, None
+        first, rest = self.item.part(0, count), self.item.part(count, self.messages)
+        left = self.messages - count
+        return (
+            self._replace(item=first, messages=count),
+            self._replace(stamp=rest.stamp, sequence=rest.sequence, item=rest, messages=left),
+        )
 
 
-_STAMP, _KEY = itemgetter(0), itemgetter(0, 1)
+def keyed_of(item: Item, arrival: int, size: int, count: int) -> Keyed:
+    """Return an item with its key; ``count`` messages of ``size`` B each, the ``arrival``-th to arrive."""
+    if isinstance(item, OilTemperature):
+        return Keyed(item.stamp, -1, arrival, item, size)
+    step = item.step if isinstance(item, BlockRun) else 0
+    return Keyed(item.stamp, item.sequence, arrival, item, size, count, step)
+
+
+_STAMP, _KEY = itemgetter(0), itemgetter(0, 1, 2)
 
 
 @dataclass(slots=True)
@@ -43,43 +90,84 @@ class OrderingWindow:
     _queue: list[Keyed] = field(default_factory=list)
     _lowest: int = 0
     _highest: int = 0
+    _held: int = 0
     size: int = 0
 
+    def room(self, keyed: Keyed) -> int:
+        """Return how many messages of ``keyed`` can be taken until something is due, 1 at least."""
+        if keyed.messages == 1:
+            return 1
+        anew = not self._queue or keyed.stamp < self._highest - WINDOW
+        lowest, held, size = (keyed.stamp, 0, 0) if anew else (self._lowest, self._held, self.size)
+        late = (2 * WINDOW + min(lowest, keyed.stamp) - keyed.stamp) // keyed.step + 1
+        most = min(late, LONGEST_QUEUE - held, (LARGEST_QUEUE - size) // keyed.weight)
+        return min(keyed.messages, max(0, most) + 1)
+
     def take(self, keyed: Keyed) -> list[Keyed]:
-        """Take an item and return those that are due, in order of (stamp, sequence, arrival)."""
+        """Take an item, of a run what there is ``room`` for; return those due, in order of their keys."""
         due: list[Keyed] = []
         stamp = keyed.stamp
         if not self._queue:
             self._lowest = self._highest = stamp
-        elif stamp > self._highest:
-            self._highest = stamp
         elif stamp < self._highest - WINDOW:
             due = self.rest()
             self._lowest = self._highest = stamp
         elif stamp < self._lowest:
             self._lowest = stamp
+        self._highest = max(self._highest, keyed.last)
         self._queue.append(keyed)
-        self.size += keyed.size + OVERHEAD
-        full = len(self._queue) > LONGEST_QUEUE or self.size > LARGEST_QUEUE
+        self._held += keyed.messages
+        self.size += keyed.messages * keyed.weight
+        full = self._held > LONGEST_QUEUE or self.size > LARGEST_QUEUE
         if full or self._highest - self._lowest > 2 * WINDOW:
             due += self.split(full=full)
         return due
 
     def rest(self) -> list[Keyed]:
         """Return what is still held, in order."""
-        due, self._queue, self.size = sorted(self._queue, key=_KEY), [], 0
+        due, self._queue, self._held, self.size = _ordered(self._queue), [], 0, 0
         return due
 
     def split(self, *, full: bool) -> list[Keyed]:
         """Return what cannot be overtaken any more, half of what is held at least where it is ``full``."""
-        self._queue.sort(key=_KEY)
-        split = bisect_left(self._queue, self._highest - WINDOW, key=_STAMP)
-        split = max(split, (len(self._queue) + 1) // 2) if full else split
-        due = self._queue[:split]
-        del self._queue[:split]
-        self.size -= sum(keyed.size + OVERHEAD for keyed in due)
+        queue, bound = _ordered(self._queue), self._highest - WINDOW
+        end = bisect_left(queue, bound, key=_STAMP)
+        leaving = sum(keyed.messages for keyed in queue[:end])
+        if end:
+            leaving -= queue[end - 1].messages - queue[end - 1].before((bound, -1, -1))
+        leaving = max(leaving, (self._held + 1) // 2) if full else leaving
+        self._held -= leaving
+        due: list[Keyed] = []
+        at = 0
+        while leaving:
+            first, rest = queue[at].cut(leaving)
+            due.append(first)
+            leaving -= first.messages
+            self.size -= first.messages * first.weight
+            if rest is None:
+                at += 1
+            else:
+                queue[at] = rest
+        self._queue = queue[at:]
         self._lowest = self._queue[0].stamp if self._queue else self._highest
         return due
+
+
+def _ordered(queue: list[Keyed]) -> list[Keyed]:
+    """Return ``queue`` in the order of the keys; a run that others come between is cut there."""
+    queue = sorted(queue, key=_KEY)
+    if all(one.messages == 1 or one.before(_KEY(other)) == one.messages for one, other in pairwise(queue)):
+        return queue
+    found = []
+    heapify(queue)
+    while queue:
+        first = heappop(queue)
+        if first.messages > 1 and queue:
+            first, rest = first.cut(first.before(_KEY(queue[0])))
+            if rest is not None:
+                heappush(queue, rest)
+        found.append(first)
+    return found
 
 
 @dataclass(slots=True)
@@ -94,15 +182,21 @@ class OrderingWindows:
         window = self._windows.get(valve)
         if window is None:
             window = self._windows[valve] = OrderingWindow()
-        self._size += keyed.size + OVERHEAD
-        for held in window.take(keyed):
-            self._size -= held.size + OVERHEAD
-            yield valve, held.item
-        if self._size > LARGEST_QUEUES:
-            for name, other in self._windows.items():
-                for held in other.split(full=True) if other.size else ():
-                    self._size -= held.size + OVERHEAD
-                    yield name, held.item
+        left: Keyed | None = keyed
+        while left is not None:
+            room = window.room(left)
+            if left.messages > 1:
+                room = min(room, max(LARGEST_QUEUES - self._size, 0) // left.weight + 1)
+            now, left = left.cut(room)
+            self._size += now.messages * now.weight
+            for held in window.take(now):
+                self._size -= held.messages * held.weight
+                yield valve, held.item
+            if self._size > LARGEST_QUEUES:
+                for name, other in self._windows.items():
+                    for held in other.split(full=True) if other.size else ():
+                        self._size -= held.messages * held.weight
+                        yield name, held.item
 
     def rest(self) -> Iterator[tuple[str, Item]]:
         """Yield what is still held, valve by valve."""

@@ -2,28 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 from spool_stream.block import Block
+from spool_stream.block_run import BlockRun
 from spool_stream.errors import InputError
 from spool_stream.files.staging import leftovers
+from spool_stream.format.cdr import CdrError, OilTemperature, decode_temperature
 from spool_stream.text.printable import printable
 
-from spool_bag.format.cdr import CdrError, OilTemperature, decode_block, decode_temperature
+from spool_bag.format.cdr_blocks import decode_blocks
 from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE
-from spool_bag.format.metadata import storage_files
+from spool_bag.format.metadata import UNFINISHED, custom_data, storage_files
 from spool_bag.mcap.mcap_definitions import Topic
-from spool_bag.mcap.mcap_file import McapFile, McapMessage
+from spool_bag.mcap.mcap_file import McapFile, McapMessage, MessageBatch
 from spool_bag.mcap.mcap_walk import Damage
+from spool_bag.mcap.part_chain import begin_of, losses_of
 
-from .ordering import LARGEST_QUEUE, LONGEST_QUEUE, WINDOW, Keyed, OrderingWindows
+from .ordering import LARGEST_QUEUE, LONGEST_QUEUE, WINDOW, Item, OrderingWindows, keyed_of
+from .span import Span
 
 __all__ = ["LARGEST_QUEUE", "LONGEST_QUEUE", "WINDOW", "BagReader", "TopicInformation"]
 
+_ALL = Span()
 #: Names of topics that one line lists.
 MOST_LISTED = 12
 
@@ -43,6 +48,10 @@ class BagReader:
     up to 5 s late are put in order of (header.stamp, sequence). A stamp that goes back further is a new start
     of time and is passed on where it stands. A message that is not what its type says is left out, counted.
 
+    A recording in parts is read like one file; of ``span`` only what lies in it, and parts that cannot hold
+    any of it are not opened. Blocks and temperatures are in it by their stamps, other messages by when they
+    were received.
+
     Attributes:
         warnings: what is missing or not as it should be, one line each.
         closed: the recording was finished properly.
@@ -54,8 +63,9 @@ class BagReader:
         InputError: there is no bag at ``path``, or (from any method) it is damaged.
     """
 
-    def __init__(self, path: Path | str, *, skip_damage: bool = False) -> None:
+    def __init__(self, path: Path | str, *, skip_damage: bool = False, span: Span = _ALL) -> None:
         self.path = Path(path)
+        self.span = span
         self.damages: list[Damage] = []
         self._noted: dict[Path, list[Damage]] = {}
         self._skip = skip_damage
@@ -70,7 +80,8 @@ class BagReader:
                 f"; {part} is what a killed process left of it" for part in leftovers(self.path)[:1]
             )
             raise InputError(f"{self.path}: no such bag: name a rosbag2 directory or an .mcap file{left}")
-        self.files = [McapFile(path) for path in paths]
+        files = self._opened(paths)
+        self.files = [file for file in files if file.times is None or span.touches(*file.times)]
         self.closed = all(file.closed for file in self.files)
         self.warnings.extend(
             f"{file.path}: the recording was not finished: what was not yet on the disk is missing; "
@@ -78,9 +89,28 @@ class BagReader:
             for file in self.files
             if not file.closed
         )
+        if self.files and self.closed and custom_data(self.path).items() >= UNFINISHED.items():
+            self.warnings.append(
+                f"{self.path}: the recording is under way, or was cut off between two parts: what was not "
+                "on the disk then is missing"
+            )
+        self.warnings.extend(_stated_losses(self.files))
         self._topics: dict[str, TopicInformation] | None = None
         self._stores: dict[str, Typestore | None] = {}
         self.undecodable: dict[str, int] = {}
+
+    def _opened(self, paths: Sequence[Path]) -> list[McapFile]:
+        """Return the files; of several those that can be read, the others are warned of."""
+        files, refused = list[McapFile](), list[InputError]()
+        for path in paths:
+            try:
+                files.append(McapFile(path))
+            except InputError as error:
+                refused.append(error)
+        if refused and not files:
+            raise refused[0]
+        self.warnings.extend(f"{str(error).partition(': name a ')[0]}: it is left out" for error in refused)
+        return files
 
     @property
     def topics(self) -> dict[str, TopicInformation]:
@@ -94,6 +124,17 @@ class BagReader:
                     found[topic.name] = TopicInformation(topic.type, before + counts.get(number, 0))
             self._topics = dict(sorted(found.items()))
         return self._topics
+
+    @property
+    def received(self) -> tuple[int, int] | None:
+        """First and last time of reception, ns; ``None`` of an empty bag. Unfinished parts are read."""
+        found: list[int] = []
+        for file in self.files:
+            if file.times is not None:
+                found += [time for time in file.times if time]
+            else:
+                found += [record.log_time for record in self._records(file, lambda _: True)]
+        return (min(found), max(found)) if found else None
 
     @property
     def listed(self) -> str:
@@ -122,30 +163,39 @@ class BagReader:
 
     def blocks(self, valve: str) -> Iterator[Block]:
         """Yield the blocks of ``valve`` in order of (stamp, sequence), malformed ones included."""
-        for _, item in self._ordered({self._known(valve)}, (_ACCELERATION,)):
+        for _, item in self._singles({self._known(valve)}, (_ACCELERATION,)):
             assert isinstance(item, Block)
             yield item
 
     def temperatures(self, valve: str) -> Iterator[tuple[int, float]]:
         """Yield (stamp in ns, deg C) of the oil of ``valve`` by stamp; nothing where none is recorded."""
-        for _, item in self._ordered({valve.strip("/")}, (_OIL,)):
+        for _, item in self._singles({valve.strip("/")}, (_OIL,)):
             assert isinstance(item, OilTemperature)
             yield item.stamp, item.celsius
 
     def stream(self, valve: str) -> Iterator[Block | OilTemperature]:
         """Yield blocks and oil temperatures of ``valve`` by stamp, at equal stamps the temperature first."""
+        for _, item in self._singles({self._known(valve)}, (_ACCELERATION, _OIL)):
+            yield item
+
+    def runs(self, valve: str) -> Iterator[Block | BlockRun | OilTemperature]:
+        """Yield what ``stream`` yields; blocks that follow each other to the nanosecond come as runs."""
         for _, item in self._ordered({self._known(valve)}, (_ACCELERATION, _OIL)):
             yield item
 
     def streams(self) -> Iterator[tuple[str, Block | OilTemperature]]:
         """Yield what ``stream`` yields, of all valves in one pass, with the valve's name."""
-        yield from self._ordered(set(self.valves), (_ACCELERATION, _OIL))
+        yield from self._singles(set(self.valves), (_ACCELERATION, _OIL))
 
     def records(self, topic: str | None = None) -> Iterator[tuple[Topic, McapMessage]]:
         """Yield the messages of ``topic`` (all topics without it) as recorded, in the order of recording."""
-        for file in self.files:
+        for place, file in enumerate(self.files):
+            begin = begin_of(file.path) if place else None
+            repeated = begin.repeated_at if begin is not None else 0
             for record in self._records(file, lambda candidate: topic is None or candidate.name == topic):
-                yield file.topics[record.channel], record
+                # What a part repeats so that it stands by itself was in the parts before it.
+                if (not repeated or record.log_time != repeated) and self.span.holds(record.log_time):
+                    yield file.topics[record.channel], record
 
     def messages(self, topic: str) -> Iterator[Any]:
         """Yield the messages of ``topic`` decoded by the definition that the bag carries; others are counted.
@@ -187,9 +237,18 @@ class BagReader:
             raise InputError(f"{self.path}: no valve {printable(valve)!r}: the bag has {known}")
         return name
 
-    def _ordered(
+    def _singles(
         self, valves: set[str], sources: tuple[_Source, ...]
     ) -> Iterator[tuple[str, Block | OilTemperature]]:
+        """Yield what ``_ordered`` yields, runs block by block."""
+        for valve, item in self._ordered(valves, sources):
+            if isinstance(item, BlockRun):
+                for block in item.blocks():
+                    yield valve, block
+            else:
+                yield valve, item
+
+    def _ordered(self, valves: set[str], sources: tuple[_Source, ...]) -> Iterator[tuple[str, Item]]:
         """Yield decoded messages by valve in order of (stamp, sequence, arrival) in a window."""
         decoders = {(source.name, source.type): source.decode for source in sources}
 
@@ -197,24 +256,26 @@ class BagReader:
             valve, leaf = _parts(topic.name)
             return valve in valves and (leaf, topic.type) in decoders
 
-        windows, bad = OrderingWindows(), dict[str, int]()
+        windows, bad, arrival, whole = OrderingWindows(), dict[str, int](), 0, self.span.is_all
         for file in self.files:
-            channels: dict[int, tuple[str, Callable[[bytes], Keyed]]] = {}
-            for record in self._records(file, wanted):
-                found = channels.get(record.channel)
-                if found is None:
-                    topic = file.topics[record.channel]
-                    valve, leaf = _parts(topic.name)
-                    found = channels[record.channel] = valve, decoders[leaf, topic.type]
-                valve, decode = found
-                try:
-                    keyed = decode(record.data)
-                except CdrError:
-                    name = file.topics[record.channel].name
-                    bad[name] = bad.get(name, 0) + 1
-                    self._left_out(name, bad[name])
-                    continue
-                yield from windows.take(valve, keyed)
+            channels: dict[int, tuple[str, _Decode]] = {}
+            for batch in file.batches(wanted, self._damage_of(file)):
+                for channel, size, messages in _alike(batch):
+                    found = channels.get(channel)
+                    if found is None:
+                        topic = file.topics[channel]
+                        valve, leaf = _parts(topic.name)
+                        found = channels[channel] = valve, decoders[leaf, topic.type]
+                    valve, decode = found
+                    for item, count in decode(messages):
+                        if item is None:
+                            name = file.topics[channel].name
+                            bad[name] = bad.get(name, 0) + 1
+                            self._left_out(name, bad[name])
+                            continue
+                        for part, messages_of in ((item, count),) if whole else self.span.cut(item):
+                            arrival += 1
+                            yield from windows.take(valve, keyed_of(part, arrival, size, messages_of))
         yield from windows.rest()
 
     def _count(self, file: McapFile) -> dict[int, int]:
@@ -224,7 +285,11 @@ class BagReader:
         return counts
 
     def _records(self, file: McapFile, wanted: Callable[[Topic], bool]) -> Iterator[McapMessage]:
-        return file.records(wanted, (lambda damage: self._note(file, damage)) if self._skip else None)
+        return file.records(wanted, self._damage_of(file))
+
+    def _damage_of(self, file: McapFile) -> Callable[[Damage], None] | None:
+        """Return what takes note of damage, ``None`` where that is an error."""
+        return (lambda damage: self._note(file, damage)) if self._skip else None
 
     def _note(self, file: McapFile, damage: Damage) -> None:
         if damage not in self._noted.setdefault(file.path, []):
@@ -257,29 +322,59 @@ class BagReader:
         return self._stores[topic.type]
 
 
+def _stated_losses(files: Sequence[McapFile]) -> list[str]:
+    """Return what the parts of a recording say was not recorded before them."""
+    found = []
+    for file in files:
+        begin = begin_of(file.path)
+        if begin is not None and begin.lost:
+            because = printable(begin.reason, 200)
+            found.append(f"{begin.lost} messages were not recorded before {file.path.name}: {because}")
+        for told in losses_of(file.path) if begin is not None else ():
+            count = printable(told.get("lost_messages", ""), 20)
+            because = printable(told.get("lost_because", ""), 200)
+            found.append(f"{count} messages were not recorded in {file.path.name}: {because}")
+    return found
+
+
 def _parts(topic: str) -> tuple[str, str]:
     """Return the namespace of a topic, without slashes around it, and its last name."""
     namespace, _, leaf = topic.rpartition("/")
     return namespace.strip("/"), leaf
 
 
+def _alike(batch: MessageBatch) -> Iterator[tuple[int, int, list[bytes]]]:
+    """Yield channel, length and bytes of messages in a row that have both in common."""
+    messages: list[bytes] = []
+    data, present, size = batch.records, -1, -1
+    for channel, start, end in batch.places:
+        if channel != present or end - start != size:
+            if messages:
+                yield present, size, messages
+            present, size, messages = channel, end - start, []
+        messages.append(data[start:end])
+    if messages:
+        yield present, size, messages
+
+
+_Decode = Callable[[Sequence[bytes]], Iterator[tuple[Block | BlockRun | OilTemperature | None, int]]]
+
+
 class _Source(NamedTuple):
-    """Source: a topic that is read by stamp, its type and how to decode it."""
+    """Source: a topic that is read by stamp, its type and how to decode messages of one length."""
 
     name: str
     type: str
-    decode: Callable[[bytes], Keyed]
+    decode: _Decode
 
 
-def _block(data: bytes) -> Keyed:
-    block = decode_block(data)
-    return Keyed(block.stamp, block.sequence, block, len(data))
+def _temperatures(messages: Sequence[bytes]) -> Iterator[tuple[OilTemperature | None, int]]:
+    for data in messages:
+        try:
+            yield decode_temperature(data), 1
+        except CdrError:
+            yield None, 1
 
 
-def _temperature(data: bytes) -> Keyed:
-    item = decode_temperature(data)
-    return Keyed(item.stamp, -1, item, len(data))
-
-
-_ACCELERATION = _Source("acceleration", ACCELERATION_BLOCK, _block)
-_OIL = _Source("oil_temperature", TEMPERATURE, _temperature)
+_ACCELERATION = _Source("acceleration", ACCELERATION_BLOCK, decode_blocks)
+_OIL = _Source("oil_temperature", TEMPERATURE, _temperatures)

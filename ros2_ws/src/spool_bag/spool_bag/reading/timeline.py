@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from spool_stream.block import Block
 from spool_stream.block_gate import SHORTEST_PERIOD
+from spool_stream.block_run import BlockRun
 
 #: ns, beyond what lost blocks explain, by which a stamp may be ahead: as the judgement of blocks has it.
 AHEAD = 1_000_000_000
@@ -68,6 +69,15 @@ class Timeline:
             self._unconfirmed = place
             return
         self._last, self._unconfirmed = place, None
+
+    def take_run(self, run: BlockRun) -> None:
+        """Take the blocks of ``run``, as ``take`` does one by one."""
+        for block in run.blocks():
+            self.take(block)
+            if self._last is not None and self._last.first == block.stamp and self._unconfirmed is None:
+                # The others follow it, and only the last one says where the span ends.
+                self.take(run.last)
+                return
 
     @property
     def duration(self) -> int:

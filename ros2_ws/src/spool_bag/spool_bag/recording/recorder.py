@@ -10,8 +10,8 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 from spool_stream.errors import InputError
+from spool_stream.format.cdr import CdrError, block_sequence, header_stamp
 
-from spool_bag.format.cdr import CdrError, block_sequence, header_stamp
 from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE
 
 DIAGNOSTICS = "/diagnostics"
@@ -126,17 +126,26 @@ class LossCount:
         return SLACK + LIKELY * max(stamp - last.stamp, 0) / last.step
 
 
-def new_bag(output: str, now: datetime | None = None, activation: int = 0, *, number: bool = False) -> Path:
+def new_bag(
+    output: str,
+    now: datetime | None = None,
+    activation: int = 0,
+    *,
+    number: bool = False,
+    resume: bool = False,
+) -> Path:
     """Return where to record: ``output``, or ``recording_<UTC time>`` in the working directory.
 
     From the second ``activation`` (1) on a number is put behind ``output``; with ``number`` also where the
-    place is taken, the first one that is free.
+    place is taken, the first one that is free. With ``resume`` it is ``output``, whatever is there.
 
     Raises:
         InputError: the place is taken.
     """
     moment = now or datetime.now(timezone.utc)
     name = output or f"recording_{moment:%Y%m%dT%H%M%S}Z"
+    if resume and output:
+        return Path(name).expanduser()
     path = Path(name if activation == 0 else f"{name.rstrip('/')}_{activation}").expanduser()
     while number and path.exists():
         activation += 1

@@ -2,32 +2,37 @@
 
 from __future__ import annotations
 
-import contextlib
 import importlib
 import math
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from spool_msgs.srv import TakeSnapshot
 from spool_node.diagnostics import DiagnosticPublisher, Level, Status
 from spool_node.managed_node import ManagedNode
 from spool_node.parameters import NodeParameter
 from spool_node.running import run
 from spool_stream.errors import InputError
+from spool_stream.format.cdr import CdrError, header_stamp
+from spool_stream.text.printable import printable
 
-from spool_bag.format.cdr import CdrError, header_stamp
 from spool_bag.format.definitions import ACCELERATION_BLOCK, starts_with_header
+from spool_bag.format.metadata import MACHINE
 from spool_bag.names import check_valve
 
+from .message_queue import Recorded
 from .monitoring_watch import Monitored, MonitoringWatch
-from .recorder import LATCHED, TOPICS, LossCount, free_space, new_bag, select_topics
+from .recorder import LATCHED, TOPICS, LossCount, new_bag, select_topics
+from .recording import LARGEST_QUEUE, Recording, RecordingSettings
+from .signing import signer
 from .snapshot import Message, SnapshotKeeper
 from .snapshot_writer import SnapshotWriter
-from .writer import BagWriter, RecordingError
+from .writer import PartLimits
 
 #: s between looks for new topics: a late one loses at most that much.
 DISCOVERY_PERIOD = 0.5
@@ -35,6 +40,8 @@ DISCOVERY_PERIOD = 0.5
 FLUSH_INTERVAL = 0.7
 FLUSH_PERIOD = 0.2
 DIAGNOSTICS_PERIOD = 1.0
+#: s for a disk to take what waits when the recording ends.
+LONGEST_CLOSE = 20.0
 #: s for which a lost block makes the recording's level a warning.
 RECENT = 60.0
 #: What rosbag2 writes of a time that is not limited: the largest int64, ns.
@@ -67,6 +74,12 @@ class RecorderNode(ManagedNode):
             structural=True,
         ),
         NodeParameter(
+            "machine",
+            "",
+            "Name of the machine, kept in the bag: tells the bags of a fleet apart.",
+            structural=True,
+        ),
+        NodeParameter(
             "depth",
             1000,
             "Messages per topic that may wait for the disk; 1000 are 20 s at 50 blocks/s.",
@@ -75,11 +88,60 @@ class RecorderNode(ManagedNode):
             structural=True,
         ),
         NodeParameter(
-            "minimum_free_space",
+            "max_part_duration",
+            600.0,
+            "Length of a part of the recording, by the times of reception.",
+            "s",
+            1.0,
+            86400.0 * 365.0,
+            structural=True,
+        ),
+        NodeParameter(
+            "max_part_size",
             200_000_000,
-            "Recording ends cleanly when the disk has less than this left; below twice as much it warns.",
+            "Size of a part; a quarter of max_total_size where that is less.",
+            unit="B",
+            minimum=1_000_000,
+            structural=True,
+        ),
+        NodeParameter(
+            "max_total_size",
+            0,
+            "Quota of the recording, beyond which the oldest parts go; 0: none but minimum_free_space.",
             unit="B",
             minimum=0,
+            structural=True,
+        ),
+        NodeParameter(
+            "minimum_free_space",
+            200_000_000,
+            "Below that on the disk the oldest parts go, and then recording pauses until there is twice as "
+            "much; below twice as much it warns.",
+            unit="B",
+            minimum=0,
+            structural=True,
+        ),
+        NodeParameter(
+            "resume",
+            False,
+            "Go on in output where it is a recording already, with its next part.",
+            structural=True,
+        ),
+        NodeParameter(
+            "thin_after",
+            0.0,
+            "Age of a part at which accelerations and diagnostics are removed from it, so that estimates, "
+            "health and events reach further back; 0: never.",
+            "d",
+            0.0,
+            36500.0,
+            structural=True,
+        ),
+        NodeParameter(
+            "signing_key",
+            "",
+            "Private key (Ed25519, PEM) with which each part's hash is signed; empty: hashes alone.",
+            structural=True,
         ),
         NodeParameter(
             "snapshot_folder",
@@ -94,25 +156,33 @@ class RecorderNode(ManagedNode):
         NodeParameter(
             "snapshot_limit",
             100,
-            "Bags in that folder at which no more are made; 0: no snapshots.",
+            "Bags in that folder, beyond which the oldest go; 0: no snapshots.",
             minimum=0,
             maximum=100000,
+        ),
+        NodeParameter(
+            "snapshot_max_total_size",
+            2_000_000_000,
+            "Quota of that folder, beyond which the oldest snapshots go; 0: none.",
+            unit="B",
+            minimum=0,
+            structural=True,
         ),
     )
 
     def __init__(self) -> None:
         super().__init__("recorder")
-        self._writer: BagWriter | None = None
+        self._recording: Recording | None = None
         self._diagnostics: DiagnosticPublisher | None = None
         self._subscriptions_by_topic: dict[str, tuple[Any, QoSProfile]] = {}
-        self._channels: dict[str, int] = {}
+        self._offered: dict[str, list[Qos]] = {}
         self._left_out: set[str] = set()
         self._losses = LossCount()
         self._last_loss = -math.inf
         self._watch = MonitoringWatch()
         self._missed: set[str] = set()
+        self._dropped = 0
         self._activations = 0
-        self._ended = ""
         self._snapshots: SnapshotWriter | None = None
 
     def configure(self) -> None:
@@ -125,19 +195,33 @@ class RecorderNode(ManagedNode):
     def activate(self) -> None:
         """Make the bag and start to listen."""
         path = self._new_bag()
-        self._writer = BagWriter(path, flush_interval=FLUSH_INTERVAL)
+        machine = printable(self.value("machine"), 100)
+        settings = RecordingSettings(
+            PartLimits(
+                self.value("max_part_duration"), self.value("max_part_size"), self.value("max_total_size")
+            ),
+            self.value("minimum_free_space"),
+            FLUSH_INTERVAL,
+            {MACHINE: machine} if machine else {},
+            self.value("resume"),
+            signer(self.value("signing_key")),
+            86400.0 * self.value("thin_after"),
+        )
+        self._recording = Recording(path, settings, self.get_logger())
         self._activations += 1
-        self._losses, self._ended = LossCount(), ""
+        self._losses, self._dropped = LossCount(), 0
         self._watch, self._last_loss = MonitoringWatch(), -math.inf
         self._missed.clear()
         self._left_out.clear()
-        self._channels.clear()
+        self._offered.clear()
         self._snapshots = SnapshotWriter(
             SnapshotKeeper(self.value("snapshot_before"), self.value("snapshot_after")),
             Path(self.value("snapshot_folder") or path.absolute().parent / "snapshots").expanduser(),
             self.get_logger(),
+            self.value("snapshot_max_total_size"),
         )
         self.get_logger().info(f"recording to {path}")
+        self.serve(TakeSnapshot, "~/take_snapshot", self._take_snapshot)
         self._discover()
         self.every(DISCOVERY_PERIOD, self._discover, steady=True)
         self.every(FLUSH_PERIOD, self._flush, steady=True)
@@ -149,7 +233,14 @@ class RecorderNode(ManagedNode):
         if self._snapshots is not None:
             self._snapshots.close()
             self._snapshots = None
-        self._finish("")
+        recording, self._recording = self._recording, None
+        if recording is not None:
+            done = recording.close(LONGEST_CLOSE)
+            text = f"closed {recording.path}: {recording.state.messages} messages"
+            if done:
+                self.get_logger().info(text)
+            else:
+                self.get_logger().error(f"{text}; the disk does not answer: the last part is not finished")
 
     def cleanup(self) -> None:
         """Take the publisher away."""
@@ -159,14 +250,15 @@ class RecorderNode(ManagedNode):
 
     def _new_bag(self) -> Path:
         number = self.value("number_output")
-        return new_bag(self.value("output"), activation=self._activations, number=number)
+        resume = self.value("resume")
+        return new_bag(self.value("output"), activation=self._activations, number=number, resume=resume)
 
     def _valves(self) -> list[str]:
         return [valve.strip("/") for valve in self.value("valves") if valve.strip("/")]
 
     def _discover(self) -> None:
         """Subscribe to what belongs to the valves and is not yet recorded, and where an offer got weaker."""
-        if self._writer is None:
+        if self._recording is None:
             return
         graph = dict(self.get_topic_names_and_types())
         for topic, kind in select_topics(graph, self._valves()).items():
@@ -200,7 +292,7 @@ class RecorderNode(ManagedNode):
         self._subscriptions_by_topic[topic] = (subscription, wanted)
 
     def _keep(self, topic: str, kind: str, data: bytes, *, stamped: bool) -> None:
-        if self._writer is None:
+        if self._recording is None:
             return
         # With use_sim_time the clock says 0 until it is first heard.
         received = self.get_clock().now().nanoseconds or time.time_ns()
@@ -210,7 +302,8 @@ class RecorderNode(ManagedNode):
                 published = max(header_stamp(data), 0)
             except CdrError:
                 published = received
-        self._try(lambda writer: writer.write(self._channel(writer, topic, kind), received, data, published))
+        latched = topic.rpartition("/")[2] in LATCHED
+        self._recording.put(Recorded(topic, kind, received, published, data, latched, self._offers(topic)))
         if kind == ACCELERATION_BLOCK:
             before = self._losses.lost.get(topic, 0)
             self._losses.see(topic, data)
@@ -223,88 +316,70 @@ class RecorderNode(ManagedNode):
         if self._snapshots is not None and self.value("snapshot_limit") > 0:
             self._snapshots.keeper.take(Message(topic, kind, received, published, data))
 
-    def _channel(self, writer: BagWriter, topic: str, kind: str) -> int:
-        """Return the channel of ``topic``; made with its first message, when its offers are known."""
-        channel = self._channels.get(topic)
-        if channel is None:
+    def _offers(self, topic: str) -> list[Qos]:
+        """Return what the publishers of ``topic`` offer, asked with its first message."""
+        found = self._offered.get(topic)
+        if found is None:
             offered = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
-            channel = writer.add_topic(topic, kind, [_recorded(profile) for profile in offered])
-            self._channels[topic] = channel
-        return channel
+            found = self._offered[topic] = [_recorded(profile) for profile in offered]
+        return found
 
     def _flush(self) -> None:
-        if self._writer is not None and not self._writer.file.exists():
-            self._go_on_elsewhere(self._writer)
-        self._try(BagWriter.flush_if_due)
         if self._snapshots is not None:
             now = self.get_clock().now().nanoseconds or time.time_ns()
             self._snapshots.watch(now, self.value("snapshot_limit"))
 
-    def _go_on_elsewhere(self, removed: BagWriter) -> None:
-        """Begin another bag: what is written to a file that somebody removed is lost without an error."""
-        with contextlib.suppress(RecordingError, OSError):
-            removed.close()
-        self._writer = None
-        try:
-            path = new_bag(self.value("output"), activation=self._activations, number=True)
-            self._writer = BagWriter(path, flush_interval=FLUSH_INTERVAL)
-        except (InputError, RecordingError) as error:
-            self._ended = f"{removed.path} was removed, and no other bag can be begun: {error}"
-            self.get_logger().error(f"recording ended: {self._ended}")
-            return
-        self.get_logger().error(
-            f"{removed.path} was removed while it was recorded: {removed.messages} messages are lost; "
-            f"recording to {path}"
-        )
-        # Heard anew, so that what is latched stands in the new bag as well.
-        self._channels.clear()
-        for subscription, _ in self._subscriptions_by_topic.values():
-            self.destroy_subscription(subscription)
-        self._subscriptions_by_topic.clear()
-        self._discover()
+    def _take_snapshot(
+        self, request: TakeSnapshot.Request, response: TakeSnapshot.Response
+    ) -> TakeSnapshot.Response:
+        """Begin a snapshot that somebody asked for; its bag is made ``snapshot_after`` s later.
 
-    def _try(self, action: Callable[[BagWriter], None]) -> None:
-        if self._writer is None:
-            return
-        try:
-            action(self._writer)
-        except RecordingError as error:
-            self._writer = None
-            self._ended = str(error)
-            self.get_logger().error(f"recording ended: {error}")
-            self._report()
-
-    def _finish(self, reason: str) -> None:
-        writer = self._writer
-        if writer is None:
-            return
-        self._try(BagWriter.close)
-        self._writer = None
-        if not self._ended:
-            self._ended = reason
-            self.get_logger().info(f"closed {writer.path}: {writer.messages} messages")
+        Raises:
+            InputError: it cannot be made; the reason is given.
+        """
+        valve, limit = request.valve.strip("/"), self.value("snapshot_limit")
+        check_valve(valve)
+        if not request.who.strip():
+            raise InputError("who: say who does this")
+        if self._snapshots is None or limit == 0:
+            raise InputError("snapshot_limit is 0: no snapshots are made")
+        now = self.get_clock().now().nanoseconds or time.time_ns()
+        refused = self._snapshots.keeper.ask(f"/{valve}", now)
+        if refused:
+            raise InputError(f"{valve}: {refused}")
+        text = f"snapshot of {valve} asked for by {request.who.strip()}: {request.comment.strip()}"
+        self.get_logger().info(printable(text, 300))
+        response.success = True
+        return response
 
     def _report(self) -> None:
-        """Publish the state; end the recording while there is still room to end it well."""
+        """Publish the state of the recording and of what is monitored."""
         values: dict[str, object] = dict.fromkeys(("free_space_B", "messages", "recorded_B"), math.nan)
-        level, text = Level.ERROR, self._ended or "not recording"
-        if self._writer is not None:
-            free = free_space(self._writer.path)
-            least = self.value("minimum_free_space")
-            values["free_space_B"] = free
-            level, text = Level.OK, f"recording to {self._writer.path}"
-            if free < least:
-                level = Level.ERROR
-                text = f"recording ended: only {free / 1e6:.0f} MB are free (minimum_free_space)"
-            elif free < 2 * least:
-                level, text = Level.WARNING, f"only {free / 1e6:.0f} MB are free"
-            elif time.monotonic() - self._last_loss < RECENT:
+        level, text = Level.ERROR, "not recording"
+        if self._recording is not None:
+            state = self._recording.state
+            now = time.monotonic()
+            if state.lost > self._dropped:
+                self._dropped, self._last_loss = state.lost, now
+            level, text = Level.OK, f"recording to {self._recording.path}"
+            if state.paused:
+                level, text = Level.ERROR, f"recording pauses: {state.paused}"
+            elif state.free < 2 * self.value("minimum_free_space"):
+                level, text = Level.WARNING, f"only {state.free / 1e6:.0f} MB are free"
+            elif now - self._last_loss < RECENT:
                 level, text = Level.WARNING, "blocks were lost on the way in the last minute"
-            values["messages"] = self._writer.messages
-            values["recorded_B"] = self._writer.bytes
-            if free < least:
-                self._finish(text)
-                self.get_logger().error(text)
+            elif state.waiting > LARGEST_QUEUE // 2:
+                level, text = Level.WARNING, "the disk is slow: messages wait for it"
+            values |= {
+                "free_space_B": state.free,
+                "messages": state.messages,
+                "recorded_B": state.bytes,
+                "messages_not_recorded": state.lost,
+                "waiting_B": state.waiting,
+                "parts": state.parts,
+                "parts_removed": state.removed,
+                "total_size_B": state.size,
+            }
         values["snapshots"] = 0 if self._snapshots is None else self._snapshots.written
         lost = dict.fromkeys(self._valves(), 0)
         lost |= {topic.rpartition("/")[0].strip("/"): count for topic, count in self._losses.lost.items()}

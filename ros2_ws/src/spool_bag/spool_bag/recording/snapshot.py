@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from rosbags.serde import SerdeError
+from spool_stream.format.cdr import CdrError, header_stamp
 
-from spool_bag.format.cdr import CdrError, header_stamp
 from spool_bag.format.definitions import ACCELERATION_BLOCK, typestore
 
 from .recorder import LATCHED, MARKS
@@ -25,6 +25,8 @@ MOST_BYTES = 64_000_000
 #: Snapshots of one valve that may wait for their end at a time.
 MOST_WAITING = 4
 
+#: What a snapshot is named after that somebody asked for.
+REQUESTED = "requested"
 _RAISED, _ALARM = 1, 2
 
 
@@ -41,7 +43,10 @@ class Message:
 
 @dataclass(slots=True)
 class Snapshot:
-    """Snapshot: the messages around the alarm ``event``, collected until ``end`` (ns, time of reception)."""
+    """Snapshot: the messages around ``event``, an alarm's kind or ``REQUESTED``.
+
+    They are collected until ``end`` (ns, time of reception).
+    """
 
     valve: str
     event: str
@@ -183,11 +188,25 @@ class SnapshotKeeper:
         raised = event.state == _RAISED and event.severity == _ALARM
         if not raised or not ring.blocks or stamp < ring.blocks[0]:
             return
-        if sum(one.valve == valve for one in self._waiting) >= MOST_WAITING:
-            self.refused += 1
-            return
         kind = "".join(c if c.isalnum() or c == "_" else "_" for c in event.kind)[:40]
-        end = message.received + self._length
-        self._waiting.append(
-            Snapshot(valve, kind, stamp, end, dict(ring.latched), list(ring.messages), ring.bytes)
-        )
+        if not self._begin(valve, ring, kind, stamp, message.received):
+            self.refused += 1
+
+    def ask(self, valve: str, now: int) -> str:
+        """Begin a snapshot of ``valve`` (its namespace) at ``now`` (ns); return why it did not begin."""
+        ring = self._rings.get(valve)
+        if ring is None or not ring.messages:
+            return "nothing of it is recorded"
+        stamp = ring.blocks[-1] if ring.blocks else now
+        if not self._begin(valve, ring, REQUESTED, stamp, now):
+            return f"{MOST_WAITING} snapshots of it are under way"
+        return ""
+
+    def _begin(self, valve: str, ring: _Ring, event: str, stamp: int, now: int) -> bool:
+        """Begin a snapshot around ``stamp`` (ns), named after ``event``; return whether there was room."""
+        if sum(one.valve == valve for one in self._waiting) >= MOST_WAITING:
+            return False
+        latched, messages = dict(ring.latched), list(ring.messages)
+        end = now + self._length
+        self._waiting.append(Snapshot(valve, event, stamp, end, latched, messages, ring.bytes))
+        return True

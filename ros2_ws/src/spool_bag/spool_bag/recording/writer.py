@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
+import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
-from mcap.writer import CompressionType, Writer
 from rosbags.interfaces import Qos
 from spool_stream.errors import InputError
 from spool_stream.files.staging import leftovers, partial_name, remove
@@ -16,68 +16,79 @@ from spool_stream.files.staging import leftovers, partial_name, remove
 from spool_bag.format.definitions import Definition, definition
 from spool_bag.format.metadata import (
     BagMetadata,
+    PartCount,
     TopicCount,
     metadata_text,
     qos_text,
     sync_folder,
     write_metadata,
 )
-from spool_bag.mcap.repeating_chunks import repeat_definitions
+from spool_bag.mcap.part_chain import BEGIN, END, LOSSES, PartBegin, PartEnd
+
+from .existing_parts import existing_parts
+from .mcap_part import McapPart
+from .message_queue import Recorded
 
 #: B: what is written faster than it was recorded closes no chunk by time; this is 8 s of a valve at 2 kHz,
 #: which a damaged chunk then costs. A packed sample record takes no more room so than in chunks of 1 MiB.
 CHUNK_SIZE = 1 << 17
 #: s between two ``metadata.yaml`` of a recording under way, 250 messages of a valve.
 METADATA_INTERVAL = 5.0
+#: B by which a part grows between two looks at its size: a chunk that packs badly, its index and the summary.
+MARGIN = 1 << 20
 
 
 class RecordingError(OSError):
     """Recording failed: the bag could not be written on; what was flushed before is kept and readable."""
 
 
-class _Output:
-    """Unbuffered file: mcap hands over whole chunks, and a full disk must be seen immediately.
+@dataclass(frozen=True, slots=True)
+class PartLimits:
+    """Limits of the parts of a recording: ``duration`` (s) and ``size`` (B) of one, ``total`` (B) of all.
 
-    Not derived from ``io.RawIOBase``, around which mcap puts a buffer: so mcap declares no such type.
+    ``total`` 0: no quota. A part is at most a quarter of the quota, so that what is kept reaches back.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
-        self.position = 0
+    duration: float = math.inf
+    size: float = math.inf
+    total: int = 0
 
-    def write(self, data: bytes) -> int:
-        view = memoryview(data)
-        while view:
-            written = os.write(self.descriptor, view)
-            self.position += written
-            view = view[written:]
-        return len(data)
+    @property
+    def largest(self) -> float:
+        """B of a part at most."""
+        return min(self.size, 0.25 * self.total) if self.total else self.size
 
-    def tell(self) -> int:
-        return self.position
 
-    def flush(self) -> None:
-        """Nothing is buffered here."""
+@dataclass(slots=True)
+class _Channel:
+    """Channel of a bag: topic, definition, number in the present part, and the last latched message."""
 
-    def sync(self) -> None:
-        os.fsync(self.descriptor)
-
-    def cut(self, size: int) -> None:
-        os.ftruncate(self.descriptor, size)
-
-    def close(self) -> None:
-        os.close(self.descriptor)
+    topic: TopicCount
+    described: Definition
+    latched: bool
+    part: int | None = None
+    last: tuple[bytes, int, int] | None = None
 
 
 class BagWriter:
-    """Writer of a rosbag2 directory: ``metadata.yaml`` and ``NAME_0.mcap``.
+    """Writer of a rosbag2 directory: ``metadata.yaml``, ``NAME_0.mcap``, and with ``limits`` further parts.
 
     Chunks are closed and synced to the disk once ``flush_interval`` seconds of wall time have passed; call
     :meth:`flush_if_due` as well where messages may stay away. ``bytes`` counts message payload.
 
     ``staged`` writes under another name in the same folder, which :meth:`close` changes to ``path`` once the
     bag is whole; where an exception (Ctrl-C) leaves the ``with`` block, nothing stays. A recording is not
-    staged: what it has on the disk is to be found under its name whatever happens.
+    staged: what it has on the disk is to be found under its name whatever happens. ``custom`` goes into the
+    metadata as ``custom_data``.
+
+    With ``limits`` the bag is a recording in parts, each of which stands by itself: definitions and the last
+    message of each latched topic are repeated at its start, and a chain of hashes
+    (:mod:`spool_bag.mcap.part_chain`) leads from part to part. ``resume`` goes on in a recording that is
+    there, whose last messages of latched topics are those to ``repeat``. ``sign`` signs a part's hash.
+
+    Attributes:
+        removed: parts that went by the quota. written: messages that it took, and synced: how
+            many of these are on the disk. certain: after a failure, none of the others is.
 
     Raises:
         InputError: ``path`` exists already or cannot be made.
@@ -92,79 +103,97 @@ class BagWriter:
         flush_interval: float = 1.0,
         chunk_size: int = CHUNK_SIZE,
         staged: bool = False,
+        custom: Mapping[str, str] | None = None,
+        limits: PartLimits | None = None,
+        resume: bool = False,
+        lost: tuple[int, str] = (0, ""),
+        sign: Callable[[str], str] | None = None,
+        repeat: Sequence[Recorded] = (),
     ) -> None:
         self.path = Path(path)
         self.bytes = 0
-        self._interval = flush_interval
-        self._topics: dict[int, TopicCount] = {}
-        self._schemas: dict[str, int] = {}
-        self._start: int | None = None
-        self._end = 0
+        self.limits = limits
+        self.removed = self.written = self.synced = 0
+        self.certain = True
+        self._custom = dict(custom or {})
+        self._interval, self._chunk_size, self._sign = flush_interval, chunk_size, sign
+        self._channels: list[_Channel] = []
+        self._parts: list[PartCount] = []
         self._described = 0.0
         self._open = self._settled = False
-        if self.path.exists() or self.path.is_symlink():
+        there = self.path.exists() or self.path.is_symlink()
+        if there and not (resume and self.path.is_dir()):
             raise InputError(f"{self.path} exists already: name a bag that does not, or remove it")
         for left in leftovers(self.path):
             remove(left)
         self._folder = partial_name(self.path) if staged else self.path
+        number, before = 0, ""
         try:
-            self._folder.mkdir(parents=True)
+            self._folder.mkdir(parents=True, exist_ok=there)
+            if there:
+                found = existing_parts(self._folder)
+                self._parts, topics, number, before = found
+                for topic, described in topics:
+                    self._channels.append(_Channel(topic, described, latched=False))
         except OSError as error:
             raise InputError(f"{self.path}: cannot be made: {error.strerror}") from error
-        self.file = self._folder / f"{self.path.name}_0.mcap"
         try:
-            self._output = _Output(self.file)
-            self._writer = Writer(self._output, chunk_size, CompressionType.ZSTD)  # type: ignore[arg-type]
-            repeat_definitions(self._writer)
-            self._writer.start(profile="ros2", library="spool_bag")
+            at = 1 + max((self._parts[-1].end if self._parts else 0, *(one.received for one in repeat)))
+            self._part = self._begin(PartBegin(number, before, at if repeat else 0, *lost))
+            self._repeat(repeat, at)
             self._write_metadata()
             sync_folder(self._folder.absolute().parent)
         except OSError as error:
-            raise RecordingError(f"{self.file}: {error.strerror}") from error
+            raise RecordingError(f"{self._file_of(number)}: {error.strerror}") from error
         self._open = True
-        self._good = self._output.tell()
         self._flushed = time.monotonic()
 
+    @property
+    def file(self) -> Path:
+        """The file that is written."""
+        return self._part.path
+
     def add_topic(
-        self, topic: str, type_name: str, qos: Sequence[Qos] = (), described: Definition | None = None
+        self,
+        topic: str,
+        type_name: str,
+        qos: Sequence[Qos] = (),
+        described: Definition | None = None,
+        *,
+        latched: bool = False,
     ) -> int:
         """Return the channel number of ``topic``; asking again for the same topic returns the same number.
 
-        ``described`` stands in for the installed definition, e.g. the one of a bag that is copied.
+        ``described`` stands in for the installed definition, e.g. the one of a bag that is copied. The last
+        message of a ``latched`` topic stands at the start of each further part as well.
 
         Raises:
             InputError: the topic was added with another type, or the type is unknown.
         """
-        for number, known in self._topics.items():
-            if known.name == topic:
-                if known.type != type_name:
-                    raise InputError(f"{topic} is already recorded as {known.type}, not {type_name}")
+        for number, known in enumerate(self._channels):
+            if known.topic.name == topic:
+                if known.topic.type != type_name:
+                    raise InputError(f"{topic} is already recorded as {known.topic.type}, not {type_name}")
+                known.latched = known.latched or latched
                 return number
         described = described or definition(type_name)
-        if type_name not in self._schemas:
-            self._schemas[type_name] = self._writer.register_schema(
-                type_name, described.encoding, described.text.encode()
-            )
-        number = self._writer.register_channel(
-            topic,
-            "cdr",
-            self._schemas[type_name],
-            {"offered_qos_profiles": qos_text(qos), "topic_type_hash": described.digest},
-        )
-        self._topics[number] = TopicCount(topic, type_name, described.digest, tuple(qos))
+        counted = TopicCount(topic, type_name, described.digest, tuple(qos))
+        self._channels.append(_Channel(counted, described, latched))
+        self._guard(lambda: self._register(self._channels[-1]))
         self._guard(self._write_metadata)
-        return number
+        return len(self._channels) - 1
 
     def write(
         self, channel: int, log_time: int, data: bytes, publish_time: int | None = None, sequence: int = 0
     ) -> None:
         """Append the CDR ``data``; times in ns, ``publish_time`` defaults to ``log_time``."""
         published = log_time if publish_time is None else publish_time
-        self._guard(lambda: self._writer.add_message(channel, log_time, data, published, sequence))
-        self._topics[channel].messages += 1
+        one = self._channels[channel]
+        self._guard(lambda: self._write(one, log_time, data, published, sequence))
+        one.topic.messages += 1
         self.bytes += len(data)
-        self._start = log_time if self._start is None else min(self._start, log_time)
-        self._end = max(self._end, log_time)
+        if one.latched and self.limits is not None:
+            one.last = data, published, sequence
         self.flush_if_due()
 
     def flush_if_due(self) -> None:
@@ -173,7 +202,7 @@ class BagWriter:
             self.flush()
 
     def flush(self) -> None:
-        """Close the chunk in progress and sync it to the disk."""
+        """Close the chunk in progress and sync it to the disk; keep the quota."""
         self._guard(self._flush)
 
     def close(self) -> None:
@@ -193,7 +222,6 @@ class BagWriter:
             return
         self._guard(self._finish)
         self._open = False
-        self._output.close()
 
     def discard(self) -> None:
         """Leave nothing of a staged bag that is not closed; close any other."""
@@ -202,19 +230,71 @@ class BagWriter:
             return
         if self._open:
             self._open = False
-            self._output.close()
+            self._part.abandon(cut=False)
         self._settled = True
         remove(self._folder)
 
+    def state_loss(self, count: int, because: str) -> None:
+        """State in the bag that ``count`` messages were not recorded: in the file, and in ``custom_data``."""
+        told = {"lost_messages": str(count), "lost_because": because, "at_ns": str(time.time_ns())}
+        total = int(self._custom.get("lost_messages", "0")) + count
+        self._custom["lost_messages"] = str(total)
+
+        def state() -> None:
+            self._sync()
+            self._part.add_metadata(LOSSES, told)
+            self._write_metadata()
+
+        self._guard(state)
+
+    def remove_oldest(self) -> bool:
+        """Remove the oldest finished part; return whether there was one."""
+        if not self._parts:
+            return False
+        oldest = self._parts.pop(0)
+        (self._folder / oldest.file).unlink(missing_ok=True)
+        self.removed += 1
+        self._guard(self._write_metadata)
+        return True
+
+    def replace(self, count: PartCount, staged: Path) -> bool:
+        """Let the file ``staged`` take the place of a finished part; return whether that is still there.
+
+        Raises:
+            OSError: it could not.
+        """
+        for place, part in enumerate(self._parts):
+            if part.file == count.file:
+                staged.replace(self._folder / part.file)
+                self._parts[place] = count
+                self._guard(self._write_metadata)
+                return True
+        return False
+
+    @property
+    def finished_parts(self) -> tuple[PartCount, ...]:
+        """Parts that are kept, without the one that is written."""
+        return tuple(self._parts)
+
+    @property
+    def size(self) -> int:
+        """B of all parts."""
+        return sum(part.size for part in self._parts) + self._part.size
+
+    @property
+    def parts(self) -> int:
+        """Number of parts that are kept."""
+        return len(self._parts) + 1
+
     @property
     def messages(self) -> int:
-        """Number of messages written."""
-        return sum(topic.messages for topic in self._topics.values())
+        """Number of messages written, repeated ones left out."""
+        return sum(one.topic.messages for one in self._channels)
 
     @property
     def counts(self) -> dict[str, int]:
         """Messages per topic."""
-        return {topic.name: topic.messages for topic in self._topics.values()}
+        return {one.topic.name: one.topic.messages for one in self._channels}
 
     def __enter__(self) -> BagWriter:
         return self
@@ -234,6 +314,84 @@ class BagWriter:
         else:
             self.discard()
 
+    def _file_of(self, number: int) -> Path:
+        return self._folder / f"{self.path.name}_{number}.mcap"
+
+    def _begin(self, begin: PartBegin) -> McapPart:
+        about = {BEGIN: begin.content()} if self.limits is not None else None
+        part = McapPart(self._file_of(begin.number), begin.number, self._chunk_size, about)
+        self._before = begin.before
+        for one in self._channels:
+            one.part = None
+        return part
+
+    def _register(self, one: _Channel) -> int:
+        topic = one.topic
+        one.part = self._part.add(topic.name, topic.type, one.described, qos_text(topic.qos))
+        return one.part
+
+    def _write(self, one: _Channel, log_time: int, data: bytes, published: int, sequence: int) -> None:
+        if self._is_full(log_time):
+            self._split(log_time)
+        channel = self._register(one) if one.part is None else one.part
+        self._part.write(channel, one.topic.name, log_time, data, published, sequence)
+        self.written += 1
+
+    def _is_full(self, log_time: int) -> bool:
+        limits, count = self.limits, self._part.count
+        if limits is None or count.start is None:
+            return False
+        return log_time - count.start >= limits.duration * 1e9 or self._part.size + MARGIN > limits.largest
+
+    def _repeat(self, messages: Sequence[Recorded], at: int) -> None:
+        """Write latched messages at the beginning of the first part."""
+        for message in messages:
+            described = definition(message.kind)
+            counted = TopicCount(message.topic, message.kind, described.digest, tuple(message.qos))
+            one = next((known for known in self._channels if known.topic.name == message.topic), None)
+            if one is None:
+                one = _Channel(counted, described, latched=True)
+                self._channels.append(one)
+            one.latched, one.last = True, (message.data, message.published, 0)
+            self._part.write(self._register(one), one.topic.name, at, message.data, message.published, 0)
+
+    def _split(self, log_time: int) -> None:
+        """Finish the part and begin the next; latched messages are repeated ahead of its first message."""
+        self._end_part()
+        self._parts.append(self._part.count)
+        repeated = [one for one in self._channels if one.last is not None]
+        at = log_time - 1 if repeated else 0
+        self._part = self._begin(PartBegin(self._part.count.number + 1, self._before, at))
+        for one in repeated:
+            assert one.last is not None
+            data, published, sequence = one.last
+            self._part.write(self._register(one), one.topic.name, at, data, published, sequence)
+        self._sync()
+        self._keep_quota()
+        self._write_metadata()
+
+    def _end_part(self) -> None:
+        """Write what ends a part: the bag's metadata, the chain's record, the index."""
+        self._sync()
+        # As rosbag2's own plugin does, so that the file by itself tells its distribution and counts.
+        alone = BagMetadata((self._part.count,), self._topics(), finished=True, custom=self._custom)
+        self._part.add_metadata("rosbag2", {"serialized_metadata": metadata_text(alone)})
+        if self.limits is not None:
+            oldest = self._parts[0].number if self._parts else self._part.count.number
+            end = PartEnd(self._part.count.number, self._part.digest, self._before, oldest)
+            if self._sign is not None:
+                end = PartEnd(end.number, end.content, end.before, end.oldest, self._sign(end.link))
+            self._part.add_metadata(END, end.record())
+            self._before = end.link
+        self._part.finish()
+
+    def _keep_quota(self) -> None:
+        limits = self.limits
+        while limits is not None and limits.total and self._parts and self.size + MARGIN > limits.total:
+            oldest = self._parts.pop(0)
+            (self._folder / oldest.file).unlink(missing_ok=True)
+            self.removed += 1
+
     def _settle(self) -> None:
         """Give the staged bag its name."""
         if self.path.exists() or self.path.is_symlink():
@@ -241,43 +399,41 @@ class BagWriter:
             raise InputError(f"{self.path} exists already: name a bag that does not, or remove it")
         self._folder.replace(self.path)
         sync_folder(self.path.absolute().parent)
-        self.file = self.path / self.file.name
+        self._part.path = self.path / self._part.path.name
+
+    def _sync(self) -> None:
+        self._part.flush()
+        self.synced = self.written
 
     def _flush(self) -> None:
-        self._writer.flush()
-        self._output.sync()
-        self._good = self._output.tell()
+        self._sync()
         self._flushed = time.monotonic()
-        if self._flushed - self._described >= METADATA_INTERVAL:
+        removed = self.removed
+        self._keep_quota()
+        if removed != self.removed or self._flushed - self._described >= METADATA_INTERVAL:
             self._write_metadata()
 
     def _finish(self) -> None:
-        self._flush()
-        # As rosbag2's own plugin does, so that the file by itself tells its distribution and counts.
-        text = metadata_text(self._about(finished=True))
-        self._writer.add_metadata("rosbag2", {"serialized_metadata": text})
-        self._writer.finish()
-        self._output.sync()
+        self._end_part()
         self._write_metadata(finished=True)
 
-    def _guard(self, action: Callable[[], None]) -> None:
+    def _guard(self, action: Callable[[], object]) -> None:
         if not self._open:
             raise RecordingError(f"{self.file} is closed")
         try:
             action()
         except OSError as error:
             self._open = False
-            self._output.cut(self._good)
-            self._output.close()
+            self.certain = self._part.abandon(cut=True)
             raise RecordingError(
-                f"{self.file}: {error.strerror}; what was recorded before is kept ({self._good} bytes)"
+                f"{self.file}: {error.strerror}; what was recorded before is kept ({self._part.good} bytes)"
             ) from error
+
+    def _topics(self) -> tuple[TopicCount, ...]:
+        return tuple(one.topic for one in self._channels)
 
     def _write_metadata(self, *, finished: bool = False) -> None:
         self._described = time.monotonic()
-        write_metadata(self._folder, self._about(finished=finished))
-
-    def _about(self, *, finished: bool) -> BagMetadata:
-        start = self._start or 0
-        topics = tuple(self._topics.values())
-        return BagMetadata(self.file.name, start, max(self._end - start, 0), topics, finished)
+        parts = (*self._parts, self._part.count)
+        about = BagMetadata(parts, self._topics(), finished=finished, custom=self._custom)
+        write_metadata(self._folder, about)

@@ -1,1 +1,1 @@
-"""Tables: CSV in, CSV and Parquet out."""
+"""Tables of samples: names of their columns, export."""

@@ -19,9 +19,10 @@ from spool_stream.files.staging import staged
 from spool_stream.text.printable import printable
 
 from spool_bag.reading.reader import BagReader
+from spool_bag.reading.span import Span
 from spool_bag.reading.timeline import Timeline, step_text
 
-from .csv_record import BODY, OIL_TEMPERATURE, SPOOL, TIME
+from .column_names import BODY, OIL_TEMPERATURE, SPOOL, TIME
 
 VALVE = "valve"
 BATCH_ROWS = 1 << 16
@@ -43,6 +44,7 @@ def export_bag(
     out: Path | str,
     *,
     valves: Sequence[str] | None = None,
+    span: Span | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> ExportResult:
     """Write the samples of ``bag`` to ``out`` (.parquet, .csv or .csv.gz), one row per sample.
@@ -50,13 +52,13 @@ def export_bag(
     Columns are the contract's: ``time_s`` from the bag's first stamp, float32 accelerations, the oil
     temperature where it is recorded (the last one known, empty before the first), and ``valve`` where there
     are several; their rows follow one another. Where a clock was set, time is counted on. ``progress`` is
-    told the number of rows of each batch.
+    told the number of rows of each batch. Of ``span`` only what lies in it.
 
     Raises:
         InputError: the bag, a valve or the target's name cannot be used.
     """
     out = Path(out)
-    reader = BagReader(bag)
+    reader = BagReader(bag, span=span or Span())
     chosen = tuple(valves or reader.valves)
     if not chosen:
         raise InputError(

@@ -1,0 +1,145 @@
+"""Part of a recording: one MCAP file, which stands by itself."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+from mcap.writer import CompressionType, Writer
+
+from spool_bag.format.definitions import Definition
+from spool_bag.format.metadata import PartCount
+from spool_bag.mcap.repeating_chunks import repeat_definitions
+
+
+class Output:
+    """Unbuffered file: mcap hands over whole chunks, and a full disk must be seen immediately.
+
+    Not derived from ``io.RawIOBase``, around which mcap puts a buffer: so mcap declares no such type.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        self.position = 0
+        self.digest = hashlib.sha256()
+
+    def write(self, data: bytes) -> int:
+        """Write all of ``data``."""
+        view = memoryview(data)
+        while view:
+            written = os.write(self.descriptor, view)
+            self.digest.update(view[:written])
+            self.position += written
+            view = view[written:]
+        return len(data)
+
+    def tell(self) -> int:
+        """Return how much was written, B."""
+        return self.position
+
+    def flush(self) -> None:
+        """Nothing is buffered here."""
+
+    def sync(self) -> None:
+        """Bring what was written to the disk."""
+        os.fsync(self.descriptor)
+
+    def cut(self, size: int) -> None:
+        """Leave the first ``size`` B."""
+        os.ftruncate(self.descriptor, size)
+
+    def close(self) -> None:
+        """Close the file."""
+        os.close(self.descriptor)
+
+
+class McapPart:
+    """MCAP file under way, with what it counts.
+
+    Attributes:
+        path: the file. count: what is in it by topic, and when; of the messages handed over.
+        good: B up to the last complete chunk that is on the disk.
+
+    Raises:
+        OSError: from any method.
+    """
+
+    def __init__(
+        self, path: Path, number: int, chunk_size: int, about: Mapping[str, Mapping[str, str]] | None = None
+    ) -> None:
+        self.path = path
+        self.count = PartCount(path.name, number)
+        self._output = Output(path)
+        self._writer = Writer(self._output, chunk_size, CompressionType.ZSTD)  # type: ignore[arg-type]
+        repeat_definitions(self._writer)
+        self._schemas: dict[str, int] = {}
+        self._writer.start(profile="ros2", library="spool_bag")
+        for name, content in (about or {}).items():
+            self._writer.add_metadata(name, dict(content))
+        self.good = self._output.tell()
+
+    @property
+    def size(self) -> int:
+        """B in the file."""
+        return self._output.position
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of what was written so far."""
+        return self._output.digest.hexdigest()
+
+    def add(self, topic: str, type_name: str, described: Definition, qos: str) -> int:
+        """Return the number of a new channel."""
+        if type_name not in self._schemas:
+            self._schemas[type_name] = self._writer.register_schema(
+                type_name, described.encoding, described.text.encode()
+            )
+        return self._writer.register_channel(
+            topic,
+            "cdr",
+            self._schemas[type_name],
+            {"offered_qos_profiles": qos, "topic_type_hash": described.digest},
+        )
+
+    def write(
+        self, channel: int, topic: str, log_time: int, data: bytes, published: int, sequence: int
+    ) -> None:
+        """Append a message."""
+        self._writer.add_message(channel, log_time, data, published, sequence)
+        self.count.take(topic, log_time)
+
+    def flush(self) -> None:
+        """Close the chunk in progress and sync it."""
+        self._writer.flush()
+        self._output.sync()
+        self.good = self._output.tell()
+
+    def add_metadata(self, name: str, content: Mapping[str, str]) -> None:
+        """Write a metadata record behind what is complete."""
+        self._writer.add_metadata(name, dict(content))
+
+    def finish(self) -> None:
+        """Write index and footer, sync and close."""
+        self._writer.finish()
+        self._output.sync()
+        self.count.size = self._output.position
+        self._output.close()
+
+    def abandon(self, *, cut: bool) -> bool:
+        """Close without an index, cut back to the last chunk that is synced where that is asked.
+
+        Return whether it is: where the disk takes no more, not even that, what lies on it is what it is.
+        """
+        sure = True
+        try:
+            if cut and self._output.position > self.good:
+                self._output.cut(self.good)
+        except OSError:
+            sure = False
+        self.count.size = self.good if cut else self._output.position
+        with contextlib.suppress(OSError):
+            self._output.close()
+        return sure

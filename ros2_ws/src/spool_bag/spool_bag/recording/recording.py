@@ -1,0 +1,305 @@
+"""Recording that never stops: messages through a bounded queue to a thread that writes parts.
+
+The thread alone touches the disk, so that a slow one never holds up who hears the messages. Where the disk is
+full, read-only or gone, messages wait in the queue, what finds it full is counted, and recording goes on by
+itself once it can.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import shutil
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+from spool_stream.errors import InputError
+
+from .message_queue import MessageQueue, Recorded
+from .thinning import Thinning
+from .writer import BagWriter, PartLimits, RecordingError
+
+#: B of messages that may wait for the disk: 80 valves at 2 kHz for 20 s.
+LARGEST_QUEUE = 64_000_000
+#: s between two looks if a chunk is due, and between two tries to go on.
+LOOK, RETRY = 0.2, 1.0
+
+
+class Log(Protocol):
+    """Log for people."""
+
+    def info(self, message: str) -> object:
+        """Say what was done."""
+
+    def error(self, message: str) -> object:
+        """Say what went wrong."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingSettings:
+    """Settings of a recording.
+
+    ``limits`` of its parts; ``minimum_free`` (B) on the disk, below which the oldest parts go and then
+    recording pauses; ``flush_interval`` (s); ``custom`` stands in the metadata; ``resume``: go on in a
+    recording that is there; ``sign`` signs a part's hash; ``thin_after`` (s) leaves of older parts what they
+    tell without accelerations, 0 never.
+    """
+
+    limits: PartLimits = field(default_factory=PartLimits)
+    minimum_free: int = 0
+    flush_interval: float = 0.7
+    custom: Mapping[str, str] = field(default_factory=dict)
+    resume: bool = False
+    sign: Callable[[str], str] | None = None
+    thin_after: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingState:
+    """State of a recording: ``paused`` says why it pauses, "" while it records.
+
+    ``messages`` and ``bytes`` recorded; ``lost`` since its start, and ``unstated`` of these not yet told in
+    the bag; ``waiting`` B in the queue; ``parts``, ``size`` (B) and ``removed`` of its parts; ``free`` B.
+    """
+
+    paused: str = ""
+    messages: int = 0
+    bytes: int = 0
+    lost: int = 0
+    unstated: int = 0
+    waiting: int = 0
+    parts: int = 0
+    size: int = 0
+    removed: int = 0
+    free: int = 0
+
+
+class Recording:
+    """Recording in the folder ``path``, on a thread of its own, from the first call until :meth:`close`.
+
+    Raises:
+        InputError: ``path`` exists, or cannot be made.
+        RecordingError: it cannot be written to.
+    """
+
+    def __init__(self, path: Path, settings: RecordingSettings, log: Log) -> None:
+        self.path = path
+        self._settings, self._log = settings, log
+        self._queue = MessageQueue(LARGEST_QUEUE)
+        self._removed = self._free = self._confirmed = 0
+        self._lost: dict[str, int] = {}
+        self._unstated, self._because = 0, ""
+        self._paused = ""
+        self._lock = threading.Lock()
+        self._ending = False
+        self._latched: dict[str, Recorded] = {}
+        self._writer: BagWriter | None = self._opened(resume=settings.resume)
+        self._thinning = Thinning(path, settings.thin_after, settings.sign, log)
+        self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
+        self._thread.start()
+
+    def put(self, message: Recorded) -> None:
+        """Take a message; what finds the queue full is counted as lost. Never waits for the disk."""
+        if not self._queue.put(message):
+            self._lose(message.topic, 1, f"{self._paused or 'the disk is too slow'}: the queue is full")
+
+    @property
+    def state(self) -> RecordingState:
+        """What is going on; messages count once they are on the disk."""
+        writer = self._writer
+        with self._lock:
+            return RecordingState(
+                self._paused,
+                self._queue.messages,
+                self._queue.bytes,
+                sum(self._lost.values()),
+                self._unstated,
+                self._queue.waiting,
+                writer.parts if writer is not None else 0,
+                writer.size if writer is not None else 0,
+                self._removed,
+                self._free,
+            )
+
+    @property
+    def lost(self) -> dict[str, int]:
+        """Messages that were not recorded, by topic."""
+        with self._lock:
+            return dict(self._lost)
+
+    def close(self, timeout: float | None = None) -> bool:
+        """Write what waits and finish; return whether that was done within ``timeout`` s."""
+        self._ending = True
+        self._queue.wake()
+        self._thread.join(timeout)
+        return not self._thread.is_alive()
+
+    def _opened(self, *, resume: bool) -> BagWriter:
+        return BagWriter(
+            self.path,
+            flush_interval=self._settings.flush_interval,
+            custom=self._settings.custom,
+            limits=self._settings.limits,
+            resume=resume,
+            lost=(self._unstated, self._because),
+            sign=self._settings.sign,
+            repeat=tuple(self._latched.values()),
+        )
+
+    def _run(self) -> None:
+        looked = -math.inf
+        while not self._ending:
+            self._queue.wait(LOOK)
+            self._empty()
+            if time.monotonic() - looked >= (RETRY if self._writer is None else LOOK):
+                looked = time.monotonic()
+                self._look()
+        self._empty()
+        if self._writer is None:
+            self._look()
+            self._empty()
+        self._attempt(BagWriter.close)
+        for message in self._queue.clear():
+            self._lose(message.topic, 1, self._paused)
+        with self._lock:
+            self._writer, self._paused = None, self._paused or "closed"
+        if self._unstated:
+            self._log.error(f"{self._unstated} messages were not recorded at the end: {self._because}")
+        self._thinning.close()
+
+    def _empty(self) -> None:
+        """Write what waits."""
+        while self._writer is not None and (message := self._queue.take()) is not None:
+            self._take(message)
+        self._attempt(BagWriter.flush_if_due)
+        self._state_losses()
+
+    def _take(self, message: Recorded) -> None:
+        if message.latched:
+            self._latched[message.topic] = message
+        try:
+            self._attempt(lambda writer: self._write(writer, message))
+        except InputError as error:
+            self._log.error(f"a message is not recorded: {error}")
+            self._queue.drop()
+            self._lose(message.topic, 1, str(error))
+
+    @staticmethod
+    def _write(writer: BagWriter, message: Recorded) -> None:
+        channel = writer.add_topic(message.topic, message.kind, message.qos, latched=message.latched)
+        writer.write(channel, message.received, message.data, message.published)
+
+    def _attempt(self, action: Callable[[BagWriter], object]) -> None:
+        """Do something with the writer; a failing disk makes it pause, and what was not on it waits.
+
+        Raises:
+            InputError: it cannot be written, whatever the disk.
+        """
+        writer = self._writer
+        if writer is None:
+            return
+        try:
+            action(writer)
+        except RecordingError as error:
+            self._pause(str(error), writer)
+        else:
+            self._confirm(writer)
+
+    def _confirm(self, writer: BagWriter) -> None:
+        """Let the queue forget what is on the disk."""
+        self._queue.confirmed(writer.synced - self._confirmed)
+        self._confirmed = writer.synced
+
+    def _lose(self, topic: str, count: int, because: str) -> None:
+        """Count messages that are not recorded."""
+        with self._lock:
+            self._lost[topic] = self._lost.get(topic, 0) + count
+            self._unstated += count
+            self._because = because
+
+    def _state_losses(self) -> None:
+        """Write into the bag what was lost while it could be written on."""
+        with self._lock:
+            count, because = self._unstated, self._because
+        if count and self._writer is not None:
+            self._attempt(lambda writer: writer.state_loss(count, because))
+            if self._writer is not None:
+                with self._lock:
+                    self._unstated -= count
+
+    def _look(self) -> None:
+        """Keep room on the disk, notice a removed folder, go on after a pause, thin what is old."""
+        writer = self._writer
+        if writer is not None and not writer.file.exists():
+            self._begin_anew(writer)
+            writer = None
+        self._free = _free(self.path)
+        if writer is None:
+            self._go_on()
+            return
+        self._removed = max(self._removed, writer.removed)
+        least = self._settings.minimum_free
+        while self._free < least and writer.parts > 1:
+            self._attempt(BagWriter.remove_oldest)
+            if self._writer is None:
+                return
+            self._free = _free(self.path)
+        if self._free < least:
+            self._attempt(BagWriter.close)
+            self._pause(f"only {self._free / 1e6:.0f} MB are free (minimum_free_space)", writer)
+            return
+        self._attempt(self._thinning.look)
+
+    def _begin_anew(self, writer: BagWriter) -> None:
+        """Tell what a removed file took with it, and pause, to begin another."""
+        gone = writer.messages
+        self._log.error(
+            f"{writer.file} was removed while it was recorded: {gone} messages are lost; "
+            f"{self.path} is begun anew"
+        )
+        with contextlib.suppress(OSError):
+            writer.close()
+        self._queue.uncertain(writer.written - self._confirmed)
+        self._lose("removed files", gone, "the file was removed")
+        with self._lock:
+            self._writer, self._paused = None, "the recording was removed"
+
+    def _pause(self, because: str, writer: BagWriter) -> None:
+        """Stop writing; what may be on the disk or not counts as lost, all else waits."""
+        self._confirm(writer)
+        if not writer.certain:
+            for message in self._queue.uncertain(writer.written - writer.synced):
+                self._lose(message.topic, 1, because)
+        self._queue.take_back()
+        with self._lock:
+            self._writer, self._paused = None, because
+        self._log.error(f"recording pauses: {because}")
+
+    def _go_on(self) -> None:
+        """Begin the next part where the cause of the pause is gone."""
+        if self._free < 2 * self._settings.minimum_free and "minimum_free_space" in self._paused:
+            return
+        lost = self._unstated  # told in the part's first record
+        try:
+            writer = self._opened(resume=True)
+        except (InputError, OSError):
+            return
+        self._confirmed = 0
+        with self._lock:
+            self._unstated -= lost
+            self._writer, self._paused = writer, ""
+        self._log.info(f"recording goes on in {writer.file}: {lost} messages were not recorded")
+
+
+def _free(path: Path) -> int:
+    """Return the free B on the disk of ``path``, 0 where that cannot be told."""
+    for folder in (path, *path.absolute().parents):
+        try:
+            return shutil.disk_usage(folder).free
+        except OSError:
+            continue
+    return 0

@@ -1,0 +1,368 @@
+"""Recordings in parts: nothing is lost at a split, each part stands by itself, the quota is kept."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import yaml
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+from spool_bag.format.definitions import ACCELERATION_BLOCK
+from spool_bag.reading.reader import BagReader
+from spool_bag.recording import recording as recording_module
+from spool_bag.recording.mcap_part import Output
+from spool_bag.recording.message_queue import Recorded
+from spool_bag.recording.recording import Recording, RecordingSettings
+from spool_bag.recording.signing import make_keys, signer
+from spool_bag.recording.thinning import thin
+from spool_bag.recording.verification import verify
+from spool_bag.recording.writer import BagWriter, PartLimits
+from spool_stream.block import Block
+from spool_stream.errors import InputError
+from spool_stream.format.cdr import encode_block
+
+MakeBlock = Callable[..., Block]
+KIND = "std_msgs/msg/String"
+TEXT = b"\0\1\0\0\6\0\0\0hello\0"
+STEP = 20_000_000
+START = 1_700_000_000_000_000_000
+TEN_SECONDS = PartLimits(duration=10.0)
+
+
+def recorded(folder: Path, block: MakeBlock, count: int, limits: PartLimits, **how: object) -> BagWriter:
+    """Write ``count`` blocks, and one latched message at the beginning."""
+    writer = BagWriter(folder, limits=limits, flush_interval=1e9, **how)
+    channel = writer.add_topic("/valve_1/acceleration", ACCELERATION_BLOCK)
+    state = writer.add_topic("/valve_1/valve", KIND, latched=True)
+    writer.write(state, START, TEXT)
+    for sequence in range(count):
+        writer.write(channel, START + sequence * STEP, encode_block(block(sequence), "valve_1"))
+    return writer
+
+
+def sequences(path: Path) -> list[int]:
+    return [block.sequence for block in BagReader(path).blocks("valve_1")]
+
+
+def test_nothing_is_lost_at_a_split_and_nothing_comes_twice(tmp_path: Path, block: MakeBlock) -> None:
+    recorded(tmp_path / "bag", block, 2000, TEN_SECONDS).close()
+    assert sorted(path.name for path in tmp_path.glob("bag/*.mcap")) == [f"bag_{at}.mcap" for at in range(4)]
+    assert sequences(tmp_path / "bag") == list(range(2000))
+    reader = BagReader(tmp_path / "bag")
+    assert len(list(reader.records("/valve_1/valve"))) == 1
+    with AnyReader([tmp_path / "bag"]) as other:
+        assert sum(1 for _ in other.messages([c for c in other.connections if "accel" in c.topic])) == 2000
+
+
+def test_each_part_stands_by_itself(tmp_path: Path, block: MakeBlock) -> None:
+    recorded(tmp_path / "bag", block, 1600, TEN_SECONDS).close()
+    for at in range(3):
+        part = tmp_path / "alone" / f"bag_{at}.mcap"
+        part.parent.mkdir(exist_ok=True)
+        shutil.copy(tmp_path / "bag" / part.name, part)
+        assert sequences(part) == list(range(500 * at, min(500 * at + 500, 1600)))
+        assert [record.data for _, record in BagReader(part).records("/valve_1/valve")] == [TEXT]
+        with part.open("rb") as stream:
+            summary = make_reader(stream, validate_crcs=True).get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        assert summary.statistics.message_count == len(sequences(part)) + 1
+        with AnyReader([part]) as other:
+            assert {c.topic for c in other.connections} == {"/valve_1/acceleration", "/valve_1/valve"}
+
+
+def test_the_metadata_is_true_for_what_is_there(tmp_path: Path, block: MakeBlock) -> None:
+    writer = recorded(tmp_path / "bag", block, 2000, TEN_SECONDS)
+    assert writer.remove_oldest()
+    writer.close()
+    told = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    names = [path.name for path in sorted((tmp_path / "bag").glob("*.mcap"))]
+    assert told["relative_file_paths"] == names == ["bag_1.mcap", "bag_2.mcap", "bag_3.mcap"]
+    assert told["message_count"] == sum(file["message_count"] for file in told["files"]) == 1500 + 3
+    assert told["starting_time"]["nanoseconds_since_epoch"] == START + 500 * STEP - 1
+    assert BagReader(tmp_path / "bag").warnings == []
+
+
+def test_the_quota_is_never_exceeded_and_the_newest_stays(tmp_path: Path, block: MakeBlock) -> None:
+    quota, most = 12_000_000, 0
+    writer = BagWriter(tmp_path / "bag", limits=PartLimits(total=quota), flush_interval=1e9)
+    channel = writer.add_topic("/valve_1/acceleration", ACCELERATION_BLOCK)
+    for sequence in range(60_000):
+        one = encode_block(block(sequence), "valve_1")
+        writer.write(channel, START + sequence * STEP, one)
+        if sequence % 500 == 0:
+            writer.flush()
+            held = sum(path.stat().st_size for path in (tmp_path / "bag").glob("*.mcap"))
+            most = max(most, held)
+    writer.close()
+    assert most <= quota
+    assert writer.removed > 0
+    kept = sequences(tmp_path / "bag")
+    assert kept == list(range(kept[0], 60_000))
+
+
+def test_a_recording_goes_on_where_it_was_cut_off(tmp_path: Path, block: MakeBlock) -> None:
+    first = recorded(tmp_path / "bag", block, 700, TEN_SECONDS)
+    first.flush()  # a kill: neither index nor footer
+    again = BagWriter(tmp_path / "bag", limits=TEN_SECONDS, resume=True)
+    channel = again.add_topic("/valve_1/acceleration", ACCELERATION_BLOCK)
+    for sequence in range(700, 900):
+        again.write(channel, START + sequence * STEP, encode_block(block(sequence), "valve_1"))
+    again.close()
+    assert sequences(tmp_path / "bag") == list(range(900))
+    assert verify(tmp_path / "bag").wrong == []
+
+
+def test_an_edit_a_removal_and_an_exchange_are_named(tmp_path: Path, block: MakeBlock) -> None:
+    recorded(tmp_path / "bag", block, 2000, TEN_SECONDS).close()
+    assert verify(tmp_path / "bag").wrong == []
+
+    def changed(name: str, change: Callable[[Path], object]) -> list[str]:
+        folder = tmp_path / name
+        shutil.copytree(tmp_path / "bag", folder)
+        change(folder)
+        return verify(folder).wrong
+
+    def edit(folder: Path) -> None:
+        data = bytearray((folder / "bag_1.mcap").read_bytes())
+        data[len(data) // 2] ^= 1
+        (folder / "bag_1.mcap").write_bytes(data)
+
+    def exchange(folder: Path) -> None:
+        (folder / "bag_1.mcap").rename(folder / "x")
+        (folder / "bag_2.mcap").rename(folder / "bag_1.mcap")
+        (folder / "x").rename(folder / "bag_2.mcap")
+
+    (edited,) = changed("edited", edit)
+    assert edited.startswith("bag_1.mcap: its content was edited")
+    assert changed("removed", lambda folder: (folder / "bag_1.mcap").unlink()) == ["part 1 was removed"]
+    (first,) = changed("first", lambda folder: (folder / "bag_0.mcap").unlink())
+    assert first == "part 0 was removed, ahead of all others"
+    wrong = changed("exchanged", exchange)
+    assert wrong[0].startswith("bag_1.mcap: it is part 2 by its own words")
+    assert any(line.startswith("bag_2.mcap: it is part 1") for line in wrong)
+
+
+def test_what_the_quota_removed_is_no_tampering(tmp_path: Path, block: MakeBlock) -> None:
+    writer = recorded(tmp_path / "bag", block, 2000, TEN_SECONDS)
+    assert writer.remove_oldest()
+    writer.close()
+    found = verify(tmp_path / "bag")
+    assert found.wrong == []
+    assert found.notes == ["parts 0 to 0 went by the recorder's quota"]
+
+
+def test_a_chain_made_anew_lacks_the_signature(tmp_path: Path, block: MakeBlock) -> None:
+    private, public = make_keys(tmp_path / "keys")
+    assert private.stat().st_mode & 0o077 == 0
+    recorded(tmp_path / "bag", block, 1100, TEN_SECONDS, sign=signer(str(private))).close()
+    found = verify(tmp_path / "bag", public)
+    assert (found.wrong, found.signed) == ([], 3)
+    recorded(tmp_path / "forged", block, 1100, TEN_SECONDS).close()
+    assert len(verify(tmp_path / "forged", public).wrong) == 3
+    other, _ = make_keys(tmp_path / "others")
+    recorded(tmp_path / "other", block, 300, TEN_SECONDS, sign=signer(str(other))).close()
+    assert "its signature is not by the owner of" in verify(tmp_path / "other", public).wrong[0]
+
+
+class Quiet:
+    def __init__(self) -> None:
+        self.said: list[str] = []
+
+    def info(self, message: str) -> None:
+        self.said.append(message)
+
+    def error(self, message: str) -> None:
+        self.said.append(message)
+
+
+def message(block: MakeBlock, sequence: int) -> Recorded:
+    data = encode_block(block(sequence), "valve_1")
+    return Recorded("/valve_1/acceleration", ACCELERATION_BLOCK, START + sequence * STEP, 1, data)
+
+
+def wait_for(met: Callable[[], bool]) -> None:
+    pause = threading.Event()
+    for _ in range(6000):
+        if met():
+            return
+        pause.wait(0.01)
+    raise AssertionError("waited in vain")
+
+
+def test_a_full_disk_pauses_and_recording_goes_on_by_itself(
+    tmp_path: Path, block: MakeBlock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    free = [10**12]
+    monkeypatch.setattr(recording_module, "_free", lambda _: free[0])
+    log = Quiet()
+    one = Recording(tmp_path / "bag", RecordingSettings(TEN_SECONDS, 10**9), log)
+    for sequence in range(100):
+        one.put(message(block, sequence))
+    wait_for(lambda: one.state.messages == 100)
+    free[0] = 10**6
+    wait_for(lambda: "minimum_free_space" in one.state.paused)
+    for sequence in range(100, 150):
+        one.put(message(block, sequence))
+    free[0] = 10**12
+    wait_for(lambda: one.state.paused == "")
+    for sequence in range(150, 200):
+        one.put(message(block, sequence))
+    assert one.close(60.0)
+    assert sequences(tmp_path / "bag") == list(range(200))
+    assert one.lost == {}
+
+
+def test_what_finds_the_queue_full_meanwhile_is_stated(
+    tmp_path: Path, block: MakeBlock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    free = [10**12]
+    monkeypatch.setattr(recording_module, "_free", lambda _: free[0])
+    room = message(block, 0).cost * 50
+    monkeypatch.setattr(recording_module, "LARGEST_QUEUE", room)
+    log = Quiet()
+    one = Recording(tmp_path / "bag", RecordingSettings(TEN_SECONDS, 10**9), log)
+    one.put(message(block, 0))
+    wait_for(lambda: one.state.messages == 1)
+    free[0] = 10**6
+    wait_for(lambda: "minimum_free_space" in one.state.paused)
+    for sequence in range(1, 101):
+        one.put(message(block, sequence))
+    assert one.state.lost == 50
+    free[0] = 10**12
+    wait_for(lambda: one.state.paused == "" and one.state.waiting == 0)
+    one.put(message(block, 101))
+    assert one.close(60.0)
+    assert sequences(tmp_path / "bag") == [*range(51), 101]
+    assert any("50 messages were not recorded" in line for line in log.said)
+    (told,) = [line for line in BagReader(tmp_path / "bag").warnings if "not recorded" in line]
+    assert told.startswith("50 messages were not recorded before bag_1.mcap: only 1 MB are free")
+
+
+@pytest.mark.parametrize("cut", [True, False], ids=["cut back", "not even that"])
+def test_a_disk_that_fails_once_costs_nothing_that_is_not_stated(
+    tmp_path: Path, block: MakeBlock, monkeypatch: pytest.MonkeyPatch, cut: bool
+) -> None:
+    failing, sync = [False], Output.sync
+
+    def fails(output: Output) -> None:
+        if failing[0]:
+            failing[0] = False
+            raise OSError(5, "Input/output error")
+        sync(output)
+
+    def no_cut(_: Output, __: int) -> None:
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(Output, "sync", fails)
+    if not cut:
+        monkeypatch.setattr(Output, "cut", no_cut)
+    one = Recording(tmp_path / "bag", RecordingSettings(TEN_SECONDS, flush_interval=0.2), Quiet())
+    for sequence in range(200):
+        one.put(message(block, sequence))
+    wait_for(lambda: one.state.messages == 200)
+    failing[0] = True
+    for sequence in range(200, 300):
+        one.put(message(block, sequence))
+    wait_for(lambda: one.state.parts == 2)
+    for sequence in range(300, 400):
+        one.put(message(block, sequence))
+    assert one.close(60.0)
+    kept = sequences(tmp_path / "bag")
+    assert set(range(400)) - set(kept) == set()  # here the page cache kept what the disk did not confirm
+    assert kept == sorted(set(kept)), "nothing comes twice"
+    assert sum(one.lost.values()) <= (0 if cut else 100)
+
+
+def test_a_part_that_cannot_be_begun_costs_nothing_and_nothing_comes_twice(
+    tmp_path: Path, block: MakeBlock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    failed: list[Path] = []
+    make = Output.__init__
+
+    def fails_once(output: Output, path: Path) -> None:
+        if path.name == "bag_1.mcap" and not failed:
+            failed.append(path)
+            raise OSError(28, "No space left on device")
+        make(output, path)
+
+    monkeypatch.setattr(Output, "__init__", fails_once)
+    one = Recording(tmp_path / "bag", RecordingSettings(TEN_SECONDS), Quiet())
+    for sequence in range(700):
+        one.put(message(block, sequence))
+    wait_for(lambda: one.state.messages == 700)
+    assert one.close(60.0)
+    assert failed
+    assert sequences(tmp_path / "bag") == list(range(700))
+    assert one.lost == {}
+
+
+def test_old_parts_keep_what_they_tell_without_accelerations(tmp_path: Path, block: MakeBlock) -> None:
+    private, public = make_keys(tmp_path / "keys")
+    log, sign = Quiet(), signer(str(private))
+    settings = RecordingSettings(TEN_SECONDS, sign=sign, thin_after=1.0)  # recorded in 2023
+    one = Recording(tmp_path / "bag", settings, log)
+    for sequence in range(1100):
+        one.put(message(block, sequence))
+        if sequence % 100 == 0:
+            received = START + sequence * STEP + 1
+            one.put(Recorded("/valve_1/estimate", KIND, received, received, TEXT, latched=True))
+    wait_for(lambda: sum("is thinned" in line for line in log.said) == 2)
+    assert one.close(60.0)
+    reader = BagReader(tmp_path / "bag")
+    assert sequences(tmp_path / "bag") == list(range(1000, 1100))
+    assert len(list(reader.records("/valve_1/estimate"))) == 11
+    told = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert [file["message_count"] for file in told["files"]] == [5, 6, 102]
+    found = verify(tmp_path / "bag", public)
+    assert (found.wrong, found.signed) == ([], 3)
+    assert found.notes[:1] == ["bag_0.mcap: the recorder thinned it: its accelerations were removed"]
+    forged = thin(tmp_path / "bag" / "bag_2.mcap", tmp_path / "forged.mcap")
+    assert forged is not None
+    (tmp_path / "forged.mcap").replace(tmp_path / "bag" / "bag_2.mcap")
+    (line,) = verify(tmp_path / "bag", public).wrong
+    assert line.startswith("bag_2.mcap: its signature is not by the owner of")
+
+
+def test_a_last_part_that_is_gone_is_named(tmp_path: Path, block: MakeBlock) -> None:
+    recorded(tmp_path / "bag", block, 1100, TEN_SECONDS).close()
+    (tmp_path / "bag" / "bag_2.mcap").unlink()
+    (line,) = verify(tmp_path / "bag").wrong
+    assert line.startswith("part 2 was removed")
+
+
+def test_a_slow_disk_holds_up_nobody_and_what_it_costs_is_stated(
+    tmp_path: Path, block: MakeBlock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    held, release = threading.Event(), threading.Event()
+    flush = BagWriter.flush_if_due
+
+    def slow(writer: BagWriter) -> None:
+        held.set()
+        release.wait(60.0)
+        flush(writer)
+
+    monkeypatch.setattr(BagWriter, "flush_if_due", slow)
+    monkeypatch.setattr(recording_module, "LARGEST_QUEUE", 100_000)
+    one = Recording(tmp_path / "bag", RecordingSettings(TEN_SECONDS), Quiet())
+    assert held.wait(60.0)
+    for sequence in range(500):
+        one.put(message(block, sequence))
+    lost = one.state.lost
+    assert 0 < lost < 500
+    release.set()
+    wait_for(lambda: one.state.unstated == 0 and one.state.waiting == 0)
+    assert one.close(60.0)
+    kept = sequences(tmp_path / "bag")
+    assert len(kept) == 500 - lost
+    told = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert told["custom_data"]["lost_messages"] == str(lost)
+
+
+def test_a_folder_that_is_no_recording_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no recording in parts"):
+        verify(tmp_path)
