@@ -23,5 +23,10 @@ setup(
     maintainer_email="maintainers@spool-suite.org",
     description="How the suite is started.",
     license="Apache-2.0",
-    entry_points={"console_scripts": ["spool = spool_bringup.program:main"]},
+    entry_points={
+        "console_scripts": [
+            "spool = spool_bringup.program:main",
+            "host = spool_bringup.host.program:main",
+        ]
+    },
 )

@@ -10,9 +10,10 @@ from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import LifecycleNode
+from launch_ros.actions import LifecycleNode, Node
 from launch_ros.parameter_descriptions import ParameterValue
-from spool_stream.files.yaml_file import read_yaml
+from spool_bringup.host.valve_list import read_valves
+from spool_stream.errors import InputError
 
 SHARE = Path(get_package_share_directory("spool_bringup"))
 
@@ -42,6 +43,19 @@ def generate_launch_description() -> LaunchDescription:
                 default_value="false",
                 choices=["true", "false"],
                 description="Start a simulator for each valve in the place of its accelerometers.",
+            ),
+            DeclareLaunchArgument(
+                "adapt",
+                default_value="false",
+                choices=["true", "false"],
+                description="Start an adapter for each valve, whose accelerometers have ROS drivers; "
+                "params_file names their topics.",
+            ),
+            DeclareLaunchArgument(
+                "host_processes",
+                default_value="0",
+                description="Processes that host all estimators and monitors together; 0: each node has its "
+                "own, which suits a few valves.",
             ),
             DeclareLaunchArgument(
                 "record",
@@ -86,7 +100,7 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def _nodes(context) -> list:
-    valves = _read(LaunchConfiguration("valves_file").perform(context))
+    valves = _valves(LaunchConfiguration("valves_file").perform(context))
     params_file = _existing("params_file", LaunchConfiguration("params_file").perform(context))
     # What is passed here rules over params_file: only what was given is.
     common = {**_given(context, "use_sim_time", bool), **_given(context, "autostart", bool)}
@@ -97,27 +111,47 @@ def _nodes(context) -> list:
         "respawn_delay": RESPAWN_DELAY,
         "respawn_max_retries": RESPAWN_MAX_RETRIES,
     }
+    if [LaunchConfiguration(name).perform(context) for name in ("simulate", "adapt")] == ["true", "true"]:
+        raise ValueError("adapt: with simulate each valve has two sources: leave one of them out")
+    hosts = LaunchConfiguration("host_processes").perform(context)
+    if not hosts.isdecimal() or int(hosts) > 64:
+        raise ValueError(f"host_processes: {hosts} is no number from 0 to 64")
     nodes = []
+    if int(hosts):
+        given = {**common, **kept, "valves_file": LaunchConfiguration("valves_file")}
+        nodes.append(
+            Node(
+                package="spool_bringup",
+                executable="host",
+                arguments=["--processes", hosts],
+                parameters=[params_file, given],
+                output="screen",
+                **again,
+            )
+        )
     for valve in valves:
-        own = {"valve_file": valve["valve_file"]} if "valve_file" in valve else {}
+        own = {"valve_file": valve.valve_file} if valve.valve_file else {}
         for package, executable, extra, condition in (
             ("spool_estimator", "estimator", own, None),
             ("spool_monitor", "monitor", kept, None),
             ("spool_sim", "simulator", own, IfCondition(LaunchConfiguration("simulate"))),
+            ("spool_stream", "adapter", {}, IfCondition(LaunchConfiguration("adapt"))),
         ):
+            if int(hosts) and executable in ("estimator", "monitor"):
+                continue
             nodes.append(
                 LifecycleNode(
                     package=package,
                     executable=executable,
                     name=executable,
-                    namespace=valve["namespace"],
+                    namespace=valve.namespace,
                     parameters=[params_file, {**common, **extra}],
                     condition=condition,
                     output="screen",
                     **again,
                 )
             )
-    own = {"valves": [valve["namespace"] for valve in valves], **_given(context, "output", str)}
+    own = {"valves": [valve.namespace for valve in valves], **_given(context, "output", str)}
     if respawn:  # a recorder that is started again finds the bag that the dead one left
         own["number_output"] = True
     nodes.append(
@@ -151,19 +185,9 @@ def _existing(argument: str, path: str) -> str:
     return path
 
 
-def _read(path: str) -> list:
+def _valves(path: str) -> list:
     """Return the list of valves; what is wrong with it is said with the file and the entry."""
-    _existing("valves_file", path)
-    entries = read_yaml(path, "valves")
-    if not isinstance(entries, list) or not entries:
-        raise ValueError(f"{path}: give a list of valves, each with a namespace")
-    for number, entry in enumerate(entries, 1):
-        if not isinstance(entry, dict) or "namespace" not in entry:
-            raise ValueError(f"{path}: entry {number} has no namespace")
-        unknown = set(entry) - {"namespace", "valve_file"}
-        if unknown:
-            raise ValueError(f"{path}: entry {number}: unknown key {min(map(str, unknown))}")
-    names = [str(entry["namespace"]).strip("/") for entry in entries]
-    if len(set(names)) < len(names):
-        raise ValueError(f"{path}: a namespace stands twice, valves must not mix")
-    return entries
+    try:
+        return read_valves(path)
+    except InputError as error:
+        raise ValueError(str(error)) from None

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 import yaml
+from spool_adapter.adapter_node import AdapterNode
 from spool_bag.recording.recorder_node import RecorderNode
 from spool_estimator.node.estimator_node import EstimatorNode
 from spool_monitor.node.monitor_node import MonitorNode
@@ -23,6 +24,7 @@ from spool_sim.valve.description import find_valve
 CONFIG = Path(__file__).resolve().parent.parent / "config"
 MANUAL = CONFIG / "valve.yaml"
 NODES: Mapping[str, type[ManagedNode]] = {
+    "adapter": AdapterNode,
     "estimator": EstimatorNode,
     "monitor": MonitorNode,
     "recorder": RecorderNode,
@@ -74,6 +76,7 @@ def test_the_manual_holds_these_nodes_and_no_others() -> None:
 START_NODES = """
 import json, sys
 import rclpy
+from spool_adapter.adapter_node import AdapterNode
 from spool_bag.recording.recorder_node import RecorderNode
 from spool_estimator.node.estimator_node import EstimatorNode
 from spool_monitor.node.monitor_node import MonitorNode
@@ -83,7 +86,7 @@ found = []
 for namespace in sys.argv[2:]:
     rclpy.init(args=["--ros-args", "-r", "__ns:=" + namespace, "--params-file", sys.argv[1]])
     values = {}
-    for kind in (EstimatorNode, MonitorNode, RecorderNode, SimulatorNode):
+    for kind in (AdapterNode, EstimatorNode, MonitorNode, RecorderNode, SimulatorNode):
         node = kind()
         values[node.get_name()] = {entry.name: node.value(entry.name) for entry in kind.PARAMETERS}
     found.append(values)
@@ -119,11 +122,13 @@ def test_the_nodes_take_the_file_in_any_namespace(tmp_path: Path) -> None:
         ("baseline_time: 15.0", "baseline_time: 20.0"),
         ("depth: 1000", "depth: 2000"),
         ("seed: 0", "seed: 7"),
+        ("stale_after: 0.5 ", "stale_after: 0.8 "),
     ):
         assert text.count(before) == 1
         text = text.replace(before, after)
     changed.write_text(text, encoding="utf-8")
     expected = {name: {one.name: one.default for one in kind.PARAMETERS} for name, kind in NODES.items()}
+    expected["adapter"]["stale_after"] = 0.8
     expected["estimator"]["memory"] = 5.0
     expected["monitor"]["baseline_time"] = 20.0
     expected["recorder"]["depth"] = 2000

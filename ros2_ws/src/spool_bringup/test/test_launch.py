@@ -134,6 +134,7 @@ def test_every_argument_is_described_and_defaults_exist(description: LaunchDescr
         "valves_file",
         "params_file",
         "simulate",
+        "adapt",
         "record",
         "respawn",
         "output",
@@ -144,7 +145,7 @@ def test_every_argument_is_described_and_defaults_exist(description: LaunchDescr
     assert all(argument.description.endswith(".") for argument in arguments.values())
     for name in ("valves_file", "params_file"):
         assert Path(arguments[name].default_value).is_file()
-    for name in ("simulate", "record", "respawn"):
+    for name in ("simulate", "adapt", "record", "respawn"):
         assert arguments[name].choices == ["true", "false"]
     for name in ("use_sim_time", "autostart"):
         assert arguments[name].choices == ["", "true", "false"]
@@ -153,7 +154,7 @@ def test_every_argument_is_described_and_defaults_exist(description: LaunchDescr
     assert arguments["respawn"].default_value == "true"
 
 
-def test_two_valves_have_a_namespace_and_three_nodes_each_and_share_a_recorder(
+def test_two_valves_have_a_namespace_and_nodes_of_their_own_and_share_a_recorder(
     description: LaunchDescription, tmp_path: Path
 ) -> None:
     file = write(
@@ -165,22 +166,26 @@ def test_two_valves_have_a_namespace_and_three_nodes_each_and_share_a_recorder(
         ("spool_estimator", "estimator", "estimator", "left"),
         ("spool_monitor", "monitor", "monitor", "left"),
         ("spool_sim", "simulator", "simulator", "left"),
+        ("spool_stream", "adapter", "adapter", "left"),
         ("spool_estimator", "estimator", "estimator", "plant/right"),
         ("spool_monitor", "monitor", "monitor", "plant/right"),
         ("spool_sim", "simulator", "simulator", "plant/right"),
+        ("spool_stream", "adapter", "adapter", "plant/right"),
         ("spool_bag", "recorder", "recorder", ""),
     ]
     conditions = [one.condition.predicate.name if one.condition else None for one in made]
-    assert conditions == [None, None, "simulate", None, None, "simulate", "record"]
-    assert [one.parameters[1] for one in made[:6]] == [
+    assert conditions == [*[None, None, "simulate", "adapt"] * 2, "record"]
+    assert [one.parameters[1] for one in made[:8]] == [
         {"valve_file": "4weh10_stiff"},
         {},
         {"valve_file": "4weh10_stiff"},
+        {},
+        {},
         {},
         {},
         {},
     ]
-    assert made[6].parameters[1] == {"valves": ["left", "plant/right"], "number_output": True}
+    assert made[8].parameters[1] == {"valves": ["left", "plant/right"], "number_output": True}
 
 
 def test_what_is_not_given_is_left_to_the_parameter_file(
@@ -211,6 +216,11 @@ def test_a_node_that_ended_is_started_again_but_not_for_ever(description: Launch
     assert "number_output" not in made[-1].parameters[1]
 
 
+def test_a_valve_has_one_source(description: LaunchDescription) -> None:
+    with pytest.raises(ValueError, match=r"^adapt: with simulate each valve has two sources"):
+        nodes(description, PACKAGE / "config" / "valves.yaml", simulate="true", adapt="true")
+
+
 @pytest.mark.parametrize("argument", ["params_file", "valves_file"])
 def test_a_missing_file_is_refused(description: LaunchDescription, tmp_path: Path, argument: str) -> None:
     """Nodes would start on their defaults."""
@@ -227,7 +237,7 @@ def test_the_monitors_keep_their_state_where_it_is_said(description: LaunchDescr
 
 
 def test_the_shipped_list_is_taken(description: LaunchDescription) -> None:
-    assert len(nodes(description, PACKAGE / "config" / "valves.yaml")) == 7
+    assert len(nodes(description, PACKAGE / "config" / "valves.yaml")) == 9
 
 
 @pytest.mark.parametrize(

@@ -80,18 +80,20 @@ class EquationEstimator(StreamEstimator):
         self._conditioning.reset()
         self._filled = self._since_restart = 0
 
-    def _take(self, body: Samples, spool: Samples) -> bool:
-        place = slice(self._filled, self._filled + body.size)
-        self._chunk[0, place] = body
-        self._chunk[1, place] = spool
-        self._filled += body.size
-        if self._filled < self._chunk.shape[1]:
-            return False
+    def _take(self, body: Samples, spool: Samples, most: int) -> tuple[int, int]:  # noqa: ARG002 - one chunk at a time
+        size = self._chunk.shape[1]
+        count = min(body.size, size - self._filled)
+        place = slice(self._filled, self._filled + count)
+        self._chunk[0, place] = body[:count]
+        self._chunk[1, place] = spool[:count]
+        self._filled += count
+        if self._filled < size:
+            return count, 0
         self._filled = 0
         self._watched.take(self._chunk)
-        return True
+        return count, 1
 
-    def _close_chunk(self) -> int:
+    def _close_chunks(self) -> int:
         conditioning, regression, rows = self._conditioning, self.regression, self._rows
         assert conditioning is not None
         assert regression is not None

@@ -74,11 +74,11 @@ class Estimator(StreamEstimator):
             self.tracker.set_period(period)
         self.tracker.begin()
 
-    def _take(self, body: Samples, spool: Samples) -> bool:
-        return self._began.take(body, spool)
+    def _take(self, body: Samples, spool: Samples, most: int) -> tuple[int, int]:
+        return self._began.take(body, spool, most)
 
-    def _close_chunk(self) -> int:
-        return self._began.chunk if self._began.excited else 0
+    def _close_chunks(self) -> int:
+        return self._began.used
 
     def _learned(self) -> Learned:
         tracker = self._began
@@ -121,7 +121,7 @@ def settings_for(valve: Valve, **changes: Any) -> EstimatorSettings:
         oil=oil_law(valve),
         **{
             "spring_stiffness": valve.spring_stiffness,
-            "viscous_coefficient": valve.viscous_coefficient,
+            "viscous_coefficient": valve.likely_viscous_coefficient,
             **changes,
         },
     )

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from spool_identification.record import Record
-from spool_sim.valve.description import Valve
+from spool_sim.valve.description import FILM, Valve
 from spool_sim.valve.viscosity import OILS
 from spool_stream.block import Block
 from spool_stream.errors import InputError
@@ -121,7 +121,7 @@ class ValveCheck:
         )
 
     def _of_damping(self) -> str:
-        if len(self._ratios) < LEAST:
+        if len(self._ratios) < LEAST or not self.valve.knows(*FILM, "oil_temperature"):
             return ""
         shown, least = float(np.quantile(self._ratios, 0.975)), self._least_damping()
         if shown >= least:

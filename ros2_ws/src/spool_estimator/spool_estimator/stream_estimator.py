@@ -139,12 +139,19 @@ class StreamEstimator(ABC):
         """Begin the motion anew with samples ``period`` s apart; what was learned is kept."""
 
     @abstractmethod
-    def _take(self, body: Samples, spool: Samples) -> bool:
-        """Take samples, shape (n,), m/s^2, at most what the chunk lacks; return whether it is full."""
+    def _take(self, body: Samples, spool: Samples, most: int) -> tuple[int, int]:
+        """Take samples, shape (n,), m/s^2, up to the end of ``most`` chunks or of an earlier one.
+
+        Among chunks taken together only the last one may stand still.
+
+        Returns:
+            How many samples were taken, and how many chunks became full.
+
+        """
 
     @abstractmethod
-    def _close_chunk(self) -> int:
-        """Learn from a full chunk, whose standstill was judged; return how many of its samples were used."""
+    def _close_chunks(self) -> int:
+        """End the chunks that became full, their standstill judged; return how many samples were used."""
 
     @abstractmethod
     def _learned(self) -> Learned:
@@ -187,14 +194,16 @@ class StreamEstimator(ABC):
         estimates = []
         taken = 0
         while taken < block.body.size:
-            start = taken
-            taken = min(start + self._missing[1], block.body.size)
-            if not self._take(block.body[start:taken], block.spool[start:taken]):
+            most = self._every - (self._chunks + self.settings.phase) % self._every
+            count, full = self._take(block.body[taken:], block.spool[taken:], most)
+            taken += count
+            if not full:
                 continue
-            self._chunks += 1
+            self._chunks += full
+            self._stands = self._stands and full == 1
             stamp = block.stamp + round((taken - 1) * block.sample_period * 1e9)
             self._watch(stamp)
-            used = self._close_chunk()
+            used = self._close_chunks()
             self._samples += used
             self._fresh += used
             if (self._chunks + self.settings.phase) % self._every == 0:
@@ -242,7 +251,7 @@ class StreamEstimator(ABC):
 
     def _estimate(self, stamp: int, sequence: int) -> Estimate:
         learned = self._learned()
-        deviations = np.sqrt(np.diag(learned.covariance))
+        deviations = np.sqrt(learned.covariance.diagonal())
         parameters = tuple(
             self._parameter(*named, value, deviation, learned) if learned.certain else Quantity(*named)
             for named, value, deviation in zip(

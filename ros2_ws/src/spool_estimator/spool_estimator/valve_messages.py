@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from spool_msgs.msg import ValveDescription
 from spool_sim.valve.description import Valve, valve_from_mapping
 
@@ -9,8 +11,9 @@ _NUMBERS = tuple(name for name in Valve.model_fields if name not in ("id", "oil"
 
 
 def to_description(valve: Valve) -> ValveDescription:
-    """Return ``valve`` as a message; the stamp is the caller's."""
-    message = ValveDescription(oil=valve.oil or "", **{name: getattr(valve, name) for name in _NUMBERS})
+    """Return ``valve`` as a message, NaN for what is not known; the stamp is the caller's."""
+    given = valve.given
+    message = ValveDescription(oil=valve.oil or "", **{name: given.get(name, math.nan) for name in _NUMBERS})
     message.header.frame_id = valve.id
     return message
 
@@ -22,7 +25,8 @@ def from_description(message: ValveDescription) -> Valve:
         InputError: a value is out of range; the key is named.
 
     """
-    mapping = {name: getattr(message, name) for name in _NUMBERS}
+    numbers = {name: getattr(message, name) for name in _NUMBERS}
+    mapping = {name: value for name, value in numbers.items() if not math.isnan(value)}
     return valve_from_mapping(
         {"id": message.header.frame_id, "oil": message.oil or None, **mapping}, "valve description"
     )

@@ -5,16 +5,27 @@ Run as ``python -m spool_estimator.warm_up``.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+from spool_sim.excitation.presets import PRESETS
 from spool_sim.integration.composed_motion import ComposedMotion
 from spool_sim.model import load_model
+from spool_sim.simulator import Simulator
+from spool_sim.valve.description import find_valve
+from spool_stream.block import joined
 from spool_stream.kernels.standing import StandingWatch
 
+from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.motion.prediction import Prediction
 from spool_estimator.recursion.conditioning import COLUMNS, Conditioning
 from spool_estimator.recursion.exponential import ExponentialForgetting
 from spool_estimator.recursion.recursive import RecursiveLeastSquares
 from spool_estimator.recursion.window import ChunkWindow
+from spool_estimator.stream_estimator import EXPONENTIAL, WINDOW
+
+#: s of data after which an estimator has started and stepped on.
+SECONDS = 4.0
 
 
 def warm_up() -> None:
@@ -41,6 +52,12 @@ def warm_up_estimator() -> None:
     window.judge(scale)
     window.take(np.eye(3), scale, 1.0, 1.0, scale, np.array([1]))
     StandingWatch(1e-3).take(np.stack((samples, samples)))
+    valve = find_valve("4weh10_soft")
+    run = joined(list(Simulator(valve, PRESETS["multisine"]).records(SECONDS)))
+    views = [np.frombuffer(channel.tobytes(), dtype=np.float32) for channel in (run.body, run.spool)]
+    for forgetting in (EXPONENTIAL, WINDOW):
+        for body, spool in ((run.body, run.spool), views):
+            Estimator(settings_for(valve, forgetting=forgetting)).update(replace(run, body=body, spool=spool))
 
 
 if __name__ == "__main__":

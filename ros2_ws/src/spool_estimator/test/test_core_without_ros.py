@@ -67,7 +67,7 @@ def test_the_blocker_blocks() -> None:
 
 
 def test_without_numba_it_gives_the_same_and_says_once_what_that_costs() -> None:
-    code = f"SECONDS = 5.0\n{USE}"
+    code = f"SECONDS = 3.0\n{USE}"
     plain, compiled = run(code, "numba"), run(code)
     assert plain.returncode == 0, plain.stderr
     assert plain.stderr.count("numba is not installed") == 1

@@ -208,15 +208,17 @@ class Detection:
     def _show(self, what: str, moment: Moment) -> list[Event]:
         """Show a moment with something new of ``what`` to those who look at that."""
         events: list[Event] = []
+        described = moment.described
         for one in self.detectors:
-            if one.needs_valve and not moment.described:
+            condition = self.conditions[one.name]
+            if one.needs_valve and not described:
                 one.judgement, one.suspicious = Judgement.NOT_JUDGED, ""
             elif what in one.looks_at:
                 distrust = self._distrust(moment.stamp, one.rank)
-                finding = one.update(replace(moment, distrust=distrust) if distrust else moment)
+                finding = one.update(moment._replace(distrust=distrust) if distrust else moment)
                 if finding is not None:
-                    events += self.conditions[one.name].judge(finding)
-            active = self.conditions[one.name].active is not None and one.judgement is not Judgement.JUDGED
+                    events += condition.judge(finding)
+            active = condition.active is not None and one.judgement is not Judgement.JUDGED
             if one.suspicious or (active and one.rank < PARAMETERS):
                 reason = one.suspicious or f"{one.name.replace('_', ' ')} is active"
                 self._suspicions[one.name] = (moment.stamp, one.rank, reason)

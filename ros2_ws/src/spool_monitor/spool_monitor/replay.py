@@ -13,6 +13,7 @@ from spool_estimator.refit import Refit, WindowRefits, refit
 from spool_estimator.stream_estimator import StreamEstimator
 from spool_stream.block import Block
 from spool_stream.block_gate import BlockGate, SharedGate
+from spool_stream.block_run import BlockRun
 
 from spool_monitor.detectors.model_gap import gap_event
 from spool_monitor.events.event import Event, EventState
@@ -33,6 +34,7 @@ class Replay:
         gap: watches what the model leaves over, as the estimator's node does.
         refitted: every refit, where ``refits`` asked for them; none is skipped here.
         trace: takes what the drift tests show, where it is given.
+        learned: is told each estimate once the drift tests have learned from it.
         check: compares the valve's description with the estimates, where it is given.
         events: every event; a valve that flaps is bounded by its conditions' delays.
 
@@ -45,6 +47,7 @@ class Replay:
     gap: GapWatch = field(default_factory=GapWatch)
     check: ValveCheck | None = None
     trace: DriftTrace | None = None
+    learned: Callable[[Estimate], object] | None = None
     estimates: list[Estimate] = field(default_factory=list, init=False)
     events: list[Event] = field(default_factory=list, init=False)
     refitted: list[Refit] = field(default_factory=list, init=False)
@@ -52,12 +55,10 @@ class Replay:
     last_stamp: int | None = field(default=None, init=False)
     samples: int = field(default=0, init=False)
     _gate: SharedGate | None = field(default=None, init=False)
-    _waiting: list[Block] = field(default_factory=list, init=False)
+    _waiting: list[BlockRun] = field(default_factory=list, init=False)
     _lacking: int = field(default=0, init=False)
     _accepted: int = field(default=0, init=False)
-    _stamp: int = field(default=0, init=False)
-    _sequence: int = field(default=0, init=False)
-    _period: float = field(default=0.0, init=False)
+    _due: tuple[int, int, float] = field(default=(0, 0, 0.0), init=False)
     _nanoseconds: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
@@ -88,36 +89,45 @@ class Replay:
 
     def update(self, block: Block) -> None:
         """Take one block through estimator and monitor, in the order of the data."""
-        if self._gate is None:
-            self._through(block)
-        elif (
-            (self._waiting or self._begin())
-            and block.stamp == self._stamp
-            and block.sequence == self._sequence
-            and block.sample_period == self._period
-        ):
-            self._waiting.append(block)
-            samples = block.body.size
-            self._stamp += samples * self._nanoseconds
-            self._sequence += 1
-            self._lacking -= samples
-            if self._lacking <= 0:
-                self.flush()
-        else:
+        run = BlockRun.of(block)
+        if run is None:
             self.flush()
             self._alone(block)
+        else:
+            self.update_run(run)
+
+    def update_run(self, run: BlockRun) -> None:
+        """Take the blocks of ``run``, as ``update`` does one by one."""
+        at, count = 0, len(run)
+        while at < count:
+            ahead = run.part(at, count)
+            due = self._gate is not None and (self._waiting or self._begin())
+            if due and (ahead.stamp, ahead.sequence, ahead.sample_period) == self._due:
+                taken = min(len(ahead), -(-self._lacking // run.size))
+                self._waiting.append(ahead.part(0, taken))
+                stamp, sequence, period = self._due
+                self._due = stamp + taken * run.size * self._nanoseconds, sequence + taken, period
+                self._lacking -= taken * run.size
+                if self._lacking <= 0:
+                    self.flush()
+            else:
+                self.flush()
+                self._alone(run.block(at))
+                taken = 1
+            at += taken
 
     def flush(self) -> None:
         """Pass on the blocks that wait for others."""
         if not self._waiting or self._gate is None:
             return
-        blocks, self._waiting = self._waiting, []
-        run = self._gate.admit_run(blocks)
-        if run is not None:
-            self._through(run)
+        runs, self._waiting = self._waiting, []
+        whole = self._gate.admit_run(runs)
+        if whole is not None:
+            self._through(whole)
             return
-        for block in blocks:
-            self._alone(block)
+        for run in runs:
+            for block in run.blocks():
+                self._alone(block)
 
     def _begin(self) -> bool:
         """Say which block is due; return whether blocks may wait now.
@@ -129,15 +139,15 @@ class Replay:
         assert self._gate is not None
         if last is None or self._lacking <= 0 or not self.monitor.calm or not self._gate.steady:
             return False
-        _, self._stamp, before, self._period = last
-        self._sequence = before + 1
-        nanoseconds = self._period * 1e9
+        _, stamp, before, period = last
+        self._due = stamp, before + 1, period
+        nanoseconds = period * 1e9
         self._nanoseconds = round(nanoseconds)
         return nanoseconds.is_integer()
 
     def _alone(self, block: Block) -> None:
-        assert self._gate is not None
-        self._gate.admit(block)
+        if self._gate is not None:
+            self._gate.admit(block)
         self._through(block)
 
     def _through(self, block: Block) -> None:
@@ -161,6 +171,8 @@ class Replay:
             if change is not None:
                 self.events.append(gap_event(change))
             self._told(self.monitor.update_estimate(estimate))
+            if self.learned is not None:
+                self.learned(estimate)
             if self.trace is not None:
                 self.trace.take(estimate, self.monitor.detection.parameters)
             if self.check is not None:

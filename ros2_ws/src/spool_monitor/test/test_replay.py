@@ -23,6 +23,7 @@ from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
 from spool_stream.block import Block
+from spool_stream.block_run import BlockRun
 
 VALVE = find_valve("4weh10_soft")
 SETTINGS = MonitorSettings(natural_frequency=VALVE.natural_frequency, baseline_time=2.0)
@@ -30,6 +31,17 @@ SHAFT = from_mapping(
     {"kind": "machine_orders", "speed_profile": [[0.0, 600.0], [8.0, 1100.0]], "orders": [[1.0, 8.0]]}
 )
 
+
+#: Where what is wrong with which blocks.
+FAULTS = st.lists(
+    st.tuples(
+        st.integers(1, 398),
+        st.sampled_from(
+            ["lost", "not a number", "unequal", "empty", "late by 3 us", "repeated", "foreign", "slower"]
+        ),
+    ),
+    max_size=6,
+)
 
 SOUND = list(Simulator(VALVE, SHAFT, coulomb_force=0.1, seed=3).records(8.0))
 
@@ -48,9 +60,35 @@ def spoiled(blocks: list[Block], faults: list[tuple[int, str]]) -> list[Block]:
             found[place] = replace(one, body=one.body[:0], spool=one.spool[:0])
         elif fault == "late by 3 us":
             found[place] = replace(one, stamp=one.stamp + 3_000)
+        elif fault == "foreign":
+            found[place] = replace(one, source="another")
+        elif fault == "slower":
+            found[place] = replace(one, sample_period=2.0 * one.sample_period)
         elif fault == "repeated":
             found[place] = blocks[max(0, place - 1)]
     return [found[place] for place in sorted(found)]
+
+
+def runs_of(blocks: list[Block], edges: set[int]) -> list[Block | BlockRun]:
+    """Return ``blocks``, those that follow each other to the nanosecond as runs, cut at ``edges`` as well."""
+    found: list[list[Block]] = []
+    for place, block in enumerate(blocks):
+        last = found[-1][-1] if found else block
+        follows = (block.stamp, block.sequence) == (last.end, last.sequence + 1)
+        alike = block.body.size == last.body.size == block.spool.size and block.source == last.source
+        if found and follows and alike and block.sample_period == last.sample_period and place not in edges:
+            found[-1].append(block)
+        else:
+            found.append([block])
+    return [
+        BlockRun(
+            one[0].stamp, one[0].sequence, one[0].sample_period,
+            np.concatenate([block.body for block in one]), np.concatenate([block.spool for block in one]),
+            one[0].source, one[0].body.size,
+        )
+        if BlockRun.of(one[0]) else one[0]
+        for one in found
+    ]  # fmt: skip
 
 
 def live(method: str, blocks: list[Block]) -> tuple[list[Estimate], list[Event], Monitor]:
@@ -75,15 +113,7 @@ def live(method: str, blocks: list[Block]) -> tuple[list[Estimate], list[Event],
 
 @pytest.mark.parametrize("method", ESTIMATORS)
 @settings(max_examples=8, deadline=None)
-@given(
-    faults=st.lists(
-        st.tuples(
-            st.integers(1, 398),
-            st.sampled_from(["lost", "not a number", "unequal", "empty", "late by 3 us", "repeated"]),
-        ),
-        max_size=6,
-    )
-)
+@given(faults=FAULTS)
 def test_a_replay_equals_the_live_nodes(method: str, faults: list[tuple[int, str]]) -> None:
     blocks = spoiled(SOUND, faults)
     estimates, events, monitor = live(method, blocks)
@@ -100,6 +130,35 @@ def test_a_replay_equals_the_live_nodes(method: str, faults: list[tuple[int, str
     assert replay.monitor.gate.faults == monitor.gate.faults
     assert replay.monitor.gate.accepted == monitor.gate.accepted
     assert replay.samples == 40 * monitor.gate.accepted
+
+
+@pytest.mark.parametrize("method", ESTIMATORS)
+@settings(max_examples=8, deadline=None)
+@given(faults=FAULTS, edges=st.sets(st.integers(0, 399)))
+def test_runs_of_blocks_say_what_their_blocks_say(
+    method: str, faults: list[tuple[int, str]], edges: set[int]
+) -> None:
+    blocks = spoiled(SOUND, faults)
+    estimates, events, monitor = live(method, blocks)
+    replay = Replay(make_estimator(method, settings_for(VALVE)), Monitor(SETTINGS), keep=True)
+    warmer = set(range(50, len(blocks), 100))
+    place = 0
+    for item in runs_of(blocks, edges | warmer):
+        first = item.block(0) if isinstance(item, BlockRun) else item
+        if place in warmer:
+            replay.update_temperature(first.stamp, 40.0 + 0.01 * place)
+        if isinstance(item, BlockRun):
+            replay.update_run(item)
+        else:
+            replay.update(item)
+        place += len(item) if isinstance(item, BlockRun) else 1
+    replay.flush()
+    assert place == len(blocks)
+    assert repr(replay.estimates) == repr(estimates)
+    assert repr(replay.events) == repr(events)
+    assert repr(replay.monitor.health) == repr(monitor.health)
+    assert replay.monitor.gate.faults == monitor.gate.faults
+    assert replay.monitor.gate.accepted == monitor.gate.accepted
 
 
 def test_a_gap_that_opens_is_among_the_events_of_a_replay_in_order() -> None:

@@ -16,17 +16,32 @@ from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import QoSProfile
+from spool_stream.block import Block
 from spool_stream.errors import InputError
-from spool_stream.kernels.compile_lock import alone
+from spool_stream.kernels.compile_lock import alone as one_at_a_time
 
+from .block_hub import HUB
 from .parameters import NodeParameter, Value, declare
 from .stopping import STOP, Phase
+from .ticker import Ticker
 
 #: s of compiling after which it is said: kernels that are cached are loaded in less.
 COMPILES = 3.0
+#: s that a callback waits for another one of the same node, which takes less than a millisecond.
+LONGEST_WAIT = 0.05
 
 Message = TypeVar("Message")
 P = ParamSpec("P")
+
+#: What this process has compiled.
+_COMPILED: set[Callable[[], object]] = set()
+
+
+@functools.cache
+def _steady_clock() -> Clock:
+    """Return the one steady clock of this process: the events executor keeps a thread for each clock."""
+    return Clock(clock_type=ClockType.STEADY_TIME)
+
 
 AUTOSTART = NodeParameter(
     "autostart", True, "Configure and activate at start, without a life cycle manager.", read_only=True
@@ -44,8 +59,9 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
 
     PARAMETERS: ClassVar[tuple[NodeParameter, ...]] = ()
 
-    def __init__(self, name: str = "node", namespace: str | None = None) -> None:
-        super().__init__(name, namespace=namespace)
+    def __init__(self, name: str = "node", namespace: str | None = None, **options: Any) -> None:
+        super().__init__(name, namespace=namespace, **options)
+        self._lock = threading.RLock()
         self._while_active: list[Callable[[], object]] = []
         self._table = {parameter.name: parameter for parameter in (AUTOSTART, *self.PARAMETERS)}
         self._configured = False
@@ -56,6 +72,9 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
 
     #: Whether a thread compiles, which can't be stopped: the process has to end without waiting for it.
     compiling = False
+    #: Whether it is the only node of its process, and the ticker of one that hosts many.
+    alone = True
+    ticker: ClassVar[Ticker | None] = None
 
     # What a subclass overrides.
 
@@ -83,6 +102,11 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
 
     # What a subclass uses.
 
+    @property
+    def given(self) -> set[str]:
+        """Names of the parameters that were given at start."""
+        return set(self._parameter_overrides)
+
     def value(self, name: str) -> Any:
         """Return the present value of a declared parameter."""
         return self.get_parameter(name).value
@@ -101,9 +125,16 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         self._while_active.append(lambda: self.destroy_subscription(subscription))
         return subscription
 
+    def subscribe_blocks(self, topic: str, take: Callable[[Block], None]) -> None:
+        """Let ``take`` have each block of ``topic`` while active; its samples are views of the message."""
+        self._while_active.append(HUB.subscribe(self, topic, self._guarded(take)))
+
     def every(self, period: float, callback: Callable[[], None], *, steady: bool = False) -> Any:
         """Call back every ``period`` s while active, on the node's clock or on a steady one."""
-        clock = Clock(clock_type=ClockType.STEADY_TIME) if steady else None
+        if steady and self.ticker is not None:
+            self._while_active.append(self.ticker.every(period, self._guarded(callback)))
+            return None
+        clock = _steady_clock() if steady else None
         timer = self.create_timer(period, self._guarded(callback), clock=clock)
         self._while_active.append(lambda: self.destroy_timer(timer))
         return timer
@@ -137,13 +168,16 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
     def compile(self, kernels: Callable[[], object]) -> None:
         """Run ``kernels``, which compiles, one process at a time; it is told, and a signal breaks it off.
 
-        It runs on a thread: an exception out of a signal's handler would be lost in the compiler's callbacks.
+        In a process it is done once. It runs on a thread: an exception out of a signal's handler would be
+        lost in the compiler's callbacks.
         """
+        if kernels in _COMPILED:
+            return
         failure: list[Exception] = []
 
         def work() -> None:
             try:
-                with alone():
+                with one_at_a_time():
                     kernels()
             except Exception as error:
                 failure.append(error)
@@ -164,6 +198,7 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
             self.get_logger().info(f"kernels compiled in {time.monotonic() - begin:.0f} s")
         if failure:
             raise failure[0]
+        _COMPILED.add(kernels)
 
     # Transitions.
 
@@ -180,9 +215,10 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         result = self._transition("activate", self.activate, undo=self._go_quiet) or result
         if result == TransitionCallbackReturn.SUCCESS:
             self.get_logger().info("active")
-        # Looking through all that the libraries hold stops a process for 0.1 s: what lives now stays.
-        gc.collect()
-        gc.freeze()
+        if self.alone:
+            # Looking through all that the libraries hold stops a process for 0.1 s: what lives now stays.
+            gc.collect()
+            gc.freeze()
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -235,14 +271,27 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         while self._while_active:
             self._while_active.pop()()
 
+    @property
+    def busy(self) -> bool:
+        """Whether a callback of it runs on another thread."""
+        if not self._lock.acquire(blocking=False):
+            return True
+        self._lock.release()
+        return False
+
     def _guarded(self, callback: Callable[P, None]) -> Callable[P, None]:
         # wraps: rclpy tells callbacks with message info apart by their signature.
         @functools.wraps(callback)
         def guarded(*arguments: P.args, **named: P.kwargs) -> None:
+            # Only where a process hosts many nodes do two threads call the same one.
+            if not self._lock.acquire(timeout=LONGEST_WAIT):
+                return  # it hangs, which its host has noticed or will
             try:
                 callback(*arguments, **named)
             except Exception as error:
                 self._log_failure("a message could not be handled", error)
+            finally:
+                self._lock.release()
 
         return guarded
 

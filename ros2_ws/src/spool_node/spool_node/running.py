@@ -54,7 +54,7 @@ def run(node_class: type[ManagedNode], arguments: Sequence[str] | None = None) -
         node = node_class()
         for warning in network_warnings():
             node.get_logger().warning(warning)
-        executor = _executor()
+        executor = new_executor()
         executor.add_node(node)
         started = not node.value("autostart") or _start(node)
         STOP.phase = Phase.RUNNING
@@ -110,7 +110,7 @@ def describe(node_class: type[ManagedNode]) -> str:
     return "\n".join(lines)
 
 
-def _executor() -> Executor:
+def new_executor() -> Executor:
     """Return the events executor where rclpy has it: a third of the cost of the default one."""
     try:
         from rclpy.experimental.events_executor import EventsExecutor  # noqa: PLC0415

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_stream.kernels.compiled import compiled
 
 from spool_estimator.recursion.conditioning import COLUMNS, DIRECTION, SPOOL, Conditioning
 
@@ -26,7 +27,7 @@ DISTINGUISHED = 1.5
 
 @dataclass(slots=True)
 class History:
-    """History: the last ``length`` samples of both channels since ``clear``, m/s^2."""
+    """History: the last ``length`` samples of both channels since ``clear``, m/s^2; ``keep`` writes them."""
 
     length: int
     taken: int = field(default=0, init=False)
@@ -39,21 +40,10 @@ class History:
         """Forget every sample."""
         self.taken = 0
 
-    def take(self, body: Samples, spool: Samples) -> None:
-        """Take samples of shape (n,), m/s^2."""
-        place = self.taken % self.length
-        if place + body.size <= self.length:
-            self._samples[0, place : place + body.size] = body
-            self._samples[1, place : place + body.size] = spool
-            self.taken += body.size
-            return
-        count = min(body.size, self.length)
-        place = (self.taken + body.size - count) % self.length
-        first = min(count, self.length - place)
-        for row, channel in zip(self._samples, (body[-count:], spool[-count:]), strict=True):
-            row[place : place + first] = channel[:first]
-            row[: count - first] = channel[first:]
-        self.taken += body.size
+    @property
+    def ring(self) -> Samples:
+        """Where kernels ``keep`` samples, shape (2, length); ``taken`` is their caller's."""
+        return self._samples
 
     def samples(self, count: int) -> tuple[Samples, Samples]:
         """Return the last ``count`` samples of body and spool, fewer where fewer are known."""
@@ -63,6 +53,19 @@ class History:
         return np.ascontiguousarray(both[0]), np.ascontiguousarray(both[1])
 
 
+@compiled
+def keep(ring: Samples, taken: int, body: Samples, spool: Samples) -> None:
+    """Write samples of shape (n,) into ``ring``, shape (2, length), of which ``taken`` came before."""
+    place = taken % ring.shape[1]
+    for i in range(body.size):
+        ring[0, place] = body[i]
+        ring[1, place] = spool[i]
+        place += 1
+        if place == ring.shape[1]:
+            place = 0
+
+
+@compiled
 def sampled_pointwise(pointwise: float, band_limited: float, present: bool) -> bool:
     """Return whether samples are point values, by the squared errors left; else ``present``."""
     if pointwise * DISTINGUISHED < band_limited:

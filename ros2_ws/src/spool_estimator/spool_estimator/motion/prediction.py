@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,18 @@ MEAN_SQUARES = (RESIDUAL, TARGET, BODY, DISPLACEMENT, VELOCITY)
 # Places in the memory, the last part of the state, see ``_parts``.
 _SEEN, _LAST_JUMP, _OFFSET, _WINDOW, _TAKEN, _WEIGHT, _WEIGHTED, _POINT, _V, _Z = range(10)
 _MEMORY, _STATES = 61, 71
+
+
+class PredictionArrays(NamedTuple):
+    """Arrays of a :class:`Prediction`, which kernels move on in place."""
+
+    constants: Array
+    state: Array
+    gram: Array
+    product: Array
+    sums: Array
+    noise_score: Array
+    mean_squares: Array
 
 
 @dataclass(slots=True)
@@ -128,20 +141,23 @@ class Prediction:
 
     def clear(self) -> None:
         """Begin the sums anew."""
-        self.gram.fill(0.0)
-        self.product.fill(0.0)
-        self.sums.fill(0.0)
+        clear_sums(self.arrays)
+
+    @property
+    def arrays(self) -> PredictionArrays:
+        """What the kernels move on in place."""
+        return PredictionArrays(
+            self._constants, self.state, self.gram, self.product, self.sums, self.noise_score,
+            self.mean_squares,
+        )  # fmt: skip
 
     def take(self, body: Samples, spool: Samples, parameters: Array) -> None:
         """Run over samples of shape (n,), m/s^2, with k (N/m), c (N s/m), F_c (N), shape (3,)."""
-        _run(
-            body, spool, self.sample_period, self.mass, parameters, self.pointwise, self._constants,
-            self.state, self.gram, self.product, self.sums, self.noise_score, self.mean_squares,
-        )  # fmt: skip
+        predict(body, spool, self.sample_period, self.mass, parameters, self.pointwise, self.arrays)
 
     def shift(self, change: Array) -> None:
         """Move the motion to where it would be with parameters changed by ``change``, to first order."""
-        _shift(self.state, change)
+        shift(self.state, change)
 
 
 @compiled
@@ -193,7 +209,16 @@ def score_noise(
 
 
 @compiled
-def _shift(motion: Array, change: Array) -> None:
+def clear_sums(run: PredictionArrays) -> None:
+    """Begin the sums of a prediction anew."""
+    run.gram[:] = 0.0
+    run.product[:] = 0.0
+    run.sums[:] = 0.0
+
+
+@compiled
+def shift(motion: Array, change: Array) -> None:
+    """Move ``motion`` to where it would be with k, c, F_c changed by ``change``, to first order."""
     motion[0] += motion[3] * change[0] + motion[5] * change[1] + motion[7] * change[2]
     if motion[2] != 0.0:
         motion[1] += motion[4] * change[0] + motion[6] * change[1] + motion[8] * change[2]
@@ -241,21 +266,17 @@ def _less_offset(memory: Array, value: float, first: float, last: float) -> floa
 
 
 @compiled
-def _run(
+def predict(
     body: Samples,
     spool: Samples,
     period: float,
     mass: float,
     parameters: Array,
     pointwise: bool,
-    constants: Array,
-    state: Array,
-    gram: Array,
-    product: Array,
-    sums: Array,
-    noise_score: Array,
-    mean_squares: Array,
+    run: PredictionArrays,
 ) -> None:
+    """Run over samples as :class:`Prediction` does, whose arrays ``run`` holds."""
+    constants, state, gram, product, sums, noise_score, mean_squares = run
     k, c, f = parameters[0], parameters[1], parameters[2]
     per_mass = 1.0 / mass
     fastest = max(math.sqrt(abs(k) * per_mass), abs(c) * per_mass)

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 import time
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from sensor_msgs.msg import Temperature
-from spool_msgs.msg import AccelerationBlock, ModelEstimate, ValveDescription, WindowRefit
+from spool_msgs.msg import ModelEstimate, ValveDescription, WindowRefit
 from spool_node import qos
 from spool_node.diagnostics import DiagnosticPublisher, Level, Status, block_faults, block_values, key
 from spool_node.managed_node import ManagedNode
-from spool_node.messages import nanoseconds, to_block
+from spool_node.messages import nanoseconds
 from spool_node.parameters import NodeParameter
 from spool_node.throttle import Throttle
 from spool_sim.model import load_model
 from spool_sim.valve.description import Valve, find_valve
+from spool_stream.block import Block
 from std_srvs.srv import Trigger
 
 from spool_estimator.estimate import Estimate, State
@@ -87,8 +88,8 @@ class EstimatorNode(ManagedNode):
         ),
     )  # fmt: skip
 
-    def __init__(self, namespace: str | None = None) -> None:
-        super().__init__("estimator", namespace)
+    def __init__(self, namespace: str | None = None, **options: Any) -> None:
+        super().__init__("estimator", namespace, **options)
         self._core: StreamEstimator | None = None
         self._refits: WindowRefits | None = None
         self._worker: RefitWorker | None = None
@@ -138,13 +139,12 @@ class EstimatorNode(ManagedNode):
         self._arrival = time.monotonic()
         self._description.header.stamp = self.get_clock().now().to_msg()
         self._description_publisher.publish(self._description)
-        self.subscribe(AccelerationBlock, "acceleration", self._take, qos.samples_wanted())
+        self.subscribe_blocks("acceleration", self._take)
         self.subscribe(Temperature, "oil_temperature", self._take_temperature, qos.samples_wanted())
         if self._worker is not None:
             self.every(0.05, self._collect, steady=True)
         service = self.create_service(Trigger, "~/analyse_gap", self._gap.answer)
         self._while_active.append(lambda: self.destroy_service(service))
-        self.every(0.1, self._gap.collect, steady=True)
         self.every(0.25, self._watch, steady=True)
         self.every(1.0, self._report, steady=True)
 
@@ -159,11 +159,10 @@ class EstimatorNode(ManagedNode):
             self.destroy_publisher(self._refit_publisher)
         self._core = self._refits = self._worker = None
 
-    def _take(self, message: AccelerationBlock) -> None:
+    def _take(self, block: Block) -> None:
         assert self._core is not None
         gate = self._core.gate
         accepted, refused = gate.accepted, gate.refused
-        block = to_block(message)
         estimates = self._core.update(block)
         if gate.refused > refused and gate.fault is not None:
             self._tell_refused(gate.fault.value, block.sequence)
@@ -209,8 +208,9 @@ class EstimatorNode(ManagedNode):
         self._core.update_temperature(nanoseconds(message.header.stamp), message.temperature, deviation)
 
     def _watch(self) -> None:
-        """Publish once that the estimate is held, and report another level or a refused block immediately."""
+        """Publish once that the estimate is held, an analysis that is done, and another level immediately."""
         assert self._core is not None
+        self._gap.collect()
         latest = self._core.latest
         silent = time.monotonic() - self._arrival > self.value("stale_after")
         if silent and latest is not None and latest.state is not State.STALE:

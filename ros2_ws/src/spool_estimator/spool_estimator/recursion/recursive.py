@@ -14,6 +14,7 @@ solved as one batch: before there is a fit, a residual is the signal itself and 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,16 @@ LAGS = 4
 #: Certainty (in units of the scale) beyond which a direction may be forgotten faster than the chunk replaces
 #: it, up to AHEAD times: what a strong excitation once said must not outweigh minutes of a weak one.
 ENOUGH, AHEAD = 0.003, 300.0
+
+
+class RegressionArrays(NamedTuple):
+    """Arrays of a least-squares recursion, which kernels move on in place."""
+
+    parameters: Array
+    information: Array
+    covariance: Array
+    recent: Array
+    bias: Array
 
 
 @dataclass(slots=True)
@@ -61,6 +72,20 @@ class RecursiveLeastSquares:
         self.bias = np.zeros(self.scale.size)
         self._recent = np.zeros((LAGS, self.scale.size))
 
+    @property
+    def arrays(self) -> RegressionArrays:
+        """What the kernels move on in place."""
+        return RegressionArrays(self.parameters, self.information, self.covariance, self._recent, self.bias)
+
+    def copy(self) -> RecursiveLeastSquares:
+        """Return a recursion that goes on from here by itself."""
+        other = RecursiveLeastSquares.__new__(RecursiveLeastSquares)
+        other.scale, other.forgetting, other.noise = self.scale, self.forgetting, self.noise
+        other.parameters, other.information = self.parameters.copy(), self.information.copy()
+        other.covariance, other.bias = self.covariance.copy(), self.bias.copy()
+        other.chunks, other._first, other._recent = self.chunks, list(self._first), self._recent.copy()
+        return other
+
     def update(self, rows: Array, target: Array, weight: float = 1.0) -> None:
         """Take a chunk: ``rows`` of shape (n, p), ``target`` of shape (n,); a sample counts ``weight``."""
         scaled = rows * self.scale
@@ -84,10 +109,7 @@ class RecursiveLeastSquares:
         """
         self.chunks += 1
         change = np.empty(score.size)
-        _step(
-            self.information, self.covariance, self._recent, self.bias, gram, score, mean_score, weight,
-            self.forgetting, ENOUGH / self.noise, change,
-        )  # fmt: skip
+        advance(self.arrays, gram, score, mean_score, weight, self.forgetting, ENOUGH / self.noise, change)
         moved = change * self.scale
         self.parameters = self.parameters + moved
         return moved
@@ -143,11 +165,8 @@ def sandwich(information: Array, scores: Array) -> Array:
 
 
 @compiled
-def _step(
-    information: Array,
-    covariance: Array,
-    recent: Array,
-    bias: Array,
+def advance(
+    regression: RegressionArrays,
     gram: Array,
     score: Array,
     mean_score: Array,
@@ -156,7 +175,8 @@ def _step(
     enough: float,
     change: Array,
 ) -> None:
-    """Forget, add the chunk, fill ``change`` of the parameters; the first four move on in place."""
+    """Forget, add the chunk, fill ``change`` of the parameters, which stay; all else moves on in place."""
+    _, information, covariance, recent, bias = regression
     size = score.size
     gram = weight * gram
     factor = np.linalg.cholesky(information)

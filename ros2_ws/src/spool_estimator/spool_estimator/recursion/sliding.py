@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from .recursive import sandwich
+from .recursive import RegressionArrays, sandwich
 
 Array = NDArray[np.float64]
 
@@ -36,6 +36,19 @@ class SlidingLeastSquares:
         self.parameters = np.zeros(self.scale.size)
         self.information = np.eye(self.scale.size) * self.noise**2
         self._kept = deque(maxlen=self.length)
+
+    @property
+    def arrays(self) -> RegressionArrays:
+        """What kernels look at; they leave it as it is, for a window is moved on by ``advance`` alone."""
+        nothing = np.zeros((self.scale.size, self.scale.size))
+        return RegressionArrays(self.parameters, self.information, nothing, nothing, nothing[0])
+
+    def copy(self) -> SlidingLeastSquares:
+        """Return least squares that go on from here by themselves."""
+        other = SlidingLeastSquares(self.scale, self.length, self.noise)
+        other.parameters, other.information = self.parameters.copy(), self.information.copy()
+        other.chunks, other._kept = self.chunks, self._kept.copy()
+        return other
 
     def advance(self, gram: Array, score: Array, mean_score: Array, weight: float = 1.0) -> Array:
         """Take a chunk by its sums over scaled rows: row row^T, and row times the present error.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,14 @@ from spool_stream.kernels.compiled import compiled
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
+
+
+class WindowArrays(NamedTuple):
+    """Arrays of a :class:`ChunkWindow`, which kernels move on in place."""
+
+    grams: Array
+    products: Array
+    powers: Array
 
 
 @dataclass(slots=True)
@@ -42,6 +51,11 @@ class ChunkWindow:
             np.zeros(self.scale.size),
         )
 
+    @property
+    def arrays(self) -> WindowArrays:
+        """What the kernels move on in place; ``count`` is their caller's."""
+        return WindowArrays(self._grams, self._products, self._powers)
+
     def add_sums(self, gram: Array, score: Array, power: float, samples: float, parameters: Array) -> None:
         """Take a chunk by its sums over scaled rows: row row^T, row error, error^2, at ``parameters``."""
         _add(
@@ -55,10 +69,9 @@ class ChunkWindow:
     ) -> list[list[float]]:
         """Take a chunk as ``add_sums`` does and return what ``judge`` says then, for each of ``lasts``."""
         verdicts = np.empty((lasts.size, 3 + self.scale.size))
-        _take(
-            self._grams, self._products, self._powers, self.count,
-            gram, score, power, samples, parameters / self.scale, lasts, verdicts,
-        )  # fmt: skip
+        take_chunk(
+            self.arrays, self.count, gram, score, power, samples, parameters / self.scale, lasts, verdicts
+        )
         self.count += 1
         return [verdict[:3] for verdict in verdicts.tolist()]
 
@@ -154,10 +167,8 @@ def _judge(
 
 
 @compiled
-def _take(
-    grams: Array,
-    products: Array,
-    powers: Array,
+def take_chunk(
+    window: WindowArrays,
     count: int,
     gram: Array,
     score: Array,
@@ -167,6 +178,8 @@ def _take(
     lasts: Counts,
     verdicts: Array,
 ) -> None:
+    """Take a chunk into a window that has seen ``count``, and fill ``verdicts`` for each of ``lasts``."""
+    grams, products, powers = window
     length = grams.shape[0]
     _add(grams, products, powers, count % length, gram, score, power, samples, given)
     for which in range(lasts.size):

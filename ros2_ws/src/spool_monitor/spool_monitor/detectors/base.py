@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 from spool_estimator.estimate import Estimate
 
@@ -59,8 +59,7 @@ class DriftTest:
     limit: MonitorLimit
 
 
-@dataclass(frozen=True, slots=True)
-class Moment:
+class Moment(NamedTuple):
     """Moment of a valve at ``stamp`` (ns): what there is to judge; what is not new is ``None``.
 
     Attributes:

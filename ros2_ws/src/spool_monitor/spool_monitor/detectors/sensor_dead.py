@@ -127,7 +127,7 @@ class SensorDead(Detector):
             )
             due = {"spool": math.sqrt(due_spool), "body": math.sqrt(due_body)}
             seen = {
-                "spool": 0.0 if signals.spool.constant else math.sqrt(float(signals.spool_power.sum())),
+                "spool": 0.0 if signals.spool.constant else math.sqrt(signals.spool_total),
                 "body": 0.0 if signals.body.constant else math.sqrt(seen_body),
             }
             shares = {

@@ -166,7 +166,7 @@ class SensorScale(Detector):
         """
         low, high = (reference.natural_frequency * (1.0 + side * NEAR) for side in (-1.0, 1.0))
         near = slice(*np.searchsorted(signals.frequency, (low, high)))
-        shaken = float(signals.body_power[near].sum()) > SHAKEN * float(signals.body_power.sum())
-        if shaken and float(signals.spool_power[near].sum()) > ANSWERED * float(signals.spool_power.sum()):
+        shaken = float(signals.body_power[near].sum()) > SHAKEN * signals.body_total
+        if shaken and float(signals.spool_power[near].sum()) > ANSWERED * signals.spool_total:
             self._near = signals.stamp
         return 0 <= signals.stamp - self._near < BENT * 1e9

@@ -59,7 +59,7 @@ class StuckSpool(Detector):
             return Finding(moment.stamp, None, False, "", Quantity("relative_motion", "1"), moment.distrust)
         reference = moment.reference
         due = math.sqrt(due_power(signals.frequency, signals.body_power, reference.square, reference.damping))
-        body = math.sqrt(float(signals.body_power.sum()))
+        body = math.sqrt(signals.body_total)
         slides = body > max(self.settings[MINIMUM_BODY], SLIDES * self._friction)
         if not slides or due < max(self.settings[MINIMUM_BODY], 0.1 * body):
             self.judgement, self.suspicious = Judgement.NOT_EXCITED, ""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 from spool_stream.quantity import Quantity
 from spool_stream.text.sentence import Account, duration, over, raised, urgency
@@ -20,8 +21,7 @@ Text = Told | Callable[[], Told]
 NO_TREND = "no trend tells a time"
 
 
-@dataclass(frozen=True, slots=True)
-class Finding:
+class Finding(NamedTuple):
     """Finding of a detector at ``stamp`` (ns); the condition's delays come on top.
 
     ``indicated`` is ``None`` where nothing is wrong; between ``indicated`` and ``released`` nothing changes.

@@ -140,9 +140,12 @@ class AlarmServices:
 
     def _announce(self, alarm: Alarm) -> None:
         """Log an alarm: as an error where the valve or its measurement has failed (NE 107: F)."""
-        logger = self._node.get_logger()
-        log = logger.error if alarm.namur is Namur.FAILURE else logger.warning
-        log(f"{alarm.severity.name.lower()} {alarm.code} {alarm.name}: {alarm.message}")
+        text = f"{alarm.severity.name.lower()} {alarm.code} {alarm.name}: {alarm.message}"
+        # A line each: rclpy lets a line of code log in one severity only.
+        if alarm.namur is Namur.FAILURE:
+            self._node.get_logger().error(text)
+        else:
+            self._node.get_logger().warning(text)
 
     def _publish(self) -> None:
         alarms = self._state.alarms

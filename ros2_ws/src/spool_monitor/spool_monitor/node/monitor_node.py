@@ -9,12 +9,12 @@ from typing import Any, ClassVar
 
 from spool_estimator.messages import from_message
 from spool_estimator.valve_messages import from_description
-from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate, ValveDescription, ValveHealth
+from spool_msgs.msg import HealthEvent, ModelEstimate, ValveDescription, ValveHealth
 from spool_node import qos
 from spool_node.diagnostics import DiagnosticPublisher
 from spool_node.managed_node import ManagedNode
-from spool_node.messages import to_block
 from spool_node.parameters import NodeParameter, Value
+from spool_stream.block import Block
 from spool_stream.errors import InputError
 
 from spool_monitor.alarms.alarm_store import AlarmStore
@@ -63,8 +63,8 @@ class MonitorNode(ManagedNode):
 
     PARAMETERS: ClassVar = (*_SETTINGS, *_KEEPING)
 
-    def __init__(self) -> None:
-        super().__init__("monitor")
+    def __init__(self, namespace: str | None = None, **options: Any) -> None:
+        super().__init__("monitor", namespace, **options)
         self._core: Monitor
         self._alarms: AlarmServices
         self._trends: TrendWriter | None = None
@@ -96,7 +96,7 @@ class MonitorNode(ManagedNode):
         self._activated = self._block_arrival = self._estimate_arrival = time.monotonic()
         self._alarms.open()
         self.subscribe(ValveDescription, "valve", self._take_description, qos.state())
-        self.subscribe(AccelerationBlock, "acceleration", self._take_block, qos.samples_wanted())
+        self.subscribe_blocks("acceleration", self._take_block)
         self.subscribe(ModelEstimate, "estimate", self._take_estimate, qos.state(depth=10))
         self.every(0.2, self._watch, steady=True)
         self.every(1.0, self._report, steady=True)
@@ -153,12 +153,11 @@ class MonitorNode(ManagedNode):
         if self.value(NATURAL_FREQUENCY.name) == 0.0:
             self._core.set_natural_frequency(from_description(message).natural_frequency)
 
-    def _take_block(self, message: AccelerationBlock) -> None:
+    def _take_block(self, block: Block) -> None:
         gate = self._core.gate
         accepted = gate.accepted
-        block = to_block(message)
-        if not self._described and message.header.frame_id:
-            self._valve_id = self._diagnostics.hardware_id = message.header.frame_id
+        if not self._described and block.source:
+            self._valve_id = self._diagnostics.hardware_id = block.source
         events = self._core.update(block)
         if gate.accepted > accepted:
             self._block_arrival = time.monotonic()

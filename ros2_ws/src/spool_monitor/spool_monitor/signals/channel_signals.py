@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from spool_identification.signals.clipping import flat_top
@@ -19,8 +19,7 @@ BEFORE = 0.1
 BAND = (3.0, 200.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Channel:
+class Channel(NamedTuple):
     """Channel in a window: ``mean`` and ``rms`` (about the mean) in m/s^2.
 
     ``flat_top`` is the share of samples that lie on a flat top at the upper or lower extreme, 0 where the
@@ -39,12 +38,12 @@ class Channel:
     before: float = math.nan
 
 
-@dataclass(frozen=True, slots=True)
-class Signals:
+class Signals(NamedTuple):
     """Signals of both channels in the window that ends at ``stamp`` (ns, newest sample).
 
     ``frequency`` (Hz), ``body_power``, ``spool_power`` ((m/s^2)^2 per line) and ``cross`` (spool times
-    conjugate of body) have shape (lines,); the powers of a stationary signal add to its mean square.
+    conjugate of body) have shape (lines,); the powers of a stationary signal add to its mean square, which
+    ``body_total`` and ``spool_total`` are.
 
     ``relative_rms`` (m/s^2) and ``relative_velocity`` (m/s rms) are of the spool in the body within the band.
     ``dissipation``, 1/s, is the damping that the energy of that motion shows: power Re(S conj(V)) over
@@ -58,6 +57,8 @@ class Signals:
     frequency: Array
     body_power: Array
     spool_power: Array
+    body_total: float
+    spool_total: float
     cross: Complex
     relative_rms: float
     relative_velocity: float
@@ -82,6 +83,8 @@ def look(window: SignalWindow) -> Signals:
         frequency=frequency,
         body_power=body,
         spool_power=spool,
+        body_total=float(np.add.reduce(body)),
+        spool_total=float(np.add.reduce(spool)),
         cross=cross,
         relative_rms=math.sqrt(relative),
         relative_velocity=math.sqrt(squared),
@@ -91,13 +94,11 @@ def look(window: SignalWindow) -> Signals:
 
 def _channel(samples: Samples, mean: float, period: float) -> Channel:
     square, flat, standing, step = levels(samples, mean)
-    changing = samples.size - 1 - standing
-    count = round(BEFORE / period)
-    before = float(np.ptp(samples[changing - count : changing])) if changing >= count else math.nan
+    changing, count, before = samples.size - 1 - standing, round(BEFORE / period), math.nan
+    if standing and changing >= count:
+        before = float(np.ptp(samples[changing - count : changing]))
     constant = standing == samples.size - 1
-    return Channel(
-        mean, math.sqrt(square), flat, constant, standing * period, step, before if standing else math.nan
-    )
+    return Channel(mean, math.sqrt(square), flat, constant, standing * period, step, before)
 
 
 @compiled

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from spool_stream.kernels.compiled import compiled
 
@@ -13,8 +13,7 @@ from .window import Complex, SignalWindow
 BAND = (4.0, 250.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Line:
+class Line(NamedTuple):
     """Line of the spectrum: the dominant one at ``stamp`` (ns, newest sample).
 
     ``frequency`` in Hz, ``body`` and ``spool`` peak accelerations in m/s^2, ``amplification`` spool over

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +15,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 
-@dataclass(frozen=True, slots=True)
-class SignalWindow:
+class SignalWindow(NamedTuple):
     """Signal window: body and spool in the second that ends at ``stamp`` (ns, newest sample).
 
     ``number`` counts the windows since the last gap. ``samples`` (m/s^2) have the shape (2, n), ``spectrum``
@@ -62,42 +62,79 @@ class WindowTracker:
 
     def update(self, block: Block) -> list[SignalWindow]:
         """Take a block; return the windows that fell due."""
+        size, hop, total, fresh = self._taper.size, self._hop, block.body.size, self._fresh
+        if fresh + total < hop:
+            place = slice(size + fresh, size + fresh + total)
+            self._last[0, place], self._last[1, place] = block.body, block.spool
+            self._fresh += total
+            return []
+        hops = (fresh + total) // hop
+        # Until a second is full no window is.
+        few = min(hops, max(0, -(-(size - self._filled) // hop) - 1))
+        self._fresh, self._filled = (fresh + total) % hop, min(size, self._filled + hops * hop)
+        samples = np.empty((hops - few, 2, size), np.float32)
+        tapered, means = np.empty((hops - few, 2, size)), np.empty((hops - few, 2))
+        cut(block.body, block.spool, self._last, fresh, few, self._taper, samples, tapered, means)
+        if few == hops:
+            return []
+        spectra = fft.rfft(tapered)
+        means += spectra[:, :, 0].real / self._weight
+        step = 1.0 / (size * self._period)
         found = []
-        size, hop, total = self._taper.size, self._hop, block.body.size
-        taken = 0
-        while taken < total:
-            count = min(hop - self._fresh, total - taken)
-            begin = size + self._fresh
-            self._last[0, begin : begin + count] = block.body[taken : taken + count]
-            self._last[1, begin : begin + count] = block.spool[taken : taken + count]
-            taken += count
-            self._fresh += count
-            if self._fresh < hop:
-                break
-            self._fresh = 0
-            samples = self._last[:, hop:].copy()
-            self._last[:, :size] = samples
-            self._filled = min(size, self._filled + hop)
-            if self._filled == size:
-                stamp = block.stamp + round((taken - 1) * block.sample_period * 1e9)
-                found.append(self._window(stamp, samples))
+        for window, (body, spool) in enumerate(means.tolist()):
+            last = (few + window + 1) * hop - fresh - 1
+            stamp = block.stamp + round(last * block.sample_period * 1e9)
+            found.append(
+                SignalWindow(
+                    stamp, self._number, samples[window], spectra[window], (body, spool), step, self._energy
+                )
+            )
+            self._number += 1
         return found
-
-    def _window(self, stamp: int, samples: Samples) -> SignalWindow:
-        tapered, (body, spool) = taper(samples, self._taper)
-        spectrum = fft.rfft(tapered)
-        more = spectrum[:, 0].real / self._weight
-        means = body + float(more[0]), spool + float(more[1])
-        step = 1.0 / (self._taper.size * self._period)
-        self._number += 1
-        return SignalWindow(stamp, self._number - 1, samples, spectrum, means, step, self._energy)
 
 
 @compiled
-def taper(samples: Samples, weights: Array) -> tuple[Array, tuple[float, float]]:
-    """Return ``samples`` (shape (2, n)) less their means, times ``weights`` (shape (n,)), and the means.
+def cut(
+    body: Samples,
+    spool: Samples,
+    last: Samples,
+    fresh: int,
+    few: int,
+    weights: Array,
+    samples: Samples,
+    tapered: Array,
+    means: Array,
+) -> None:
+    """Take samples of shape (n,) behind those in ``last``, and fill the windows that fall due with them.
 
-    A channel that does not move gives zeros, whatever its level.
+    ``last``, shape (2, size + hop), holds a window and the samples since, of which ``fresh`` are new; the
+    first ``few`` windows are not full and left out. ``samples`` and ``tapered`` have shape
+    (windows, 2, size), ``means`` has (windows, 2).
+    """
+    size = weights.size
+    hop = last.shape[1] - size
+    place, hops = size + fresh, 0
+    for i in range(body.size):
+        last[0, place], last[1, place] = body[i], spool[i]
+        place += 1
+        if place < size + hop:
+            continue
+        for j in range(size):
+            last[0, j], last[1, j] = last[0, j + hop], last[1, j + hop]
+        if hops >= few:
+            window = hops - few
+            samples[window] = last[:, :size]
+            means[window, 0], means[window, 1] = taper(samples[window], weights, tapered[window])
+        place = size
+        hops += 1
+
+
+@compiled
+def taper(samples: Samples, weights: Array, tapered: Array) -> tuple[float, float]:
+    """Fill ``tapered`` with ``samples`` less their means, times ``weights``, shape (n,); return the means.
+
+    ``samples`` and ``tapered`` have shape (2, n). A channel that does not move gives zeros, whatever its
+    level.
     """
     size = weights.size
     body = spool = 0.0
@@ -106,8 +143,7 @@ def taper(samples: Samples, weights: Array) -> tuple[Array, tuple[float, float]]
         spool += float(samples[1, i])
     body /= size
     spool /= size
-    tapered = np.empty((2, size))
     for i in range(size):
         tapered[0, i] = (samples[0, i] - body) * weights[i]
         tapered[1, i] = (samples[1, i] - spool) * weights[i]
-    return tapered, (body, spool)
+    return body, spool

@@ -1,0 +1,1 @@
+"""Host: estimators and monitors of any number of valves in a few processes."""

@@ -1,0 +1,259 @@
+"""Host process: the nodes of some valves on one executor, their blocks on one worker thread."""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import resource
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import rclpy
+from rclpy.clock import Clock, ClockType
+from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.signals import SignalHandlerOptions
+from spool_estimator.node.estimator_node import EstimatorNode
+from spool_monitor.node.monitor_node import MonitorNode
+from spool_node.block_hub import HUB
+from spool_node.diagnostics import DiagnosticPublisher, Level, Status
+from spool_node.log_folder import ensure_log_folder
+from spool_node.managed_node import ManagedNode
+from spool_node.parameters import NodeParameter
+from spool_node.running import new_executor
+from spool_node.stopping import STOP, Phase, StopRequested
+from spool_node.ticker import Ticker
+from spool_node.worker import Worker
+from spool_stream.errors import InputError
+
+from .heartbeat import Heartbeat, notify
+from .valve_list import ListedValve, read_valves, share
+
+#: s that the executor waits for work before it looks for a signal, and between two looks at the nodes.
+TURN, LOOK = 0.1, 0.25
+#: s after which a callback counts as hanging: it takes a millisecond.
+LONGEST_CALL = 1.0
+#: s between two reports of the host, and times that a node that hung or would not start is started again.
+REPORT, TRIES = 1.0, 20
+#: s from one try to the next.
+AGAIN = 5.0
+
+
+@dataclass(slots=True)
+class Hosted:
+    """Node that is hosted: its state, and how often it was begun again."""
+
+    node: ManagedNode
+    valve: str
+    tries: int = 0
+    failed: str = ""
+    due: float = 0.0
+
+
+class HostNode(ManagedNode):
+    """Node ``host``: estimators and monitors of many valves in a few processes."""
+
+    PARAMETERS: ClassVar = (
+        NodeParameter("valves_file", "", "YAML list of valves: namespace, and optionally valve_file."),
+        NodeParameter(
+            "state_folder",
+            "",
+            "Where the monitors keep alarms, baselines and trends; empty: as in the parameter file.",
+        ),
+        NodeParameter("processes", 1, "Processes over which the valves are spread.", minimum=1, maximum=64),
+    )
+
+    def __init__(self, name: str = "host") -> None:
+        super().__init__(name)
+
+
+@dataclass(slots=True)
+class HostProcess:
+    """Host process ``number`` of ``processes``."""
+
+    arguments: Sequence[str]
+    number: int = 0
+    heartbeat: Heartbeat | None = None
+    hosted: list[Hosted] = field(default_factory=list)
+    _node: HostNode = field(init=False)
+    _executor: Any = field(init=False)
+    _diagnostics: DiagnosticPublisher = field(init=False)
+    _timer: Any = field(init=False)
+    _looked: float = 0.0
+    _reported: float = 0.0
+    _cpu: float = 0.0
+
+    def run(self) -> int:
+        """Start the nodes, spin until a signal, end them; return the exit code."""
+        ManagedNode.alone = False
+        STOP.install()
+        code = 0
+        try:
+            STOP.phase = Phase.STARTING
+            ensure_log_folder()
+            rclpy.init(args=self.arguments, signal_handler_options=SignalHandlerOptions.NO)
+            self._begin()
+            STOP.phase = Phase.RUNNING
+            self._spin()
+        except StopRequested:
+            pass
+        except InputError as error:
+            print(error, file=sys.stderr, flush=True)
+            code = 2
+        STOP.phase = Phase.ENDING
+        self._end()
+        STOP.finish()
+        return code
+
+    def _begin(self) -> None:
+        self._node = HostNode("host" if self.number == 0 else f"host_{self.number}")
+        self._executor = new_executor()
+        self._executor.add_node(self._node)
+        valves = read_valves(self._node.value("valves_file"))
+        HUB.worker = Worker()
+        ticker = ManagedNode.ticker = Ticker()
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = self._node.create_timer(Ticker.STEP, ticker.run, clock=steady)
+        self._diagnostics = DiagnosticPublisher(self._node, "host")
+        self._reported = self._looked = time.monotonic()
+        for valve in share(valves, self.number, self._node.value("processes")):
+            for kind in (EstimatorNode, MonitorNode):
+                self._add(kind, valve)
+                # What has been begun is served while the others begin.
+                self._turns()
+        gc.collect()
+        gc.freeze()
+        notify("READY=1")
+        self._node.get_logger().info(f"{len(self.hosted)} nodes of {len(self.hosted) // 2} valves")
+
+    def _add(self, kind: type[EstimatorNode] | type[MonitorNode], valve: ListedValve) -> None:
+        arguments = ["--ros-args", *self._files()]
+        if valve.valve_file and kind is EstimatorNode:
+            arguments += ["-p", f"valve_file:={valve.valve_file}"]
+        if self._node.value("state_folder") and kind is MonitorNode:
+            arguments += ["-p", f"state_folder:={self._node.value('state_folder')}"]
+        given = self._node.given
+        arguments += [
+            word
+            for name in ("autostart", "use_sim_time")
+            if name in given
+            for word in ("-p", f"{name}:={str(self._node.value(name)).lower()}")
+        ]
+        # The host's own arguments, its name among them, are not those of its nodes.
+        node = kind(namespace=f"/{valve.namespace}", cli_args=arguments, use_global_arguments=False)
+        one = Hosted(node, valve.namespace)
+        self.hosted.append(one)
+        self._executor.add_node(node)
+        if node.value("autostart"):
+            self._start(one)
+
+    def _files(self) -> list[str]:
+        """Return the arguments that name parameter files: they are the nodes', too."""
+        pairs = zip(self.arguments, self.arguments[1:], strict=False)
+        return [word for pair in pairs if pair[0] == "--params-file" for word in pair]
+
+    @staticmethod
+    def _start(one: Hosted) -> None:
+        done = TransitionCallbackReturn.SUCCESS
+        if one.node.trigger_configure() != done or one.node.trigger_activate() != done:
+            one.failed, one.due = "it cannot be started: see its log", time.monotonic() + AGAIN
+
+    def _turns(self) -> None:
+        """Let the executor do what waits."""
+        self._beat()
+        end = time.monotonic() + 0.01
+        while time.monotonic() < end and not STOP.requested:
+            self._executor.spin_once(timeout_sec=0.001)
+
+    def _spin(self) -> None:
+        # The events executor has no end of a spin that is not a busy one.
+        while not STOP.requested:
+            self._executor.spin_once(timeout_sec=TURN)
+            now = time.monotonic()
+            if now - self._looked >= LOOK:
+                self._looked = now
+                self._beat()
+                self._look(now)
+            if now - self._reported >= REPORT:
+                self._report(now)
+
+    def _beat(self) -> None:
+        if self.heartbeat is not None:
+            self.heartbeat.beat(self.number)
+        else:
+            notify("WATCHDOG=1")
+
+    def _look(self, now: float) -> None:
+        """Give up what hangs, and begin again what failed."""
+        worker = HUB.worker
+        assert worker is not None
+        owner = worker.hanging(LONGEST_CALL)
+        if owner is not None:
+            worker.give_up(owner)
+            for one in self._of(owner):
+                one.failed, one.due = f"a callback did not return within {LONGEST_CALL:g} s", now + AGAIN
+                self._node.get_logger().error(
+                    f"{one.node.get_fully_qualified_name()}: {one.failed}; it is stopped, all others go on"
+                )
+        for one in self.hosted:
+            if one.failed and now >= one.due and one.tries < TRIES and not one.node.busy:
+                one.tries += 1
+                worker.admit(one.node)
+                self._begin_again(one)
+
+    def _of(self, owner: object) -> Iterator[Hosted]:
+        """Yield the nodes of the valve of ``owner``: they share its blocks."""
+        valve = next((one.valve for one in self.hosted if one.node is owner), None)
+        return (one for one in self.hosted if one.valve == valve)
+
+    def _begin_again(self, one: Hosted) -> None:
+        one.failed = ""
+        with contextlib.suppress(Exception):  # from whatever state it is in
+            one.node.trigger_deactivate()
+        with contextlib.suppress(Exception):
+            one.node.trigger_cleanup()
+        self._start(one)
+
+    def _report(self, now: float) -> None:
+        """Publish what the host does, and what each valve costs and waits."""
+        worker = HUB.worker
+        assert worker is not None
+        usage = resource.getrusage(resource.RUSAGE_SELF)
+        cpu = usage.ru_utime + usage.ru_stime
+        share_of_core = (cpu - self._cpu) / max(now - self._reported, 1e-3)
+        self._cpu, self._reported = cpu, now
+        failed = [one for one in self.hosted if one.failed]
+        times = HUB.times
+        wait = max((one.longest_wait for one in times.values()), default=0.0)
+        level, text = Level.OK, f"{len(self.hosted)} nodes"
+        if failed:
+            level = Level.ERROR
+            text = "; ".join(f"{one.node.get_fully_qualified_name()}: {one.failed}" for one in failed[:5])
+        values: dict[str, object] = {
+            "nodes": len(self.hosted),
+            "nodes_failed": len(failed),
+            "cpu_share": share_of_core,
+            "resident_B": _resident(),
+            "jobs_waiting": worker.waiting,
+            "longest_wait_s": wait,
+        }
+        for one in times.values():
+            one.longest_wait = one.longest_work = 0.0
+        self._diagnostics.publish(Status("host", level, text, values))
+
+    def _end(self) -> None:
+        for one in self.hosted:
+            with contextlib.suppress(Exception):
+                one.node.trigger_shutdown()
+        if HUB.worker is not None:
+            HUB.worker.close()
+        if hasattr(self, "_executor"):
+            self._executor.shutdown()
+        rclpy.try_shutdown()
+
+
+def _resident() -> int:
+    with open("/proc/self/statm", encoding="ascii") as stream:
+        return int(stream.read().split()[1]) * resource.getpagesize()

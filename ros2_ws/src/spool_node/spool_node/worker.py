@@ -1,0 +1,91 @@
+"""Worker thread of a process that hosts many nodes: their blocks, one after the other, off the executor."""
+
+from __future__ import annotations
+
+import ctypes
+import queue
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+
+class HangError(BaseException):
+    """Hang: what runs for so long is broken off; no handler of exceptions may keep it."""
+
+
+class Worker:
+    """Worker that runs jobs in order, each for an owner.
+
+    A job that does not return is given up with its thread: another thread goes on with the jobs of all other
+    owners, and nothing of theirs is lost.
+
+    Attributes:
+        done: jobs that returned.
+    """
+
+    def __init__(self) -> None:
+        self.done = 0
+        self._jobs: queue.SimpleQueue[tuple[object, Callable[[Any], None], Any]] = queue.SimpleQueue()
+        self._current: tuple[object, float] | None = None
+        self._refused: set[int] = set()
+        self._thread = self._begun()
+
+    @property
+    def waiting(self) -> int:
+        """Number of jobs that wait."""
+        return self._jobs.qsize()
+
+    def put(self, owner: object, job: Callable[[Any], None], argument: Any) -> None:
+        """Let ``job(argument)`` run when its turn comes; those of an owner that hangs are dropped."""
+        self._jobs.put((owner, job, argument))
+
+    def hanging(self, longest: float) -> object | None:
+        """Return the owner whose job runs for more than ``longest`` s, ``None`` where there is none."""
+        current = self._current
+        if current is None or time.monotonic() - current[1] <= longest:
+            return None
+        return current[0]
+
+    def give_up(self, owner: object) -> None:
+        """Leave the job of ``owner`` that hangs, and go on with those of others."""
+        self._refused.add(id(owner))
+        left, self._current = self._thread, None
+        self._thread = self._begun()
+        if left.ident is not None:  # in Python it ends at its next step; a kernel that never returns stays
+            ctypes.pythonapi.PyThreadState_SetAsyncExc(
+                ctypes.c_ulong(left.ident), ctypes.py_object(HangError)
+            )
+
+    def admit(self, owner: object) -> None:
+        """Take jobs of ``owner`` again."""
+        self._refused.discard(id(owner))
+
+    def close(self, timeout: float = 2.0) -> None:
+        """Run what waits and end."""
+        self.put(None, lambda _: None, None)
+        self._thread.join(timeout)
+
+    def _begun(self) -> threading.Thread:
+        thread = threading.Thread(target=self._run, name="worker", daemon=True)
+        self._thread = thread
+        thread.start()
+        return thread
+
+    def _run(self) -> None:
+        me = threading.current_thread()
+        try:
+            while True:
+                owner, job, argument = self._jobs.get()
+                if owner is None:
+                    return
+                if id(owner) in self._refused:
+                    continue
+                self._current = owner, time.monotonic()
+                job(argument)
+                if self._thread is not me:
+                    return
+                self._current = None
+                self.done += 1
+        except HangError:
+            return

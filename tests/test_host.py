@@ -1,0 +1,236 @@
+"""Many valves in one process: each node as before, and one that raises, hangs or hears garbage alone."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from spool_msgs.msg import AccelerationBlock, ModelEstimate, ValveHealth
+from spool_node import qos
+from spool_node.messages import from_block
+from spool_sim.excitation.presets import PRESETS
+from spool_sim.simulator import Simulator
+from spool_sim.valve.description import find_valve
+from spool_stream.block import Block
+
+if TYPE_CHECKING:
+    from .conftest import System, Topic
+
+VALVES = [f"valve_{number}" for number in range(4)]
+#: What one valve's estimator does with block 300 on.
+FAULTS = {
+    "raises": "raise RuntimeError('broken on purpose')",
+    "hangs": "\n            while True: pass",
+    "never returns from a kernel": "forever()",
+}
+PROGRAM = """
+import sys, numba
+from spool_estimator.node.estimator_node import EstimatorNode
+from spool_bringup.host.program import main
+
+@numba.njit(nogil=True)
+def forever():
+    at = 0
+    while at >= 0:
+        at = (at + 1) % 1000
+    return at
+
+take = EstimatorNode._take
+
+def faulty(self, block):
+    if self.get_namespace() == "/valve_1" and 300 <= block.sequence < 320:
+            FAULT
+    take(self, block)
+
+EstimatorNode._take = faulty
+sys.exit(main())
+"""
+
+
+class Feed:
+    """Feed of all valves in real time, the same record for each."""
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+        self.blocks = list(Simulator(find_valve("4weh10_soft"), PRESETS["multisine"]).records(40.0))
+        self.sent = 0
+        self.publishers = {
+            name: system.node.create_publisher(
+                AccelerationBlock, f"/{name}/acceleration", qos.samples_offered(50)
+            )
+            for name in VALVES
+        }
+        self.begin = 0.0
+
+    def heard(self) -> bool:
+        return all(publisher.get_subscription_count() for publisher in self.publishers.values())
+
+    def turn(self) -> None:
+        """Send what is due."""
+        self.begin = self.begin or time.monotonic()
+        due = math.floor((time.monotonic() - self.begin) * 50.0)
+        while self.sent < min(due, len(self.blocks)):
+            block = self.blocks[self.sent]
+            for name, publisher in self.publishers.items():
+                publisher.publish(from_block(self.changed(name, block), "4weh10_soft"))
+            self.sent += 1
+
+    def changed(self, _name: str, block: Block) -> Block:
+        return block
+
+    def until(self, met: Callable[[], object], what: str) -> None:
+        def done() -> object:
+            self.turn()
+            return met()
+
+        self.system.until(done, what)
+
+
+@pytest.fixture(name="feed")
+def _feed(system: System) -> Feed:
+    return Feed(system)
+
+
+@pytest.fixture(name="host")
+def _host(system: System, tmp_path: Path) -> Iterator[Callable[[str], subprocess.Popen[bytes]]]:
+    valves = tmp_path / "valves.yaml"
+    valves.write_text("".join(f"- {{namespace: {name}}}\n" for name in VALVES))
+    running: list[subprocess.Popen[bytes]] = []
+
+    def start(program: str, *words: str) -> subprocess.Popen[bytes]:
+        arguments = ["--ros-args", "-p", f"valves_file:={valves}"]
+        with (tmp_path / "host.log").open("wb") as log:
+            running.append(
+                subprocess.Popen(
+                    [sys.executable, "-c", program, *words, *arguments],
+                    env={
+                        **os.environ,
+                        "XDG_STATE_HOME": str(tmp_path / "state"),
+                        "ROS_DOMAIN_ID": str(system.domain_id),
+                    },
+                    stdin=subprocess.DEVNULL,
+                    stdout=log,
+                    stderr=subprocess.STDOUT,
+                )
+            )
+        return running[-1]
+
+    yield start
+    for process in running:
+        if process.poll() is None:
+            process.kill()
+            process.wait()
+
+
+PLAIN = "import sys; from spool_bringup.host.program import main; sys.exit(main())"
+
+
+def estimates(system: System) -> dict[str, Topic]:
+    return {name: system.listen(ModelEstimate, f"/{name}/estimate", latched=True) for name in VALVES}
+
+
+def stamps(topic: Topic) -> list[float]:
+    return [one.header.stamp.sec + 1e-9 * one.header.stamp.nanosec for one in topic.messages]
+
+
+def test_each_node_is_there_as_in_a_process_of_its_own(
+    system: System, feed: Feed, host: Callable[..., subprocess.Popen[bytes]]
+) -> None:
+    told = estimates(system)
+    process = host(PLAIN, "--processes", "2")
+    feed.until(feed.heard, "all valves are heard")
+    feed.until(lambda: all(len(one.heard) >= 8 for one in told.values()), "all valves are estimated")
+    for name in VALVES:
+        assert system.state(f"/{name}/estimator") == "active"
+        assert system.state(f"/{name}/monitor") == "active"
+    (result,) = system.set_parameters("/valve_2/estimator", stale_after=2.5)
+    assert result.successful
+    system.change("/valve_3/monitor", "deactivate", "activate")
+    last = {name: one.last for name, one in told.items()}
+    stiffness = {name: one.parameters[0].value for name, one in last.items()}
+    assert all(abs(value / 1632.0 - 1.0) < 0.02 for value in stiffness.values()), stiffness
+    process.send_signal(signal.SIGINT)
+    assert process.wait(60) == 0
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_valve_that_fails_costs_the_others_nothing(
+    system: System, feed: Feed, host: Callable[..., subprocess.Popen[bytes]], tmp_path: Path, fault: str
+) -> None:
+    told = estimates(system)
+    _ = system.diagnostics
+    process = host(PROGRAM.replace("FAULT", FAULTS[fault]))
+    feed.until(feed.heard, "all valves are heard")
+    feed.until(lambda: feed.sent > 320, "the fault began")
+    feed.until(lambda: feed.sent > 900, "the others go on")
+    others = [name for name in VALVES if name != "valve_1"]
+    for name in others:
+        seen = stamps(told[name])
+        gaps = [later - earlier for earlier, later in pairwise(seen)]
+        assert max(gaps) < 1.5, f"{name} stood still for {max(gaps):.2f} s"
+        values = system.numbers(f"{name}/estimator: estimate")
+        assert values["blocks_lost"] == "0"
+    said = (tmp_path / "host.log").read_text()
+    if fault == "raises":
+        assert "broken on purpose" in said
+    else:
+        assert "/valve_1/estimator: a callback did not return within 1 s" in said
+    if fault == "hangs":
+        feed.until(lambda: stamps(told["valve_1"])[-1] > stamps(told["valve_0"])[-1] - 3.0, "it is back")
+    process.send_signal(signal.SIGINT)
+    process.wait(60)
+
+
+def test_garbage_on_one_valves_topic_is_refused_and_costs_the_others_nothing(
+    system: System, feed: Feed, host: Callable[..., subprocess.Popen[bytes]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = estimates(system)
+    health = system.listen(ValveHealth, "/valve_0/health", latched=True)
+    _ = system.diagnostics
+
+    def changed(name: str, block: Block) -> Block:
+        if name != "valve_1" or block.sequence < 100:
+            return block
+        kind = block.sequence % 3
+        if kind == 0:
+            return Block(block.stamp, block.sequence, -1.0, block.body, block.spool, block.source)
+        if kind == 1:
+            return Block(
+                block.stamp, block.sequence, block.sample_period, block.body * math.nan, block.spool, ""
+            )
+        return Block(
+            block.stamp, block.sequence, block.sample_period, block.body[:3], block.spool, block.source
+        )
+
+    monkeypatch.setattr(feed, "changed", changed)
+    process = host(PLAIN)
+    feed.until(feed.heard, "all valves are heard")
+    feed.until(lambda: feed.sent > 500, "garbage was sent")
+    feed.until(lambda: len(told["valve_0"].heard) >= 8 and health.heard, "the others go on")
+    assert system.numbers("valve_0/estimator: estimate")["blocks_lost"] == "0"
+    assert system.numbers("valve_0/estimator: estimate")["blocks_refused"] == "0"
+    assert int(system.numbers("valve_1/estimator: estimate")["blocks_refused"]) > 300
+    process.send_signal(signal.SIGINT)
+    assert process.wait(60) == 0
+
+
+def test_a_list_that_is_none_is_refused_in_a_line(
+    host: Callable[..., subprocess.Popen[bytes]], tmp_path: Path
+) -> None:
+    (tmp_path / "valves.yaml").write_text("- {valve_file: x}\n")
+    process = host(
+        PLAIN.replace("sys.exit", "open(sys.argv[-1].partition(':=')[2], 'w').write('[]'); sys.exit")
+    )
+    assert process.wait(60) == 2
+    said = (tmp_path / "host.log").read_text()
+    assert "give a list of valves" in said
+    assert "Traceback" not in said
