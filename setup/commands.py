@@ -8,6 +8,7 @@ from pathlib import Path
 #: The launcher's own: name, place in the list, and what it does.
 OWN = (
     ("test", 15, "the tests of the repository; takes pytest's arguments, -m '' adds the slow ones"),
+    ("package", 990, "a Debian package with its own environment, and its bill of materials"),
     ("doctor", 1000, "what is wrong with this machine or installation, and what to do"),
 )
 SUFFIX = "_command.py"

@@ -16,7 +16,8 @@ from setup.layout import Layout, find_underlay
 from setup.steps import say
 
 ROOT = Path(__file__).resolve().parent.parent
-LOCAL_BY_DEFAULT = ("demo", "test", "bench", "run")
+#: Commands that start nodes or talk to those of `run`: on this host alone unless the caller says more.
+LOCAL_BY_DEFAULT = ("demo", "test", "bench", "run", "alarm", "analyse", "baseline", "snapshot", "watch")
 HELP = """Usage: ./spool COMMAND [arguments]       ./spool COMMAND --help says more, with an example
 
 {commands}
@@ -84,6 +85,11 @@ def _run(arguments: list[str]) -> int:
         from setup.doctor import doctor  # noqa: PLC0415  (a later call has to start immediately)
 
         return doctor(layout, done, environment, arguments[1:])
+
+    if command == "package":
+        from setup.packaging.package import package  # noqa: PLC0415  (a later call has to start immediately)
+
+        return package(ROOT, environment, arguments[1:])
 
     if not done.environment:
         from setup.commands import commands, listing  # noqa: PLC0415  (a later call has to start immediately)

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 from rclpy.serialization import serialize_message
-from spool_bag.format.cdr import encode_block
 from spool_bag.format.definitions import ACCELERATION_BLOCK
 from spool_bag.recording.writer import BagWriter
 from spool_estimator.estimator import Estimator, settings_for
@@ -18,6 +17,7 @@ from spool_sim.excitation.presets import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
+from spool_stream.format.cdr import encode_block
 from spool_tools.input.bag_valve import VALVE_DESCRIPTION, encode_valve
 
 START = 1_735_689_600_000_000_000

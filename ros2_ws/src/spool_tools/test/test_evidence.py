@@ -106,6 +106,7 @@ def test_the_autocorrelation_of_a_forgotten_resonance_leaves_its_band() -> None:
     assert found.outside > 0.5
 
 
+@pytest.mark.slow
 def test_an_ellipse_holds_the_truth_as_often_as_it_says() -> None:
     """Coulomb friction and drag of simulated records: more than 2 of 8 miss once in 170 times by chance."""
     held = 0

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from spool_bag.format.cdr import encode_block
 from spool_bag.format.definitions import ACCELERATION_BLOCK
 from spool_bag.reading.reader import BagReader
 from spool_bag.recording.writer import BagWriter
@@ -14,6 +13,7 @@ from spool_sim.excitation.presets import PRESETS
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
 from spool_stream.errors import InputError
+from spool_stream.format.cdr import encode_block
 from spool_tools.cli import main
 from spool_tools.input.bag_valve import recorded_valve
 from spool_tools.input.recorded_excitation import find_excitation

@@ -14,6 +14,7 @@ from spool_stream.errors import InputError
 from spool_tools.cli import main
 from spool_tools.console.outputs import write_json
 from spool_tools.operations.record_replay import replay_bag, replay_valve
+from spool_tools.operations.simulation import simulate
 
 if TYPE_CHECKING:
     from .conftest import MakeBag, Recorded
@@ -250,3 +251,30 @@ def test_a_message_that_cannot_be_decoded_is_left_out_of_a_replay_and_told(tmp_p
     assert "/valve_1/acceleration: 1 messages are not what their type says" in warning
     assert "spool recover" in warning
     assert result["valves"]["valve_1"]["lost_blocks"] == 1
+
+
+def test_drift_between_records_is_seen_by_a_baseline_that_is_kept(tmp_path: Path) -> None:
+    for name, friction in (("before", 0.5), ("after", 0.75)):
+        simulate(
+            tmp_path / name, "4weh10_soft", "coulomb", "multisine", 30.0, sample_rate=1000.0, block_rate=25.0,
+            coulomb_force=friction, noise=0.05, seed=1, name="valve_1",
+        )  # fmt: skip
+
+    def drifts(name: str, state: Path | None) -> list[str]:
+        result = replay_bag(tmp_path / name, [], state=state)
+        events = result["valves"]["valve_1"]["events"]
+        return [event["cause"] for event in events if event["kind"] == "friction_drift"]
+
+    assert drifts("after", None) == []
+    assert drifts("before", tmp_path / "baselines") == []
+    assert drifts("after", tmp_path / "baselines") == ["oil_contamination"]
+
+
+def test_a_baseline_of_another_valve_is_refused(tmp_path: Path) -> None:
+    simulate(
+        tmp_path / "bag", "4weh10_soft", "coulomb", "multisine", 20.0, sample_rate=1000.0, block_rate=25.0,
+        coulomb_force=0.5, noise=0.05, seed=1, name="valve_1",
+    )  # fmt: skip
+    replay_bag(tmp_path / "bag", [], state=tmp_path / "baselines")
+    with pytest.raises(InputError, match="is of valve 4weh10_soft"):
+        replay_bag(tmp_path / "bag", ["4weh10_stiff"], state=tmp_path / "baselines")

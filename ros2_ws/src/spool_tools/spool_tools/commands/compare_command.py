@@ -40,6 +40,9 @@ def compare(
     columns: cli.ColumnsOption = None,
     start: cli.StartOption = 0.0,
     stop: cli.StopOption = None,
+    since: cli.SinceOption = None,
+    until: cli.UntilOption = None,
+    around: cli.AroundOption = None,
 ) -> None:
     """Fit several models to records and say which one the data prefer; exit 1 where none has a result.
 
@@ -53,7 +56,8 @@ def compare(
     from spool_tools.operations.comparison import run_compare  # noqa: PLC0415 - slow to load, as below
 
     code = run_compare(
-        records, valve or (), models.split(",") if models else (), selection(name, columns, start, stop),
+        records, valve or (), models.split(",") if models else (),
+        selection(name, columns, start, stop, (since, until, around)),
         ResultFiles(json, report, None, out), held_out=holdout or (), together=together,
         sensor_gain=sensor_gain, sensor_delay=sensor_delay,
     )  # fmt: skip

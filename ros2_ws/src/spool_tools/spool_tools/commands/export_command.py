@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from spool_stream.text.printable import printable
 
-from spool_tools.console.cli_options import BagArgument, Force
+from spool_tools.console.cli_options import AroundOption, BagArgument, Force, SinceOption, UntilOption
 from spool_tools.console.command import Command
 from spool_tools.console.outputs import making_room
 from spool_tools.console.progress import progress
@@ -22,6 +22,9 @@ def export(
         list[str] | None,
         typer.Option("--name", "--valve", help="Namespace of a valve in the bag; default: all."),
     ] = None,
+    since: SinceOption = None,
+    until: UntilOption = None,
+    around: AroundOption = None,
     _force: Force = False,
 ) -> None:
     """Write a bag's samples as a table.
@@ -30,8 +33,11 @@ def export(
     """
     from spool_bag.tables.export import export_bag  # noqa: PLC0415 - slow to load
 
+    from spool_tools.input.record_span import span_of  # noqa: PLC0415
+
     with making_room(out), progress("exporting") as advance:
-        result = export_bag(bag, out, valves=name, progress=advance)
+        span = span_of(bag, since, until, around)
+        result = export_bag(bag, out, valves=name, span=span, progress=advance)
     for warning in result.warnings:
         warn(warning)
     print(f"{out}: {result.rows} rows of {printable(', '.join(result.valves))}")

@@ -33,6 +33,9 @@ def fit(
     columns: cli.ColumnsOption = None,
     start: cli.StartOption = 0.0,
     stop: cli.StopOption = None,
+    since: cli.SinceOption = None,
+    until: cli.UntilOption = None,
+    around: cli.AroundOption = None,
 ) -> None:
     """Fit a model to records: parameters with standard deviations, objective, amplitude ratio.
 
@@ -47,7 +50,7 @@ def fit(
 
     files = ResultFiles(json, report, save_model, out)
     code = run_fit(
-        records, valve, model, selection(name, columns, start, stop), files,
+        records, valve, model, selection(name, columns, start, stop, (since, until, around)), files,
         held_out=holdout or (), free=free or (), fixed=fix or (),
         sensor_gain=sensor_gain, sensor_delay=sensor_delay,
     )  # fmt: skip

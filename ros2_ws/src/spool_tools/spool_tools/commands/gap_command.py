@@ -70,6 +70,9 @@ def gap(
     columns: cli.ColumnsOption = None,
     start: cli.StartOption = 0.0,
     stop: cli.StopOption = None,
+    since: cli.SinceOption = None,
+    until: cli.UntilOption = None,
+    around: cli.AroundOption = None,
 ) -> None:
     """Find where simulation and records disagree, name what is missing, add it, show the gap shrink.
 
@@ -86,7 +89,7 @@ def gap(
     from spool_tools.operations.gap_run import run_gap  # noqa: PLC0415 - slow to load, as below
 
     code = run_gap(
-        records, valve, base, kind, selection(name, columns, start, stop),
+        records, valve, base, kind, selection(name, columns, start, stop, (since, until, around)),
         ResultFiles(json, report, save_model), holdout=holdout or (),
         gain_tolerance=gain_tolerance, delay_tolerance=delay_tolerance, mass=mass,
         least_share=least_share, thorough=thorough, profiles=profiles,

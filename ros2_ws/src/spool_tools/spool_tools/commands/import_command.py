@@ -1,4 +1,4 @@
-"""`./spool import`: a data logger's file as a bag."""
+"""`./spool import`: any logger's file, or a bag of other topics, as a bag of a valve."""
 
 from __future__ import annotations
 
@@ -9,43 +9,85 @@ from typing import Annotated
 import typer
 from spool_stream.errors import InputError
 
-from spool_tools.console.cli_options import ColumnsOption, Force, NewBag
+from spool_tools.console.cli_options import Force, JsonFile, ReportFile
 from spool_tools.console.command import Command
 from spool_tools.console.outputs import making_room
 from spool_tools.console.terminal import warn
 
 
 def import_(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="CSV file, may be gzipped.")],
-    out: NewBag,
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILE...", help="What a logger wrote, or a foreign bag; two where clocks differ."
+        ),
+    ],
+    out: Annotated[Path | None, typer.Option("--out", help="Bag to be made.", metavar="BAG")] = None,
+    look: Annotated[bool, typer.Option("--look", help="Say what is understood; write no bag.")] = False,
+    columns: Annotated[
+        str | None, typer.Option(help="Channels by name, e.g. time_s=t,body_m_s2=ch1,spool_m_s2=ch2")
+    ] = None,
+    unit: Annotated[
+        str | None, typer.Option(help="Units that the file does not name: body=g,spool=g")
+    ] = None,
+    scale: Annotated[str | None, typer.Option(help="Sensitivities: body=100mV/g,spool=50g/FS")] = None,
+    rate: Annotated[float | None, typer.Option(help="Hz, where the file holds no time.")] = None,
+    topic: Annotated[
+        str | None, typer.Option(help="Topics and axes of a bag: body=/imu_1:z,spool=/imu_2:z")
+    ] = None,
+    align: Annotated[
+        str, typer.Option(help="auto: bring two clocks together by correlation; none: refuse two clocks.")
+    ] = "auto",
     name: Annotated[str, typer.Option(help="Namespace of the valve in the bag.")] = "valve_1",
-    columns: ColumnsOption = None,
     start: Annotated[
         str | None,
         typer.Option(
-            help="Time of time_s = 0, ISO 8601, UTC; default: 2025-01-01, "
-            "or none where time_s counts from 1970."
+            help="Time of the record's 0 s, ISO 8601, UTC; default: what the file states, else 2025-01-01."
         ),
     ] = None,
+    json: JsonFile = None,
+    report: ReportFile = None,
     _force: Force = False,
 ) -> None:
-    """Turn a data logger's CSV file into a bag.
+    """Turn what a logger wrote, or a bag of other topics, into a bag.
 
-    Example: ./spool import record.csv.gz --out record_bag
+    CSV of any dialect, Excel, Parquet, Feather, MATLAB, HDF5, NumPy, WAV, TDMS, MF4, UFF 58, bags of ROS 1
+    and 2.
+    What could be several things is refused with the flag to type. --json and --report go with --look.
+
+    Example: ./spool import logger.csv --look
+    Example: ./spool import logger.csv --unit body=g,spool=g --out record_bag
+    Example: ./spool import body.wav spool.tdms --scale body=50g/FS --out record_bag
     """
-    from spool_bag.tables.csv_import import import_csv  # noqa: PLC0415 - slow to load, as below
+    from spool_import.bag_import import import_record  # noqa: PLC0415 - slow to load, as below
+    from spool_import.records.choices import choices  # noqa: PLC0415
 
-    from spool_tools.input.record_names import parse_columns  # noqa: PLC0415
+    from spool_tools.console.progress import progress  # noqa: PLC0415
 
+    how = choices(columns, unit, scale, topic, rate, align)
+    if len(files) > 2:
+        raise InputError(f"{files[2]}: two files at most, body and spool; import each record by itself")
+    if look:
+        from spool_tools.operations.record_look import look as looked  # noqa: PLC0415
+
+        with progress("reading"):
+            fine = looked(files, how, json, report)
+        raise typer.Exit(0 if fine else 1)
+    if out is None:
+        raise InputError("--out: name the bag to be made, or --look to see what is understood")
+    if json is not None or report is not None:
+        raise InputError("--json and --report show what --look finds: add --look")
     moment = None if start is None else _moment(start)
-    with making_room(out):
-        result = import_csv(file, out, valve=name, columns=parse_columns(columns), start=moment)
+    with making_room(out), progress("importing"):
+        result = import_record(files, out, valve=name, how=how, start=moment)
     for warning in result.warnings:
         warn(warning)
+    for note in result.notes:
+        print(note)
     lost = f", {result.lost_blocks} blocks lost in gaps" if result.lost_blocks else ""
     print(
         f"{out}: {result.samples} samples in {result.blocks} blocks of /{name}, "
-        f"{result.duration:.1f} s at {1.0 / result.period:g} Hz{lost}"
+        f"{result.duration:.1f} s at {1.0 / result.period:.7g} Hz{lost}"
     )
 
 
@@ -59,4 +101,4 @@ def _moment(start: str) -> int:
         raise InputError(f"--start {start!r}: write it like 2025-01-31T12:00:00") from error
 
 
-COMMAND = Command(import_, place=40, line="a data logger's CSV file to a bag")
+COMMAND = Command(import_, place=40, line="any logger's file, or a foreign bag, to a bag of a valve")

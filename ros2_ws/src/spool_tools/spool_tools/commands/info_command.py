@@ -8,7 +8,15 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from spool_tools.console.cli_options import ColumnsOption, Force, JsonFile, RecordArgument
+from spool_tools.console.cli_options import (
+    AroundOption,
+    ColumnsOption,
+    Force,
+    JsonFile,
+    RecordArgument,
+    SinceOption,
+    UntilOption,
+)
 from spool_tools.console.command import Command
 from spool_tools.console.losses import damaged_places, lost_messages
 from spool_tools.console.outputs import write_json
@@ -20,7 +28,13 @@ if TYPE_CHECKING:
 
 
 def info(
-    record: RecordArgument, columns: ColumnsOption = None, json: JsonFile = None, _force: Force = False
+    record: RecordArgument,
+    columns: ColumnsOption = None,
+    since: SinceOption = None,
+    until: UntilOption = None,
+    around: AroundOption = None,
+    json: JsonFile = None,
+    _force: Force = False,
 ) -> None:
     """Say what is in a record and what was lost on the way into it; exit 1 where something was.
 
@@ -29,15 +43,17 @@ def info(
     from spool_bag.format.definitions import ACCELERATION_BLOCK  # noqa: PLC0415 - slow to load, as below
     from spool_bag.reading.information import describe  # noqa: PLC0415
 
-    from spool_tools.input.record_names import is_csv, parse_columns  # noqa: PLC0415
+    from spool_tools.input.record_names import parse_columns  # noqa: PLC0415
+    from spool_tools.input.record_span import span_of  # noqa: PLC0415
+    from spool_tools.input.table_record import is_table  # noqa: PLC0415
 
     with progress("reading"):
-        if is_csv(record):
-            from spool_tools.input.csv_blocks import CsvSource  # noqa: PLC0415
+        if is_table(record):
+            from spool_tools.input.table_source import TableSource  # noqa: PLC0415
 
-            found = CsvSource(record, parse_columns(columns)).describe()
+            found = TableSource(record, parse_columns(columns)).describe()
         else:
-            found = describe(record)
+            found = describe(record, span_of(record, since, until, around))
     if json is not None:
         write_json(json, found.to_dict())
     _show(found)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -31,6 +32,16 @@ def replay(
     json: cli.JsonFile = None,
     report: cli.ReportFile = None,
     _force: cli.Force = False,
+    state: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Folder that keeps each valve's baseline: learned from the first record.",
+        ),
+    ] = None,
+    since: cli.SinceOption = None,
+    until: cli.UntilOption = None,
+    around: cli.AroundOption = None,
     method: Annotated[str, typer.Option(help="Estimator: prediction, or equation.")] = "prediction",
     refits: Annotated[bool, typer.Option("--refits", help="Refit the last 4 s again and again.")] = False,
     refit_model: Annotated[
@@ -45,11 +56,24 @@ def replay(
     Example: ./spool replay bags/practice_03 --valve 4weh10_soft --json result.json
 
     Example: ./spool replay bags/practice_03 --valve 4weh10_soft --report replay.html
+
+    Example: ./spool replay bags/practice_03 --valve 4weh10_soft --state baselines
+
+    Example: ./spool replay recordings/press_4 --around resonance
     """
     from spool_tools.operations.record_replay import RefitRequest, replay_bag  # noqa: PLC0415 - slow to load
 
     request = RefitRequest(refit_model, refit_period) if refits else None
-    result = replay_bag(record, valve or [], refits=request, method=method, columns=columns, report=report)
+    result = replay_bag(
+        record,
+        valve or [],
+        refits=request,
+        method=method,
+        columns=columns,
+        report=report,
+        state=state,
+        when=(since, until, around),
+    )
     if json is not None:
         write_json(json, result)
     for warning in result["warnings"]:

@@ -1,44 +1,131 @@
-"""`./spool valve`: what follows from a valve file by the paper's equations, and what looks wrong in it."""
+"""`./spool valve`: a valve file from a data sheet, what follows from one, and what looks wrong in it."""
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from spool_tools.console.cli_options import Force, JsonFile
 from spool_tools.console.command import Command
+from spool_tools.console.outputs import check_output
 
 app = typer.Typer(no_args_is_help=True)
+
+Sheet = Annotated[str | None, typer.Option(help="With its unit; without one in SI units.")]
 
 
 @app.callback()
 def group() -> None:
-    """Look at valve files.
+    """Write and check valve files.
 
     Example: ./spool valve check 4weh10_soft
     """
 
 
 @app.command()
-def check(
-    file: Annotated[str, typer.Argument(metavar="FILE", help="YAML file, or a shipped valve's name.")],
+def new(
+    out: Annotated[
+        Path,
+        typer.Option(
+            metavar="FILE.yaml",
+            help="Valve file to be made.",
+            callback=lambda path: check_output(path, "--out"),
+        ),
+    ],
+    name: Annotated[str | None, typer.Option("--id", help="Name of the valve.")] = None,
+    moving_mass: Sheet = None,
+    spool_mass: Sheet = None,
+    spring_mass: Sheet = None,
+    oil_mass: Sheet = None,
+    spring_stiffness: Sheet = None,
+    spring_rate: Annotated[str | None, typer.Option(help="Of one of two equal springs.")] = None,
+    natural_frequency: Annotated[
+        str | None, typer.Option(help="In the place of a stiffness that nobody knows.")
+    ] = None,
+    land_diameter: Sheet = None,
+    land_length: Sheet = None,
+    radial_clearance: Sheet = None,
+    oil: Annotated[str | None, typer.Option(help="HL68, Azolla ZS22, or ISO VG 10 to ISO VG 100.")] = None,
+    oil_temperature: Annotated[str | None, typer.Option(help="deg C, of the oil at work.")] = None,
+    dynamic_viscosity: Sheet = None,
+    _force: Force = False,
 ) -> None:
-    """Show what follows from a valve file; exit 1 where a number looks wrong.
+    """Write a valve file from a data sheet; what no flag says is asked for on a terminal.
 
-    Example: ./spool valve check 4weh10_soft
+    Id, mass and stiffness are needed, also as --spool-mass with --spring-mass, and --spring-rate or
+    --natural-frequency.
+
+    Example: ./spool valve new --out my_valve.yaml --id mine --moving-mass 180g --spring-rate 0.816N/mm
     """
-    from spool_sim.valve.description import find_valve  # noqa: PLC0415 - slow to load, as below
-    from spool_sim.valve.plausibility import implausible  # noqa: PLC0415
-
+    from spool_tools.console.outputs import write_file  # noqa: PLC0415 - slow to load, as below
+    from spool_tools.console.terminal import warn  # noqa: PLC0415
+    from spool_tools.operations.valve_check import judged  # noqa: PLC0415
     from spool_tools.operations.valve_quantities import quantities  # noqa: PLC0415
+    from spool_tools.operations.valve_sheet import asked, described, file_text  # noqa: PLC0415
 
-    valve = find_valve(file)
+    flags = {
+        "id": name, "moving_mass": moving_mass, "spool_mass": spool_mass, "spring_mass": spring_mass,
+        "oil_mass": oil_mass, "spring_stiffness": spring_stiffness, "spring_rate": spring_rate,
+        "natural_frequency": natural_frequency, "land_diameter": land_diameter, "land_length": land_length,
+        "radial_clearance": radial_clearance, "oil": oil, "oil_temperature": oil_temperature,
+        "dynamic_viscosity": dynamic_viscosity,
+    }  # fmt: skip
+    answers = {key: value for key, value in flags.items() if value is not None}
+    if sys.stdin.isatty():
+        print("Answers with their units; Enter where the data sheet does not say.")
+        answers = asked(answers, lambda question: input(f"{question}: "), warn)
+    valve, how = described(answers)
+    write_file(out, file_text(valve, how), "--out")
     for line in quantities(valve):
         print(line)
-    wrong = implausible(valve)
-    for said in wrong:
+    for said in judged(str(out)).wrong:
         print(f"looks wrong: {said}")
-    raise typer.Exit(1 if wrong else 0)
+    print(f"written: {out}")
 
 
-COMMAND = Command(app, place=140, line="what follows from a valve file, and what looks wrong in it")
+@app.command()
+def check(
+    file: Annotated[str, typer.Argument(metavar="FILE", help="YAML file, or a shipped valve's name.")],
+    record: Annotated[
+        Path | None, typer.Option(metavar="RECORD", help="Record of this valve: bag or file.")
+    ] = None,
+    name: Annotated[str | None, typer.Option(help="Which valve of a bag that holds several.")] = None,
+    columns: Annotated[str | None, typer.Option(help="Names in a file.")] = None,
+    json: JsonFile = None,
+    _force: Force = False,
+) -> None:
+    """Show what follows from a valve file, and whether a record agrees; exit 1 where something looks wrong.
+
+    Example: ./spool valve check 4weh10_soft --record bags/practice_03
+    """
+    from spool_tools.console.outputs import write_json  # noqa: PLC0415 - slow to load, as below
+    from spool_tools.operations.record_replay import check_of_record  # noqa: PLC0415
+    from spool_tools.operations.valve_check import against_record, judged  # noqa: PLC0415
+    from spool_tools.operations.valve_quantities import quantities  # noqa: PLC0415
+
+    verdict = judged(file)
+    if verdict.valve is not None:
+        if record is not None:
+            against_record(verdict, check_of_record(record, verdict.valve, name, columns), record)
+        for line in quantities(verdict.valve):
+            print(line)
+    shown = verdict.shown
+    if shown is not None:
+        frequency = shown["natural_frequency_Hz"]
+        said = (
+            f"{frequency['value']:.4g} Hz"
+            if frequency
+            else "too little excited to tell its natural frequency"
+        )
+        print(f"the record {record}: {said}")
+    for said in verdict.wrong:
+        print(f"looks wrong: {said}")
+    if json is not None:
+        write_json(json, verdict.dictionary())
+    raise typer.Exit(1 if verdict.wrong else 0)
+
+
+COMMAND = Command(app, place=140, line="a valve file from a data sheet, and what looks wrong in one")

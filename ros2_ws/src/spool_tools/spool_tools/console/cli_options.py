@@ -81,21 +81,21 @@ ExcitationName = Annotated[
     str,
     typer.Option(
         "--excitation",
-        help="Body acceleration: a preset, a YAML file, or a record (bag or CSV file).",
+        help="Body acceleration: a preset, a YAML file, or a record (bag or file).",
         autocompletion=excitation_names,
     ),
 ]
 ColumnsOption = Annotated[
     str | None,
-    typer.Option("--columns", help="Names in a CSV file, e.g. time_s=t,body_m_s2=ch1,spool_m_s2=ch2"),
+    typer.Option("--columns", help="Names in a file, e.g. time_s=t,body_m_s2=ch1,spool_m_s2=ch2"),
 ]
 BagArgument = Annotated[Path, typer.Argument(help="rosbag2 directory or .mcap file.", metavar="BAG")]
 RecordArgument = Annotated[
-    Path, typer.Argument(help="rosbag2 directory, .mcap or CSV file.", metavar="RECORD")
+    Path, typer.Argument(help="rosbag2 directory, .mcap, or a logger's file.", metavar="RECORD")
 ]
 NewBag = Annotated[Path, typer.Option("--out", help="Bag to be made.", metavar="BAG")]
 RecordsArgument = Annotated[
-    list[Path], typer.Argument(help="Bags or CSV files of one valve.", metavar="RECORD...")
+    list[Path], typer.Argument(help="Bags or loggers' files of one valve.", metavar="RECORD...")
 ]
 OutFolder = Annotated[
     Path | None, typer.Option("--out", help="Folder for all of these files.", metavar="DIR")
@@ -112,6 +112,21 @@ NameOption = Annotated[
 ]
 StartOption = Annotated[float, typer.Option(help="Use the record from here on, s since its first sample.")]
 StopOption = Annotated[float | None, typer.Option(help="Use the record up to here, s; default: its end.")]
+SinceOption = Annotated[
+    str | None,
+    typer.Option(
+        "--since", help="Of a bag, from then on: 10m, 6h or 7d before its end, or 2025-01-31T12:00:00 (UTC)."
+    ),
+]
+UntilOption = Annotated[str | None, typer.Option("--until", help="Of a bag, up to then, likewise.")]
+AroundOption = Annotated[
+    str | None,
+    typer.Option(
+        "--around",
+        help="Of a bag, a minute before and after its newest alarm of a kind, e.g. resonance; "
+        "resonance:2 for the one before; alarm for any.",
+    ),
+]
 HoldoutOption = Annotated[
     list[Path] | None,
     typer.Option(

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from itertools import islice
+
 from spool_bag.format.definitions import typestore
 from spool_bag.reading.reader import BagReader
 from spool_sim.valve.description import Valve, valve_from_mapping
@@ -19,7 +22,7 @@ def encode_valve(valve: Valve, stamp: int) -> bytes:
     message = types[VALVE_DESCRIPTION](
         header=types["std_msgs/msg/Header"](stamp=time, frame_id=valve.id),
         oil=valve.oil or "",
-        **{name: getattr(valve, name) for name in _NUMBERS},
+        **{name: valve.given.get(name, math.nan) for name in _NUMBERS},
     )
     return bytes(typestore().serialize_cdr(message, VALVE_DESCRIPTION))
 
@@ -30,10 +33,12 @@ def recorded_valve(reader: BagReader, name: str) -> Valve | None:
     if topic not in reader.topics:
         return None
     last = None
-    for last in reader.messages(topic):  # noqa: B007 - the last one counts
+    # The last one counts; behind it the bag is not read.
+    for last in islice(reader.messages(topic), reader.topics[topic].messages):  # noqa: B007
         pass
     if last is None:
         return None
-    mapping = {key: getattr(last, key) for key in _NUMBERS}
+    numbers = {key: getattr(last, key) for key in _NUMBERS}
+    mapping = {key: value for key, value in numbers.items() if not math.isnan(value)}
     where = f"{reader.path}: {topic}"
     return valve_from_mapping({"id": last.header.frame_id, "oil": last.oil or None, **mapping}, where)

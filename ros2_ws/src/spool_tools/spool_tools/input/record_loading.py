@@ -1,4 +1,4 @@
-"""Record loading: bags and CSV files, as stretches without gaps, and the valve that they are of."""
+"""Record loading: bags and loggers' files, as stretches without gaps, and the valve that they are of."""
 
 from __future__ import annotations
 
@@ -11,27 +11,31 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from spool_bag.reading.reader import BagReader
-from spool_bag.tables.csv_import import start_of
-from spool_bag.tables.csv_record import BODY, OIL_TEMPERATURE, SPOOL, CsvRecord, read_csv
+from spool_bag.reading.span import Span
+from spool_bag.tables.column_names import BODY, OIL_TEMPERATURE, SPOOL
 from spool_identification.record import Record, records_from_blocks
 from spool_identification.record_parts import PartKeeper
+from spool_import.records.blocks import start_of
+from spool_import.records.logger_record import LoggerRecord
 from spool_sim.valve.description import Valve, find_valve, shipped_valves
 from spool_stream.block import Block
 from spool_stream.errors import InputError
 
 from .bag_valve import recorded_valve
-from .csv_blocks import CsvSource
-from .record_names import is_csv, parse_columns, split_name
+from .record_names import parse_columns, split_name
+from .record_span import span_of
+from .table_record import is_table, record_of_table
+from .table_source import TableSource
 
 #: What a replay reads.
-Source = BagReader | CsvSource
+Source = BagReader | TableSource
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """Recording: one bag or CSV file of one valve.
+    """Recording: one bag or logger's file of one valve.
 
     Attributes:
         path: where it is.
@@ -55,10 +59,11 @@ class Selection:
 
     Attributes:
         name: namespace of the valve, needed where a bag holds several.
-        columns: a CSV file's names by contract name, ``None`` where they are the contract's.
+        columns: a file's own names by contract name, ``None`` where they are the contract's.
         start, stop: s since the record's first sample; all of it by default.
         longest: samples of a bag that are held at most, parts of a longer one; ``None``: all.
         described: look for the valve's description in a bag.
+        when: since, until and around what, of a bag, as of the options.
     """
 
     name: str | None = None
@@ -67,6 +72,7 @@ class Selection:
     stop: float = math.inf
     longest: int | None = None
     described: bool = True
+    when: tuple[str | None, str | None, str | None] = (None, None, None)
 
     def __post_init__(self) -> None:
         """Raises InputError where no time is left between ``start`` and ``stop``."""
@@ -77,36 +83,43 @@ class Selection:
             )
 
 
-def selection(name: str | None, columns: str | None, start: float, stop: float | None) -> Selection:
-    """Return what the options ``--name``, ``--columns``, ``--start`` and ``--stop`` ask for."""
-    return Selection(name, parse_columns(columns), start, math.inf if stop is None else stop)
+def selection(
+    name: str | None,
+    columns: str | None,
+    start: float,
+    stop: float | None,
+    when: tuple[str | None, str | None, str | None] = (None, None, None),
+) -> Selection:
+    """Return what ``--name``, ``--columns``, ``--start``, ``--stop`` and ``--since`` etc. ask for."""
+    end = math.inf if stop is None else stop
+    return Selection(name, parse_columns(columns), start, end, when=when)
 
 
-def open_source(path: Path, columns: str | None = None) -> Source:
-    """Return the record at ``path``, a bag or a CSV file with ``columns`` as of ``--columns``.
+def open_source(path: Path, columns: str | None = None, span: Span | None = None) -> Source:
+    """Return the record at ``path``, a bag or a logger's file with ``columns`` as of ``--columns``.
 
     Raises:
         InputError: there is none, or it cannot be read.
     """
-    if is_csv(path):
-        return CsvSource(path, parse_columns(columns))
+    if is_table(path):
+        return TableSource(path, parse_columns(columns))
     if columns is not None:
-        raise InputError(f"--columns: {path} is no CSV file: leave it out")
-    return BagReader(path)
+        raise InputError(f"--columns: {path} is a bag: leave it out")
+    return BagReader(path, span=span or Span())
 
 
 def load_recording(path: Path, selection: Selection | None = None) -> Recording:
-    """Return what ``path`` (rosbag2 directory, .mcap, .csv or .csv.gz) holds of one valve.
+    """Return what ``path`` (rosbag2 directory, .mcap, any file that `import` reads) holds of one valve.
 
     Raises:
         InputError: unreadable, no such valve, several and none named, or no samples in the chosen time.
     """
     chosen = selection or Selection()
     described = None
-    if is_csv(path):
-        stretches = _from_csv(path, chosen.columns)
+    if is_table(path):
+        stretches = _from_table(path, chosen.columns)
     else:
-        reader = BagReader(path)
+        reader = BagReader(path, span=span_of(path, *chosen.when))
         name = _valve_in(reader, chosen.name)
         if chosen.longest is None:
             stretches = records_from_blocks(reader.blocks(name), str(path), reader.temperatures(name))
@@ -132,7 +145,7 @@ def load_recordings(
     """Return the records and the valve that all of them are of.
 
     Args:
-        paths: bags and CSV files, in any mixture.
+        paths: bags and loggers' files, in any mixture.
         valve: a valve file, a shipped valve's name, or the namespace of a valve that the bags describe;
             ``None`` takes the bags' description.
         selection: what to take of each.
@@ -188,7 +201,7 @@ def _valve_or_name(valve: str, paths: Sequence[Path], name: str | None) -> tuple
             raise InputError(f"--valve {valve}: --name says {name}: leave one of them out")
         return find_valve(file), own
     if valve not in shipped_valves() and not Path(valve).exists() and name is None:
-        held = {entry for path in paths if not is_csv(path) for entry in BagReader(path).valves}
+        held = {entry for path in paths if not is_table(path) for entry in BagReader(path).valves}
         if valve.strip("/") in held:
             return None, valve
     return find_valve(valve), name
@@ -207,14 +220,18 @@ def _valve_in(reader: BagReader, name: str | None) -> str:
     return known[0]
 
 
-def _from_csv(path: Path, columns: Mapping[str, str] | None) -> list[Record]:
-    record = read_csv(path, columns=columns)
+def _from_table(path: Path, columns: Mapping[str, str] | None) -> list[Record]:
+    return stretches_of_table(record_of_table(path, columns=columns), str(path))
+
+
+def stretches_of_table(record: LoggerRecord, name: str | None = None) -> list[Record]:
+    """Return the stretches without gaps of a logger's record."""
     oil = _without_holes(record)
     start = start_of(record)
     origin = start + round(float(record.time[0]) * 1e9)
     return [
         Record(
-            str(path),
+            name or str(record.path),
             start + round(float(record.time[begin]) * 1e9),
             record.period,
             record.columns[BODY][begin:end],
@@ -226,7 +243,7 @@ def _from_csv(path: Path, columns: Mapping[str, str] | None) -> list[Record]:
     ]
 
 
-def _without_holes(record: CsvRecord) -> Array | None:
+def _without_holes(record: LoggerRecord) -> Array | None:
     """Return the oil temperature, empty cells filled along straight lines."""
     oil = record.columns.get(OIL_TEMPERATURE)
     if oil is None:

@@ -9,7 +9,7 @@ from spool_stream.errors import InputError
 
 
 def parse_columns(text: str | None) -> Mapping[str, str] | None:
-    """Return a CSV file's names by contract name from ``--columns``.
+    """Return a file's own names by contract name from ``--columns``.
 
     Raises:
         InputError: not written as ``name=own,name=own``.
@@ -29,8 +29,3 @@ def split_name(text: str) -> tuple[str, str]:
     if not mark or Path(text).exists():
         return "", text
     return name.strip().strip("/"), file.strip()
-
-
-def is_csv(path: Path) -> bool:
-    """Return whether ``path`` is named like a CSV record."""
-    return path.name.endswith((".csv", ".csv.gz"))

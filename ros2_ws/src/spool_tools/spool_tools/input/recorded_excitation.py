@@ -1,4 +1,4 @@
-"""Excitation from a record: the body acceleration of a bag or a CSV file."""
+"""Excitation from a record: the body acceleration of a bag or a logger's file."""
 
 from __future__ import annotations
 
@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from spool_bag.reading.reader import BagReader
-from spool_bag.tables.csv_record import read_csv
 from spool_sim.excitation.kinds import Excitation, Recorded, load_excitation
 from spool_sim.excitation.presets import PRESETS
 from spool_sim.files.validation import one_line, read_mapping
 from spool_stream.block_gate import BlockGate, Verdict
 from spool_stream.errors import InputError
 
-from .record_names import is_csv
+from .table_record import is_table, record_of_table
 
 Array = NDArray[np.float64]
 
@@ -33,7 +32,7 @@ class _RecordFile(BaseModel):
 
 
 def find_excitation(name: str) -> Excitation:
-    """Return the excitation ``name``: a preset, a YAML file of any kind, a bag or a CSV file.
+    """Return the excitation ``name``: a preset, a YAML file of any kind, a bag or a logger's file.
 
     Raises:
         InputError: nothing of that name, or what is there cannot be used; file and place are named.
@@ -41,7 +40,7 @@ def find_excitation(name: str) -> Excitation:
     path = Path(name)
     if name in PRESETS:
         return PRESETS[name]
-    if path.is_dir() or path.suffix == ".mcap" or is_csv(path):
+    if path.is_dir() or path.suffix == ".mcap" or is_table(path):
         return recorded_excitation(path)
     if path.is_file():
         mapping = read_mapping(path, "excitation")
@@ -55,24 +54,24 @@ def find_excitation(name: str) -> Excitation:
 
 
 def recorded_excitation(path: Path, valve: str | None = None, soft_start: float = 0.0) -> Recorded:
-    """Return the body acceleration of ``valve`` in the bag or CSV file ``path``.
+    """Return the body acceleration of ``valve`` in the bag or file ``path``.
 
     Args:
-        path: rosbag2 directory, .mcap, .csv or .csv.gz.
+        path: rosbag2 directory, .mcap, any file that `import` reads.
         valve: namespace in the bag; may be left out where there is one.
         soft_start: s over which the record is faded in.
 
     Raises:
         InputError: unreadable, no such valve, several valves and none named, or samples are missing.
     """
-    samples, period = _from_csv(path) if is_csv(path) else _from_bag(path, valve)
+    samples, period = _from_table(path) if is_table(path) else _from_bag(path, valve)
     if samples.size < 2:
         raise InputError(f"{path}: {samples.size} samples are too few for an excitation")
     return Recorded(samples=samples, sample_rate=1.0 / period, source=str(path), soft_start=soft_start)
 
 
-def _from_csv(path: Path) -> tuple[Array, float]:
-    record = read_csv(path)
+def _from_table(path: Path) -> tuple[Array, float]:
+    record = record_of_table(path)
     if record.gaps.size:
         raise InputError(
             f"{path}: samples are missing before {record.time[record.gaps[0]]:g} s; cut the record there"

@@ -10,9 +10,9 @@ from spool_stream.errors import InputError
 from spool_stream.text.suggestion import did_you_mean
 
 from .bag_valve import recorded_valve
-from .csv_blocks import CsvSource
 from .record_loading import Source
 from .record_names import split_name
+from .table_source import TableSource
 
 DEFAULT_VALVE = "4weh10_soft"
 
@@ -92,7 +92,7 @@ def choose_valves(source: Source, names: Sequence[str], given: Sequence[str]) ->
 
 
 def _without_file(source: Source, name: str) -> ChosenValve:
-    recorded = None if isinstance(source, CsvSource) else recorded_valve(source, name)
+    recorded = None if isinstance(source, TableSource) else recorded_valve(source, name)
     if recorded is not None:
         return ChosenValve(recorded, "recorded")
     return ChosenValve(find_valve(DEFAULT_VALVE), "assumed", DEFAULT_VALVE)

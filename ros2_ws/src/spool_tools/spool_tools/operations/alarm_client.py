@@ -32,7 +32,7 @@ def show_alarms(valve: str, *, every: bool) -> int:
     with client_node("spool_alarm", valve) as node:
         heard: list[AlarmList] = []
         node.create_subscription(AlarmList, f"/{valve}/alarms", heard.append, qos.state())
-        until(node, lambda: bool(heard), valve, "monitor")
+        until(node, lambda: bool(heard), f"{valve}/monitor")
     listed = [one for one in heard[-1].alarms if every or one.state != AlarmState.NORMAL]
     if not listed:
         print(f"{valve}: no alarms")
@@ -67,7 +67,7 @@ def ask(valve: str, service: str, *, who: str, **fields: object) -> None:
     kind = SERVICES[service]
     request = kind.Request(who=who_asks(who), **fields)
     with client_node("spool_alarm", valve) as node:
-        answer = call(node, valve, "monitor", service, request, kind)
+        answer = call(node, f"{valve}/monitor", service, request, kind)
     if not answer.success:
         raise InputError(f"{valve}: {answer.reason}")
     print(f"{valve}: {', '.join(answer.changed)}")

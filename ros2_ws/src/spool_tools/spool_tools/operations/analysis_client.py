@@ -31,16 +31,18 @@ def analyse_live(valve: str, json_file: Path | None) -> None:
     with client_node("spool_analyse", valve) as node:
         heard: list[GapAnalysis] = []
         node.create_subscription(GapAnalysis, f"/{valve}/gap", heard.append, qos.state())
-        answer = call(node, valve, "estimator", "analyse_gap", Trigger.Request(), Trigger)
+        answer = call(node, f"{valve}/estimator", "analyse_gap", Trigger.Request(), Trigger)
         if not answer.success:
             raise InputError(f"{valve}: {answer.message}")
         print(f"{valve}: {answer.message}", flush=True)
         # The last answer is latched: what was heard until now is an earlier one.
         earlier = {_stamp(one) for one in heard}
         until(
-            node, lambda: any(_stamp(one) not in earlier for one in heard), valve, "estimator",
+            node,
+            lambda: any(_stamp(one) not in earlier for one in heard),
+            f"{valve}/estimator",
             patience=LONGEST,
-        )  # fmt: skip
+        )
         found = next(one for one in reversed(heard) if _stamp(one) not in earlier)
     if found.state != GapAnalysis.STATE_DONE:
         raise InputError(f"{valve}: {found.sentence}")

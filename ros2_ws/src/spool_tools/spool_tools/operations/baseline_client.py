@@ -34,7 +34,7 @@ def manage_baseline(valve: str, action: str, *, version: int = 0, who: str = "",
         comment=comment,
     )
     with client_node("spool_baseline", valve) as node:
-        answer = call(node, valve, "monitor", "manage_baseline", request, ManageBaseline)
+        answer = call(node, f"{valve}/monitor", "manage_baseline", request, ManageBaseline)
     if not answer.success:
         raise InputError(f"{valve}: {answer.reason}")
     _show(valve, answer)

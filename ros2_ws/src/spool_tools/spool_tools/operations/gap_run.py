@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from spool_bag.tables.csv_record import DISPLACEMENT, FORCE, read_csv
+from spool_bag.tables.column_names import DISPLACEMENT, FORCE
 from spool_estimator.plausibility import check_records
 from spool_gap.force.force_analyse import analyse_forces
 from spool_gap.force.force_record import ForceRecord
@@ -32,7 +32,7 @@ from spool_tools.console.result_files import ResultFiles
 from spool_tools.console.terminal import warn
 from spool_tools.input.fit_data import check
 from spool_tools.input.record_loading import Selection, load_recordings, stretches_of
-from spool_tools.input.record_names import is_csv
+from spool_tools.input.table_record import is_table, record_of_table
 from spool_tools.report.model_file import LONGEST_NAME, save_model
 from spool_tools.report.provenance import sources
 
@@ -190,9 +190,9 @@ def _force_records(
     """Return the stretches of ``paths`` without a gap, evenly sampled; ``notes`` gets what was resampled."""
     found = []
     for path in paths:
-        if not is_csv(path):
-            raise InputError(f"{path}: a record of kind {kind} is a CSV file with displacement_m and force_N")
-        table = read_csv(path, kind, selection.columns, regular=False)
+        if not is_table(path):
+            raise InputError(f"{path}: a record of kind {kind} is a file with displacement_m and force_N")
+        table = record_of_table(path, kind, selection.columns, regular=False)
         inside = (table.time - table.time[0] >= selection.start) & (
             table.time - table.time[0] < selection.stop
         )

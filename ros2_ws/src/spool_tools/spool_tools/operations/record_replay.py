@@ -18,17 +18,22 @@ from spool_identification.record import Record
 from spool_identification.record_parts import PartKeeper
 from spool_monitor.detectors import MonitorSettings
 from spool_monitor.drift.drift_trace import DriftTrace
+from spool_monitor.history.state_file import valve_folder
+from spool_monitor.history.valve_state import ValveState
 from spool_monitor.monitor import Monitor
 from spool_monitor.replay import Replay
 from spool_sim.model import load_model
 from spool_sim.valve.description import Valve
-from spool_stream.block import Block
+from spool_stream.block_run import BlockRun
 from spool_stream.errors import InputError
+from spool_stream.format.cdr import OilTemperature
 
 from spool_tools.console.outputs import write_file
 from spool_tools.console.progress import progress
-from spool_tools.input.csv_blocks import CsvSource
+from spool_tools.console.terminal import warn
 from spool_tools.input.record_loading import Source, open_source
+from spool_tools.input.record_span import span_of
+from spool_tools.input.table_source import TableSource
 from spool_tools.input.valve_choice import choose_valves
 from spool_tools.report.provenance import sources
 from spool_tools.report.replay_dictionary import valve_dictionary
@@ -65,22 +70,26 @@ def replay_bag(
     method: str = "prediction",
     columns: str | None = None,
     report: Path | None = None,
+    state: Path | None = None,
+    when: tuple[str | None, str | None, str | None] = (None, None, None),
 ) -> dict[str, Any]:
     """Replay every valve of the record ``path``; return the contract's ``replay --json`` as a dictionary.
 
     Args:
-        path: a bag or a CSV file.
+        path: a bag or a logger's file.
         valve_files: as in ``choose_valves``.
         baseline_time: s; default: the monitor's.
         refits: what to refit during the replay.
         method: of the estimator.
-        columns: a CSV file's names, as of ``--columns``.
+        columns: a file's own names, as of ``--columns``.
         report: file to write as an HTML page with the evidence.
+        state: folder in which the baseline of each valve is kept from record to record.
+        when: since, until and around what, of a bag, as of the options.
 
     Raises:
         InputError: no valve in the record, or the valve files cannot be used.
     """
-    reader = open_source(path, columns)
+    reader = open_source(path, columns, span_of(path, *when))
     names = reader.valves
     if not names:
         raise InputError(f"{path}: no acceleration topic in it, so there is nothing to replay")
@@ -93,7 +102,7 @@ def replay_bag(
         replays[name] = result["valves"][name] = replay_valve(
             reader, name, valves[name].valve,
             baseline_time=baseline_time, refits=refits, method=method, timeline=times[name],
-            parts=parts.get(name),
+            parts=parts.get(name), state=state,
         )  # fmt: skip
     first = min((timeline.spans[0].first for timeline in times.values() if timeline.spans), default=0)
     for name, one in result["valves"].items():
@@ -135,13 +144,28 @@ def _warnings(reader: Source, times: Mapping[str, Timeline]) -> list[str]:
     told = list(reader.warnings)
     for name, timeline in times.items():
         told += [step_text(name, step) for step in timeline.steps[:MOST_STEPS]]
-    left_out = {} if isinstance(reader, CsvSource) else reader.undecodable
+    left_out = {} if isinstance(reader, TableSource) else reader.undecodable
     told += [
         f"{topic}: {count} messages are not what their type says and are left out: "
         "`./spool recover` makes a bag without them"
         for topic, count in left_out.items()
     ]
     return told
+
+
+def check_of_record(path: Path, valve: Valve, name: str | None, columns: str | None) -> ValveCheck | None:
+    """Return what a record shows of ``valve``: the check of a replay of its valve ``name``, or its only one.
+
+    Raises:
+        InputError: no such record, or none or several valves in it and no ``name``.
+    """
+    reader = open_source(path, columns)
+    names = reader.valves
+    if name is not None and name.strip("/") not in names:
+        raise InputError(f"{path}: no valve {name} in it; there are {', '.join(names) or 'none'}")
+    if name is None and len(names) != 1:
+        raise InputError(f"{path}: {len(names)} valves in it: name one with --name: {', '.join(names)}")
+    return replay_valve(reader, names[0] if name is None else name.strip("/"), valve).check
 
 
 def replay_valve(
@@ -155,10 +179,15 @@ def replay_valve(
     method: str = "prediction",
     timeline: Timeline | None = None,
     parts: PartKeeper | None = None,
+    state: Path | None = None,
 ) -> Replay:
     """Replay one valve of a bag through fresh cores with the live nodes' default settings.
 
-    ``timeline`` and ``parts`` are told the blocks; with the latter the drift tests are traced.
+    ``timeline`` and ``parts`` are told the blocks; with the latter the drift tests are traced. Drift
+    is judged by the baseline in the folder ``state``, or it is learned there.
+
+    Raises:
+        InputError: the baseline in ``state`` is another valve's or of another oil.
     """
     settings = MonitorSettings(natural_frequency=valve.natural_frequency)
     if baseline_time is not None:
@@ -166,23 +195,46 @@ def replay_valve(
     windows = refits.for_valve(valve) if refits is not None else None
     estimator = make_estimator(method, settings_for(valve, phase=phase_of(name)))
     trace = DriftTrace() if parts is not None else None
+    monitor = Monitor(settings)
+    kept = None if state is None else ValveState(monitor, valve_folder(state, name), warn)
+    if kept is not None:
+        kept.open()
+        kept.baseline.identify(valve.id, valve.oil or "")
     one = Replay(
-        estimator, Monitor(settings), keep=keep, refits=windows, check=ValveCheck(valve), trace=trace
-    )
-    expected = reader.count if isinstance(reader, CsvSource) else reader.blocks_of(name)
+        estimator, monitor, keep=keep, refits=windows, check=ValveCheck(valve), trace=trace,
+        learned=None if kept is None else kept.baseline.update,
+    )  # fmt: skip
+    expected = reader.count if isinstance(reader, TableSource) else reader.blocks_of(name)
     with progress(f"replaying {name}", expected) as advance:
-        for item in reader.stream(name):
-            if isinstance(item, Block):
-                if one.samples == 0 and item.sample_period > 0.0:
-                    check_rate(f"{reader.path}: {name}", 1.0 / item.sample_period, valve)
-                if timeline is not None:
-                    timeline.take(item)
-                if parts is not None:
-                    parts.take(item)
-                one.update(item)
-                advance(1)
-            else:
+        for item in reader.runs(name):
+            if isinstance(item, OilTemperature):
                 deviation = math.sqrt(item.variance) if item.variance > 0.0 else math.nan
                 one.update_temperature(item.stamp, item.celsius, deviation)
+                continue
+            if one.samples == 0 and item.sample_period > 0.0:
+                check_rate(f"{reader.path}: {name}", 1.0 / item.sample_period, valve)
+            if isinstance(item, BlockRun):
+                _take_run(one, item, timeline, parts)
+                advance(len(item))
+                continue
+            if timeline is not None:
+                timeline.take(item)
+            if parts is not None:
+                parts.take(item)
+            one.update(item)
+            advance(1)
     one.flush()
+    if kept is not None:
+        kept.keep_baseline()
+        kept.close()
     return one
+
+
+def _take_run(one: Replay, run: BlockRun, timeline: Timeline | None, parts: PartKeeper | None) -> None:
+    """Let a replay, and those who are told the blocks, take ``run``."""
+    if timeline is not None:
+        timeline.take_run(run)
+    if parts is not None:
+        for block in run.blocks():
+            parts.take(block)
+    one.update_run(run)

@@ -35,22 +35,29 @@ def client_node(name: str, valve: str) -> Iterator[Node]:
         rclpy.shutdown()
 
 
-def call(node: Node, valve: str, server: str, service: str, request: Any, kind: Any) -> Any:
-    """Return the answer of the service ``service`` (of type ``kind``) of the node ``server`` of ``valve``.
+def call(node: Node, server: str, service: str, request: Any, kind: Any) -> Any:
+    """Return the answer of the service ``service`` (of type ``kind``) of the node ``server``.
+
+    Args:
+        node: that asks.
+        server: full name without the first slash, e.g. ``valve_1/monitor`` or ``recorder``.
+        service: of ``server``.
+        request: of type ``kind.Request``.
+        kind: type of the service.
 
     Raises:
         InputError: no active node answers.
     """
-    client = node.create_client(kind, f"/{valve}/{server}/{service}")
-    _meet(node, valve, server)
-    until(node, client.service_is_ready, valve, server)
+    client = node.create_client(kind, f"/{server}/{service}")
+    _meet(node, server)
+    until(node, client.service_is_ready, server)
     future = client.call_async(request)
-    until(node, future.done, valve, server)
+    until(node, future.done, server)
     return future.result()
 
 
-def until(node: Node, met: Callable[[], object], valve: str, server: str, patience: float = PATIENCE) -> None:
-    """Let ``node`` work until ``met``.
+def until(node: Node, met: Callable[[], object], server: str, patience: float = PATIENCE) -> None:
+    """Let ``node`` work until ``met``, of the node ``server``.
 
     Raises:
         InputError: ``patience`` (s) is over first.
@@ -58,8 +65,9 @@ def until(node: Node, met: Callable[[], object], valve: str, server: str, patien
     end = time.monotonic() + patience
     while not met():
         if time.monotonic() > end:
+            space, _, name = server.rpartition("/")
             raise InputError(
-                f"{valve}: no active {server} answers in /{valve}: is it running, with the same "
+                f"{space or name}: no active {name} answers in /{space}: is it running, with the same "
                 "ROS_DOMAIN_ID?"
             )
         rclpy.spin_once(node, timeout_sec=0.05)
@@ -77,12 +85,12 @@ def who_asks(given: str) -> str:
         raise InputError("--who: say who does this") from error
 
 
-def _meet(node: Node, valve: str, server: str) -> None:
+def _meet(node: Node, server: str) -> None:
     """Ask for its state until the node answers: it drops answers to clients that it does not know yet.
 
     Clients become known in the order they were made, so it knows all earlier ones then.
     """
-    client = node.create_client(GetState, f"/{valve}/{server}/get_state")
+    client = node.create_client(GetState, f"/{server}/get_state")
     futures: list[Any] = []
     due = 0.0
 
@@ -93,4 +101,4 @@ def _meet(node: Node, valve: str, server: str) -> None:
             due = time.monotonic() + 1.0
         return any(future.done() for future in futures)
 
-    until(node, answered, valve, server)
+    until(node, answered, server)

@@ -14,7 +14,7 @@ from textual.containers import Vertical
 from textual.screen import ModalScreen
 from textual.widgets import DataTable, Footer, Input, Label, Static
 
-from .condition import condition_of
+from .condition import shown_condition
 from .heard import Answer, HeardValve, Listener
 from .rows import ALARM_COLUMNS, VALVE_COLUMNS, alarm_row, shown_alarms, valve_row
 
@@ -116,7 +116,7 @@ class WatchApp(App[None]):
         """Bring both tables up to date; rows stay where they are unless a condition changed."""
         now = time.monotonic()
         valves = list(self._listener.valves.values())
-        valves.sort(key=lambda one: (condition_of(one, now).rank, one.name))
+        valves.sort(key=lambda one: (shown_condition(one, now).rank, one.name))
         _fill(
             self.query_one("#valves", DataTable),
             VALVE_COLUMNS,

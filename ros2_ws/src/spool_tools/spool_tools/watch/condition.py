@@ -1,20 +1,20 @@
-"""Condition of a valve for whoever looks: what is known of it, never better than what was heard lately."""
+"""Condition of a valve on the terminal: its word, a mark that tells it without colour, and its style."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from spool_msgs.msg import HealthEvent, ModelEstimate, ValveHealth
+from spool_monitor.node import valve_condition as conditions
+from spool_msgs.msg import HealthEvent
 
 from .heard import HeardValve
 
-#: s without a word of the monitor, which speaks once a second, after which nothing is known.
-SILENT = 3.0
+SEVERITIES = {HealthEvent.SEVERITY_WARNING: "warning", HealthEvent.SEVERITY_ALARM: "ALARM"}
 
 
 @dataclass(frozen=True, slots=True)
-class Condition:
-    """Condition: its word, a mark that tells it without colour, and its style; lower ``rank`` is worse."""
+class Shown:
+    """Condition as it is shown; lower ``rank`` is worse."""
 
     word: str
     mark: str
@@ -22,35 +22,19 @@ class Condition:
     rank: int
 
 
-ALARM = Condition("ALARM", "\u25b2", "bold red", 0)
-NO_WORD = Condition("NO WORD", "\u00d7", "bold magenta", 1)
-STALE = Condition("STALE", "\u00d7", "bold magenta", 2)
-WARNING = Condition("WARNING", "\u25c6", "bold yellow", 3)
-UNKNOWN = Condition("UNKNOWN", "?", "bold", 4)
-LEARNING = Condition("LEARNING", "\u2026", "cyan", 5)
-NOT_EXCITED = Condition("AT REST", "\u2013", "cyan", 6)
-GOOD = Condition("OK", "\u25cf", "bold green", 7)
-
-_LEVELS = {
-    ValveHealth.LEVEL_ALARM: ALARM,
-    ValveHealth.LEVEL_WARNING: WARNING,
-    ValveHealth.LEVEL_STALE: STALE,
-    ValveHealth.LEVEL_UNKNOWN: UNKNOWN,
+_LOOKS = {
+    conditions.ALARM: ("ALARM", "\u25b2", "bold red"),
+    conditions.NO_WORD: ("NO WORD", "\u00d7", "bold magenta"),
+    conditions.STALE: ("STALE", "\u00d7", "bold magenta"),
+    conditions.WARNING: ("WARNING", "\u25c6", "bold yellow"),
+    conditions.UNKNOWN: ("UNKNOWN", "?", "bold"),
+    conditions.LEARNING: ("LEARNING", "\u2026", "cyan"),
+    conditions.AT_REST: ("AT REST", "\u2013", "cyan"),
+    conditions.GOOD: ("OK", "\u25cf", "bold green"),
 }
-SEVERITIES = {HealthEvent.SEVERITY_WARNING: "warning", HealthEvent.SEVERITY_ALARM: "ALARM"}
+SHOWN = {name: Shown(*_LOOKS[name], rank) for rank, name in enumerate(conditions.CONDITIONS)}
 
 
-def condition_of(valve: HeardValve, now: float) -> Condition:
-    """Return the condition of ``valve`` at ``now`` (s, monotonic): good only where all is known."""
-    health, estimate = valve.health, valve.estimate
-    if health is None or now - valve.health_at > SILENT:
-        return NO_WORD
-    if health.level in _LEVELS:
-        return _LEVELS[health.level]
-    if estimate is None or estimate.state in (ModelEstimate.STATE_UNKNOWN, ModelEstimate.STATE_LEARNING):
-        return LEARNING
-    if estimate.state == ModelEstimate.STATE_STALE:
-        return STALE
-    if estimate.state == ModelEstimate.STATE_NOT_EXCITED:
-        return NOT_EXCITED
-    return LEARNING if health.baseline != ValveHealth.BASELINE_FROZEN else GOOD
+def shown_condition(valve: HeardValve, now: float) -> Shown:
+    """Return the condition of ``valve`` at ``now`` (s, monotonic)."""
+    return SHOWN[conditions.condition_of(valve.health, now - valve.health_at)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import threading
 import time
 from collections import deque
@@ -13,6 +12,7 @@ from typing import Any
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from spool_monitor.node.valve_condition import monitored_valves
 from spool_msgs.msg import AlarmList, HealthEvent, ModelEstimate, ValveHealth
 from spool_msgs.srv import AcknowledgeAlarm, ResetAlarms, ShelveAlarm
 from spool_node import qos
@@ -26,16 +26,6 @@ SERVICES: dict[str, Any] = {
     "shelve_alarm": ShelveAlarm,
     "reset_alarms": ResetAlarms,
 }
-_HEALTH = re.compile(r"/(?P<valve>.+)/health")
-
-
-def health_topics(node: Node) -> list[str]:
-    """Return the namespaces of the valves whose monitors ``node`` discovers."""
-    return [
-        match["valve"]
-        for topic, types in node.get_topic_names_and_types()
-        if "spool_msgs/msg/ValveHealth" in types and (match := _HEALTH.fullmatch(topic))
-    ]
 
 
 @dataclass(slots=True)
@@ -131,7 +121,7 @@ class Listener:
     def _look(self) -> None:
         if self._names:
             return
-        for name in health_topics(self._node):
+        for name in monitored_valves(self._node):
             if len(self.valves) < MOST_VALVES:
                 self._join(name)
 

@@ -9,7 +9,7 @@ from spool_monitor.alarms.alarm import AlarmState
 from spool_msgs.msg import Alarm, Quantity
 from spool_stream.uncertainty import with_interval
 
-from .condition import SEVERITIES, condition_of
+from .condition import SEVERITIES, shown_condition
 from .heard import HeardValve
 
 VALVE_COLUMNS = ("valve", "health", "shakes at", "natural", "stiffness", "viscous", "Coulomb", "says")
@@ -24,7 +24,7 @@ WAITING = (
 
 def valve_row(valve: HeardValve, now: float) -> tuple[Text, ...]:
     """Return the cells of ``VALVE_COLUMNS`` for ``valve`` at ``now`` (s, monotonic)."""
-    condition = condition_of(valve, now)
+    condition = shown_condition(valve, now)
     state = Text(f"{condition.mark} {condition.word}", style=condition.style)
     health, estimate = valve.health, valve.estimate
     values = {} if estimate is None else {one.name: one for one in estimate.parameters}

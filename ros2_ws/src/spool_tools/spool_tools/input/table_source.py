@@ -1,4 +1,4 @@
-"""CSV record read as if it were a bag: blocks and oil temperatures of one valve."""
+"""Record in a table read as if it were a bag: blocks and oil temperatures of one valve."""
 
 from __future__ import annotations
 
@@ -6,19 +6,17 @@ import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-import numpy as np
-from spool_bag.format.cdr import OilTemperature
 from spool_bag.reading.information import BagInformation, summarise
-from spool_bag.tables.csv_import import TEMPERATURE_INTERVAL, blocks_of, start_of
-from spool_bag.tables.csv_record import OIL_TEMPERATURE, read_csv
+from spool_import.records.blocks import BLOCK_DURATION, start_of, stream_of
 from spool_stream.block import Block
+from spool_stream.block_run import BlockRun
+from spool_stream.format.cdr import OilTemperature
 
-#: s, as `import` cuts a record.
-BLOCK_DURATION = 0.02
+from .table_record import record_of_table
 
 
-class CsvSource:
-    """CSV record, with what of :class:`spool_bag.reading.reader.BagReader` a replay needs.
+class TableSource:
+    """Record in a logger's file, with what of :class:`spool_bag.reading.reader.BagReader` a replay needs.
 
     Attributes:
         path: the file.
@@ -32,7 +30,7 @@ class CsvSource:
     def __init__(self, path: Path, columns: Mapping[str, str] | None = None) -> None:
         self.path = path
         self.valves = ["valve_1"]
-        self.record = read_csv(path, columns=columns)
+        self.record = record_of_table(path, columns=columns)
         self.warnings = list(self.record.warnings)
         self._start = start_of(self.record)
 
@@ -62,10 +60,8 @@ class CsvSource:
     def stream(self, valve: str) -> Iterator[Block | OilTemperature]:
         """Yield blocks, and before each second of them the oil's temperature, as `import` writes them."""
         assert valve in self.valves
-        oil = self.record.columns.get(OIL_TEMPERATURE)
-        due = -1
-        for first, block in blocks_of(self.record, self._start, BLOCK_DURATION):
-            if oil is not None and block.stamp >= due and np.isfinite(oil[first]):
-                yield OilTemperature(block.stamp, float(oil[first]))
-                due = block.stamp + TEMPERATURE_INTERVAL
-            yield block
+        yield from stream_of(self.record, self._start)
+
+    def runs(self, valve: str) -> Iterator[Block | BlockRun | OilTemperature]:
+        """Yield what ``stream`` yields, as a bag's reader does."""
+        yield from self.stream(valve)

@@ -1,0 +1,47 @@
+"""`./spool check`: the quality of a record."""
+
+from __future__ import annotations
+
+import typer
+
+from spool_tools.console.cli_options import (
+    AroundOption,
+    ColumnsOption,
+    Force,
+    JsonFile,
+    NameOption,
+    RecordArgument,
+    ReportFile,
+    SinceOption,
+    UntilOption,
+)
+from spool_tools.console.command import Command
+
+
+def check(
+    record: RecordArgument,
+    name: NameOption = None,
+    columns: ColumnsOption = None,
+    since: SinceOption = None,
+    until: UntilOption = None,
+    around: AroundOption = None,
+    json: JsonFile = None,
+    report: ReportFile = None,
+    _force: Force = False,
+) -> None:
+    """Tell the quality of a record: rate, gaps, clipping, noise, coherence, resonance, doubts.
+
+    Exit 1 where something speaks against an estimate from it.
+
+    Example: ./spool check bags/practice_01 --report quality.html
+    """
+    from spool_tools.console.progress import progress  # noqa: PLC0415 - slow to load, as below
+    from spool_tools.input.record_loading import selection  # noqa: PLC0415
+    from spool_tools.operations.record_look import check as checked  # noqa: PLC0415
+
+    with progress("reading"):
+        fine = checked(record, selection(name, columns, 0.0, None, (since, until, around)), json, report)
+    raise typer.Exit(0 if fine else 1)
+
+
+COMMAND = Command(check, place=45, line="the quality of a record: what an estimate from it would suffer from")

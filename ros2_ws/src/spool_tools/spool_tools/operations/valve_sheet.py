@@ -1,0 +1,219 @@
+"""Valve file from a data sheet: numbers with their units, what follows from them, and the file's text."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from spool_sim.valve.description import Valve, valve_from_mapping
+from spool_sim.valve.viscosity import DENSITY, OILS
+from spool_stream.errors import InputError
+from spool_stream.text.suggestion import did_you_mean
+
+#: One of each unit in SI, by kind of number; the first one is what a number without a unit has.
+UNITS: Mapping[str, Mapping[str, float]] = {
+    "mass": {"kg": 1.0, "g": 1e-3},
+    "stiffness": {"N/m": 1.0, "N/mm": 1e3, "kN/m": 1e3},
+    "frequency": {"Hz": 1.0},
+    "length": {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6},
+    "viscosity": {"Pa s": 1.0, "Pas": 1.0, "mPa s": 1e-3, "mPas": 1e-3, "cP": 1e-3},
+    "temperature": {"C": 1.0, "degC": 1.0, "deg C": 1.0, "°C": 1.0},
+}
+_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(\S.*?)?\s*")
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """Question for one number of a data sheet: ``key`` is the flag's, ``kind`` one of ``UNITS`` or a text."""
+
+    key: str
+    kind: str
+    text: str
+    example: str
+    needed: bool = False
+
+    @property
+    def flag(self) -> str:
+        """The option that answers it."""
+        return "--" + self.key.replace("_", "-")
+
+
+QUESTIONS = (
+    Question("id", "text", "Name of the valve", "press_left", needed=True),
+    Question("moving_mass", "mass", "Moving mass: spool, oil in it and 1/3 of the springs", "180 g"),
+    Question("spool_mass", "mass", "Mass of the spool alone", "172 g"),
+    Question("spring_mass", "mass", "Mass of both centring springs together", "15 g"),
+    Question("oil_mass", "mass", "Mass of the oil that moves with the spool", "3 g"),
+    Question("spring_stiffness", "stiffness", "Stiffness of both centring springs together", "1.632 N/mm"),
+    Question("spring_rate", "stiffness", "Rate of one of two equal centring springs", "0.816 N/mm"),
+    Question("natural_frequency", "frequency", "Natural frequency of the spool on its springs", "15.2 Hz"),
+    Question("land_diameter", "length", "Diameter of the sealing land", "20 mm"),
+    Question("land_length", "length", "Length of all sealing lands together", "32 mm"),
+    Question("radial_clearance", "length", "Radial clearance between spool and bore", "15 um"),
+    Question("oil", "text", f"Oil, one of {', '.join(OILS)}", "ISO VG 46"),
+    Question("oil_temperature", "temperature", "Temperature of the oil at work", "45 C"),
+    Question("dynamic_viscosity", "viscosity", "Dynamic viscosity at that temperature", "30 mPa s"),
+)
+#: Questions that only matter while what follows from them is not known.
+_OTHERWISE = {
+    "spring_mass": "moving_mass",
+    "oil_mass": "moving_mass",
+    "spring_rate": "spring_stiffness",
+    "natural_frequency": "spring_stiffness",
+}
+
+
+def number_of(question: Question, text: str) -> float:
+    """Return the number in SI units (deg C) that ``text`` says, with or without a unit.
+
+    Raises:
+        InputError: no number, or a unit of something else.
+    """
+    units = UNITS[question.kind]
+    found = _NUMBER.fullmatch(text)
+    if found is None:
+        raise InputError(f"{question.flag}: {text!r} is no number, write e.g. '{question.example}'")
+    unit = " ".join((found[2] or next(iter(units))).split())
+    if unit not in units:
+        raise InputError(f"{question.flag}: unit {unit!r} is none of {', '.join(units)}")
+    # Twelve digits: 15 um is 1.5e-05 m, not 1.4999999999999999e-05.
+    return float(f"{float(found[1]) * units[unit]:.12g}")
+
+
+def oil_of(text: str) -> str:
+    """Return the oil's name as valve files have it, whatever its case and blanks.
+
+    Raises:
+        InputError: no such oil.
+    """
+
+    def plain(name: str) -> str:
+        return re.sub(r"[\s_-]", "", name).lower()
+
+    names = {plain(name): name for name in OILS} | {plain(name.removeprefix("ISO ")): name for name in OILS}
+    if plain(text) not in names:
+        raise InputError(f"--oil: {text!r} is unknown, known are {', '.join(OILS)}{did_you_mean(text, OILS)}")
+    return names[plain(text)]
+
+
+def asked(
+    given: Mapping[str, str], answer: Callable[[str], str], refuse: Callable[[str], None]
+) -> dict[str, str]:
+    """Return ``given`` with what ``answer`` says to a question for each missing number; empty: not known.
+
+    ``refuse`` is told what is wrong with an answer, which is then asked for again.
+    """
+    answers = dict(given)
+    for question in QUESTIONS:
+        if question.key in answers or _OTHERWISE.get(question.key) in answers:
+            continue
+        while question.key not in answers:
+            text = answer(f"{question.text}, e.g. {question.example}").strip()
+            if not text and not question.needed:
+                break
+            try:
+                checked_answer(question, text)
+            except InputError as error:
+                refuse(str(error))
+                continue
+            answers[question.key] = text
+    return answers
+
+
+def checked_answer(question: Question, text: str) -> float | str:
+    """Return what ``text`` says, a number in SI units.
+
+    Raises:
+        InputError: it is no answer to ``question``.
+    """
+    if question.key == "oil":
+        return oil_of(text)
+    if question.kind == "text":
+        if not text:
+            raise InputError(f"{question.flag}: name the valve, e.g. {question.example}")
+        return text
+    return number_of(question, text)
+
+
+def described(answers: Mapping[str, str]) -> tuple[Valve, dict[str, str]]:
+    """Return the valve that a data sheet describes, and by key how a number came about that it does not hold.
+
+    Raises:
+        InputError: mass or stiffness cannot be had from what is given, a number is none, or no valve has it.
+    """
+    said = {one.key: checked_answer(one, answers[one.key]) for one in QUESTIONS if answers.get(one.key)}
+    numbers = {key: value for key, value in said.items() if isinstance(value, float)}
+    how: dict[str, str] = {}
+    if "id" not in said:
+        raise InputError("valve new: the name is missing: give --id, e.g. --id press_left")
+    _add_mass(numbers, how)
+    _add_stiffness(numbers, how)
+    oil = str(said["oil"]) if "oil" in said else None
+    if oil is not None and "dynamic_viscosity" not in numbers and "oil_temperature" in numbers:
+        kinematic = OILS[oil].kinematic_viscosity(numbers["oil_temperature"])
+        numbers["dynamic_viscosity"] = float(f"{1e-6 * kinematic * DENSITY:.3g}")
+        how["dynamic_viscosity"] = f"{OILS[oil].source}, ASTM D341, {DENSITY:g} kg/m^3"
+    wanted = {key: value for key, value in numbers.items() if key in Valve.model_fields}
+    mapping = {"id": said["id"], **wanted, **({"oil": oil} if oil else {})}
+    return valve_from_mapping(mapping, "valve new"), how
+
+
+def _add_mass(numbers: dict[str, float], how: dict[str, str]) -> None:
+    if "moving_mass" in numbers:
+        return
+    if "spool_mass" not in numbers:
+        raise InputError(
+            "valve new: the mass is missing: give --moving-mass, or --spool-mass and --spring-mass"
+        )
+    spring, oil = numbers.get("spring_mass", 0.0), numbers.get("oil_mass", 0.0)
+    numbers["moving_mass"] = float(f"{numbers['spool_mass'] + oil + spring / 3.0:.6g}")
+    parts = [f"{1e3 * oil:.4g} g of oil" if oil else "no oil", f"{1e3 * spring:.4g} g / 3 of the springs"]
+    how["moving_mass"] = f"spool, {parts[0]} and {parts[1] if spring else 'no springs'}"
+
+
+def _add_stiffness(numbers: dict[str, float], how: dict[str, str]) -> None:
+    if "spring_stiffness" in numbers:
+        return
+    if "spring_rate" in numbers:
+        numbers["spring_stiffness"] = 2.0 * numbers["spring_rate"]
+        how["spring_stiffness"] = (
+            f"two springs of {numbers['spring_rate']:.4g} N/m, both at work in the centre"
+        )
+    elif "natural_frequency" in numbers:
+        frequency = numbers["natural_frequency"]
+        stiffness = numbers["moving_mass"] * (2.0 * math.pi * frequency) ** 2
+        numbers["spring_stiffness"] = float(f"{stiffness:.4g}")
+        how["spring_stiffness"] = f"moving_mass (2 pi {frequency:g} Hz)^2"
+    else:
+        raise InputError(
+            "valve new: the stiffness is missing: give --spring-stiffness, --spring-rate or "
+            "--natural-frequency"
+        )
+
+
+#: Unit, meaning, and who needs the key where it may be left out.
+_COMMENTS: Mapping[str, tuple[str, str]] = {
+    "id": ("", "name of the valve, sent with its data"),
+    "moving_mass": ("kg", "spool + oil + 1/3 of the springs; scales every force"),
+    "spool_mass": ("kg", "spool alone"),
+    "spring_stiffness": ("N/m", "both centring springs together"),
+    "land_diameter": ("m", "sealing land; with the three below: the drag, for simulate"),
+    "land_length": ("m", "all sealing lands together"),
+    "radial_clearance": ("m", "gap between spool and bore"),
+    "dynamic_viscosity": ("Pa s", "at oil_temperature"),
+    "oil": ("", "viscosity by temperature: wear is told from warm oil"),
+    "oil_temperature": ("deg C", "at which dynamic_viscosity holds"),
+}
+
+
+def file_text(valve: Valve, how: Mapping[str, str]) -> str:
+    """Return the YAML file of ``valve`` with a comment to each line; what is not known is left to fill in."""
+    given: dict[str, object] = {"id": valve.id, **valve.given, **({"oil": valve.oil} if valve.oil else {})}
+    lines = ["# Valve, by `./spool valve new`. SI units; `./spool valve check` says what looks wrong."]
+    for key, (unit, meaning) in _COMMENTS.items():
+        entry = f"{key}: {given[key]!r}".replace("'", "") if key in given else f"# {key}:"
+        origin = f" ({how[key]})" if key in how else ""
+        lines.append(f"{entry:<30} # {', '.join(part for part in (unit, meaning) if part)}{origin}")
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,1 @@
+"""Keystores for secured DDS, as SROS 2 reads them."""

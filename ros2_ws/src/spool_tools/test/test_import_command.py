@@ -1,0 +1,125 @@
+"""`import`, `--look` and `check` on the command line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from spool_bag.reading.reader import BagReader
+from spool_tools.cli import main
+
+GRAVITY = 9.80665
+BAG = Path(__file__).parents[4] / "bags" / "practice_01"
+
+
+@pytest.fixture(scope="module")
+def practice() -> tuple[np.ndarray, np.ndarray]:
+    blocks = list(BagReader(BAG).blocks("valve_1"))
+    return tuple(
+        np.concatenate([getattr(b, name) for b in blocks]).astype(float) for name in ("body", "spool")
+    )
+
+
+def table(
+    folder: Path, name: str, header: str, practice: tuple[np.ndarray, np.ndarray], scale: float
+) -> Path:
+    body, spool = practice
+    path = folder / name
+    rows = np.column_stack([np.arange(body.size) / 2000.0, scale * body, scale * spool])
+    np.savetxt(path, rows, ["%.4f", "%.12g", "%.12g"], ",", header=header, comments="")
+    return path
+
+
+def fitted(bag: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, float]:
+    capsys.readouterr()
+    assert main(["fit", str(bag), "--valve", "4weh10_soft", "--stop", "10", "--json", "-"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    return {name: one["value"] for name, one in found["parameters"].items()}
+
+
+def test_g_millivolts_and_si_give_the_same_fit(
+    tmp_path: Path, practice: tuple[np.ndarray, np.ndarray], capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = {
+        "si": (1.0, "body=m/s^2,spool=m/s^2", None),
+        "g": (1.0 / GRAVITY, "body=g,spool=g", None),
+        "mv": (100.0 / GRAVITY, None, "body=100mV/g,spool=100mV/g"),
+    }
+    results = {}
+    for name, (size, unit, scale) in made.items():
+        path = table(tmp_path, f"{name}.csv", "time [s],body,spool", practice, size)
+        assert main(["import", str(path), "--out", str(tmp_path / "refused")]) == 2
+        said = capsys.readouterr().err
+        assert "type --unit body=g, or --unit body=m/s^2, or --scale body=100mV/g" in said
+        assert not (tmp_path / "refused").exists()
+        how = (["--unit", unit] if unit else []) + (["--scale", scale] if scale else [])
+        assert main(["import", str(path), "--out", str(tmp_path / name), *how]) == 0
+        results[name] = fitted(tmp_path / name, capsys)
+    for name in ("g", "mv"):
+        for parameter, value in results["si"].items():
+            assert results[name][parameter] == pytest.approx(value, rel=1e-6), (name, parameter)
+
+
+def test_a_look_says_what_is_understood_and_writes_no_bag(
+    tmp_path: Path, practice: tuple[np.ndarray, np.ndarray], capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = table(tmp_path, "logger.csv", "time [s],body [g],spool [g]", practice, 1.0 / GRAVITY)
+    page, told = tmp_path / "look.html", tmp_path / "look.json"
+    assert main(["import", str(path), "--look", "--report", str(page), "--json", str(told)]) == 0
+    shown = capsys.readouterr().out
+    for word in ("body [g]", "2000 Hz", "15.00 Hz", "coherence", "clipped"):
+        assert word in shown
+    found = json.loads(told.read_text())
+    assert found["resonance"]["frequency_Hz"] == pytest.approx(15.0, abs=0.6)
+    assert found["channels"]["body"]["rms"] == pytest.approx(float(np.std(practice[0])), rel=1e-4)
+    assert found["refused"] is None
+    text = page.read_text()
+    assert "Quality of logger.csv" in text
+    assert text.count("data:image/svg+xml") == 2
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["logger.csv", "look.html", "look.json"]
+
+
+def test_a_look_says_what_import_would_refuse(
+    tmp_path: Path, practice: tuple[np.ndarray, np.ndarray], capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = table(tmp_path, "logger.csv", "time [s],body,spool", practice, 1.0)
+    assert main(["import", str(path), "--look"]) == 1
+    shown = capsys.readouterr().out
+    assert "not named" in shown
+    assert "import would refuse it" in shown
+    assert "--unit body=g" in shown
+
+
+def test_a_good_record_passes_its_check_and_a_clipped_one_does_not(
+    tmp_path: Path, practice: tuple[np.ndarray, np.ndarray], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["check", str(BAG)]) == 0
+    assert "nothing speaks against" in capsys.readouterr().out
+    limit = 0.5 * float(np.abs(practice[1]).max())
+    clipped = (practice[0], np.clip(practice[1], -limit, limit))
+    path = table(tmp_path, "clipped.csv", "time_s,body_m_s2,spool_m_s2", clipped, 1.0)
+    assert main(["check", str(path)]) == 1
+    assert "spool: " in (shown := capsys.readouterr().out)
+    assert "% of the samples are clipped" in shown
+
+
+def test_a_silent_channel_is_told(
+    tmp_path: Path, practice: tuple[np.ndarray, np.ndarray], capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = table(tmp_path, "dead.csv", "time_s,body_m_s2,spool_m_s2", (practice[0], 0.0 * practice[1]), 1.0)
+    assert main(["check", str(path)]) == 1
+    assert "all samples are alike: is the sensor connected?" in capsys.readouterr().out
+
+
+def test_other_commands_read_units_too_and_say_where_they_are_told(
+    tmp_path: Path, practice: tuple[np.ndarray, np.ndarray], capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = table(tmp_path, "g.csv", "time [s],body [g],spool [g]", practice, 1.0 / GRAVITY)
+    same = table(tmp_path, "si.csv", "time [s],body [m/s^2],spool [m/s^2]", practice, 1.0)
+    first, second = fitted(path, capsys), fitted(same, capsys)
+    assert first == pytest.approx(second, rel=1e-6)
+    bare = table(tmp_path, "bare.csv", "time [s],body,spool", practice, 1.0)
+    assert main(["fit", str(bare), "--valve", "4weh10_soft"]) == 2
+    assert "these are options of ./spool import" in capsys.readouterr().err

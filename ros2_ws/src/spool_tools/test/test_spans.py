@@ -1,0 +1,80 @@
+"""`--since`, `--until` and `--around` on the command line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from spool_bag.format.definitions import ACCELERATION_BLOCK, typestore
+from spool_bag.reading.reader import BagReader
+from spool_bag.recording.writer import BagWriter, PartLimits
+from spool_stream.block import Block
+from spool_stream.errors import InputError
+from spool_stream.format.cdr import encode_block
+from spool_tools.cli import main
+from spool_tools.input.record_span import span_of
+
+BAG = Path(__file__).parents[4] / "bags" / "practice_01"
+
+
+def test_times_count_from_the_records_end_or_are_times(capsys: pytest.CaptureFixture[str]) -> None:
+    received = BagReader(BAG).received
+    assert received is not None
+    _, end = received
+    assert span_of(BAG, "10s", "4s", None).since == end - 10_000_000_000
+    assert span_of(BAG, "10s", "4s", None).until == end - 4_000_000_000
+    assert span_of(BAG, "2025-01-01T00:00:05", None, None).since == 1_735_689_605_000_000_000
+    assert main(["info", str(BAG), "--since", "10s", "--until", "4s"]) == 0
+    assert "6.0 s" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("since", "until", "around", "message"),
+    [
+        ("soon", None, None, "write it like 30s, 10m, 6h or 7d"),
+        ("4s", "10s", None, "nothing lies between them"),
+        (None, None, "resonance", "0 alarms of kind 'resonance' in it; it has: none"),
+        (None, None, "resonance:x", "write it like resonance, or resonance:2"),
+        ("4s", None, "resonance", "leave --since and --until out"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(
+    since: str | None, until: str | None, around: str | None, message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        span_of(BAG, since, until, around)
+
+
+def test_around_an_alarm_are_the_minutes_before_and_after_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Twenty minutes in parts of one, with an alarm in minute 5 and another in minute 12."""
+    start, second, kind = 1_700_000_000_000_000_000, 1_000_000_000, "spool_msgs/msg/HealthEvent"
+    types = typestore().types
+
+    def alarm(at: int) -> bytes:
+        stamp = types["builtin_interfaces/msg/Time"](sec=at // second, nanosec=at % second)
+        header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="valve_1")
+        quantity = types["spool_msgs/msg/Quantity"]("amplification", "1", 4.0, 0.1, 1)
+        event = types[kind](header, "resonance", "", 1, 2, quantity, "", "", 100)
+        return bytes(typestore().serialize_cdr(event, kind))
+
+    samples = np.zeros(2000, np.float32)
+    with BagWriter(tmp_path / "bag", limits=PartLimits(duration=60.0), flush_interval=1e9) as writer:
+        blocks = writer.add_topic("/valve_1/acceleration", ACCELERATION_BLOCK)
+        events = writer.add_topic("/valve_1/events", kind)
+        for number in range(1200):
+            at = start + number * second
+            writer.write(blocks, at, encode_block(Block(at, number, 0.0005, samples, samples), "valve_1"))
+            if number in (300, 720):
+                writer.write(events, at + 1, alarm(at), at)
+    minute = 60 * second
+    for which, begin in (("resonance", 720), ("resonance:2", 300)):
+        span = span_of(tmp_path / "bag", None, None, which)
+        at = start + begin * second
+        assert span.since <= at - minute
+        assert at + minute <= span.until <= at + 5 * minute
+        assert len(BagReader(tmp_path / "bag", span=span).files) < 10
+    assert main(["info", str(tmp_path / "bag"), "--around", "resonance"]) == 0
+    assert "/valve_1/events" in capsys.readouterr().out

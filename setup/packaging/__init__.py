@@ -1,0 +1,1 @@
+"""Packaging: a Debian package, and the list of what is in it."""
