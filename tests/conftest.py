@@ -37,6 +37,7 @@ PACKAGES = {
     "recorder": "spool_bag",
     "plots": "spool_bridge",
     "opcua": "spool_bridge",
+    "adapter": "spool_stream",
 }
 TRANSITIONS = {
     "configure": Transition.TRANSITION_CONFIGURE,
@@ -141,6 +142,16 @@ class System:
         process = Process(f"/{namespace}/{executable}".replace("//", "/"), popen, log)
         self.processes.append(process)
         return process
+
+    def spool(self, *arguments: str) -> subprocess.CompletedProcess[str]:
+        """Run the command line in this domain."""
+        return subprocess.run(
+            [str(find_executable("spool_bringup", "spool")), *arguments],
+            env={**os.environ, "ROS_DOMAIN_ID": str(self.domain_id)},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
 
     # What is heard.
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import re
 import signal
-import subprocess
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +14,6 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from spool_bag.reading.reader import BagReader
 from spool_msgs.msg import Alarm, AlarmList, HealthEvent, ValveHealth
 from spool_msgs.srv import AcknowledgeAlarm, ManageBaseline, ResetAlarms, ShelveAlarm, SuppressAlarm
-from spool_tools.demo.processes import find_executable
 
 if TYPE_CHECKING:
     from .conftest import Process, System, Topic
@@ -164,17 +161,6 @@ def test_a_monitor_works_where_nothing_can_be_kept(system: System, folder: str) 
     assert monitor.said.count("can't be written") == (0 if folder == "none" else 1)
 
 
-def spool(system: System, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run the command line in the system's domain."""
-    return subprocess.run(
-        [str(find_executable("spool_bringup", "spool")), *arguments],
-        env={**os.environ, "ROS_DOMAIN_ID": str(system.domain_id)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-
-
 def test_an_operator_works_from_a_terminal_and_the_alarm_keeps_its_surroundings(
     system: System, tmp_path: Path
 ) -> None:
@@ -188,15 +174,15 @@ def test_an_operator_works_from_a_terminal_and_the_alarm_keeps_its_surroundings(
     simulator, _, _ = valve(system)
     # Of a valve that never sent a block no silence can be timed.
     system.until(lambda: health.heard and health.last.level == ValveHealth.LEVEL_OK, "data are judged")
-    assert spool(system, "alarm", "list", "valve_1").returncode == 0
+    assert system.spool("alarm", "list", "valve_1").returncode == 0
     stop_data(system, simulator, alarms)
-    listed = spool(system, "alarm", "list", "valve_1")
+    listed = system.spool("alarm", "list", "valve_1")
     assert listed.returncode == 1
     assert SILENCE in listed.stdout
-    done = spool(system, "alarm", "acknowledge", "valve_1", SILENCE, "--who", "Eva")
+    done = system.spool("alarm", "acknowledge", "valve_1", SILENCE, "--who", "Eva")
     assert (done.returncode, done.stdout.strip()) == (0, f"valve_1: {SILENCE}")
     system.until(lambda: state(alarms) == Alarm.STATE_ACKNOWLEDGED, "it is acknowledged")
-    again = spool(system, "alarm", "acknowledge", "valve_1", SILENCE, "--who", "Eva")
+    again = system.spool("alarm", "acknowledge", "valve_1", SILENCE, "--who", "Eva")
     assert again.returncode == 2
     assert again.stderr.strip().endswith("no acknowledgement is due, Eva has done it")
     assert "Traceback" not in again.stderr
@@ -208,9 +194,15 @@ def test_an_operator_works_from_a_terminal_and_the_alarm_keeps_its_surroundings(
     assert len(list(reader.blocks("valve_1"))) > 50
     kinds = [one.kind for one in reader.messages("/valve_1/events")]
     assert "stale" in kinds
-    replayed = spool(system, "replay", str(bag))
+    replayed = system.spool("replay", str(bag))
     assert replayed.returncode == 0, replayed.stderr
     assert "valve_1" in replayed.stdout
+    asked = system.spool("snapshot", "valve_1", "--who", "Eva", "--comment", "sounds odd")
+    assert asked.returncode == 0, asked.stderr
+    # While it is written it lies there under a name of its own.
+    system.until(lambda: any(folder.glob("valve_1_requested_*")), "a snapshot is kept on request")
+    unknown = system.spool("snapshot", "valve_2", "--who", "Eva")
+    assert (unknown.returncode, "nothing of it is recorded" in unknown.stderr) == (2, True)
 
 
 # By the rules of the standard tools: REP 107 and what diagnostic_aggregator and rqt show.

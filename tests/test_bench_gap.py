@@ -60,6 +60,7 @@ def _few_settings(monkeypatch):
     monkeypatch.setattr(gap_peer, "LARGEST", 2000)
 
 
+@pytest.mark.slow
 def test_the_benchmark_runs_on_any_seed(monkeypatch, tmp_path):
     monkeypatch.setattr(gap, "PEERS", {"PySINDy STLSQ": False})
     run_bench("gap", tmp_path / "bench.json", seed=40_000, cases=1)

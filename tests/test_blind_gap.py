@@ -64,7 +64,7 @@ def slow(*values: object) -> Any:
         slow(1081, "none"),  # and here like one to the half that is held out
         (12, "quadratic_damping"),
         # Few windows, in which the two simulators stick differently, favour a richer law.
-        (15005, "coulomb_friction"),
+        slow(15005, "coulomb_friction"),
         # A law that held-out windows take for another.
         slow(12044, "mixed_friction"),
         # With backlash no free run helps, and one window, in which runs part, outweighs all others.
@@ -79,12 +79,13 @@ def test_what_is_hidden_is_named_with_its_size(seed: int, hidden: str) -> None:
         assert set(row.errors) == set(row.truth)
 
 
+@pytest.mark.slow
 def test_what_has_no_name_is_told_next_to_names_that_explain_part_of_it() -> None:
     """A spring that is stiffer on one side: synchronised runs follow it with a preload, free ones do not."""
     assert "unexplained" in judge(make(18178, "skew_spring")).verdict.split("+")
 
 
-@pytest.mark.parametrize(("seed", "hidden"), [(902, "coulomb_friction"), slow(901, "cubic_stiffness")])
+@pytest.mark.parametrize(("seed", "hidden"), [slow(902, "coulomb_friction"), slow(901, "cubic_stiffness")])
 def test_an_effect_of_twice_what_can_be_seen_at_all_is_named(seed: int, hidden: str) -> None:
     """Less than a hundredth of what is clear, seen by a test that knows it at half of that."""
     seen = limit_case(seed, hidden, moderate=True)

@@ -27,7 +27,10 @@ DOCS = ROOT / "docs"
 RESULTS = DOCS / "results"
 HEADER = re.compile(r"^\|(.+)\|\n\| *:?-", re.M)
 LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
-MADE = re.compile(r"# .+\n\nMade on \d{4}-\d\d-\d\d by `\./spool (bench|study) [^`]+`, version .+\.\n")
+MADE = re.compile(
+    r"# .+\n\nMade on \d{4}-\d\d-\d\d by `(\./spool (bench|study) [^`]+|SPOOL_FAULTS=\d+ \.ci/nightly)`,"
+    r" version .+\.\n"
+)
 PAGES = [
     ROOT / "README.md",
     ROOT / "bags" / "README.md",
@@ -39,7 +42,10 @@ EXPLAINING = {
     "alarms.md": [("kind", "number"), ("number", "what it means"), ("file", "holds")],
     "architecture.md": [("package", "job"), ("topic", "offered")],
     "commissioning.md": [("what `replay` says", "what it means, what to do")],
+    "fleet.md": [("`--analysis`", "gives"), ("table", "columns")],
+    "recording.md": [("what happens", "what is kept")],
     "gap.md": [("verdict",), ("matter", "what happens"), ("nuisance", "how it is known")],
+    "measure.md": [("matter", "what to choose"), ("question", "excitation")],
     "glossary.md": [("term", "meaning")],
     "watch.md": [("state", "what is known")],
     "methods/estimation.md": [("question", "answer")],

@@ -39,6 +39,7 @@ def test_the_truth_lies_within_two_standard_deviations(
         assert found.value == pytest.approx(value, rel=0.01)
 
 
+@pytest.mark.slow
 def test_gap_gives_the_numbers_that_a_fit_of_the_same_model_gives() -> None:
     records = records_from_blocks(BagReader(BAGS / "practice_03").blocks("valve_1"), "practice_03")
     valve = find_valve("4weh10_soft")

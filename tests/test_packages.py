@@ -23,6 +23,8 @@ ROSDEP_NAMES = {
 # key there is installed with pip, as spool_bringup/README.md says.
 ROSDEP_KEYS = {
     "mcap-ros2-support",
+    "python3-cryptography",
+    "python3-h5py",
     "python3-hypothesis",
     "python3-jinja2",
     "python3-matplotlib",
@@ -43,6 +45,7 @@ ROS_PACKAGES = {
     "ament_index_python",
     "builtin_interfaces",
     "diagnostic_msgs",
+    "geometry_msgs",
     "launch",
     "launch_ros",
     "lifecycle_msgs",
@@ -61,6 +64,10 @@ ROS_PACKAGES = {
 FROM_PIP = {"pyarrow", "padasip", "pysindy", "river", "ruptures", "textual", "asyncua"}
 # The page in the browser, likewise, and what drives a browser in its tests.
 FROM_PIP |= {"starlette", "uvicorn", "playwright"}
+# What fleets need.
+FROM_PIP |= {"duckdb", "distributed"}
+# What formats of data loggers need.
+FROM_PIP |= {"pint", "openpyxl", "nptdms", "asammdf", "pyuff"}
 RUNTIME = {"depend", "exec_depend", "build_depend", "build_export_depend"}
 TEST = {*RUNTIME, "test_depend"}
 

@@ -10,7 +10,13 @@ from spool_evaluation.pictures.structure import Module, layers, package_imports,
 
 SOURCE = Path(__file__).resolve().parent.parent / "ros2_ws" / "src"
 #: Folders of one kind of file each, found by discovery: as many modules as there are members.
-REGISTRIES = {"spool_sim.terms", "spool_gap.catalogue", "spool_monitor.detectors", "spool_tools.commands"}
+REGISTRIES = {
+    "spool_gap.catalogue",
+    "spool_import.formats",
+    "spool_monitor.detectors",
+    "spool_sim.terms",
+    "spool_tools.commands",
+}
 MODULES_PER_FOLDER = 18
 #: Needed by developers and studies only.
 NOT_ON_A_MACHINE = {"spool_evaluation", "spool_blind"}

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
-import subprocess
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from spool_msgs.msg import Alarm, AlarmList, ModelEstimate, ValveHealth
-from spool_tools.demo.processes import find_executable
+from spool_monitor.node.valve_condition import DRIFT
+from spool_msgs.msg import Alarm, AlarmList, ValveHealth
 from spool_tools.watch.app import WatchApp
-from spool_tools.watch.condition import condition_of
+from spool_tools.watch.condition import shown_condition
 from spool_tools.watch.heard import HeardValve, Listener
 
 if TYPE_CHECKING:
@@ -28,47 +26,33 @@ SILENCE = "stale/acceleration"
 PATIENCE = 120.0
 
 
-def spool(system: System, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run the command line in the system's domain."""
-    return subprocess.run(
-        [str(find_executable("spool_bringup", "spool")), *arguments],
-        env={**os.environ, "ROS_DOMAIN_ID": str(system.domain_id)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-
-
-def heard(level: int, state: int, baseline: int = ValveHealth.BASELINE_FROZEN) -> HeardValve:
-    health = ValveHealth(level=level, baseline=baseline)
-    return HeardValve("v", health, 100.0, ModelEstimate(state=state))
+def heard(level: int, judgement: str = "judged") -> HeardValve:
+    judgements = [f"{name}: {judgement}" for name in DRIFT]
+    health = ValveHealth(level=level, baseline=ValveHealth.BASELINE_FROZEN, judgements=judgements)
+    return HeardValve("v", health, 100.0)
 
 
 @pytest.mark.parametrize(
     ("valve", "now", "word"),
     [
-        (heard(ValveHealth.LEVEL_OK, ModelEstimate.STATE_TRACKING), 100.5, "OK"),
-        (heard(ValveHealth.LEVEL_OK, ModelEstimate.STATE_TRACKING), 104.0, "NO WORD"),
+        (heard(ValveHealth.LEVEL_OK), 100.5, "OK"),
+        (heard(ValveHealth.LEVEL_OK), 104.0, "NO WORD"),
         (HeardValve("v"), 100.0, "NO WORD"),
-        (heard(ValveHealth.LEVEL_STALE, ModelEstimate.STATE_TRACKING), 100.5, "STALE"),
-        (heard(ValveHealth.LEVEL_OK, ModelEstimate.STATE_STALE), 100.5, "STALE"),
-        (heard(ValveHealth.LEVEL_UNKNOWN, ModelEstimate.STATE_TRACKING), 100.5, "UNKNOWN"),
-        (heard(ValveHealth.LEVEL_OK, ModelEstimate.STATE_LEARNING), 100.5, "LEARNING"),
-        (heard(ValveHealth.LEVEL_OK, ModelEstimate.STATE_TRACKING, 1), 100.5, "LEARNING"),
-        (heard(ValveHealth.LEVEL_OK, ModelEstimate.STATE_NOT_EXCITED), 100.5, "AT REST"),
-        (heard(ValveHealth.LEVEL_ALARM, ModelEstimate.STATE_STALE), 100.5, "ALARM"),
+        (heard(ValveHealth.LEVEL_STALE), 100.5, "STALE"),
+        (heard(ValveHealth.LEVEL_OK, "learning"), 100.5, "LEARNING"),
+        (heard(ValveHealth.LEVEL_OK, "not enough excitation"), 100.5, "AT REST"),
+        (heard(ValveHealth.LEVEL_ALARM), 100.5, "ALARM"),
     ],
 )
-def test_a_valve_is_good_only_where_all_is_known_and_heard_lately(
+def test_a_valve_is_shown_as_good_only_where_it_was_judged_lately(
     valve: HeardValve, now: float, word: str
 ) -> None:
-    assert condition_of(valve, now).word == word
+    assert shown_condition(valve, now).word == word
 
 
 def test_marks_tell_conditions_without_colour() -> None:
     levels = (ValveHealth.LEVEL_OK, ValveHealth.LEVEL_WARNING, ValveHealth.LEVEL_ALARM, 0)
-    marks = {condition_of(heard(level, ModelEstimate.STATE_TRACKING), 100.0).mark for level in levels}
-    assert len(marks) == len(levels)
+    assert len({shown_condition(heard(level), 100.0).mark for level in levels}) == len(levels)
 
 
 async def until(pilot: Pilot[None], met: Callable[[], object], what: str) -> None:
@@ -135,20 +119,20 @@ def test_off_a_terminal_lines_a_baseline_and_an_analysis_come_by_command(
     system.until(
         lambda: health.heard and health.last.baseline == ValveHealth.BASELINE_FROZEN, "a baseline is learned"
     )
-    watched = spool(system, "watch", "--seconds", "7")
+    watched = system.spool("watch", "--seconds", "7")
     assert watched.returncode == 0, watched.stderr
     assert "valve_1  " in watched.stdout
-    shown = spool(system, "baseline", "show", "valve_1")
+    shown = system.spool("baseline", "show", "valve_1")
     assert shown.returncode == 0, shown.stderr
     assert "spring_stiffness" in shown.stdout
-    confirmed = spool(system, "baseline", "freeze", "valve_1", "--who", "Eva")
+    confirmed = system.spool("baseline", "freeze", "valve_1", "--who", "Eva")
     assert "confirmed by Eva" in confirmed.stdout, confirmed.stderr
-    missing = spool(system, "baseline", "restore", "valve_1", "9", "--who", "Eva")
+    missing = system.spool("baseline", "restore", "valve_1", "9", "--who", "Eva")
     assert (missing.returncode, "Traceback" in missing.stderr) == (2, False)
     file = tmp_path / "gap.json"
-    analysed = spool(system, "analyse", "valve_1", "--json", str(file))
+    analysed = system.spool("analyse", "valve_1", "--json", str(file))
     assert analysed.returncode == 0, analysed.stderr
     assert json.loads(file.read_text())["verdict"] in analysed.stdout
-    nobody = spool(system, "analyse", "valve_9")
+    nobody = system.spool("analyse", "valve_9")
     assert nobody.returncode == 2
     assert "no active estimator answers in /valve_9" in nobody.stderr

@@ -81,6 +81,7 @@ def test_the_gap_is_gone_where_the_saved_model_is_the_base() -> None:
     assert analyse([hidden], VALVE, base, settings=SETTINGS).verdict == "none"
 
 
+@pytest.mark.slow
 def test_gain_within_its_tolerance_is_no_effect_and_beyond_it_is_one() -> None:
     within = record(spool={"gain_error": 0.03})
     beyond = record(spool={"gain_error": 0.09})

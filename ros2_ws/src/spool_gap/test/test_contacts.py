@@ -108,7 +108,11 @@ def test_a_hit_is_bridged_by_a_straight_line() -> None:
     np.testing.assert_allclose(bridged(row, gone), [0.0, 1.0, 2.0, 3.0, 4.0, 5.0])
 
 
-@pytest.mark.parametrize("loss", [KELVIN_VOIGT, HUNT_CROSSLEY], ids=["kelvin_voigt", "hunt_crossley"])
+@pytest.mark.parametrize(
+    "loss",
+    [pytest.param(KELVIN_VOIGT, marks=pytest.mark.slow), HUNT_CROSSLEY],
+    ids=["kelvin_voigt", "hunt_crossley"],
+)
 def test_a_stop_is_named_whatever_the_law_of_its_contact(loss: dict[str, float]) -> None:
     result = analyse([with_stop(loss)], VALVE, BASE, settings=GapSettings(longest=12000))
     assert result.verdict == "end_stop"
@@ -120,6 +124,7 @@ def test_a_stop_is_named_whatever_the_law_of_its_contact(loss: dict[str, float])
     assert result.after.nrmse < 0.15 * result.before.nrmse
 
 
+@pytest.mark.slow
 def test_friction_jointly_with_a_stop_is_named_with_its_size() -> None:
     numbers = {"coulomb_force": 0.4, "stop_gap": 1.5e-3, "stop_stiffness": STIFFNESS, **KELVIN_VOIGT}
     hidden = record(("coulomb_friction", "end_stop"), **numbers)

@@ -230,7 +230,7 @@ def _result(
     names = [unknown.name for unknown in unknowns]
     covariance = fit_covariance(residuals, best.point, sizes_of(free, best.point), settings, doubts)
     shown = np.isfinite(np.diag(covariance))
-    effect = input_noise_effect(residuals, best.point, shown) if shown.any() else None
+    effect = input_noise_effect(residuals, best.point, shown, settings.noise_seconds) if shown.any() else None
     if effect is not None:
         moved, covariance[np.ix_(shown, shown)] = effect.taken_off(
             best.point[shown], covariance[np.ix_(shown, shown)]

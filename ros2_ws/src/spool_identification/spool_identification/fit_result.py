@@ -37,6 +37,7 @@ class FitSettings:
         starts: how many different starts are followed by simulation.
         compensate_oil: take the viscosity at each moment from the oil temperature, where record and valve
             give it.
+        noise_seconds: s of data on which the effect of the excitation's noise is simulated at most.
     """
 
     held: Mapping[str, float] = field(default_factory=dict)
@@ -52,6 +53,7 @@ class FitSettings:
     timing: float = 0.01
     starts: int = 2
     compensate_oil: bool = True
+    noise_seconds: float = 40.0
 
 
 @dataclass(frozen=True, slots=True)

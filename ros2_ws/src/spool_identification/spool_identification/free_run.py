@@ -88,6 +88,15 @@ class Response:
     jumps: NDArray[np.bool_]
 
 
+@dataclass(frozen=True, slots=True)
+class _Drive:
+    """Excitation of a window in the time domain: at the half steps, and its means from sample to sample."""
+
+    spectrum: NDArray[np.complex128]
+    half_steps: Array
+    means: Array
+
+
 class FreeRun:
     """The windows of some records, and the response of a model over them.
 
@@ -134,7 +143,8 @@ class FreeRun:
         self.names = self.motion.names
         self.highest_frequency = [excitation_limit(entry) for entry in self.records]
         self.substeps = [1] * len(self.records)
-        self._compensate = compensate_oil and valve.oil is not None
+        self._drives: dict[tuple[int, int], _Drive] = {}
+        self._compensate = compensate_oil and valve.oil_ratio_known
         windows: list[Window] = []
         for number, entry in enumerate(self.records):
             windows += self._cut(number, entry, window, run_in, low_cut)
@@ -206,6 +216,12 @@ class FreeRun:
         some.windows = _spread(list(self.windows), seconds, [entry.sample_period for entry in self.records])
         return some
 
+    def driven_by(self, windows: Sequence[Window]) -> FreeRun:
+        """Return the same with other ``windows`` of the same records."""
+        other = copy.copy(self)
+        other.windows, other._drives = tuple(windows), {}
+        return other
+
     def choose_substeps(self, values: Mapping[str, float]) -> bool:
         """Take as many steps per sample as the model needs with ``values``; return whether that changed."""
         before = list(self.substeps)
@@ -247,27 +263,35 @@ class FreeRun:
         substeps = self.substeps[window.record]
         state = MotionState(*window.state, float(np.sign(window.state[1])))
         one_drive = bool((delays == delays[0]).all())
-        excitations = np.array(
-            [
-                half_steps(window, entry.sample_period, substeps, float(delay))
-                for delay in (delays[:1] if one_drive else delays)
-            ]
-        )
+        drives = [
+            self._drive(window, substeps, float(delay)) for delay in (delays[:1] if one_drive else delays)
+        ]
         trajectory, _ = self.motion.advance_batch(
             [state] * sets.shape[0],
-            excitations,
+            np.array([drive.half_steps for drive in drives]),
             self._tables(sets, window),
             sample_period=entry.sample_period,
             substeps=substeps,
             first_sample=entry.first_sample + window.first,
         )
-        body_means = np.array(
-            [
-                _body_means(window, entry.sample_period, float(delay))
-                for delay in (delays[:1] if one_drive else delays)
-            ]
-        )
+        body_means = np.array([drive.means for drive in drives])
         return _counted(trajectory, window.start - window.first, gains, body_means, entry.sample_period)
+
+    def _drive(self, window: Window, substeps: int, delay: float) -> _Drive:
+        """Return the excitation of ``window``; without a delay it is kept: every point is run with it."""
+        period = self.records[window.record].sample_period
+        key = (id(window.excitation), substeps)
+        kept = self._drives.get(key) if delay == 0.0 else None
+        if kept is not None:
+            return kept
+        found = _Drive(
+            window.excitation,
+            half_steps(window, period, substeps, delay),
+            _body_means(window, period, delay),
+        )
+        if delay == 0.0:
+            self._drives[key] = found
+        return found
 
     def _tables(self, sets: Array, window: Window) -> Array:
         if window.viscosity is None or "viscous_coefficient" not in self.names:

@@ -30,8 +30,6 @@ Array = NDArray[np.float64]
 PAIRS = 6
 #: Standard deviations up to which a bias is believed.
 BELIEVED = 3.0
-#: s of data that one run looks at most.
-SECONDS = 40.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,12 +69,16 @@ def noise_density(record: Record, highest: float) -> float:
     return noise_of(record.body, record.spool, record.sample_rate).body
 
 
-def input_noise_effect(residuals: Residuals, point: Array, shown: NDArray[np.bool_]) -> NoiseEffect | None:
+def input_noise_effect(
+    residuals: Residuals, point: Array, shown: NDArray[np.bool_], seconds: float
+) -> NoiseEffect | None:
     """Return what the excitation's noise does to the ``shown`` unknowns at ``point``; ``None`` without noise.
+
+    It is looked at on ``seconds`` of data at most.
 
     The noise is drawn from a fixed seed, so that the same records give the same result.
     """
-    run = residuals.run.fewer(SECONDS)
+    run = residuals.run.fewer(seconds)
     densities = [noise_density(entry, excitation_limit(entry)) for entry in run.records]
     if not any(densities):
         return None
@@ -125,14 +127,14 @@ def _shaken(
     run: FreeRun, made: Sequence[Response], noises: Sequence[NDArray[np.complex128]], sign: float
 ) -> FreeRun:
     """Return the windows as if ``made`` had been measured, and the excitation with the noise added."""
-    other = copy.copy(run)
-    other.windows = tuple(
-        replace(
-            window,
-            excitation=window.excitation + sign * noise,
-            measured=response.acceleration[0],
-            measured_means=response.means[0],
-        )
-        for window, response, noise in zip(run.windows, made, noises, strict=True)
+    return run.driven_by(
+        [
+            replace(
+                window,
+                excitation=window.excitation + sign * noise,
+                measured=response.acceleration[0],
+                measured_means=response.means[0],
+            )
+            for window, response, noise in zip(run.windows, made, noises, strict=True)
+        ]
     )
-    return other

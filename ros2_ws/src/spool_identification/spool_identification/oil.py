@@ -48,6 +48,8 @@ class OilLaw:
 
 def oil_law(valve: Valve) -> OilLaw | None:
     """Return the law of the valve's oil, ``None`` where the description names none that holds."""
+    if not valve.oil_ratio_known:
+        return None
     law = OilLaw(valve)
     return law if math.isfinite(law.ratio(law.reference)) else None
 

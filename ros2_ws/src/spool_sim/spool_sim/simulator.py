@@ -25,6 +25,8 @@ from .sensors import Sensor, SensorChannel
 DRIFTING: tuple[str, ...] = ("viscous_coefficient", "coulomb_force", "spring_stiffness", "oil_temperature")
 # 2020-01-01T00:00:00Z: a stamp of 0 means "no time" in ROS.
 DEFAULT_START_STAMP = 1_577_836_800_000_000_000
+#: deg C, told of an oil whose description names no temperature; nothing follows from it.
+ROOM = 20.0
 _INNER_SAMPLES = 4096
 # Samples at the start over which the step size is checked by halving, 1 s of them at most.
 _TRIAL_SAMPLES = 4000
@@ -127,8 +129,11 @@ class Simulator:
         if coulomb_force is not None and (coulomb_force != 0.0 or self._has("coulomb_force")):
             overrides["coulomb_force"] = coulomb_force
         values = self.model.values_for(valve, overrides)
+        if {"viscous_coefficient", "film_drag"} & values.keys() - overrides.keys() - self.model.values.keys():
+            _ = valve.viscous_coefficient  # a truth is not made up: it raises what is missing
         self._mass = values["mass"]
-        starts = {**values, "oil_temperature": valve.oil_temperature}
+        self._temperature = valve.oil_temperature if valve.knows("oil_temperature") else ROOM
+        starts = {**values, "oil_temperature": self._temperature}
         self._ramps = {name: _Ramp(starts.get(name, 0.0), starts.get(name, 0.0), 0, 0) for name in DRIFTING}
         self._oil = OilTable(valve)
         self._rate = Fraction(self.sample_rate)
@@ -195,7 +200,7 @@ class Simulator:
     @property
     def _warms(self) -> bool:
         ramp = self._ramps["oil_temperature"]
-        return ramp.start != ramp.target or ramp.target != self.valve.oil_temperature
+        return ramp.start != ramp.target or ramp.target != self._temperature
 
     def set_drift(self, quantity: str, target: float, duration: float = 0.0) -> None:
         """Let a parameter run linearly from its present value to ``target``, from the next sample on.
@@ -220,7 +225,7 @@ class Simulator:
         now = float(self._ramps[quantity].at(np.array([self._sample]))[0])
         # Fewer steps would do after a fall, but not before it is over: the number only rises.
         ends = {name: ramp.target for name, ramp in self._ramps.items()} | {quantity: target}
-        if ends["oil_temperature"] != self.valve.oil_temperature:
+        if ends["oil_temperature"] != self._temperature:
             ends["viscous_coefficient"] *= float(self._oil.ratio(np.array(ends["oil_temperature"])))
         self._substeps = max(self._substeps, self._needed({**self._values, **ends}))
         self._ramps[quantity] = _Ramp(now, target, self._sample, round(duration * self.sample_rate))

@@ -1,10 +1,21 @@
 from __future__ import annotations
 
+import pickle
 from pathlib import Path
 from typing import Any
 
 import pytest
-from spool_sim.valve.description import Valve, find_valve, load_valve, shipped_valves, valve_from_mapping
+from spool_sim.excitation.presets import PRESETS
+from spool_sim.simulator import Simulator
+from spool_sim.valve.description import (
+    FILM,
+    OPTIONAL,
+    Valve,
+    find_valve,
+    load_valve,
+    shipped_valves,
+    valve_from_mapping,
+)
 from spool_stream.errors import InputError
 
 
@@ -33,8 +44,8 @@ def test_oil_is_optional(valve_file: Path, valve_text: str) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("spool_mass: 0.172\n", "", ["spool_mass", "missing"]),
-        ("spool_mass:", "spoolmass:", ["spoolmass", "unknown key", "spool_mass", "missing"]),
+        ("moving_mass: 0.18\n", "", ["moving_mass", "missing"]),
+        ("spool_mass:", "spoolmass:", ["spoolmass", "unknown key", "spool_mass"]),
         ("moving_mass: 0.18", "moving_mass: -0.18", ["moving_mass", "greater than 0", "-0.18"]),
         ("moving_mass: 0.18", "moving_mass: yes", ["moving_mass", "must be a number"]),
         ("moving_mass: 0.18", "moving_mass: heavy", ["moving_mass", "valid number", "heavy"]),
@@ -110,3 +121,47 @@ def test_shipped_valves_are_found_by_name(valve_file: Path) -> None:
     assert find_valve(valve_file).id == "valve_soft"
     with pytest.raises(InputError, match=r"4weh10\.yaml: no such valve file; shipped ones are 4weh10_soft"):
         find_valve("4weh10.yaml")
+
+
+LEAST = {"id": "least", "moving_mass": 0.18, "spring_stiffness": 1632.0}
+
+
+def test_a_valve_is_known_by_mass_and_springs_alone() -> None:
+    valve = valve_from_mapping(LEAST)
+    assert valve.natural_frequency == pytest.approx(15.15, abs=0.005)
+    assert valve.given == {"moving_mass": 0.18, "spring_stiffness": 1632.0}
+    assert valve == valve_from_mapping(dict(LEAST))
+    assert valve.model_copy(update={"id": "other"}).given == valve.given
+    assert pickle.loads(pickle.dumps(valve)) == valve
+    assert hash(valve) == hash(valve_from_mapping(LEAST))
+
+
+@pytest.mark.parametrize("key", sorted(OPTIONAL))
+def test_whoever_needs_a_key_that_is_missing_names_it(valve_mapping: dict[str, Any], key: str) -> None:
+    part = {name: value for name, value in valve_mapping.items() if name != key}
+    valve = valve_from_mapping(part)
+    assert not valve.knows(key)
+    with pytest.raises(InputError, match=f"valve 'valve_soft': {key}: key is missing, .* needs it; add it"):
+        getattr(valve, key)
+    if key in FILM:
+        with pytest.raises(InputError, match=f": {key}: key is missing"):
+            _ = valve.viscous_coefficient
+        with pytest.raises(InputError, match=f": {key}: key is missing"):
+            Simulator(valve, PRESETS["sweep"])
+        assert 0.1 <= valve.likely_viscous_coefficient / (2.0 * (1632.0 * 0.18) ** 0.5) <= 0.5
+    if key in ("oil_temperature", "dynamic_viscosity"):
+        with pytest.raises(InputError, match=f"^valve 'valve_soft': {key}: key is missing"):
+            valve.dynamic_viscosity_at(40.0)
+
+
+def test_a_simulation_whose_drag_is_given_needs_no_film() -> None:
+    block = Simulator(
+        valve_from_mapping(LEAST), PRESETS["sweep"], model="fluid", parameters={"viscous_coefficient": 5.0}
+    ).next_block()
+    assert block.body.size == block.spool.size > 0
+
+
+def test_without_a_land_mass_and_springs_are_judged_together() -> None:
+    for change in ({"moving_mass": 180.0}, {"spring_stiffness": 1.632}):
+        with pytest.raises(InputError, match=r"would give way by 1.1 m .* N/mm\? .* moving_mass in g\?"):
+            valve_from_mapping({**LEAST, **change})

@@ -8,11 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from spool_sim.valve.description import Valve, valve_from_mapping
-from spool_sim.valve.viscosity import HIGHEST_TEMPERATURE, LOWEST_TEMPERATURE, OILS
+from spool_sim.valve.viscosity import LOWEST_TEMPERATURE, OILS, VISCOSITY_INDEX
 from spool_stream.errors import InputError
 
 NAMES = st.sampled_from(sorted(OILS))
-TEMPERATURES = st.floats(LOWEST_TEMPERATURE, HIGHEST_TEMPERATURE)
+#: deg C at which the thinnest grade, ISO VG 10, has the 2 mm^2/s down to which the law holds, less a margin.
+THINNEST = 115.0
+TEMPERATURES = st.floats(LOWEST_TEMPERATURE, THINNEST)
 
 
 @pytest.mark.parametrize(("name", "at_40", "at_100"), [("HL68", 68.0, 8.7), ("Azolla ZS22", 22.0, 4.3)])
@@ -25,7 +27,7 @@ def test_law_is_a_straight_line_on_walther_paper() -> None:
     for oil in OILS.values():
         at = [
             (math.log10(t + 273.15), math.log10(math.log10(oil.kinematic_viscosity(t) + 0.7)))
-            for t in (-20.0, 15.0, 40.0, 75.0, 120.0)
+            for t in (-20.0, 15.0, 40.0, 75.0, THINNEST)
         ]
         slopes = [(y1 - y0) / (x1 - x0) for (x0, y0), (x1, y1) in pairwise(at)]
         assert slopes == pytest.approx([slopes[0]] * len(slopes), rel=1e-9)
@@ -47,7 +49,7 @@ def test_warmer_oil_is_never_thicker(name: str, one: float, other: float) -> Non
         assert oil.kinematic_viscosity(warm) < oil.kinematic_viscosity(cool)
 
 
-@given(name=NAMES, given_at=st.floats(-20.0, 120.0), viscosity=st.floats(1e-3, 10.0), at=TEMPERATURES)
+@given(name=NAMES, given_at=st.floats(-20.0, THINNEST), viscosity=st.floats(1e-3, 10.0), at=TEMPERATURES)
 def test_valve_scales_the_law_to_its_own_point(
     name: str, given_at: float, viscosity: float, at: float
 ) -> None:
@@ -87,3 +89,31 @@ def test_point_of_the_valve_out_of_range_is_refused(valve_mapping: dict[str, Any
     valve = valve_from_mapping({**valve_mapping, "oil_temperature": 200.0})
     with pytest.raises(InputError, match="200 deg C is out of range"):
         valve.dynamic_viscosity_at(40.0)
+
+
+#: ASTM D2270, table 2: from, to (mm^2/s at 100 deg C), and the coefficients of L and H at 40 deg C.
+D2270 = (
+    (2.0, 3.8, (1.14673, 1.7576, -0.109), (0.84155, 1.5521, -0.077)),
+    (3.8, 4.4, (3.38095, -15.4952, 33.196), (0.78571, 1.7929, -0.183)),
+    (4.4, 5.0, (2.5, -7.2143, 13.812), (0.82143, 1.5679, 0.119)),
+    (5.0, 6.4, (0.101, 16.635, -45.469), (0.04985, 9.1613, -18.557)),
+    (6.4, 7.0, (3.35714, -23.5643, 78.466), (0.22619, 7.7369, -16.656)),
+    (7.0, 7.7, (0.01191, 21.475, -72.870), (0.79762, -0.7321, 14.610)),
+    (7.7, 9.0, (0.41858, 16.1558, -56.040), (0.05794, 10.5156, -28.240)),
+    (9.0, 12.0, (0.88779, 7.5527, -16.600), (0.26665, 6.7015, -10.810)),
+)
+
+
+def viscosity_index(at_40: float, at_100: float) -> float:
+    """Return the viscosity index by procedure A of ASTM D2270."""
+    low, high = next((low, high) for first, last, low, high in D2270 if first <= at_100 <= last)
+    (loosest, best) = (a * at_100**2 + b * at_100 + c for a, b, c in (low, high))
+    return 100.0 * (loosest - at_40) / (loosest - best)
+
+
+@pytest.mark.parametrize("grade", [10, 15, 22, 32, 46, 68, 100])
+def test_a_grade_has_its_number_at_40_degrees_and_the_stated_viscosity_index(grade: int) -> None:
+    oil = OILS[f"ISO VG {grade}"]
+    assert oil.kinematic_viscosity(40.0) == pytest.approx(grade)
+    index = viscosity_index(oil.kinematic_viscosity(40.0), oil.kinematic_viscosity(100.0))
+    assert index == pytest.approx(VISCOSITY_INDEX, abs=1.0)

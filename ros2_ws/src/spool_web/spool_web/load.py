@@ -20,10 +20,9 @@ from pathlib import Path
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from spool_monitor.node.valve_condition import DRIFT
 from spool_msgs.msg import AlarmList, ModelEstimate, Quantity, ValveHealth
 from spool_node import qos
-
-from spool_web.view.condition import DRIFT
 
 #: s in which the page has to have heard all valves.
 SETTLES = 30.0

@@ -12,13 +12,13 @@ from spool_monitor.detectors import DETECTORS, JUDGEMENT_TEXTS
 from spool_monitor.history import valve_state
 from spool_monitor.history.state_file import valve_folder
 from spool_monitor.history.trend import Sums, TrendStore
+from spool_monitor.node.valve_condition import CONDITIONS, DRIFT, condition_of
 from spool_msgs.msg import AccelerationBlock, AlarmList, Quantity, ValveHealth
 from spool_msgs.srv import ManageBaseline
 from spool_web.operator.limits import RateLimit
 from spool_web.server.pages import LANGUAGES, SITE, language_of
 from spool_web.view.alarms import MOST, alarms_of
 from spool_web.view.board import MOST_VALVES, Board, HeardValve
-from spool_web.view.condition import CONDITIONS, DRIFT, condition_of
 from spool_web.view.detail import detail_of
 from spool_web.view.machine import AT_REST, row_of
 from spool_web.view.spectrum import spectrum_of
@@ -60,12 +60,12 @@ def test_a_valve_is_good_only_where_all_is_known_and_heard_lately(
 ) -> None:
     judgements = ["resonance: judged", f"friction_drift: {friction}", "spring_change: judged"]
     one = valve(level=level, baseline=baseline, judgements=judgements)
-    assert condition_of(one, now) == condition
-    assert condition_of(HeardValve("v"), now) == "no_word"
+    assert condition_of(one.health, now - one.health_at) == condition
+    assert condition_of(None, 0.0) == "no_word"
 
 
 def test_a_valve_whose_drift_nobody_judges_is_not_good() -> None:
-    assert condition_of(valve(judgements=["resonance: judged"]), 100.0) == "unknown"
+    assert condition_of(valve(judgements=["resonance: judged"]).health, 0.0) == "unknown"
 
 
 def test_the_words_of_the_monitor_are_those_that_are_understood() -> None:

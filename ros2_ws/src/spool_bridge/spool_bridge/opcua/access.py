@@ -36,7 +36,7 @@ ALLOWED = frozenset(
 
 
 class LookOnly(PermissionRuleset):  # type: ignore[misc]  # asyncua carries no types
-    """Ruleset of requests: those in ``ALLOWED``, whoever asks."""
+    """Ruleset of requests: those in ``ALLOWED``, from any client."""
 
     def check_validity(self, user: object, action_type: ua.NodeId, body: object) -> bool:  # noqa: ARG002
         """Return whether a request of that type is answered."""

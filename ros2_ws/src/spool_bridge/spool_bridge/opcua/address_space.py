@@ -11,11 +11,12 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import datetime, timezone
+from typing import Any
 
 from asyncua import Server, ua
 from spool_monitor.alarms.alarm import AlarmState
+from spool_monitor.node.valve_condition import NO_WORD, condition_of
 from spool_msgs.msg import Alarm, Quantity, ValveHealth
-from spool_tools.watch.condition import condition_of
 from spool_tools.watch.heard import HeardValve
 
 NAMESPACE = "urn:spool-suite:valves"
@@ -53,7 +54,7 @@ class AddressSpace:
     def __init__(self, server: Server, index: int) -> None:
         """Fill ``server`` below Objects/Valves, in the namespace ``index``."""
         self._server, self._index = server, index
-        self._folders: dict[tuple[str, ...], object] = {}
+        self._folders: dict[tuple[str, ...], Any] = {}
         self._written: dict[tuple[str, ...], Item] = {}
 
     async def update(self, valves: Iterable[HeardValve], now: float) -> int:
@@ -81,7 +82,7 @@ class AddressSpace:
             await folder.add_variable(identity, item.path[-1], item.value)
         await self._server.write_attribute_value(identity, value)
 
-    async def _folder(self, path: tuple[str, ...]):  # type: ignore[no-untyped-def]
+    async def _folder(self, path: tuple[str, ...]) -> Any:
         if path not in self._folders:
             if path:
                 parent = await self._folder(path[:-1])
@@ -95,10 +96,10 @@ class AddressSpace:
 def items_of(valve: HeardValve, now: float) -> Iterator[Item]:
     """Yield what plant systems see of ``valve`` at ``now`` (s, monotonic)."""
     name = valve.name
-    condition = condition_of(valve, now)
-    silent = condition.word == "NO WORD"
+    condition = condition_of(valve.health, now - valve.health_at)
+    silent = condition == NO_WORD
     lost = ua.StatusCodes.BadNoCommunication
-    yield Item((name, "condition"), condition.word, ua.StatusCodes.Good, None)
+    yield Item((name, "condition"), condition.replace("_", " "), ua.StatusCodes.Good, None)
     health = valve.health
     if health is not None:
         at = _time(health.header.stamp)

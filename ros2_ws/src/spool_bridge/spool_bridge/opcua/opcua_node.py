@@ -10,12 +10,13 @@ from functools import partial
 from typing import ClassVar
 
 from asyncua import Server, ua
+from spool_monitor.node.valve_condition import monitored_valves
 from spool_msgs.msg import AlarmList, ModelEstimate, ValveHealth
 from spool_node import qos
 from spool_node.managed_node import ManagedNode
 from spool_node.parameters import NodeParameter
 from spool_stream.errors import InputError
-from spool_tools.watch.heard import HeardValve, health_topics
+from spool_tools.watch.heard import HeardValve
 
 from .access import LookOnly, Onlookers
 from .address_space import NAMESPACE, AddressSpace
@@ -57,7 +58,7 @@ class OpcUaNode(ManagedNode):
         self._thread.start()
         address, port = self.value("address"), self.value("port")
         if address != LOOPBACK:
-            self.get_logger().warning(f"address {address}: whoever reaches it reads all valves, unencrypted")
+            self.get_logger().warning(f"address {address}: all who reach it read all valves, unencrypted")
         try:
             asyncio.run_coroutine_threadsafe(self._serve(address, port), self._loop).result(START)
         except OSError as error:
@@ -94,7 +95,7 @@ class OpcUaNode(ManagedNode):
         self._thread = None
 
     def _look(self) -> None:
-        for name in health_topics(self):
+        for name in monitored_valves(self):
             if name in self._valves:
                 continue
             valve = self._valves[name] = HeardValve(name)

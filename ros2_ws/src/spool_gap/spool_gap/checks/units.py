@@ -40,7 +40,7 @@ def expected_transfer(frequency: Array, valve: Valve) -> Array:
 def _transfer(frequency: Array, valve: Valve, spring: Array, drag: Array) -> Array:
     angular = 2j * np.pi * frequency
     force = valve.spring_stiffness * spring[..., np.newaxis] + (
-        angular * valve.viscous_coefficient * drag[..., np.newaxis]
+        angular * valve.likely_viscous_coefficient * drag[..., np.newaxis]
     )
     return np.asarray(force / (force + valve.moving_mass * angular**2))
 

@@ -23,7 +23,7 @@ from scipy.special import expit
 NONE, UNEXPLAINED = "none", "unexplained"
 #: Kinds of verdict, each with a regression of its own.
 NAMES, PARTLY = "names", "names and unexplained"
-#: What a sign says, with its unit, for whoever is told that a record lies outside of the calibration.
+#: What a sign says, with its unit, for the note that a record lies outside of the calibration.
 WORDS = {
     "sample_rate": ("samples a second", "Hz"),
     "duration": ("length of the record", "s"),

@@ -79,7 +79,7 @@ def first_look(task: Task) -> tuple[Point, bool]:
 
     Its damping says how long a window takes to forget its start.
     """
-    damping = 0.5 * task.valve.viscous_coefficient
+    damping = 0.5 * task.valve.likely_viscous_coefficient
     context, state = prepared(task, task.start, damping, task.settings.longest // 2)
     free = contact_free(context, state, contacts_of(context, state, task.start.values["mass"]))
     context, state = free or (context, state)

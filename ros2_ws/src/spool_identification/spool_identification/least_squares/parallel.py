@@ -15,7 +15,8 @@ Found = TypeVar("Found")
 def in_parallel(work: Callable[[Item], Found], items: Iterable[Item]) -> list[Found]:
     """Return what ``work`` makes of each of ``items``, in their order."""
     every = list(items)
-    if len(every) < 2:
+    threads = min(len(every), processors())
+    if threads < 2:
         return [work(item) for item in every]
-    with ThreadPoolExecutor(min(len(every), processors())) as pool:
+    with ThreadPoolExecutor(threads) as pool:
         return list(pool.map(work, every))

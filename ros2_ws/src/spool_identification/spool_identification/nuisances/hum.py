@@ -134,7 +134,7 @@ def _lines(record: Record, valve: Valve, frequency: float, stray: float) -> dict
 def _described(frequency: float, valve: Valve) -> complex:
     """Return spool over body at ``frequency`` (Hz) by the valve's description."""
     turn = 2j * np.pi * frequency
-    force = valve.spring_stiffness + valve.viscous_coefficient * turn
+    force = valve.spring_stiffness + valve.likely_viscous_coefficient * turn
     return complex(force / (force + valve.moving_mass * turn**2))
 
 

@@ -51,7 +51,9 @@ class CoulombHydrodynamicFrictionTerm(Term):
             0.0,
             "K_V: geometry of the contact; > 0 lowers friction with speed",
         ),
-        Parameter("film_drag", "N s/m", 0.0, 1e5, 8.2, "mu A_t / h: drag of the film", "viscous_coefficient"),
+        Parameter(
+            "film_drag", "N s/m", 0.0, 1e5, 8.2, "mu A_t / h: drag of the film", "likely_viscous_coefficient"
+        ),
         Parameter(
             "normal_load",
             "N",
@@ -59,7 +61,7 @@ class CoulombHydrodynamicFrictionTerm(Term):
             1e5,
             1.687,
             "N: the spool's weight unless known better",
-            "spool_mass",
+            "likely_spool_mass",
             GRAVITY,
         ),
     )

@@ -31,7 +31,9 @@ class DampingDriftTerm(Term):
 
     name = "damping_drift"
     parameters = (
-        Parameter("viscous_coefficient", "N s/m", 0.0, 1e5, 8.2, "pi d l mu / h", "viscous_coefficient"),
+        Parameter(
+            "viscous_coefficient", "N s/m", 0.0, 1e5, 8.2, "pi d l mu / h", "likely_viscous_coefficient"
+        ),
         Parameter("damping_drift_rate", "1/s", -100.0, 100.0, -0.01, "relative change per second at t = 0"),
         Parameter(
             "damping_drift_time",

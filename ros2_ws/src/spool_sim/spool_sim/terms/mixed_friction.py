@@ -41,7 +41,7 @@ class MixedFrictionTerm(Term):
             1e5,
             1.687,
             "N: the spool's weight unless known better",
-            "spool_mass",
+            "likely_spool_mass",
             GRAVITY,
         ),
     )

@@ -23,7 +23,9 @@ class ViscousFrictionTerm(Term):
 
     name = "viscous_friction"
     parameters = (
-        Parameter("viscous_coefficient", "N s/m", 0.0, 1e5, 8.2, "pi d l mu / h", "viscous_coefficient"),
+        Parameter(
+            "viscous_coefficient", "N s/m", 0.0, 1e5, 8.2, "pi d l mu / h", "likely_viscous_coefficient"
+        ),
     )
     law = "F = c z', c = pi d l mu / h"
     source = "equations (4), (5), (7), (12) and (29), second term"

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 from spool_stream.errors import InputError
@@ -15,9 +16,29 @@ from spool_sim.files.validation import Number, Positive, one_line, read_mapping
 from .plausibility import implausible, unit_guesses
 from .viscosity import OILS
 
+#: Keys that a description may leave out, and what each is for: who needs one that is missing says so.
+OPTIONAL: Mapping[str, str] = {
+    "spool_mass": "the load on the sleeve",
+    "land_diameter": "the drag of the oil",
+    "land_length": "the drag of the oil",
+    "radial_clearance": "the drag of the oil",
+    "dynamic_viscosity": "the drag of the oil",
+    "oil_temperature": "the temperature at which dynamic_viscosity holds",
+}
+#: Default of those keys. They have the type of what is given: no instance holds it, see ``Valve``.
+_LEFT_OUT: Any = None
+#: Keys that the drag follows from, pi d l mu / h.
+FILM = ("land_diameter", "land_length", "radial_clearance", "dynamic_viscosity")
+#: Share of critical damping where the film is not known: the start of a fit, in the geometric middle of the
+#: valves of the paper's table 2 (0.04 to 0.24) and those that oil hardly damps any more (1).
+LIKELY_DAMPING = 0.2
+
 
 class Valve(BaseModel):
     """Valve: a spool with its centring springs, its land and its oil. Frozen; SI units.
+
+    ``id``, ``moving_mass`` and ``spring_stiffness`` are always there. Whoever reads one of the others where
+    it was not given raises an :class:`InputError` that names it; ``knows`` tells beforehand.
 
     Attributes:
         id: name of the valve, the ``frame_id`` of its blocks.
@@ -35,14 +56,14 @@ class Valve(BaseModel):
 
     id: str = Field(pattern=r"^[A-Za-z0-9_.\-]+$", max_length=100)
     moving_mass: Annotated[Positive, Field(ge=1e-4, le=1e3)]
-    spool_mass: Annotated[Positive, Field(ge=1e-4, le=1e3)]
+    spool_mass: Annotated[Positive, Field(ge=1e-4, le=1e3)] = Field(default=_LEFT_OUT)
     spring_stiffness: Annotated[Positive, Field(ge=1.0, le=1e8)]
-    land_diameter: Annotated[Positive, Field(ge=1e-4, le=1.0)]
-    land_length: Annotated[Positive, Field(ge=1e-4, le=1.0)]
-    radial_clearance: Annotated[Positive, Field(ge=1e-7, le=1e-3)]
-    dynamic_viscosity: Annotated[Positive, Field(ge=1e-5, le=100.0)]
+    land_diameter: Annotated[Positive, Field(ge=1e-4, le=1.0)] = Field(default=_LEFT_OUT)
+    land_length: Annotated[Positive, Field(ge=1e-4, le=1.0)] = Field(default=_LEFT_OUT)
+    radial_clearance: Annotated[Positive, Field(ge=1e-7, le=1e-3)] = Field(default=_LEFT_OUT)
+    dynamic_viscosity: Annotated[Positive, Field(ge=1e-5, le=100.0)] = Field(default=_LEFT_OUT)
     oil: str | None = None
-    oil_temperature: Annotated[Number, Field(ge=-60.0, le=250.0)]
+    oil_temperature: Annotated[Number, Field(ge=-60.0, le=250.0)] = Field(default=_LEFT_OUT)
 
     @field_validator("oil")
     @classmethod
@@ -53,19 +74,63 @@ class Valve(BaseModel):
 
     @model_validator(mode="after")
     def _fits_together(self) -> Valve:
-        if self.spool_mass > self.moving_mass:
+        for name in OPTIONAL:
+            if self.__dict__[name] is None:
+                del self.__dict__[name]
+        if self.knows("spool_mass") and self.spool_mass > self.moving_mass:
             raise ValueError("spool_mass is part of moving_mass and cannot be larger")
-        if self.radial_clearance >= 0.5 * self.land_diameter:
+        known = self.knows("radial_clearance", "land_diameter")
+        if known and self.radial_clearance >= 0.5 * self.land_diameter:
             raise ValueError("radial_clearance is larger than the spool's radius")
-        said = implausible(self)
+        said = implausible(self.given)
         if said:
             raise ValueError("; ".join(said))
         return self
 
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> float:
+            """Say that an optional key is missing; only asked where it is."""
+            if name in OPTIONAL:
+                raise InputError(
+                    f"valve '{self.id}': {name}: key is missing, {OPTIONAL[name]} needs it; add it"
+                )
+            return super().__getattr__(name)
+
+    def knows(self, *names: str) -> bool:
+        """Return whether all of the keys ``names`` were given."""
+        return all(name in self.__dict__ for name in names)
+
+    @property
+    def given(self) -> dict[str, float]:
+        """The numbers that were given, by key."""
+        return {name: value for name, value in self.__dict__.items() if isinstance(value, float)}
+
     @property
     def viscous_coefficient(self) -> float:
-        """Newton's drag in the annular gap, N s/m: pi d l mu / h (the paper's equations 7 and 12)."""
+        """Newton's drag in the annular gap, N s/m: pi d l mu / h (the paper's equations 7 and 12).
+
+        Raises:
+            InputError: a key that it follows from is missing.
+        """
         return self._drag_of(self.dynamic_viscosity)
+
+    @property
+    def likely_viscous_coefficient(self) -> float:
+        """The same for a fit to start from: where the film is not known that of ``LIKELY_DAMPING``."""
+        if self.knows(*FILM):
+            return self.viscous_coefficient
+        return 2.0 * LIKELY_DAMPING * math.sqrt(self.spring_stiffness * self.moving_mass)
+
+    @property
+    def likely_spool_mass(self) -> float:
+        """``spool_mass``, kg; where it is not known ``moving_mass``, of which it is nearly all."""
+        return self.spool_mass if self.knows("spool_mass") else self.moving_mass
+
+    @property
+    def oil_ratio_known(self) -> bool:
+        """Whether viscosities at other temperatures follow from the description."""
+        return self.oil is not None and self.knows("dynamic_viscosity", "oil_temperature")
 
     def dynamic_viscosity_at(self, temperature: float) -> float:
         """Return the dynamic viscosity, Pa s, at ``temperature`` (deg C) of the oil.
@@ -81,12 +146,12 @@ class Valve(BaseModel):
                 f"valve '{self.id}': oil: key is missing, viscosity at {temperature:g} deg C needs it; "
                 f"add one of {', '.join(OILS)}"
             )
-        oil = OILS[self.oil]
+        oil, here, viscosity = OILS[self.oil], self.oil_temperature, self.dynamic_viscosity
         try:
-            ratio = oil.kinematic_viscosity(temperature) / oil.kinematic_viscosity(self.oil_temperature)
+            ratio = oil.kinematic_viscosity(temperature) / oil.kinematic_viscosity(here)
         except InputError as error:
             raise InputError(f"valve '{self.id}': {error}") from None
-        return self.dynamic_viscosity * ratio
+        return viscosity * ratio
 
     def viscous_coefficient_at(self, temperature: float) -> float:
         """Return Newton's drag in the annular gap, N s/m, at ``temperature`` (deg C) of the oil.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Any
 
 #: kg/m^3, density of steel (EN 10088-1 gives 7700 to 8000 for stainless steels, plain steels lie in between).
 STEEL = 7850.0
@@ -17,6 +17,9 @@ LONGEST = 40.0
 LIGHTEST = 0.01
 #: Pa s: some 30 times ISO VG 680 at 40 deg C, one of the thickest grades of ISO 3448.
 THICKEST = 20.0
+#: m, sag under the spool's weight where no land is known: springs of 1.6 Hz, softer than any that centre a
+#: spool (the softest of the paper's table 2 have 15 Hz, 1 mm).
+LARGEST_SAG = 0.1
 
 #: Units that people write instead, by key: name, value of one in SI.
 _SLIPS: Mapping[str, tuple[tuple[str, float], ...]] = {
@@ -30,32 +33,49 @@ _SLIPS: Mapping[str, tuple[tuple[str, float], ...]] = {
 }
 
 
-class SpoolValve(Protocol):
-    """Numbers of a valve that are judged, in the units of its description."""
-
-    moving_mass: float
-    spool_mass: float
-    spring_stiffness: float
-    land_diameter: float
-    land_length: float
-    dynamic_viscosity: float
-
-
-def implausible(valve: SpoolValve) -> list[str]:
+def implausible(given: Mapping[str, float]) -> list[str]:
     """Return a sentence for each number that no spool valve has; empty where all can be.
 
     Bounds follow from the valve's own geometry, so that they hold for every size: the mass of a steel
     cylinder of the land's diameter, and the sag under the spool's own weight.
+
+    Args:
+        given: numbers of a description that lie within their bounds, by key; what is left out is not judged.
     """
-    area = 0.25 * math.pi * valve.land_diameter**2
-    heaviest = STEEL * area * LONGEST * valve.land_diameter
-    lightest = LIGHTEST * STEEL * area * valve.land_length
+    said = _masses(given)
+    mass, stiffness = given["moving_mass"], given["spring_stiffness"]
+    sag = mass * GRAVITY / stiffness
+    if sag > given.get("land_length", LARGEST_SAG) and not said:
+        said.append(
+            f"spring_stiffness: {stiffness:g} N/m would give way by {sag:.2g} m under the "
+            f"spool's own weight; did you write N/mm? the file takes N/m: {1e3 * stiffness:g}"
+            + ("" if "land_diameter" in given else f"; or moving_mass in g? it takes kg: {mass / 1e3:g}")
+        )
+    viscosity = given.get("dynamic_viscosity", 0.0)
+    if viscosity > THICKEST:
+        said.append(
+            f"dynamic_viscosity: {viscosity:g} Pa s is no hydraulic oil; did you write mPa s? "
+            f"the file takes Pa s: {viscosity / 1e3:g}"
+        )
+    return said
+
+
+def _masses(given: Mapping[str, float]) -> list[str]:
+    """Judge the masses by the land; where that is not known they are judged with the spring alone."""
+    if "land_diameter" not in given:
+        return []
+    diameter = given["land_diameter"]
+    area = 0.25 * math.pi * diameter**2
+    heaviest = STEEL * area * LONGEST * diameter
+    lightest = LIGHTEST * STEEL * area * given.get("land_length", 0.0)
     said = []
     for key in ("moving_mass", "spool_mass"):
-        mass = getattr(valve, key)
+        mass = given.get(key)
+        if mass is None:
+            continue
         if mass > heaviest:
             said.append(
-                f"{key}: {mass:g} kg is no spool of {1e3 * valve.land_diameter:g} mm diameter (solid steel, "
+                f"{key}: {mass:g} kg is no spool of {1e3 * diameter:g} mm diameter (solid steel, "
                 f"{LONGEST:g} diameters long: {heaviest:.3g} kg); did you write g? the file takes kg: "
                 f"{mass / 1e3:g}"
             )
@@ -64,17 +84,6 @@ def implausible(valve: SpoolValve) -> list[str]:
                 f"{key}: {mass:g} kg is less than {100.0 * LIGHTEST:g} % of its land in steel "
                 f"({lightest:.2g} kg); the file takes kg"
             )
-    sag = valve.moving_mass * GRAVITY / valve.spring_stiffness
-    if sag > valve.land_length and not said:
-        said.append(
-            f"spring_stiffness: {valve.spring_stiffness:g} N/m would give way by {sag:.2g} m under the "
-            f"spool's own weight; did you write N/mm? the file takes N/m: {1e3 * valve.spring_stiffness:g}"
-        )
-    if valve.dynamic_viscosity > THICKEST:
-        said.append(
-            f"dynamic_viscosity: {valve.dynamic_viscosity:g} Pa s is no hydraulic oil; did you write mPa s? "
-            f"the file takes Pa s: {valve.dynamic_viscosity / 1e3:g}"
-        )
     return said
 
 

@@ -64,10 +64,23 @@ def _double_logarithm(viscosity: float) -> float:
     return math.log10(math.log10(viscosity + _OFFSET))
 
 
+#: ISO 3448, table 1: the grade's number is the mid-point viscosity at 40 deg C, which may differ by 10 %.
+#: That at 100 deg C is what ASTM D2270 gives for the viscosity index VISCOSITY_INDEX.
+_GRADES = {10: 2.66, 15: 3.41, 22: 4.29, 32: 5.36, 46: 6.76, 68: 8.73, 100: 11.4}
+#: Of the grades: solvent-refined mineral oils of the groups HL and HM (ISO 11158) have 95 to 105.
+VISCOSITY_INDEX = 100
+#: kg/m^3, density of mineral hydraulic oils, by which dynamic follows from kinematic viscosity: data sheets
+#: say 840 to 890 at 15 deg C.
+DENSITY = 870.0
+
 OILS: dict[str, Oil] = {
     oil.name: oil
     for oil in (
         Oil("HL68", 68.0, 8.7, "ISO VG 68 mineral oil, grade HL of DIN 51524-1: typical data sheet"),
         Oil("Azolla ZS22", 22.0, 4.3, "ISO VG 22 mineral oil, grade HM: maker's data sheet"),
+        *(
+            Oil(f"ISO VG {grade}", float(grade), at_100, f"ISO 3448 with viscosity index {VISCOSITY_INDEX}")
+            for grade, at_100 in _GRADES.items()
+        ),
     )
 }

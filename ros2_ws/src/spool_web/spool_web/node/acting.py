@@ -5,12 +5,25 @@ from __future__ import annotations
 from concurrent.futures import Future
 from typing import Any
 
-from spool_msgs.srv import AcknowledgeAlarm, ManageBaseline, ResetAlarms, ShelveAlarm
+from spool_msgs.srv import AcknowledgeAlarm, ManageBaseline, ResetAlarms, ShelveAlarm, TakeSnapshot
 from std_srvs.srv import Trigger
 
-from spool_web.operator.acts import ACKNOWLEDGE, ANALYSE, FREEZE, LEARN, RESET, SHELVE, Act, Outcome
+from spool_web.operator.acts import (
+    ACKNOWLEDGE,
+    ANALYSE,
+    FREEZE,
+    LEARN,
+    RESET,
+    SHELVE,
+    SNAPSHOT,
+    Act,
+    Outcome,
+)
 
 from .calls import Calls
+
+#: Nodes that do what the monitor does not.
+_NODES = {ANALYSE: "estimator", SNAPSHOT: "recorder"}
 
 
 def do(calls: Calls, act: Act) -> Future[Outcome]:
@@ -29,6 +42,8 @@ def _request(act: Act) -> tuple[str, Any]:
     by = {"who": act.who, "comment": act.comment}
     if act.act == ANALYSE:
         return "analyse_gap", Trigger.Request()
+    if act.act == SNAPSHOT:
+        return "take_snapshot", TakeSnapshot.Request(valve=act.valve, **by)
     if act.act in (FREEZE, LEARN):
         kind = ManageBaseline.Request
         return "manage_baseline", kind(action=kind.FREEZE if act.act == FREEZE else kind.LEARN, **by)
@@ -43,7 +58,7 @@ def _request(act: Act) -> tuple[str, Any]:
 
 def _outcome(act: Act, answer: Any) -> Outcome:
     if answer is None:
-        node = "estimator" if act.act == ANALYSE else "monitor"
+        node = _NODES.get(act.act, "monitor")
         return Outcome(False, f"{act.valve}: its {node} does not answer")
     if act.act == ANALYSE:
         return Outcome(bool(answer.success), str(answer.message))

@@ -12,7 +12,7 @@ from typing import Any
 from lifecycle_msgs.srv import GetState
 from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
-from spool_msgs.srv import AcknowledgeAlarm, ManageBaseline, ResetAlarms, ShelveAlarm
+from spool_msgs.srv import AcknowledgeAlarm, ManageBaseline, ResetAlarms, ShelveAlarm, TakeSnapshot
 from std_srvs.srv import Trigger
 
 #: s that a node may take to answer; s between two greetings.
@@ -29,7 +29,10 @@ SERVICES: dict[str, dict[str, Any]] = {
         "get_parameters": GetParameters,
     },
     "estimator": {"analyse_gap": Trigger},
+    "recorder": {"take_snapshot": TakeSnapshot},
 }
+#: Nodes that serve all valves, outside of their namespaces.
+SHARED = {"recorder"}
 
 
 @dataclass(slots=True)
@@ -42,6 +45,8 @@ class _Server:
 
 @dataclass(slots=True)
 class _Call:
+    """Call of a service; ``valve`` is empty for a node that serves all."""
+
     valve: str
     node: str
     service: str
@@ -65,7 +70,7 @@ class Calls:
     def ask(self, valve: str, service: str, request: Any) -> Future[Any]:
         """Return the answer to come, ``None`` in it where no node answers; from any thread."""
         node = next(name for name, services in SERVICES.items() if service in services)
-        call = _Call(valve, node, service, request, Future())
+        call = _Call("" if node in SHARED else valve, node, service, request, Future())
         try:
             self._new.put_nowait(call)
         except queue.Full:
@@ -117,7 +122,7 @@ class Calls:
     def _server(self, valve: str, node: str) -> _Server:
         key = (valve, node)
         if key not in self._servers:
-            path = f"/{valve}/{node}"
+            path = f"/{valve}/{node}" if valve else f"/{node}"
             clients = {
                 name: self._node.create_client(kind, f"{path}/{name}")
                 for name, kind in SERVICES[node].items()

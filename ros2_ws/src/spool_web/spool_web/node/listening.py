@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import time
 from concurrent.futures import Future
 from functools import partial
@@ -10,6 +9,7 @@ from typing import Any
 
 from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
+from spool_monitor.node.valve_condition import monitored_valves
 from spool_msgs.msg import AccelerationBlock, AlarmList, GapAnalysis, ModelEstimate, ValveHealth
 from spool_msgs.srv import ManageBaseline
 from spool_node import qos
@@ -24,7 +24,6 @@ from .calls import Calls
 ASK_EVERY = 10.0
 #: Valves whose pages are fed with samples and more at a time.
 MOST_OPEN = 16
-_HEALTH = re.compile(r"/(?P<valve>[A-Za-z0-9_/]+)/health")
 
 
 class Listening:
@@ -51,10 +50,8 @@ class Listening:
         """Join the valves that appeared."""
         if self._names:
             return
-        for topic, types in self._node.get_topic_names_and_types():
-            match = _HEALTH.fullmatch(topic)
-            if match and "spool_msgs/msg/ValveHealth" in types:
-                self._join(match["valve"])
+        for name in monitored_valves(self._node):
+            self._join(name)
 
     def fetch(self) -> None:
         """Fetch what the monitors said since the last time."""

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 ACKNOWLEDGE, SHELVE, UNSHELVE, RESET = "acknowledge", "shelve", "unshelve", "reset"
-FREEZE, LEARN, ANALYSE = "freeze_baseline", "learn_baseline", "analyse"
+FREEZE, LEARN, ANALYSE, SNAPSHOT = "freeze_baseline", "learn_baseline", "analyse", "take_snapshot"
 #: Acts on one alarm, and on the valve.
-ON_ALARM, ON_VALVE = (ACKNOWLEDGE, SHELVE, UNSHELVE, RESET), (FREEZE, LEARN, ANALYSE)
+ON_ALARM, ON_VALVE = (ACKNOWLEDGE, SHELVE, UNSHELVE, RESET), (FREEZE, LEARN, ANALYSE, SNAPSHOT)
 #: Characters of who acts and of a comment; minutes of a shelf.
 MOST_WHO, MOST_COMMENT, MOST_MINUTES = 60, 200, 7 * 1440.0
 _FIELDS = {"act", "valve", "alarm", "occurrence", "minutes", "who", "comment"}

@@ -1,1 +1,1 @@
-"""Server of the page: routes, streams of events, what keeps strangers out."""
+"""Server of the page: routes, streams of events, access control."""

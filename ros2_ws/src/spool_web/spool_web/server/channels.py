@@ -5,8 +5,9 @@ from __future__ import annotations
 import time
 from typing import Any
 
+from spool_monitor.node.valve_condition import condition_of
+
 from spool_web.view.board import HeardValve
-from spool_web.view.condition import condition_of
 from spool_web.view.detail import detail_of
 from spool_web.view.machine import row_of
 
@@ -43,7 +44,7 @@ class MachineChannel:
         now = time.monotonic()
         rows, alarms = [], {}
         for name, valve in list(self._desk.board.valves.items()):
-            seen = (valve.changes, condition_of(valve, now))
+            seen = (valve.changes, condition_of(valve.health, now - valve.health_at))
             if self._seen.get(name) == seen:
                 continue
             self._seen[name] = seen

@@ -105,7 +105,7 @@ function show(data) {
 export function start() {
   if (operable) {
     byId("baseline_acts").append(actButton("freeze_baseline", valve), actButton("learn_baseline", valve));
-    byId("gap_acts").append(actButton("analyse", valve));
+    byId("gap_acts").append(actButton("analyse", valve), actButton("take_snapshot", valve));
   }
   let last = null;
   listen(`/stream/valve/${valve}`, {

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from spool_monitor.node.valve_condition import NO_WORD
 from spool_msgs.msg import GapAnalysis
 
 from .board import HeardValve
-from .condition import NO_WORD
 from .machine import margin_of, row_of
 from .values import known, rounded, shown
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from spool_monitor.node.valve_condition import NO_WORD, condition_of
+
 from .board import HeardValve
-from .condition import NO_WORD, condition_of
 from .values import hertz, known
 
 #: States of an alarm, by number, as `Alarm.msg` names them.
@@ -26,7 +27,7 @@ def margin_of(health: Any) -> float | None:
 
 def row_of(valve: HeardValve, now: float) -> dict[str, Any]:
     """Return what the machine's page shows of ``valve`` at ``now`` (s, monotonic)."""
-    condition, health = condition_of(valve, now), valve.health
+    condition, health = condition_of(valve.health, now - valve.health_at), valve.health
     waiting = sum(alarm["state"] in WAITING for alarm in valve.alarms)
     row: dict[str, Any] = {
         "name": valve.name,
