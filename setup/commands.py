@@ -9,7 +9,6 @@ from pathlib import Path
 OWN = (
     ("test", 15, "the tests of the repository; takes pytest's arguments, -m '' adds the slow ones"),
     ("package", 990, "a Debian package with its own environment, and its bill of materials"),
-    ("doctor", 1000, "what is wrong with this machine or installation, and what to do"),
 )
 SUFFIX = "_command.py"
 

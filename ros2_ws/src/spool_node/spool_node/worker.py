@@ -6,6 +6,7 @@ import ctypes
 import queue
 import threading
 import time
+import traceback
 from collections.abc import Callable
 from typing import Any
 
@@ -82,7 +83,10 @@ class Worker:
                 if id(owner) in self._refused:
                     continue
                 self._current = owner, time.monotonic()
-                job(argument)
+                try:
+                    job(argument)
+                except Exception:  # of what does not guard itself: the jobs of others go on
+                    traceback.print_exc()
                 if self._thread is not me:
                     return
                 self._current = None

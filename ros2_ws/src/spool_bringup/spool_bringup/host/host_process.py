@@ -30,6 +30,7 @@ from spool_stream.errors import InputError
 
 from .heartbeat import Heartbeat, notify
 from .valve_list import ListedValve, read_valves, share
+from .valve_timing import valve_timings
 
 #: s that the executor waits for work before it looks for a signal, and between two looks at the nodes.
 TURN, LOOK = 0.1, 0.25
@@ -222,26 +223,26 @@ class HostProcess:
         assert worker is not None
         usage = resource.getrusage(resource.RUSAGE_SELF)
         cpu = usage.ru_utime + usage.ru_stime
-        share_of_core = (cpu - self._cpu) / max(now - self._reported, 1e-3)
+        elapsed = max(now - self._reported, 1e-3)
+        share_of_core = (cpu - self._cpu) / elapsed
         self._cpu, self._reported = cpu, now
         failed = [one for one in self.hosted if one.failed]
-        times = HUB.times
-        wait = max((one.longest_wait for one in times.values()), default=0.0)
         level, text = Level.OK, f"{len(self.hosted)} nodes"
         if failed:
             level = Level.ERROR
             text = "; ".join(f"{one.node.get_fully_qualified_name()}: {one.failed}" for one in failed[:5])
+        wait = max((one.longest_wait for one in HUB.times.values()), default=0.0)
+        resident = _resident()
+        valves = valve_timings(HUB.times, elapsed, resident)
         values: dict[str, object] = {
             "nodes": len(self.hosted),
             "nodes_failed": len(failed),
             "cpu_share": share_of_core,
-            "resident_B": _resident(),
+            "resident_B": resident,
             "jobs_waiting": worker.waiting,
             "longest_wait_s": wait,
         }
-        for one in times.values():
-            one.longest_wait = one.longest_work = 0.0
-        self._diagnostics.publish(Status("host", level, text, values))
+        self._diagnostics.publish(Status("host", level, text, values), *valves)
 
     def _end(self) -> None:
         for one in self.hosted:

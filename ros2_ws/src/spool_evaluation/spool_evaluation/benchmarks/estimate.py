@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import os
-import signal
-import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,15 +22,13 @@ from spool_tools.operations.simulation import simulate
 
 from spool_evaluation.results.timing import Timing, best_of
 
-from . import many_valves, recursion
+from . import recursion
 from .live_source import BLOCK_RATE, LiveSource
-from .many_valves import LEARNING
 
 SECONDS = 120.0
 #: s of the record that is replayed with refits, and how often the refits come.
 REFIT_SECONDS, REFIT_PERIOD = 40.0, 5.0
 LIVE_SECONDS = 10.0
-VALVES = 32
 
 
 def run() -> Iterator[Timing]:
@@ -44,8 +38,6 @@ def run() -> Iterator[Timing]:
         yield from offline(Path(folder))
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
-    with tempfile.TemporaryDirectory() as folder:
-        yield many(Path(folder), VALVES, LIVE_SECONDS)
     with tempfile.TemporaryDirectory() as folder:
         yield from latency(Path(folder), LIVE_SECONDS)
 
@@ -78,34 +70,6 @@ def _window(reader: BagReader) -> WindowTask:
         for task in windows.update(block, estimator.update(block)):
             return task
     raise InputError("bench: the record is too short for a window")
-
-
-def many(folder: Path, valves: int, seconds: float) -> Timing:
-    """Return the processor time of many estimators, live on one core; the error counts late blocks."""
-    report = folder / "report.json"
-    with (folder / "nodes.log").open("wb") as log:
-        process = subprocess.Popen(
-            [sys.executable, "-m", many_valves.__name__, str(valves), str(report)], stdout=log, stderr=log
-        )
-        try:
-            LiveSource(valves, seconds).run(listeners=1)
-            process.send_signal(signal.SIGINT)
-            process.wait(timeout=30)
-        finally:
-            if process.poll() is None:
-                process.kill()
-    if not report.exists():
-        raise InputError(f"bench: the nodes failed: {(folder / 'nodes.log').read_text().strip()[-200:]}")
-    found = json.loads(report.read_text(encoding="utf-8"))
-    _say(
-        f"{valves} valves at 2 kHz on one core: {found['blocks']} blocks, {found['lost']} lost; "
-        f"{found['late']} late (more than 20 ms), half within {1e3 * found['median_s']:.1f} ms, "
-        f"all within {1e3 * found['worst_s']:.1f} ms; in the first {LEARNING / BLOCK_RATE:g} s, when all "
-        f"look for their models together, {found['late_at_start']} late, "
-        f"by {found['worst_at_start_s']:.2f} s at most"
-    )
-    work = f"{valves} valves at 2 kHz live, {seconds:g} s (error: blocks late or lost)"
-    return Timing(work, "one core", found["processor_s"], seconds, float(found["late"] + found["lost"]), 0.0)
 
 
 def latency(folder: Path, seconds: float) -> Iterator[Timing]:

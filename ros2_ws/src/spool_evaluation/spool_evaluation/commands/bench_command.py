@@ -20,6 +20,7 @@ def bench(
     markdown: Annotated[
         Path | None, typer.Option(help="Write the table as Markdown.", metavar="FILE")
     ] = None,
+    seconds: Annotated[float | None, typer.Option(help="host: of each run.", min=10.0, max=3600.0)] = None,
     _force: Force = False,
 ) -> None:
     """Time the suite side by side with its peers, on the same work in one run.
@@ -28,7 +29,7 @@ def bench(
     """
     from spool_evaluation.bench import run_bench  # noqa: PLC0415 - slow to load
 
-    run_bench(what, json, seed, cases, markdown)
+    run_bench(what, json, seed, cases, markdown, seconds)
 
 
 COMMAND = Command(bench, place=170, line="timings against the peers")

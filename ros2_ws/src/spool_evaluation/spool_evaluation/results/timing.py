@@ -5,6 +5,17 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
+
+
+class Row(Protocol):
+    """Row of a benchmark's table."""
+
+    def cells(self) -> dict[str, str]:
+        """Return its cells by their column's name."""
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what ``--json`` writes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +43,23 @@ class Timing:
     def scheme(self) -> float | None:
         """The factor of the ratio that is left for the scheme, ``None`` where ``compiling`` is."""
         return None if self.compiling is None else self.ratio / self.compiling
+
+    def cells(self) -> dict[str, str]:
+        """Return work, peer, both times and their ratio, and what else was measured."""
+        optional = {
+            "by compiling": self.compiling,
+            "by scheme": self.scheme,
+            "our error": self.ours_error,
+            "their error": self.peer_error,
+        }
+        return {
+            "work": self.work,
+            "peer": self.peer,
+            "ours": f"{self.ours_s:.3g} s",
+            "theirs": f"{self.peer_s:.3g} s",
+            "times as fast": f"{self.ratio:.3g}",
+            **{name: "" if value is None else f"{value:.3g}" for name, value in optional.items()},
+        }
 
     def to_dict(self) -> dict[str, object]:
         """Return what ``--json`` writes."""
