@@ -168,6 +168,7 @@ class Installation:
                 workspace.build(
                     layout, tools | done.environment | {"PATH": tools["PATH"]}, self._runner, names
                 )
+                workspace.compile_bytecode(layout, tools, self._runner)
             done.environment = workspace.learn_environment(layout, tools)
         done.packages = self._wanted
         state.save(layout, done)

@@ -86,6 +86,12 @@ def build(layout: Layout, environment: Mapping[str, str], runner: Runner, names:
     raise error
 
 
+def compile_bytecode(layout: Layout, environment: Mapping[str, str], runner: Runner) -> None:
+    """Compile the modules of the workspace, as uv does those that it installs; without them they run as well."""
+    command: list[str | Path] = [layout.python, "-m", "compileall", "-q", "-j", "0"]
+    runner.run("bytecode", [*command, layout.workspace / "src", layout.install], environment)
+
+
 def link_sources(layout: Layout) -> str:
     """Link each Python package into the folder from which it runs once it is built, as colcon does itself.
 
