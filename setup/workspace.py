@@ -87,7 +87,7 @@ def build(layout: Layout, environment: Mapping[str, str], runner: Runner, names:
 
 
 def compile_bytecode(layout: Layout, environment: Mapping[str, str], runner: Runner) -> None:
-    """Compile the modules of the workspace, as uv does those that it installs; without them they run as well."""
+    """Compile the modules of the workspace, as uv does those that it installs."""
     command: list[str | Path] = [layout.python, "-m", "compileall", "-q", "-j", "0"]
     runner.run("bytecode", [*command, layout.workspace / "src", layout.install], environment)
 
