@@ -245,6 +245,31 @@ def test_garbage_on_one_valves_topic_is_refused_and_costs_the_others_nothing(
     assert process.wait(60) == 0
 
 
+@pytest.mark.slow
+def test_a_hundred_namespaces_answer_for_their_life_cycles(
+    system: System, host: Callable[..., subprocess.Popen[bytes]], tmp_path: Path
+) -> None:
+    names = [f"valve_{number}" for number in range(100)]
+    (tmp_path / "valves.yaml").write_text("".join(f"- {{namespace: {name}}}\n" for name in names))
+    process = host(PLAIN, "--processes", "4")
+    for name in names:
+        for node in ("estimator", "monitor"):
+            system.until(lambda node=f"/{name}/{node}": system.state(node) == "active", "it is active")
+    process.send_signal(signal.SIGINT)
+    assert process.wait(120) == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "said"), [(["--cpus", "9999"], "cpus: "), (["--priority", "100"], "priority: ")]
+)
+def test_scheduling_that_cannot_be_had_is_refused_in_a_line(
+    host: Callable[..., subprocess.Popen[bytes]], tmp_path: Path, words: list[str], said: str
+) -> None:
+    process = host(PLAIN, *words)
+    assert process.wait(60) == 2
+    assert said in (tmp_path / "host.log").read_text().splitlines()[-1]
+
+
 def test_a_list_that_is_none_is_refused_in_a_line(
     host: Callable[..., subprocess.Popen[bytes]], tmp_path: Path
 ) -> None:

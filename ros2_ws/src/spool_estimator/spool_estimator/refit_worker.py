@@ -4,20 +4,12 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import signal
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 
+from spool_stream.scheduling import give_way
+
 from .refit import Refit, RefitSettings, RefitState, WindowTask, refit
-
-#: The worker gives way to the stream where processors are short.
-NICENESS = 10
-
-
-def _begin() -> None:
-    """Leave Ctrl-C to the parent, which ends the worker."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.nice(NICENESS)
 
 
 class RefitWorker:
@@ -94,5 +86,5 @@ class RefitWorker:
     def _start(self) -> None:
         # A fork of a process with threads may inherit a lock that nobody will open.
         context = multiprocessing.get_context("spawn")
-        self._pool = ProcessPoolExecutor(1, context, initializer=_begin)
+        self._pool = ProcessPoolExecutor(1, context, initializer=give_way)
         self._born: Future[int] = self._pool.submit(os.getpid)

@@ -11,6 +11,8 @@ import time
 from types import FrameType
 from typing import TYPE_CHECKING
 
+from spool_stream.errors import InputError
+from spool_stream.scheduling import run_before_others, use_processors
 from spool_stream.text.standard_streams import keep_standard_streams
 
 from .heartbeat import Heartbeat, notify
@@ -35,12 +37,26 @@ def main() -> int:
         epilog="Example: ros2 run spool_bringup host --processes 2 --ros-args -p valves_file:=valves.yaml",
     )
     parser.add_argument("--processes", type=int, default=1, metavar="N", help="processes (default 1)")
+    parser.add_argument("--cpus", metavar="LIST", help="processors that they may use, such as 2,3 or 2-3")
+    parser.add_argument(
+        "--priority",
+        type=int,
+        metavar="P",
+        help="run before all others, under SCHED_FIFO at this priority, 1 to 99",
+    )
     words = sys.argv[1:]
     at = words.index("--ros-args") if "--ros-args" in words else len(words)
     options = parser.parse_args(words[:at])
     if not 1 <= options.processes <= 64:
         parser.error("--processes: 1 to 64")
     keep_standard_streams()
+    try:
+        if options.cpus is not None:
+            use_processors(options.cpus)
+        if options.priority is not None:
+            run_before_others(options.priority)
+    except InputError as error:
+        parser.error(str(error))
     arguments = [*(words[at:] or ["--ros-args"]), "-p", f"processes:={options.processes}"]
     from .middleware import economise  # noqa: PLC0415 - before the middleware is loaded
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import multiprocessing
-import os
-import signal
 from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
@@ -16,9 +14,8 @@ from spool_sim.model import Model
 from spool_sim.valve.description import Valve
 from spool_stream.block import Block, joined
 from spool_stream.errors import InputError
+from spool_stream.scheduling import give_way
 
-#: The worker gives way to the stream where processors are short.
-NICENESS = 10
 #: s, length of the runs in which recent samples are held.
 RUN = 1.0
 
@@ -146,7 +143,7 @@ class GapWorker:
         if self._pool is None:
             # A fork of a process with threads may inherit a lock that nobody will open.
             context = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(1, context, initializer=_begin)
+            self._pool = ProcessPoolExecutor(1, context, initializer=give_way)
         self._task = task
         self._running = self._pool.submit(analyse_task, task)
         return True
@@ -171,9 +168,3 @@ class GapWorker:
         if self._pool is not None:
             self._pool.shutdown(wait=False, cancel_futures=True)
         self._pool = self._running = self._task = None
-
-
-def _begin() -> None:
-    """Leave Ctrl-C to the parent, which ends the worker."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.nice(NICENESS)
