@@ -1,4 +1,4 @@
-"""Bill of materials: each package that a release installs stands in it, with what proves that it is the same."""
+"""Bill of materials: each package that a release installs stands in it, with what proves it the same."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from importlib.metadata import distributions
 from pathlib import Path
 
 import pytest
+
 from setup.packaging.bill import bill_of_materials, locked
 
 ROOT = Path(__file__).resolve().parent.parent
