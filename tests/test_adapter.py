@@ -190,6 +190,7 @@ def level_of(system: System, level: bytes, after: float) -> Callable[[], bool]:
     return lambda: any(status.level == level for _, status in system.statuses(TASK, after=after))
 
 
+@pytest.mark.slow
 def test_a_sensor_that_stops_is_stale_for_adapter_and_monitor_and_comes_back(
     system: System, two_drivers: Drivers
 ) -> None:

@@ -129,6 +129,7 @@ def test_operators_acknowledge_shelve_suppress_and_are_refused_with_a_reason(sys
     system.until(lambda: state(alarms) == Alarm.STATE_ACKNOWLEDGED, "it is acknowledged")
 
 
+@pytest.mark.slow
 def test_the_baseline_of_another_valve_is_refused_by_name(system: System) -> None:
     _, estimator, monitor = valve(system)
 
@@ -161,6 +162,7 @@ def test_a_monitor_works_where_nothing_can_be_kept(system: System, folder: str) 
     assert monitor.said.count("can't be written") == (0 if folder == "none" else 1)
 
 
+@pytest.mark.slow
 def test_an_operator_works_from_a_terminal_and_the_alarm_keeps_its_surroundings(
     system: System, tmp_path: Path
 ) -> None:

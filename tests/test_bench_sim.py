@@ -36,6 +36,7 @@ def test_the_solvers_are_given_the_problem_that_ours_solves(motion: Array) -> No
     assert 1e-6 < sim._error(motion, solved.displacement) < 1e-3
 
 
+@pytest.mark.slow
 def test_two_other_event_locating_schemes_find_our_motion_to_a_ten_millionth(motion: Array) -> None:
     solved = sim_peer.solve("DOP853", sim_peer.EVENTS, 1e-9, 120.0)
     assert solved.displacement is not None

@@ -113,7 +113,7 @@ def test_a_bad_record_is_refused_for_what_is_wrong(
 @pytest.mark.parametrize(
     "name",
     [
-        slow(name) if name == "dead_halfway" else name
+        slow(name) if name in ("dead_halfway", "gaps") else name
         for name, spoiling in SPOILINGS.items()
         if spoiling.usable
     ],

@@ -86,6 +86,7 @@ def test_replay_writes_the_contract_s_json(bag: Path, tmp_path: Path) -> None:
     assert valve["estimate"]["natural_frequency_Hz"] == pytest.approx(28.68, rel=0.01)
 
 
+@pytest.mark.slow
 def test_what_is_not_known_is_null(tmp_path: Path) -> None:
     bag = tmp_path / "still"
     done = spool("simulate", "--excitation", "standstill", "--seconds", 3, "--out", bag)

@@ -98,6 +98,7 @@ def test_a_killed_worker_costs_nothing(
     assert hashes(store) == undisturbed
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_and_leaves_no_worker(
     started: tuple[subprocess.Popen[bytes], Path], undisturbed: dict[str, str]
 ) -> None:
@@ -115,6 +116,7 @@ def test_a_killed_run_goes_on_and_leaves_no_worker(
     assert hashes(store) == undisturbed
 
 
+@pytest.mark.slow
 def test_a_dask_cluster_gives_the_same_bytes_though_a_worker_is_lost(
     bags: Path, tmp_path: Path, undisturbed: dict[str, str]
 ) -> None:
@@ -132,6 +134,7 @@ def test_a_dask_cluster_gives_the_same_bytes_though_a_worker_is_lost(
     assert hashes(store) == undisturbed
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_does_not_answer_is_said(bags: Path, tmp_path: Path) -> None:
     store = catalogue(bags, tmp_path / "store")
     command = [

@@ -25,6 +25,7 @@ def asked(system: System) -> Trigger.Response:
     return system.call(Trigger, SERVICE, Trigger.Request())
 
 
+@pytest.mark.slow
 def test_an_effect_is_analysed_on_request_next_to_the_stream_and_recorded(
     system: System, tmp_path: Path
 ) -> None:

@@ -9,6 +9,7 @@ import subprocess
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import pytest
 import yaml
 from ament_index_python.packages import get_package_share_directory
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -45,6 +46,7 @@ def test_sensors_that_never_connect_look_wrong(system: System) -> None:
         assert DiagnosticStatus.OK not in levels
 
 
+@pytest.mark.slow
 def test_limits_change_while_the_monitor_runs_and_every_line_is_logged_once(
     system: System, tmp_path: Path
 ) -> None:

@@ -66,6 +66,7 @@ def test_two_valves_never_mix(system: System) -> None:
         assert known <= {valve, namespace}
 
 
+@pytest.mark.slow
 def test_a_late_monitor_gets_configuration_and_state(system: System) -> None:
     estimates = system.listen(ModelEstimate, "/valve_1/estimate", latched=True)
     system.start("estimator", valve_file="4weh10_stiff")
@@ -96,6 +97,7 @@ def test_a_late_monitor_gets_configuration_and_state(system: System) -> None:
     assert len(estimates.heard) == count, "no new estimate was needed for that"
 
 
+@pytest.mark.slow
 def test_a_late_monitor_of_a_valve_that_never_ran_has_its_description(system: System) -> None:
     health = system.listen(ValveHealth, "/valve_1/health", latched=True)
     description = system.listen(ValveDescription, "/valve_1/valve", latched=True)

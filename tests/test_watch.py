@@ -62,6 +62,7 @@ async def until(pilot: Pilot[None], met: Callable[[], object], what: str) -> Non
         await pilot.pause(0.1)
 
 
+@pytest.mark.slow
 def test_alarms_are_acknowledged_and_shelved_by_keys(system: System, monkeypatch: pytest.MonkeyPatch) -> None:
     alarms = system.listen(AlarmList, "/valve_1/alarms", latched=True)
     health = system.listen(ValveHealth, "/valve_1/health", latched=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 
 if TYPE_CHECKING:
@@ -13,6 +14,7 @@ TASK = "valve_1/estimator: estimate"
 SAID = "says 15.2 Hz, the record shows 28.7 Hz"
 
 
+@pytest.mark.slow
 def test_diagnostics_and_log_name_both_frequencies(system: System) -> None:
     _ = system.diagnostics
     estimator = system.start("estimator", memory=1.0, valve_file="4weh10_soft")

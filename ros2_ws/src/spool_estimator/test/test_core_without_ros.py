@@ -4,6 +4,8 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 BLOCKER = """
 import importlib.abc, sys
 
@@ -66,6 +68,7 @@ def test_the_blocker_blocks() -> None:
     assert "is blocked" in done.stderr
 
 
+@pytest.mark.slow
 def test_without_numba_it_gives_the_same_and_says_once_what_that_costs() -> None:
     code = f"SECONDS = 3.0\n{USE}"
     plain, compiled = run(code, "numba"), run(code)

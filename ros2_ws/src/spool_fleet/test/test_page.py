@@ -330,6 +330,7 @@ def test_print_opens_the_valves_that_changed_and_no_others(
     assert page.query_selector("details[open]") is None
 
 
+@pytest.mark.slow
 def test_reports_are_made_of_bags_that_are_there_and_linked(
     tmp_path: Path, open_page: Callable[..., Any], capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -87,6 +87,7 @@ def test_damaged_and_repeated_bags_are_told_and_left_out(recordings: Path, tmp_p
     assert all(row["reason"] for row in rows)
 
 
+@pytest.mark.slow
 def test_nothing_is_done_twice_and_a_changed_bag_is_done_again(recordings: Path, tmp_path: Path) -> None:
     folder, store = tmp_path / "bags", tmp_path / "store"
     shutil.copytree(recordings / "press_1", folder / "press_1")

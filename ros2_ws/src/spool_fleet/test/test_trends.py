@@ -145,6 +145,7 @@ def test_nothing_is_known_of_the_future() -> None:
     assert changed(judge(late, until=FIRST + 20 * BIN)) == {}
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(st.floats(0.01, 100.0), st.integers(-2000, 2000))
 def test_units_and_calendar_do_not_matter(factor: float, weeks: int) -> None:

@@ -126,6 +126,7 @@ def test_the_result_survives_json_and_pickle() -> None:
     assert pickle.loads(pickle.dumps(result)).verdict == result.verdict
 
 
+@pytest.mark.slow
 def test_the_same_record_gives_the_same_numbers() -> None:
     first, again = (analyse([healthy()], VALVE, MODELS["fluid"], settings=SETTINGS) for _ in range(2))
     assert first.after == again.after

@@ -110,7 +110,7 @@ def test_a_hit_is_bridged_by_a_straight_line() -> None:
 
 @pytest.mark.parametrize(
     "loss",
-    [pytest.param(KELVIN_VOIGT, marks=pytest.mark.slow), HUNT_CROSSLEY],
+    [pytest.param(loss, marks=pytest.mark.slow) for loss in (KELVIN_VOIGT, HUNT_CROSSLEY)],
     ids=["kelvin_voigt", "hunt_crossley"],
 )
 def test_a_stop_is_named_whatever_the_law_of_its_contact(loss: dict[str, float]) -> None:

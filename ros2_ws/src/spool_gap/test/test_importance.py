@@ -34,6 +34,7 @@ def recorded(effect: str, noise: float = 0.03, **values: float) -> Record:
     return Record("sweeps", 0, 1.0 / RATE, body.astype(np.float64), spool.astype(np.float64))
 
 
+@pytest.mark.slow
 def test_an_effect_that_hardly_changes_the_acceleration_is_told_and_not_named() -> None:
     record = recorded("cubic_stiffness", 0.005, cubic_coefficient=2e6)
     named = analyse([record], VALVE, FLUID, settings=GapSettings(least_share=0.0))
@@ -67,7 +68,7 @@ def test_a_locked_spool_is_stuck_and_has_no_friction_law(noise: float) -> None:
     assert found.sentence.startswith("The spool is stuck")
 
 
-@pytest.mark.parametrize("share", [0.1, 0.25])
+@pytest.mark.parametrize("share", [pytest.param(0.1, marks=pytest.mark.slow), 0.25])
 def test_both_channels_clipped_is_saturation_and_no_mechanics(share: float) -> None:
     record = recorded("")
     rail = float(np.quantile(np.abs([record.body, record.spool]), 1.0 - share))
@@ -79,6 +80,7 @@ def test_both_channels_clipped_is_saturation_and_no_mechanics(share: float) -> N
     assert {entry.channel for entry in found.nuisances if entry.id == "clipping"} >= {"spool"}
 
 
+@pytest.mark.slow
 def test_a_search_out_of_time_says_what_it_gave_up(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("spool_gap.workflow.analyse.AT_LEAST", 0.0)
     monkeypatch.setattr("spool_gap.workflow.analyse.PER_SECOND", 0.0)

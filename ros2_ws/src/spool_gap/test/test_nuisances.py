@@ -79,7 +79,7 @@ def found_in(result: GapResult) -> Mapping[tuple[str, str], float]:
         (with_hum, "hum", "spool", 0.3, "m/s^2"),
         (with_spikes, "spikes", "spool", 1.0, "1/s"),
         (with_drift, "bias_drift", "body", 2.0, "m/s^2"),
-        (with_ac_coupling, "ac_coupling", "spool", 0.8, "Hz"),
+        pytest.param(with_ac_coupling, "ac_coupling", "spool", 0.8, "Hz", marks=pytest.mark.slow),
         (with_gain_drift, "gain_drift", "spool", 0.004, "1/s"),
     ],
 )

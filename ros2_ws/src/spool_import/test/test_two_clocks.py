@@ -59,6 +59,7 @@ def two_files(folder: Path) -> tuple[Path, Path]:
     return paths[0], paths[1]
 
 
+@pytest.mark.slow
 def test_offset_and_drift_are_found_and_the_stiffness_is_the_valves(tmp_path: Path) -> None:
     result = import_record(two_files(tmp_path), tmp_path / "bag")
     assert result.clocks is not None

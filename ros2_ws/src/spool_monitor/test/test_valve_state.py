@@ -59,6 +59,7 @@ while True:
 """
 
 
+@pytest.mark.slow
 def test_latch_and_acknowledgement_survive_kills_at_random_moments(tmp_path: Path) -> None:
     chance = random.Random(1)
     for _ in range(4):

@@ -66,6 +66,7 @@ def ran(folder: Path, code: str, **environment: str) -> subprocess.CompletedProc
     )
 
 
+@pytest.mark.slow
 def test_only_a_change_in_what_a_kernel_uses_makes_it_old(tmp_path: Path) -> None:
     package = tmp_path / "four_files"
     package.mkdir()

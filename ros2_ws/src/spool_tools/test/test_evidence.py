@@ -182,6 +182,7 @@ def test_a_fit_without_dry_friction_says_that_it_has_none() -> None:
     assert "viscous coefficient" in left.reason
 
 
+@pytest.mark.slow
 def test_a_gap_report_shows_before_and_after(tmp_path: Path) -> None:
     bag, file = tmp_path / "bag", tmp_path / "gap.html"
     words = ["simulate", "--seconds", "10", "--coulomb-force", "0.5", "--excitation", "multisine"]
