@@ -136,6 +136,12 @@ class Monitor:
         return [*self.detection.conditions.values(), *self._data_faults.conditions.values()]
 
     @property
+    def level(self) -> HealthLevel:
+        """Level of :attr:`health`, without the rest of it."""
+        active = [condition for condition in self._judged if condition.active is not None]
+        return self._level(active, self._stale.active)
+
+    @property
     def health(self) -> Health:
         """The present judgement."""
         active = [condition for condition in self._judged if condition.active is not None]

@@ -55,7 +55,8 @@ class AlarmStore:
 
     def advance(self, stamp: int) -> list[Transition]:
         """Say what time it is (ns); return the shelves that ended."""
-        transitions = [expire(alarm, stamp) for alarm in self.alarms.values()]
+        shelved = [alarm for alarm in self.alarms.values() if alarm.shelved]
+        transitions = [expire(alarm, stamp) for alarm in shelved]
         return [self._keep(transition) for transition in transitions if transition.changed]
 
     def acknowledge(self, which: str, operator: Operator, occurrence: int = 0) -> list[Transition]:

@@ -200,7 +200,7 @@ class MonitorNode(ManagedNode):
             self._alarms.take(events)
         for event in events:
             self._event_publisher.publish(to_event_message(event, self._valve_id))
-        if events or self._core.health.level is not self._level:
+        if events or self._core.level is not self._level:
             self._report()
 
     def _report(self) -> None:
