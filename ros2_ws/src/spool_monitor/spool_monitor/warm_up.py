@@ -22,14 +22,16 @@ SECONDS = 3
 def warm_up_monitor() -> None:
     """Run every kernel of the monitor once, over a body that shakes and a spool that follows."""
     shaking = np.random.default_rng(0).normal(0.0, 5.0, (2, 500)).astype(np.float32)
-    monitor = Monitor(MonitorSettings(natural_frequency=15.0))
-    for second in range(SECONDS):
-        monitor.update(Block((1 + second) * 10**9, second, 2e-3, shaking[0], 0.5 * shaking[1]))
+    shaking[1] *= 0.5
+    # Blocks of messages are read-only views of their bytes: numba compiles those apart.
+    sent = np.frombuffer(shaking.tobytes(), dtype=np.float32).reshape(shaking.shape)
+    for body, spool in (shaking, sent):
+        monitor = Monitor(MonitorSettings(natural_frequency=15.0))
+        for second in range(SECONDS):
+            monitor.update(Block((1 + second) * 10**9, second, 2e-3, body, spool))
+        TravelCounter().update(Block(10**9, 1, 2e-3, body, spool))
     # A spool that follows without a lag is no valve's: the detector behind that is not asked.
     due_power(np.ones(1), np.ones(1), 1.0, 1.0)
-    # Blocks of messages are read-only views of their bytes: numba compiles those apart.
-    for samples in (shaking[0], np.frombuffer(shaking[0].tobytes(), dtype=np.float32)):
-        TravelCounter().update(Block(10**9, 1, 2e-3, samples, samples))
 
 
 if __name__ == "__main__":

@@ -39,10 +39,14 @@ def use():
     valve = find_valve("4weh10_soft")
     for coulomb_force, seconds in ((0.0, 0.5), (0.3, 6.0)):
         estimator, monitor, travel = Estimator(settings_for(valve)), Monitor(), TravelCounter()
+        hosted = Monitor()
         for block in Simulator(valve, PRESETS["sweep"], coulomb_force=coulomb_force).records(seconds):
             for estimate in estimator.update(block):
                 monitor.update_estimate(estimate)
             monitor.update(block)
+            body = np.frombuffer(block.body.tobytes(), dtype=np.float32)
+            spool = np.frombuffer(block.spool.tobytes(), dtype=np.float32)
+            hosted.update(Block(block.stamp, block.sequence, block.sample_period, body, spool))
             sent = array.array("f", block.body.tobytes())
             for sight in (sent, sent.tobytes()):
                 samples = np.frombuffer(sight, dtype=np.float32)
