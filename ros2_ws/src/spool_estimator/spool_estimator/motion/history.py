@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,19 @@ from spool_stream.kernels.compiled import compiled
 
 from spool_estimator.recursion.conditioning import COLUMNS, DIRECTION, SPOOL, Conditioning
 
-from .prediction import BAND_LIMITED, COUNT, POINTWISE, RESIDUAL, SUMS, TARGET, Prediction
+from .prediction import (
+    BAND_LIMITED,
+    COUNT,
+    POINTWISE,
+    RESIDUAL,
+    SUMS,
+    TARGET,
+    Prediction,
+    PredictionArrays,
+    clear_sums,
+    forget_derivatives,
+    predict,
+)
 
 Array = NDArray[np.float64]
 Samples = NDArray[np.float32]
@@ -71,6 +84,55 @@ def sampled_pointwise(pointwise: float, band_limited: float, present: bool) -> b
     if pointwise * DISTINGUISHED < band_limited:
         return True
     return present and not band_limited * DISTINGUISHED < pointwise
+
+
+class ChunkSums(NamedTuple):
+    """Sums of each chunk, see :class:`~.prediction.Prediction`: the first axis counts the chunks."""
+
+    grams: Array
+    scores: Array
+    sums: Array
+    noise_scores: Array
+
+
+@compiled
+def run_chunks(
+    body: Samples,
+    spool: Samples,
+    period: float,
+    mass: float,
+    parameters: Array,
+    pointwise: bool,
+    chunk: int,
+    run: PredictionArrays,
+    found: ChunkSums,
+) -> None:
+    """Run over samples of shape (n,) and fill ``found`` from the last chunks, as many as it has room for.
+
+    The parameters act from the first sample on; those before the chunks only lead the model into its motion.
+    """
+    forget_derivatives(run.state)
+    last = found.sums.shape[0]
+    before = body.size - last * chunk
+    if before > 0:
+        predict(body[:before], spool[:before], period, mass, parameters, pointwise, run)
+    for number in range(last):
+        clear_sums(run)
+        start = before + number * chunk
+        predict(
+            body[start : start + chunk],
+            spool[start : start + chunk],
+            period,
+            mass,
+            parameters,
+            pointwise,
+            run,
+        )
+        found.noise_scores[number] = run.noise_score
+        found.grams[number] = run.gram
+        found.sums[number] = run.sums
+        found.scores[number] = run.product - run.noise_score
+    clear_sums(run)
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,29 +212,20 @@ class Fitter:
     ) -> WindowFit:
         """Run from where ``begin`` is over whole chunks; the ``last`` ones count."""
         prediction = begin.copy()
-        prediction.forget_derivatives()
         prediction.pointwise = pointwise
-        count = body.size // self.chunk
-        first = body.size - count * self.chunk
-        before = first + (count - last) * self.chunk
-        if before:
-            prediction.take(body[:before], spool[:before], parameters)
+        parameters = np.array(parameters)
         grams, sums = np.empty((last, 3, 3)), np.empty((last, SUMS))
         scores, noise_scores = np.empty((last, 3)), np.empty((last, 3))
-        for number in range(last):
-            prediction.clear()
-            part = slice(before + number * self.chunk, before + (number + 1) * self.chunk)
-            prediction.take(body[part], spool[part], parameters)
-            noise_scores[number] = prediction.noise_score
-            grams[number], sums[number] = prediction.gram, prediction.sums
-            scores[number] = prediction.product - prediction.noise_score
-        prediction.clear()
+        run_chunks(
+            body, spool, self.sample_period, self.mass, parameters, pointwise, self.chunk, prediction.arrays,
+            ChunkSums(grams, scores, sums, noise_scores),
+        )  # fmt: skip
         prediction.pointwise = sampled_pointwise(
-            float(sums[:, POINTWISE].sum()), float(sums[:, BAND_LIMITED].sum()), prediction.pointwise
+            float(sums[:, POINTWISE].sum()), float(sums[:, BAND_LIMITED].sum()), pointwise
         )
         target = float(sums[:, TARGET].sum() / max(1.0, sums[:, COUNT].sum()))
         return WindowFit(
-            np.array(parameters), prediction, grams, scores, sums[:, RESIDUAL], sums[:, COUNT], target,
+            parameters, prediction, grams, scores, sums[:, RESIDUAL], sums[:, COUNT], target,
             noise_scores.sum(axis=0),
         )  # fmt: skip
 

@@ -137,7 +137,7 @@ class Prediction:
 
     def forget_derivatives(self) -> None:
         """Take the motion so far as given: the parameters act from here on."""
-        _forget_derivatives(self.state)
+        forget_derivatives(self.state)
 
     def clear(self) -> None:
         """Begin the sums anew."""
@@ -174,7 +174,8 @@ def _parts(state: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
 
 
 @compiled
-def _forget_derivatives(state: Array) -> None:
+def forget_derivatives(state: Array) -> None:
+    """Take the motion so far as given: the parameters act from here on."""
     motion, _, spread, smooth, means, _ = _parts(state)
     motion[3:] = 0.0
     spread[1:] = 0.0
