@@ -50,6 +50,7 @@ def stop_data(system: System, simulator: Process, alarms: Topic) -> None:
     system.until(lambda: state(alarms) == Alarm.STATE_UNACKNOWLEDGED, "the silence is an alarm")
 
 
+@pytest.mark.slow
 def test_an_acknowledged_alarm_and_the_baseline_survive_a_kill(system: System) -> None:
     alarms = system.listen(AlarmList, "/valve_1/alarms", latched=True)
     events = system.listen(HealthEvent, "/valve_1/events", latched=True)

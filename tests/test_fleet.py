@@ -88,6 +88,7 @@ def wait_for_results(store: Path, process: subprocess.Popen[bytes], count: int) 
     database.close()
 
 
+@pytest.mark.slow
 def test_a_killed_worker_costs_nothing(
     started: tuple[subprocess.Popen[bytes], Path], undisturbed: dict[str, str]
 ) -> None:

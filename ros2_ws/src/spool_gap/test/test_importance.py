@@ -49,6 +49,7 @@ def test_an_effect_that_hardly_changes_the_acceleration_is_told_and_not_named() 
     assert size.value == pytest.approx(2e6, abs=4.0 * size.standard_deviation, rel=0.02)
 
 
+@pytest.mark.slow
 def test_oil_that_warms_is_damping_that_drifts_on_an_exponential_course() -> None:
     record = recorded("damping_drift", damping_drift_rate=-0.08, damping_drift_time=6.0)
     found = analyse([record], VALVE, FLUID)

@@ -70,24 +70,29 @@ class DiagnosticPublisher:
     def __init__(self, node: Node, hardware_id: str) -> None:
         self._node = node
         self.hardware_id = hardware_id
+        self._kept: dict[str, DiagnosticStatus] = {}
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", qos.diagnostics())
 
     def publish(self, *tasks: Status) -> None:
         """Send the state of ``tasks`` now."""
         message = DiagnosticArray()
         message.header.stamp = self._node.get_clock().now().to_msg()
-        prefix = self._node.get_fully_qualified_name().lstrip("/")
-        message.status = [
-            DiagnosticStatus(
-                level=task.level.value,
-                name=f"{prefix}: {task.task}",
-                message=task.message,
-                hardware_id=self.hardware_id,
-                values=[KeyValue(key=key, value=_text(value)) for key, value in task.values.items()],
-            )
-            for task in tasks
-        ]
+        message.status = [self._filled(task) for task in tasks]
         self._publisher.publish(message)
+
+    def _filled(self, task: Status) -> DiagnosticStatus:
+        """Return the message of ``task``: the former one with its values renewed, as keys never change."""
+        status = self._kept.get(task.task)
+        if status is None or len(status.values) != len(task.values):
+            prefix = self._node.get_fully_qualified_name().lstrip("/")
+            status = DiagnosticStatus(
+                name=f"{prefix}: {task.task}", values=[KeyValue(key=key) for key in task.values]
+            )
+            self._kept[task.task] = status
+        status.level, status.message, status.hardware_id = task.level.value, task.message, self.hardware_id
+        for pair, (name, value) in zip(status.values, task.values.items(), strict=True):
+            pair.key, pair.value = name, _text(value)
+        return status
 
     def destroy(self) -> None:
         """Take the publisher away."""

@@ -109,7 +109,8 @@ def run_chunks(
 ) -> None:
     """Run over samples of shape (n,) and fill ``found`` from the last chunks, as many as it has room for.
 
-    The parameters act from the first sample on; those before the chunks only lead the model into its motion.
+    The parameters act from the first sample on; samples before the chunks only lead the model into its
+    motion.
     """
     forget_derivatives(run.state)
     last = found.sums.shape[0]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
@@ -31,6 +31,7 @@ from .alarm import (
 )
 
 _ALARM = TypeAdapter(Alarm)
+_KEPT = tuple(one.name for one in fields(Alarm))
 
 
 @dataclass(slots=True)
@@ -131,7 +132,8 @@ class AlarmStore:
     def dump(self) -> list[dict[str, Any]]:
         """Return what :meth:`load` takes, as JSON can hold it."""
         return [
-            {**asdict(alarm), "value": alarm.value if math.isfinite(alarm.value) else None}
+            {name: getattr(alarm, name) for name in _KEPT}
+            | {"value": alarm.value if math.isfinite(alarm.value) else None}
             for alarm in self.alarms.values()
         ]
 

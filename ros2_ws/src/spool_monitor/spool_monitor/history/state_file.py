@@ -64,18 +64,14 @@ class StateFile:
 
         """
         self._sequence += 1
-        whole = {
-            "format": FORMAT,
-            "sequence": self._sequence,
-            "sha256": _digest(self._sequence, _text(content)),
-            "content": content,
-        }
+        text = _text(content)
+        head = {"format": FORMAT, "sequence": self._sequence, "sha256": _digest(self._sequence, text)}
         private_folder(self._target.parent)
         new = _beside(self._target, NEW)
         descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, FILE_MODE)
         with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
             restrict(new, FILE_MODE)
-            json.dump(whole, stream, allow_nan=False, indent=1)
+            stream.write(f'{json.dumps(head)[:-1]}, "content": {text}}}\n')
             stream.flush()
             os.fsync(stream.fileno())
         if self._target.exists():  # a damaged file must not replace the good copy
