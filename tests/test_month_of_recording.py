@@ -31,7 +31,7 @@ def test_thirty_days_stay_below_the_quota_with_flat_memory_and_every_snapshot(tm
         assert run.stdout is not None
         days, most = [], 0
         for line in run.stdout:
-            days.append(int(line) / 1e6)
+            days.append(int(line) / 1e3)
             print(f"day {len(days)}: {days[-1]:.1f} MB")
             sizes = [_size(file) for file in bag.glob("*.mcap")]
             most = max(most, sum(sizes))

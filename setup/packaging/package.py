@@ -60,9 +60,7 @@ def package(root: Path, environment: dict[str, str], arguments: list[str]) -> in
         _build(root, stage, environment)
         sizes = _fill(root, stage, version)
         target = out / f"{NAME}_{version}_amd64.deb"
-        _run(
-            ["dpkg-deb", "--root-owner-group", "-Zxz", "-z3", "--build", str(stage), str(target)], environment
-        )
+        _run(["dpkg-deb", "--root-owner-group", "-Zzstd", "--build", str(stage), str(target)], environment)
     bill = out / f"{NAME}_{version}.cdx.json"
     bill.write_text(json.dumps(bill_of_materials(root, version), indent=1) + "\n")
     say(f"{target}: {target.stat().st_size / 1e6:.0f} MB, {sizes / 1e6:.0f} MB installed")
@@ -104,7 +102,8 @@ def _build(root: Path, stage: Path, environment: dict[str, str]) -> None:
     own = [] if os.geteuid() == 0 else ["--map-root-user"]
     say("setting the suite up at /opt/spool, in a name space of its own")
     _run(["unshare", "--mount", *own, "sh", "-c", script, "sh", str(place), unneeded], environment)
-    for left in (place / "ros2_ws/build", place / "ros2_ws/log", place / ".setup/on_wheels/logs"):
+    # The Python packages are installed as links into the folder they were built in; the messages are copied.
+    for left in (place / "ros2_ws/build/spool_msgs", place / "ros2_ws/log", place / ".setup/on_wheels/logs"):
         shutil.rmtree(left, ignore_errors=True)
 
 

@@ -250,7 +250,9 @@ class Session:
             back = min((at for at in heard if at > one.restart), default=one.end)
             end = back if one.down else one.end
             counted = [at for at in own if not (one.down and one.begin <= at <= end)]
-            before = max((one.begin - at for at in counted if at < one.begin), default=0.0)
+            # What a process that ends had not yet synced was lost backwards from its end; no other fault can.
+            early = [at for at in counted if at < one.begin]
+            before = one.begin - early[0] if early and one.down else len(early) * STEP
             after = max((at - end for at in counted if at > end), default=0.0)
             within = sum(one.begin <= at <= one.end for at in counted) * STEP
             told = bool(unfinished) if one.down else False

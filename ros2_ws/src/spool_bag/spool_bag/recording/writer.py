@@ -120,6 +120,7 @@ class BagWriter:
         self._channels: list[_Channel] = []
         self._parts: list[PartCount] = []
         self._described = 0.0
+        self._allowed = 0.0
         self._open = self._settled = False
         there = self.path.exists() or self.path.is_symlink()
         if there and not (resume and self.path.is_dir()):
@@ -333,6 +334,8 @@ class BagWriter:
     def _write(self, one: _Channel, log_time: int, data: bytes, published: int, sequence: int) -> None:
         if self._is_full(log_time):
             self._split(log_time)
+        elif self._part.size > self._allowed and self._keep_quota():
+            self._write_metadata()
         channel = self._register(one) if one.part is None else one.part
         self._part.write(channel, one.topic.name, log_time, data, published, sequence)
         self.written += 1
@@ -385,12 +388,20 @@ class BagWriter:
             self._before = end.link
         self._part.finish()
 
-    def _keep_quota(self) -> None:
-        limits = self.limits
-        while limits is not None and limits.total and self._parts and self.size + MARGIN > limits.total:
+    def _keep_quota(self) -> bool:
+        """Remove the oldest parts where all come near the quota; return whether there were such.
+
+        Until the newest part is as large as is allowed then, it need not be called again.
+        """
+        before = self.removed
+        total = self.limits.total if self.limits is not None else 0
+        while total and self._parts and self.size + MARGIN > total:
             oldest = self._parts.pop(0)
             (self._folder / oldest.file).unlink(missing_ok=True)
             self.removed += 1
+        kept = sum(part.size for part in self._parts)
+        self._allowed = total - MARGIN - kept if total and self._parts else math.inf
+        return self.removed != before
 
     def _settle(self) -> None:
         """Give the staged bag its name."""
@@ -408,9 +419,7 @@ class BagWriter:
     def _flush(self) -> None:
         self._sync()
         self._flushed = time.monotonic()
-        removed = self.removed
-        self._keep_quota()
-        if removed != self.removed or self._flushed - self._described >= METADATA_INTERVAL:
+        if self._keep_quota() or self._flushed - self._described >= METADATA_INTERVAL:
             self._write_metadata()
 
     def _finish(self) -> None:
