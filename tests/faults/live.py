@@ -15,7 +15,9 @@ from pathlib import Path
 
 import numpy as np
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from spool_bag.reading.reader import BagReader
@@ -35,6 +37,8 @@ STEP = PERIOD * SIZE
 #: s between faults: longer than a recorder needs to sync what it has, and to go on after a pause.
 CALM = 2.5
 PATIENCE = 120.0
+#: s between two messages of a recorder on /diagnostics.
+DIAGNOSTIC_PERIOD = 1.0
 START = 1_700_000_000_000_000_000
 
 
@@ -56,13 +60,37 @@ class Source(threading.Thread):
         self.publisher = self.node.create_publisher(AccelerationBlock, TOPIC, qos.samples_offered(50))
         self.sent: dict[int, float] = {}
         self.contents: dict[int, bytes] = {}
+        #: When a recorder said on /diagnostics that blocks were lost on the way, and how many.
+        self.missed: list[tuple[float, int]] = []
+        self._said = 0
+        self._ears = SingleThreadedExecutor(context=self.context)
+        self._ears.add_node(self.node)
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._hear, qos.diagnostics())
         self.twice: set[int] = set()
         #: Next blocks to send twice, to exchange, or with a stamp of its own (s).
         self.repeat = self.exchange = 0
         self.shift = 0.0
         self._ending = threading.Event()
+        self._listener = threading.Thread(target=self.listen, daemon=True)
+
+    def _hear(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            for pair in status.values:
+                if pair.key == "blocks_lost_valve_1":
+                    # A recorder that is started again counts from none.
+                    count = int(pair.value)
+                    more = count - self._said if count >= self._said else count
+                    if more:
+                        self.missed.append((time.monotonic(), more))
+                    self._said = count
+
+    def listen(self) -> None:
+        """Hear what was said on /diagnostics."""
+        while not self._ending.is_set():
+            self._ears.spin_once(timeout_sec=0.2)
 
     def run(self) -> None:
+        self._listener.start()
         number, due = 0, time.monotonic()
         while not self._ending.wait(max(due - time.monotonic(), 0.0)):
             order = [number]
@@ -97,6 +125,7 @@ class Source(threading.Thread):
     def close(self) -> None:
         self._ending.set()
         self.join()
+        self._listener.join()
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)
 
@@ -256,7 +285,10 @@ class Session:
             after = max((at - end for at in counted if at > end), default=0.0)
             within = sum(one.begin <= at <= one.end for at in counted) * STEP
             told = bool(unfinished) if one.down else False
-            unstated = 0 if told else max(len(counted) - stated, 0)
+            missed = sum(
+                count for at, count in self.source.missed if since <= at < until + 2.0 * DIAGNOSTIC_PERIOD
+            )
+            unstated = 0 if told else max(len(counted) - stated - missed, 0)
             stated = max(stated - len(counted), 0) if not told else stated
             first = place == 0
             outcomes.append(
