@@ -102,8 +102,9 @@ def _build(root: Path, stage: Path, environment: dict[str, str]) -> None:
     own = [] if os.geteuid() == 0 else ["--map-root-user"]
     say("setting the suite up at /opt/spool, in a name space of its own")
     _run(["unshare", "--mount", *own, "sh", "-c", script, "sh", str(place), unneeded], environment)
-    # The Python packages are installed as links into the folder they were built in; the messages are copied.
-    for left in (place / "ros2_ws/build/spool_msgs", place / "ros2_ws/log", place / ".setup/on_wheels/logs"):
+    # What is installed are links into the folders it was built in: these stay, without the compiler's own files.
+    waste = [place / "ros2_ws/log", place / ".setup/on_wheels/logs"]
+    for left in (*waste, *(place / "ros2_ws/build").glob("*/CMakeFiles")):
         shutil.rmtree(left, ignore_errors=True)
 
 
