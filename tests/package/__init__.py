@@ -1,0 +1,1 @@
+"""Trial of the package on a machine that has nothing of it."""
