@@ -217,6 +217,91 @@ def test_a_full_disk_pauses_and_recording_goes_on_by_itself(
     assert one.lost == {}
 
 
+def fill(monkeypatch: pytest.MonkeyPatch, is_full: Callable[[], bool]) -> list[int]:
+    """Let a disk take names but no bytes while ``is_full``, tried often; return how often it was tried."""
+    tries, write = [0], Output.write
+
+    def writes(output: Output, data: bytes) -> int:
+        if is_full():
+            tries[0] += 1
+            raise OSError(28, "No space left on device")
+        return write(output, data)
+
+    monkeypatch.setattr(Output, "write", writes)
+    monkeypatch.setattr(recording_module, "RETRY", 0.01)
+    monkeypatch.setattr(recording_module, "LOOK", 0.01)
+    return tries
+
+
+def test_a_disk_that_takes_names_but_no_bytes_gets_no_file_a_try(
+    tmp_path: Path, block: MakeBlock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    full = [False]
+    tries = fill(monkeypatch, lambda: full[0])
+    one = Recording(tmp_path / "bag", RecordingSettings(TEN_SECONDS, flush_interval=0.05), Quiet())
+    for sequence in range(100):
+        one.put(message(block, sequence))
+    wait_for(lambda: one.state.messages == 100)
+    full[0] = True
+    for sequence in range(100, 150):
+        one.put(message(block, sequence))
+    wait_for(lambda: tries[0] > 1)
+    open_files = len(list(Path("/proc/self/fd").iterdir()))
+    wait_for(lambda: tries[0] > 30)
+    assert len(list(Path("/proc/self/fd").iterdir())) < open_files + 5
+    assert [path.name for path in (tmp_path / "bag").glob("*.mcap")] == ["bag_0.mcap"]
+    full[0] = False
+    assert one.close(60.0)
+    assert sequences(tmp_path / "bag") == list(range(150))
+    assert one.lost == {}
+
+
+def test_a_loss_is_stated_once_though_the_first_tries_to_state_it_fail(
+    tmp_path: Path, block: MakeBlock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    full = [False]
+    tries = fill(monkeypatch, lambda: full[0])
+    monkeypatch.setattr(recording_module, "LARGEST_QUEUE", message(block, 0).cost * 50)
+    one = Recording(tmp_path / "bag", RecordingSettings(TEN_SECONDS, flush_interval=0.05), Quiet())
+    one.put(message(block, 0))
+    wait_for(lambda: one.state.messages == 1)
+    full[0] = True
+    for sequence in range(1, 101):
+        one.put(message(block, sequence))
+    wait_for(lambda: tries[0] > 30)
+    full[0] = False
+    wait_for(lambda: one.state.messages == 51)
+    assert one.close(60.0)
+    assert (one.state.lost, one.state.unstated) == (50, 0)
+    assert sequences(tmp_path / "bag") == list(range(51))
+    (told,) = [line for line in BagReader(tmp_path / "bag").warnings if "not recorded" in line]
+    assert told.startswith("50 messages were not recorded before bag_1.mcap")
+
+
+def test_a_disk_that_others_filled_gets_room_from_the_oldest_parts(
+    tmp_path: Path, block: MakeBlock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Filled between two looks, so that it pauses; then parts 0 and 1 make the room."""
+    bag, filled = tmp_path / "bag", [False]
+
+    def is_full() -> bool:
+        return filled[0] and (bag / "bag_1.mcap").exists()
+
+    tries = fill(monkeypatch, is_full)
+    monkeypatch.setattr(recording_module, "_free", lambda _: 0 if tries[0] and is_full() else 10**12)
+    one = Recording(bag, RecordingSettings(TEN_SECONDS, 10**9, flush_interval=0.05), Quiet())
+    for sequence in range(1600):
+        one.put(message(block, sequence))
+    wait_for(lambda: one.state.messages == 1600)
+    filled[0] = True
+    for sequence in range(1600, 1700):
+        one.put(message(block, sequence))
+    wait_for(lambda: one.state.messages == 1700)
+    assert one.state.removed == 2
+    assert one.close(60.0)
+    assert sequences(bag) == list(range(1000, 1700))
+
+
 def test_what_finds_the_queue_full_meanwhile_is_stated(
     tmp_path: Path, block: MakeBlock, monkeypatch: pytest.MonkeyPatch
 ) -> None:

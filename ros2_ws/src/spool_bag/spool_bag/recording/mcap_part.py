@@ -52,8 +52,10 @@ class Output:
         os.ftruncate(self.descriptor, size)
 
     def close(self) -> None:
-        """Close the file."""
-        os.close(self.descriptor)
+        """Close the file; closing again does nothing, since its number may be another's by then."""
+        descriptor, self.descriptor = self.descriptor, -1
+        if descriptor >= 0:
+            os.close(descriptor)
 
 
 class McapPart:
@@ -61,7 +63,7 @@ class McapPart:
 
     Attributes:
         path: the file. count: what is in it by topic, and when; of the messages handed over.
-        good: B up to the last complete chunk that is on the disk.
+        good: B up to the last complete chunk that is on the disk, and ``head`` what comes before the first.
 
     Raises:
         OSError: from any method.
@@ -76,10 +78,14 @@ class McapPart:
         self._writer = Writer(self._output, chunk_size, CompressionType.ZSTD)  # type: ignore[arg-type]
         repeat_definitions(self._writer)
         self._schemas: dict[str, int] = {}
-        self._writer.start(profile="ros2", library="spool_bag")
-        for name, content in (about or {}).items():
-            self._writer.add_metadata(name, dict(content))
-        self.good = self._output.tell()
+        try:
+            self._writer.start(profile="ros2", library="spool_bag")
+            for name, content in (about or {}).items():
+                self._writer.add_metadata(name, dict(content))
+        except OSError:
+            self.discard()
+            raise
+        self.good = self.head = self._output.tell()
 
     @property
     def size(self) -> int:
@@ -125,8 +131,15 @@ class McapPart:
         """Write index and footer, sync and close."""
         self._writer.finish()
         self._output.sync()
-        self.count.size = self._output.position
+        self.good = self.count.size = self._output.position
         self._output.close()
+
+    def discard(self) -> None:
+        """Remove the file."""
+        with contextlib.suppress(OSError):
+            self._output.close()
+        with contextlib.suppress(OSError):
+            self.path.unlink()
 
     def abandon(self, *, cut: bool) -> bool:
         """Close without an index, cut back to the last chunk that is synced where that is asked.

@@ -19,6 +19,7 @@ from typing import Protocol
 
 from spool_stream.errors import InputError
 
+from .existing_parts import numbered
 from .message_queue import MessageQueue, Recorded
 from .thinning import Thinning
 from .writer import BagWriter, PartLimits, RecordingError
@@ -121,7 +122,7 @@ class Recording:
                 self._queue.waiting,
                 writer.parts if writer is not None else 0,
                 writer.size if writer is not None else 0,
-                self._removed,
+                self._removed + (writer.removed if writer is not None else 0),
                 self._free,
             )
 
@@ -241,7 +242,6 @@ class Recording:
         if writer is None:
             self._go_on()
             return
-        self._removed = max(self._removed, writer.removed)
         least = self._settings.minimum_free
         while self._free < least and writer.parts > 1:
             self._attempt(BagWriter.remove_oldest)
@@ -250,6 +250,8 @@ class Recording:
             self._free = _free(self.path)
         if self._free < least:
             self._attempt(BagWriter.close)
+            if self._writer is None:
+                return
             self._pause(f"only {self._free / 1e6:.0f} MB are free (minimum_free_space)", writer)
             return
         self._attempt(self._thinning.look)
@@ -275,14 +277,19 @@ class Recording:
             for message in self._queue.uncertain(writer.written - writer.synced):
                 self._lose(message.topic, 1, because)
         self._queue.take_back()
+        if because != self._paused:
+            self._log.error(f"recording pauses: {because}")
         with self._lock:
             self._writer, self._paused = None, because
-        self._log.error(f"recording pauses: {because}")
+            self._removed += writer.removed
+            self._unstated += writer.withdrawn
 
     def _go_on(self) -> None:
         """Begin the next part where the cause of the pause is gone."""
-        if self._free < 2 * self._settings.minimum_free and "minimum_free_space" in self._paused:
+        least = self._settings.minimum_free
+        if self._free < 2 * least and "minimum_free_space" in self._paused:
             return
+        self._make_room(least)
         lost = self._unstated  # told in the part's first record
         try:
             writer = self._opened(resume=True)
@@ -291,8 +298,28 @@ class Recording:
         self._confirmed = 0
         with self._lock:
             self._unstated -= lost
-            self._writer, self._paused = writer, ""
+            self._writer = writer
+        if not self._takes():
+            return
+        with self._lock:
+            self._paused = ""
         self._log.info(f"recording goes on in {writer.file}: {lost} messages were not recorded")
+
+    def _takes(self) -> bool:
+        """Write what waits; return whether the disk takes more than a name."""
+        self._empty()
+        self._attempt(BagWriter.flush)
+        return self._writer is not None
+
+    def _make_room(self, least: int) -> None:
+        """Remove the oldest parts but the last one where a disk filled faster than was looked at."""
+        for _, oldest in numbered(self.path)[:-1]:
+            if self._free >= least:
+                return
+            with contextlib.suppress(OSError):
+                oldest.unlink()
+                self._removed += 1
+            self._free = _free(self.path)
 
 
 def _free(path: Path) -> int:

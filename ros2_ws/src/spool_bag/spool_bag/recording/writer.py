@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -88,7 +89,8 @@ class BagWriter:
 
     Attributes:
         removed: parts that went by the quota. written: messages that it took, and synced: how
-            many of these are on the disk. certain: after a failure, none of the others is.
+            many of these are on the disk. certain: after a failure, none of the others is. withdrawn: of the
+            ``lost`` messages that it stated, those of a part that a failure left nothing of.
 
     Raises:
         InputError: ``path`` exists already or cannot be made.
@@ -113,7 +115,7 @@ class BagWriter:
         self.path = Path(path)
         self.bytes = 0
         self.limits = limits
-        self.removed = self.written = self.synced = 0
+        self.removed = self.written = self.synced = self.withdrawn = 0
         self.certain = True
         self._custom = dict(custom or {})
         self._interval, self._chunk_size, self._sign = flush_interval, chunk_size, sign
@@ -141,9 +143,13 @@ class BagWriter:
         try:
             at = 1 + max((self._parts[-1].end if self._parts else 0, *(one.received for one in repeat)))
             self._part = self._begin(PartBegin(number, before, at if repeat else 0, *lost))
-            self._repeat(repeat, at)
-            self._write_metadata()
-            sync_folder(self._folder.absolute().parent)
+            try:
+                self._repeat(repeat, at)
+                self._write_metadata()
+                sync_folder(self._folder.absolute().parent)
+            except OSError:
+                self._part.discard()  # else each try on a disk that is full leaves a file behind
+                raise
         except OSError as error:
             raise RecordingError(f"{self._file_of(number)}: {error.strerror}") from error
         self._open = True
@@ -244,6 +250,7 @@ class BagWriter:
         def state() -> None:
             self._sync()
             self._part.add_metadata(LOSSES, told)
+            self._sync()
             self._write_metadata()
 
         self._guard(state)
@@ -321,7 +328,7 @@ class BagWriter:
     def _begin(self, begin: PartBegin) -> McapPart:
         about = {BEGIN: begin.content()} if self.limits is not None else None
         part = McapPart(self._file_of(begin.number), begin.number, self._chunk_size, about)
-        self._before = begin.before
+        self._before, self._stated = begin.before, begin.lost
         for one in self._channels:
             one.part = None
         return part
@@ -434,8 +441,17 @@ class BagWriter:
         except OSError as error:
             self._open = False
             self.certain = self._part.abandon(cut=True)
+            kept = self._part.good
+            if self.limits is not None and self.certain and kept == self._part.head:
+                # Nothing is in it: on a disk that stays full each try would leave one such file behind.
+                self._part.discard()
+                self.withdrawn = self._stated
+                with contextlib.suppress(OSError):
+                    write_metadata(
+                        self._folder, BagMetadata(tuple(self._parts), self._topics(), False, self._custom)
+                    )
             raise RecordingError(
-                f"{self.file}: {error.strerror}; what was recorded before is kept ({self._part.good} bytes)"
+                f"{self.file}: {error.strerror}; what was recorded before is kept ({kept} bytes)"
             ) from error
 
     def _topics(self) -> tuple[TopicCount, ...]:
