@@ -45,16 +45,16 @@ def forever():
     return at
 
 faults = 0
-take = EstimatorNode._take
+take = EstimatorNode._take_judged
 
-def faulty(self, block):
+def faulty(self, block, *, used):
     global faults
     if self.get_namespace() == "/valve_1" and block.sequence >= 300 and faults < 20:
             faults += 1
             FAULT
-    take(self, block)
+    take(self, block, used=used)
 
-EstimatorNode._take = faulty
+EstimatorNode._take_judged = faulty
 sys.exit(main())
 """
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import functools
 import math
 import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,7 +18,10 @@ from .worker import Worker
 
 #: Blocks of a topic that may wait in a process that hosts many nodes: five seconds at 50 blocks/s.
 HOSTED_DEPTH = 250
-Take = Callable[[Block], None]
+#: s of samples that are taken together at most, where more wait: cores take less than 0.5 s at a time.
+LONGEST_TOGETHER = 0.4
+Take = Callable[[Sequence[Block]], None]
+Room = Callable[[], int]
 
 
 @dataclass(slots=True)
@@ -26,9 +29,10 @@ class TopicTimes:
     """Times of a topic's blocks in a process that hosts many nodes.
 
     Attributes:
-        messages, late: that came since the start; those done with later than a period after they came.
+        messages, late: that came since the start; those done with later than a period after they were due.
         work: s, of the worker thread, since the start.
-        longest_wait: s, from a message's coming to its turn, since this was last read.
+        longest_wait: s, from when blocks were due to their turn, since this was last read; they are due when
+            the last one comes that the others wait for.
         age: s, from a block's last sample to its turn, by both clocks; the last one.
         blocks_lost: by jumps of the sequence.
         waiting: messages whose turn has not come.
@@ -51,55 +55,78 @@ class TopicTimes:
         messages, late, lost, work = (one - other for one, other in zip(now, before, strict=True))
         return TopicTimes(int(messages), late=int(late), blocks_lost=int(lost), work=work)
 
-    def take(self, block: Block, heard: float, begun: float, done: float) -> None:
-        """Count a block that was heard, begun and done at these times of the monotonic clock."""
-        self.messages += 1
+    def take(self, blocks: Sequence[Block], due: float, begun: float, done: float) -> None:
+        """Count blocks that were due, begun and done at these times of the monotonic clock."""
+        self.messages += len(blocks)
         self.work += done - begun
-        self.longest_wait = max(self.longest_wait, begun - heard)
-        length = len(block.body) * block.sample_period
+        self.longest_wait = max(self.longest_wait, begun - due)
+        last = blocks[-1]
+        length = len(last.body) * last.sample_period
         if math.isfinite(length):  # else it is refused
-            self.late += done - heard > length > 0.0
-            self.age = time.time() - (done - begun) - 1e-9 * block.stamp - length
-        if self.sequence >= 0:
-            self.blocks_lost += max(0, block.sequence - self.sequence - 1)
-        self.sequence = block.sequence
+            self.late += len(blocks) if done - due > length > 0.0 else 0
+            self.age = time.time() - (done - begun) - 1e-9 * last.stamp - length
+        for block in blocks:
+            if self.sequence >= 0:
+                self.blocks_lost += max(0, block.sequence - self.sequence - 1)
+            self.sequence = block.sequence
 
 
 @dataclass(slots=True)
 class _Topic:
+    """Topic of a valve's blocks: its takers, and the messages whose turn has not come with their times.
+
+    ``together``: blocks that are taken together, and ``most`` of them; ``busy``: their turn is asked for.
+    """
+
     name: str
-    takers: list[tuple[Any, Take]] = field(default_factory=list)
+    takers: list[tuple[Any, Take, Room]] = field(default_factory=list)
     subscription: Any = None
     owner: Any = None
     times: TopicTimes = field(default_factory=TopicTimes)
+    heard: deque[tuple[bytes, float]] = field(default_factory=deque)
+    together: int = 1
+    most: int = 1
+    busy: bool = False
 
 
 class BlockHub:
     """Block hub of a process.
 
+    In a process that hosts many nodes a valve's blocks wait for each other, up to ``together`` s of samples,
+    and no longer than until an estimate falls due: taken together they cost little more than one.
+
     Attributes:
         worker: runs what nodes do with their blocks; ``None`` in a process of one node, which does it itself.
+        together: s.
     """
 
     def __init__(self) -> None:
         self.worker: Worker | None = None
+        self.together = 0.0
         self._topics: dict[str, _Topic] = {}
 
     @property
     def times(self) -> dict[str, TopicTimes]:
         """Times by topic."""
+        for topic in self._topics.values():
+            topic.times.waiting = len(topic.heard)
         return {name: topic.times for name, topic in self._topics.items()}
 
-    def subscribe(self, node: Any, name: str, take: Take) -> Callable[[], None]:
-        """Let ``take`` have each block of the topic ``name`` of ``node``; return what ends it."""
+    def subscribe(self, node: Any, name: str, take: Take, room: Room) -> Callable[[], None]:
+        """Let ``take`` have the blocks of the topic ``name`` of ``node``; return what ends it.
+
+        They wait for each other until ``room()`` samples have come.
+        """
         resolved = node.resolve_topic_name(name)
         topic = self._topics.setdefault(resolved, _Topic(resolved))
-        topic.takers.append((node, take))
+        taker = (node, take, room)
+        topic.takers.append(taker)
         if topic.owner is None:
+            topic.heard.clear()
             self._own(topic, node)
 
         def end() -> None:
-            topic.takers.remove((node, take))
+            topic.takers.remove(taker)
             if topic.owner is node:
                 node.destroy_subscription(topic.subscription)
                 topic.owner = topic.subscription = None
@@ -108,36 +135,78 @@ class BlockHub:
 
         return end
 
+    def flush(self, waited: float) -> None:
+        """Let blocks have their turn that have waited for others for more than ``waited`` s."""
+        before = time.monotonic() - waited
+        for topic in self._topics.values():
+            if topic.heard and topic.heard[0][1] < before and not topic.busy and topic.owner is not None:
+                self._ask(topic)
+
     def _own(self, topic: _Topic, node: Any) -> None:
         worker = self.worker
         profile = qos.samples_wanted(HOSTED_DEPTH) if worker is not None else qos.samples_wanted()
 
-        run = functools.partial(self._run, topic)
-
         def hear(data: bytes) -> None:
             if worker is None:
-                run((data, 0.0))
-            else:
-                topic.times.waiting += 1
-                worker.put(node, run, (data, time.monotonic()))
+                self._take(topic, [data])
+                return
+            topic.heard.append((data, time.monotonic()))
+            if len(topic.heard) >= topic.together and not topic.busy:
+                self._ask(topic)
 
+        topic.together, topic.busy = 1, False
         topic.owner = node
         topic.subscription = node.create_subscription(AccelerationBlock, topic.name, hear, profile, raw=True)
 
-    @staticmethod
-    def _run(topic: _Topic, item: tuple[bytes, float]) -> None:
-        data, heard = item
-        topic.times.waiting -= bool(heard)
-        begun = time.monotonic()
+    def _ask(self, topic: _Topic) -> None:
+        topic.busy = True
+        assert self.worker is not None
+        self.worker.put(topic.owner, self._run, topic)
+
+    def _run(self, topic: _Topic) -> None:
+        """Take what has come of a topic, in its turn."""
         try:
-            block = decode_block(data)
-        except CdrError as error:
-            topic.owner.get_logger().warning(f"{topic.name}: a message is no block: {error}")
+            due = topic.together
+            items: list[tuple[bytes, float]] = []
+            while topic.heard and len(items) < topic.most:
+                items.append(topic.heard.popleft())
+            begun = time.monotonic()
+            blocks = self._take(topic, [data for data, _ in items])
+            if blocks:
+                self._plan(topic, blocks[-1])
+                # Those that stopped coming were asked for before they were due.
+                asked = items[due - 1][1] if len(items) >= due else begun
+                topic.times.take(blocks, asked, begun, time.monotonic())
+        finally:
+            topic.busy = False
+        if len(topic.heard) >= topic.together and topic.owner is not None:
+            self._ask(topic)
+
+    def _plan(self, topic: _Topic, last: Block) -> None:
+        """Say how many blocks are taken together the next time."""
+        size, length = len(last.body), len(last.body) * last.sample_period
+        if not (math.isfinite(length) and length > 0.0):
+            topic.together = topic.most = 1
             return
-        for _, take in tuple(topic.takers):
-            take(block)
-        if heard:
-            topic.times.take(block, heard, begun, time.monotonic())
+        topic.most = max(1, int(LONGEST_TOGETHER / length))
+        room = min((room() for _, _, room in tuple(topic.takers)), default=0)
+        topic.together = max(1, min(int(self.together / length + 1e-6), -(-room // size), topic.most))
+
+    @staticmethod
+    def _take(topic: _Topic, messages: Sequence[bytes]) -> list[Block]:
+        """Decode messages, let all takers have them, and return what they had."""
+        blocks = []
+        for data in messages:
+            try:
+                blocks.append(decode_block(data))
+            except CdrError as error:
+                owner = topic.owner
+                if owner is not None:
+                    owner.get_logger().warning(f"{topic.name}: a message is no block: {error}")
+        if blocks:
+            for _, take, _ in tuple(topic.takers):
+                take(blocks)
+        return blocks
 
 
 #: Hub of this process.

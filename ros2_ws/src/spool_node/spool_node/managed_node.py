@@ -8,7 +8,7 @@ import gc
 import threading
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, ParamSpec, TypeVar
 
 from rcl_interfaces.msg import SetParametersResult
@@ -125,9 +125,14 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         self._while_active.append(lambda: self.destroy_subscription(subscription))
         return subscription
 
-    def subscribe_blocks(self, topic: str, take: Callable[[Block], None]) -> None:
-        """Let ``take`` have each block of ``topic`` while active; its samples are views of the message."""
-        self._while_active.append(HUB.subscribe(self, topic, self._guarded(take)))
+    def subscribe_blocks(
+        self, topic: str, take: Callable[[Sequence[Block]], None], room: Callable[[], int]
+    ) -> None:
+        """Let ``take`` have the blocks of ``topic`` while active; their samples are views of the messages.
+
+        Until ``room()`` samples have come they may wait for each other in a process that hosts many nodes.
+        """
+        self._while_active.append(HUB.subscribe(self, topic, self._guarded(take), room))
 
     def every(self, period: float, callback: Callable[[], None], *, steady: bool = False) -> Any:
         """Call back every ``period`` s while active, on the node's clock or on a steady one."""

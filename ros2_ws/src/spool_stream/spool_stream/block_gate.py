@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -238,6 +238,48 @@ class SharedGate(BlockGate):
         self._verdict = BlockGate.judge(self, block)
         self._admitted = block
         return self._verdict
+
+    def admitted(self, blocks: Sequence[Block], room: Callable[[], int]) -> Iterator[Block]:
+        """Yield ``blocks`` in order, each judged, to be taken by every consumer before the next is asked for.
+
+        Those that are due to the nanosecond are joined as long as ``room`` samples are not full: a consumer
+        that has none takes each by itself.
+        """
+        at = 0
+        while at < len(blocks):
+            run = self._due(blocks, at, room())
+            whole = self.admit_run([run]) if run is not None else None
+            if run is not None and whole is not None:
+                yield whole
+                at += len(run)
+            else:
+                self.admit(blocks[at])
+                yield blocks[at]
+                at += 1
+
+    def _due(self, blocks: Sequence[Block], at: int, room: int) -> BlockRun | None:
+        """Return the blocks from ``at`` on that are due and alike, ``None`` where there are no two."""
+        if self.last is None or not self.steady:
+            return None
+        first = blocks[at]
+        size, (_, stamp, sequence, period) = first.body.size, self.last
+        if not size or not (period * 1e9).is_integer():
+            return None
+        step = size * round(period * 1e9)
+        count = 0
+        for block in blocks[at : at + -(-room // size)]:
+            due = stamp + count * step, sequence + count + 1, period, first.source
+            if (block.stamp, block.sequence, block.sample_period, block.source) != due:
+                break
+            if not size == block.body.size == block.spool.size:
+                break
+            count += 1
+        if count < 2:
+            return None
+        together = blocks[at : at + count]
+        body = np.concatenate([block.body for block in together])
+        spool = np.concatenate([block.spool for block in together])
+        return BlockRun(first.stamp, first.sequence, period, body, spool, first.source, size)
 
     def admit_run(self, runs: Sequence[BlockRun]) -> Block | None:
         """Accept the blocks of ``runs`` together and return them as one, which every consumer then takes.

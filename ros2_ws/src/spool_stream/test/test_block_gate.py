@@ -274,6 +274,57 @@ def test_a_shared_gate_says_to_all_what_a_gate_of_their_own_would() -> None:
     assert shared.faults == own.faults
 
 
+#: What may befall a block of a stream, by itself; 0 to 4: nothing.
+FAULTS: list[dict[str, object]] = [
+    *({} for _ in range(5)),
+    {"stamp": 0},
+    {"sample_period": 2 * PERIOD},
+    {"source": "another"},
+    {"sequence": 10**9},
+    {"body": np.full(SIZE, np.nan, np.float32)},
+    {"body": np.zeros(3, np.float32)},
+]
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    changes=st.lists(st.sampled_from(FAULTS), max_size=30),
+    lost=st.sets(st.integers(0, 29), max_size=2),
+    pieces=st.lists(st.integers(1, 7), min_size=30, max_size=30),
+    room=st.integers(0, 300),
+)
+def test_blocks_that_come_together_are_judged_as_one_by_one(
+    changes: list[dict[str, object]], lost: set[int], pieces: list[int], room: int
+) -> None:
+    own, shared = BlockGate(), SharedGate()
+    stream = [block(number, source="valve") for number in range(RUN_IN)]
+    stream += [
+        block(RUN_IN + number, **({"source": "valve"} | change))
+        for number, change in enumerate(changes)
+        if number not in lost
+    ]
+    used: list[Block] = []
+    for one in stream:
+        if own.judge(one) is not Verdict.REFUSED:
+            used.append(one)
+    taken: list[Block] = []
+    for pieces_left in [RUN_IN, *pieces]:
+        accepted = shared.accepted
+        for one in shared.admitted(stream[:pieces_left], lambda: room):
+            if shared.accepted > accepted:
+                assert shared.judge(one) is not Verdict.REFUSED
+                taken.append(one)
+            accepted = shared.accepted
+        stream = stream[pieces_left:]
+    counts = (shared.accepted, shared.refused, shared.lost, shared.faults, shared.last, shared.before)
+    assert counts == (own.accepted, own.refused, own.lost, own.faults, own.last, own.before)
+    assert (shared.rate.state, shared.recent) == (own.rate.state, own.recent)
+    for side in ("body", "spool"):
+        whole, parts = ([getattr(one, side) for one in blocks] for blocks in (taken, used))
+        assert np.array_equal(np.concatenate(whole), np.concatenate(parts))
+    assert all(one.body.size < room + SIZE for one in taken if one.body.size > SIZE)
+
+
 def test_the_gate_tells_what_came_before_the_newest_block() -> None:
     gate = BlockGate()
     assert gate.before is None

@@ -63,6 +63,15 @@ class HostNode(ManagedNode):
             "",
             "Where the monitors keep alarms, baselines and trends; empty: as in the parameter file.",
         ),
+        NodeParameter(
+            "together",
+            0.1,
+            "Samples of a valve that are taken together, which costs little more than one block; an estimate "
+            "that falls due does not wait. 0: each block by itself, as it comes.",
+            "s",
+            0.0,
+            0.4,
+        ),
         NodeParameter("processes", 1, "Processes over which the valves are spread.", minimum=1, maximum=64),
     )
 
@@ -114,6 +123,7 @@ class HostProcess:
         self._executor.add_node(self._node)
         valves = read_valves(self._node.value("valves_file"))
         HUB.worker = Worker()
+        HUB.together = self._node.value("together")
         ticker = ManagedNode.ticker = Ticker()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = self._node.create_timer(Ticker.STEP, ticker.run, clock=steady)
@@ -190,6 +200,7 @@ class HostProcess:
         """Give up what hangs, and begin again what failed."""
         worker = HUB.worker
         assert worker is not None
+        HUB.flush(2.0 * HUB.together)
         owner = worker.hanging(LONGEST_CALL)
         if owner is not None:
             worker.give_up(owner)

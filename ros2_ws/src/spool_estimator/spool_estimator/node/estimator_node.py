@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 from sensor_msgs.msg import Temperature
@@ -17,6 +18,7 @@ from spool_node.throttle import Throttle
 from spool_sim.model import load_model
 from spool_sim.valve.description import Valve, find_valve
 from spool_stream.block import Block
+from spool_stream.block_gate import SharedGate
 from std_srvs.srv import Trigger
 
 from spool_estimator.estimate import Estimate, State
@@ -91,6 +93,7 @@ class EstimatorNode(ManagedNode):
     def __init__(self, namespace: str | None = None, **options: Any) -> None:
         super().__init__("estimator", namespace, **options)
         self._core: StreamEstimator | None = None
+        self._gate = SharedGate()
         self._refits: WindowRefits | None = None
         self._worker: RefitWorker | None = None
         self._check: ValveCheck | None = None
@@ -109,6 +112,7 @@ class EstimatorNode(ManagedNode):
             valve, phase=phase_of(self.get_namespace()), **{name: self.value(name) for name in names}
         )
         self._core = make_estimator(self.value("method"), settings)
+        self._gate = self._core.gate = SharedGate()
         self._valve_id = valve.id
         self._publisher = self.create_lifecycle_publisher(ModelEstimate, "estimate", qos.state())
         self._description_publisher = self.create_lifecycle_publisher(ValveDescription, "valve", qos.state())
@@ -130,7 +134,7 @@ class EstimatorNode(ManagedNode):
         model.values_for(valve)
         if self.value("refit_period") > 0.0:
             settings = RefitSettings(valve, model, self.value("refit_period"), self.value("refit_window"))
-            self._refits = WindowRefits(settings)
+            self._refits = WindowRefits(settings, self._gate)
             self._worker = RefitWorker(settings)
             self._refit_publisher = self.create_lifecycle_publisher(WindowRefit, "refit", qos.state())
 
@@ -139,7 +143,7 @@ class EstimatorNode(ManagedNode):
         self._arrival = time.monotonic()
         self._description.header.stamp = self.get_clock().now().to_msg()
         self._description_publisher.publish(self._description)
-        self.subscribe_blocks("acceleration", self._take)
+        self.subscribe_blocks("acceleration", self._take, self._room)
         self.subscribe(Temperature, "oil_temperature", self._take_temperature, qos.samples_wanted())
         if self._worker is not None:
             self.every(0.05, self._collect, steady=True)
@@ -159,14 +163,23 @@ class EstimatorNode(ManagedNode):
             self.destroy_publisher(self._refit_publisher)
         self._core = self._refits = self._worker = None
 
-    def _take(self, block: Block) -> None:
-        assert self._core is not None
-        gate = self._core.gate
+    def _room(self) -> int:
+        """Return the samples until an estimate falls due, with which nothing waits."""
+        return self._core.lacking if self._core is not None else 0
+
+    def _take(self, blocks: Sequence[Block]) -> None:
+        gate = self._gate
         accepted, refused = gate.accepted, gate.refused
+        for block in gate.admitted(blocks, self._room):
+            self._take_judged(block, used=gate.accepted > accepted)
+            if gate.refused > refused and gate.fault is not None:
+                self._tell_refused(gate.fault.value, block.sequence)
+            accepted, refused = gate.accepted, gate.refused
+
+    def _take_judged(self, block: Block, *, used: bool) -> None:
+        assert self._core is not None
         estimates = self._core.update(block)
-        if gate.refused > refused and gate.fault is not None:
-            self._tell_refused(gate.fault.value, block.sequence)
-        if gate.accepted > accepted:
+        if used:
             self._arrival = time.monotonic()
             self._gap.take(block, estimates)
         for estimate in estimates:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -15,6 +16,7 @@ from spool_node.diagnostics import DiagnosticPublisher
 from spool_node.managed_node import ManagedNode
 from spool_node.parameters import NodeParameter, Value
 from spool_stream.block import Block
+from spool_stream.block_gate import SharedGate
 from spool_stream.errors import InputError
 
 from spool_monitor.alarms.alarm_store import AlarmStore
@@ -58,6 +60,10 @@ _KEEPING = (
 STARTS = 180.0
 
 
+#: Samples that may be judged together while nothing is wrong: as many as come together.
+MOST_TOGETHER = 1 << 30
+
+
 class MonitorNode(ManagedNode):
     """Node ``monitor``: judges resonance, drift and silence of one valve from its blocks and estimates."""
 
@@ -66,6 +72,7 @@ class MonitorNode(ManagedNode):
     def __init__(self, namespace: str | None = None, **options: Any) -> None:
         super().__init__("monitor", namespace, **options)
         self._core: Monitor
+        self._gate = SharedGate()
         self._alarms: AlarmServices
         self._trends: TrendWriter | None = None
         self._valve_id = self.get_namespace().strip("/")
@@ -76,7 +83,8 @@ class MonitorNode(ManagedNode):
     def configure(self) -> None:
         """Build the core; its kernels are compiled here, not at the first sample."""
         self.compile(warm_up_monitor)
-        self._core = Monitor(self._settings({}))
+        self._gate = SharedGate()
+        self._core = Monitor(self._settings({}), self._gate)
         self._described = False
         kinds = tuple(kind for kind in self.value("latched_kinds") if kind)
         warn = self.get_logger().warning
@@ -96,7 +104,7 @@ class MonitorNode(ManagedNode):
         self._activated = self._block_arrival = self._estimate_arrival = time.monotonic()
         self._alarms.open()
         self.subscribe(ValveDescription, "valve", self._take_description, qos.state())
-        self.subscribe_blocks("acceleration", self._take_block)
+        self.subscribe_blocks("acceleration", self._take_blocks, self._room)
         self.subscribe(ModelEstimate, "estimate", self._take_estimate, qos.state(depth=10))
         self.every(0.2, self._watch, steady=True)
         self.every(1.0, self._report, steady=True)
@@ -153,17 +161,25 @@ class MonitorNode(ManagedNode):
         if self.value(NATURAL_FREQUENCY.name) == 0.0:
             self._core.set_natural_frequency(from_description(message).natural_frequency)
 
-    def _take_block(self, block: Block) -> None:
-        gate = self._core.gate
-        accepted = gate.accepted
+    def _room(self) -> int:
+        """Return the samples that may be judged together: faults of data begin and end with a block."""
+        return MOST_TOGETHER if self._core.calm else 0
+
+    def _take_blocks(self, blocks: Sequence[Block]) -> None:
+        accepted = self._gate.accepted
+        for block in self._gate.admitted(blocks, self._room):
+            self._take_judged(block, used=self._gate.accepted > accepted, first=accepted == 0)
+            accepted = self._gate.accepted
+
+    def _take_judged(self, block: Block, *, used: bool, first: bool) -> None:
         if not self._described and block.source:
             self._valve_id = self._diagnostics.hardware_id = block.source
         events = self._core.update(block)
-        if gate.accepted > accepted:
+        if used:
             self._block_arrival = time.monotonic()
             if self._trends is not None:
                 self._trends.update(block)
-        if accepted == 0:
+        if first:
             self._estimate_arrival = self._block_arrival
         self._publish(events)
 
