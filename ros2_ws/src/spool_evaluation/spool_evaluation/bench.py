@@ -23,7 +23,7 @@ BENCHMARKS: dict[str, tuple[str, ...]] = {
     "gap": ("seed", "cases"),
     "monitor": ("seed", "cases"),
     "nodes": (),
-    "host": ("seconds",),
+    "host": ("seconds", "valves"),
 }
 ABOUT = (
     'Their time over ours is "times as fast", both measured in one run; times of another run or machine '
@@ -38,6 +38,7 @@ def run_bench(
     cases: int | None = None,
     markdown: Path | None = None,
     seconds: float | None = None,
+    valves: Sequence[int] | None = None,
 ) -> None:
     """Run the benchmark ``what``, or all; show the rows and write them as JSON.
 
@@ -45,7 +46,7 @@ def run_bench(
         what: one of ``BENCHMARKS``.
         json: file to write.
         markdown: file for the page, as those of docs/results.
-        seconds: how long each run of ``host`` takes.
+        seconds: how long each run of ``host`` takes, and ``valves`` of how many each is.
         seed: of the first record of ``gap`` and ``monitor``; their own where left out.
         cases: how many records of ``gap``, how often every kind of ``monitor``; their own where left out.
 
@@ -55,8 +56,8 @@ def run_bench(
     """
     if what is not None and what not in BENCHMARKS:
         raise InputError(f"bench {what}: there is no such benchmark; there are {', '.join(BENCHMARKS)}")
-    options = (("seed", seed), ("cases", cases), ("seconds", seconds))
-    given = {name: value for name, value in options if value is not None}
+    options = (("seed", seed), ("cases", cases), ("seconds", seconds), ("valves", valves))
+    given = {name: value for name, value in options if value is not None and value != []}
     for name in given:
         owners = [one for one, taken in BENCHMARKS.items() if name in taken]
         if what is not None and what not in owners:
@@ -72,7 +73,8 @@ def run_bench(
     if json is not None:
         write_json(json, [row.to_dict() for row in rows])
     if markdown is not None:
-        said = "".join(f" --{name} {value}" for name, value in given.items())
+        several = ((name, value if isinstance(value, Sequence) else [value]) for name, value in given.items())
+        said = "".join(f" --{name} {value}" for name, values in several for value in values)
         command = f"./spool bench {what or ''}{said} --markdown FILE".replace("  ", " ")
         # The first line of a module says what it measures.
         title = str(modules[0].__doc__).partition("\n")[0].rstrip(".") if what else "Benchmarks"

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -85,11 +85,11 @@ class HostCost:
         return {**own, **self.seen}
 
 
-def run(seconds: float = SECONDS) -> Iterator[HostCost]:
+def run(seconds: float = SECONDS, valves: Sequence[int] = VALVES) -> Iterator[HostCost]:
     """Yield a row for each number of valves in a host, and as processes where they fit."""
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
-    for count in VALVES:
+    for count in valves:
         yield _measured(count, seconds, "host")
         if count <= MOST_AS_PROCESSES and 2 * count * OWN_MEMORY < _available():
             yield _measured(count, seconds, "processes of their own")

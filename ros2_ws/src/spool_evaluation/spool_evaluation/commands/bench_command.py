@@ -21,6 +21,9 @@ def bench(
         Path | None, typer.Option(help="Write the table as Markdown.", metavar="FILE")
     ] = None,
     seconds: Annotated[float | None, typer.Option(help="host: of each run.", min=10.0, max=3600.0)] = None,
+    valves: Annotated[
+        list[int] | None, typer.Option(help="host: how many; as often as wanted.", min=1, max=1000)
+    ] = None,
     _force: Force = False,
 ) -> None:
     """Time the suite side by side with its peers, on the same work in one run.
@@ -29,7 +32,7 @@ def bench(
     """
     from spool_evaluation.bench import run_bench  # noqa: PLC0415 - slow to load
 
-    run_bench(what, json, seed, cases, markdown, seconds)
+    run_bench(what, json, seed, cases, markdown, seconds, valves)
 
 
 COMMAND = Command(bench, place=170, line="timings against the peers")
