@@ -19,7 +19,8 @@ class Block:
     blocks since the source started, ``sample_period`` is in s, ``body`` and ``spool`` are
     accelerations in m/s^2 of shape (n,), ``source`` is the ``frame_id`` of the message: the valve's id, empty
     where it is not known. A block holds what arrived; it may be malformed:
-    :class:`~spool_stream.block_gate.BlockGate` decides.
+    :class:`~spool_stream.block_gate.BlockGate` decides. One that was ``joined`` of several has the sequence
+    of the last one.
     """
 
     stamp: int
@@ -28,6 +29,7 @@ class Block:
     body: Samples
     spool: Samples
     source: str = ""
+    joined: int = 1
 
     @property
     def end(self) -> int:
@@ -46,4 +48,5 @@ def joined(blocks: Sequence[Block]) -> Block:
         np.concatenate([block.body for block in blocks]),
         np.concatenate([block.spool for block in blocks]),
         blocks[0].source,
+        sum(block.joined for block in blocks),
     )

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from .block import Block
+from .block import Block, joined
 from .block_run import BlockRun, joined_runs
 from .rate_check import RateCheck, RateState
 from .recent import RecentCounts
@@ -242,44 +242,76 @@ class SharedGate(BlockGate):
     def admitted(self, blocks: Sequence[Block], room: Callable[[], int]) -> Iterator[Block]:
         """Yield ``blocks`` in order, each judged, to be taken by every consumer before the next is asked for.
 
-        Those that are due to the nanosecond are joined as long as ``room`` samples are not full: a consumer
-        that has none takes each by itself.
+        Those that continue the stream are joined as long as ``room`` samples are not full: a consumer that
+        has none takes each by itself. The last one's stamp is kept: what falls due does so at the end.
         """
         at = 0
         while at < len(blocks):
-            run = self._due(blocks, at, room())
-            whole = self.admit_run([run]) if run is not None else None
-            if run is not None and whole is not None:
-                yield whole
-                at += len(run)
-            else:
+            going_on = self._going_on(blocks, at, room())
+            whole = _as_one(going_on) if going_on else None
+            if whole is None or malformed(whole) is not None:
                 self.admit(blocks[at])
                 yield blocks[at]
                 at += 1
+                continue
+            taken = self._follow(going_on)
+            at += taken
+            if taken:
+                yield self._passed(going_on[:taken], whole if taken == len(going_on) else None)
+            if taken < len(going_on) and self.rate.state is RateState.WRONG:
+                self.before, self.fault = self.last, None
+                self._admitted, self._verdict = blocks[at], self._hold_back(blocks[at])
+                yield blocks[at]
+                at += 1
 
-    def _due(self, blocks: Sequence[Block], at: int, room: int) -> BlockRun | None:
-        """Return the blocks from ``at`` on that are due and alike, ``None`` where there are no two."""
-        if self.last is None or not self.steady:
-            return None
-        first = blocks[at]
-        size, (_, stamp, sequence, period) = first.body.size, self.last
-        if not size or not (period * 1e9).is_integer():
-            return None
-        step = size * round(period * 1e9)
-        count = 0
-        for block in blocks[at : at + -(-room // size)]:
-            due = stamp + count * step, sequence + count + 1, period, first.source
-            if (block.stamp, block.sequence, block.sample_period, block.source) != due:
+    def _going_on(self, blocks: Sequence[Block], at: int, room: int) -> list[Block]:
+        """Return the blocks from ``at`` on that go on with the stream as they should, up to ``room`` samples.
+
+        Their samples are not looked at.
+        """
+        if self.last is None or not self.confirmed or self._rivals or self._held_back is not None:
+            return []
+        stamp, end, sequence, period = self.last
+        size = blocks[at].body.size
+        step = 1e9 * period * size
+        jitter = max(2e9 * period, 0.5 * step)  # as in _departure
+        found: list[Block] = []
+        for block in blocks[at : at + -(-room // max(size, 1))]:
+            if (
+                block.sequence != sequence + 1
+                or block.stamp <= stamp
+                or abs(block.stamp - end) > jitter
+                or block.sample_period != period
+                or block.source != self.source
+                or not size == block.body.size == block.spool.size
+            ):
                 break
-            if not size == block.body.size == block.spool.size:
-                break
-            count += 1
-        if count < 2:
-            return None
-        together = blocks[at : at + count]
-        body = np.concatenate([block.body for block in together])
-        spool = np.concatenate([block.spool for block in together])
-        return BlockRun(first.stamp, first.sequence, period, body, spool, first.source, size)
+            found.append(block)
+            stamp, sequence = block.stamp, block.sequence
+            end = stamp + round(step)
+        return found
+
+    def _follow(self, blocks: Sequence[Block]) -> int:
+        """Take the stamps of blocks that go on; return how many there are until the rate is not confirmed."""
+        for count, block in enumerate(blocks):
+            self.rate.take(block)
+            if self.rate.state is RateState.WRONG:
+                return count
+            if self.rate.state is not RateState.CONFIRMED:
+                return count + 1
+        return len(blocks)
+
+    def _passed(self, blocks: Sequence[Block], whole: Block | None) -> Block:
+        """Accept blocks that go on, and return them as one."""
+        whole = whole or _as_one(blocks)
+        last = blocks[-1]
+        self.fault = None
+        self.before = _at(blocks[-2]) if len(blocks) > 1 else self.last
+        self._accept(last, Verdict.CONTINUES)
+        self.recent.advance((whole.body.size - last.body.size) * last.sample_period)
+        self.accepted += len(blocks) - 1
+        self._admitted, self._verdict = whole, Verdict.CONTINUES
+        return whole
 
     def admit_run(self, runs: Sequence[BlockRun]) -> Block | None:
         """Accept the blocks of ``runs`` together and return them as one, which every consumer then takes.
@@ -313,6 +345,15 @@ class SharedGate(BlockGate):
 
 def _at(block: Block) -> Place:
     return block.stamp, block.end, block.sequence, block.sample_period
+
+
+def _as_one(blocks: Sequence[Block]) -> Block:
+    """Return blocks that go on as one, with the last one's stamp, so that what falls due does so by that."""
+    whole, last = joined(blocks), blocks[-1]
+    if last is whole:
+        return whole
+    ahead = (whole.body.size - last.body.size) * whole.sample_period
+    return replace(whole, stamp=last.stamp - round(ahead * 1e9))
 
 
 def _distance(place: Place, block: Block) -> int:

@@ -93,4 +93,5 @@ def joined_runs(runs: Sequence[BlockRun]) -> Block:
         first.body if one else np.concatenate([run.body for run in runs]),
         first.spool if one else np.concatenate([run.spool for run in runs]),
         first.source,
+        sum(map(len, runs)),
     )

@@ -292,14 +292,19 @@ FAULTS: list[dict[str, object]] = [
     lost=st.sets(st.integers(0, 29), max_size=2),
     pieces=st.lists(st.integers(1, 7), min_size=30, max_size=30),
     room=st.integers(0, 300),
+    jitter=st.sampled_from([0, 10_000, 400_000, 4_000_000]),
 )
 def test_blocks_that_come_together_are_judged_as_one_by_one(
-    changes: list[dict[str, object]], lost: set[int], pieces: list[int], room: int
+    changes: list[dict[str, object]], lost: set[int], pieces: list[int], room: int, jitter: int
 ) -> None:
     own, shared = BlockGate(), SharedGate()
-    stream = [block(number, source="valve") for number in range(RUN_IN)]
+
+    def at(number: int) -> dict[str, object]:
+        return {"source": "valve", "stamp": START + number * LENGTH + (7919 * number % 5 - 2) * jitter}
+
+    stream = [block(number, **at(number)) for number in range(RUN_IN)]
     stream += [
-        block(RUN_IN + number, **({"source": "valve"} | change))
+        block(RUN_IN + number, **(at(RUN_IN + number) | change))
         for number, change in enumerate(changes)
         if number not in lost
     ]

@@ -65,7 +65,7 @@ class HostNode(ManagedNode):
         ),
         NodeParameter(
             "together",
-            0.1,
+            0.2,
             "Samples of a valve that are taken together, which costs little more than one block; an estimate "
             "that falls due does not wait. 0: each block by itself, as it comes.",
             "s",

@@ -78,11 +78,11 @@ def _length(run: Block) -> float:
 
 def _goes_on(last: Block, block: Block) -> bool:
     """Return whether ``block`` follows ``last`` with no more jitter than clocks of sources have."""
-    if block.sample_period != last.sample_period:
-        return False
-    if block.stamp == last.end:  # as those that were joined do, which have the last one's sequence
-        return block.sequence > last.sequence
-    return block.sequence == last.sequence + 1 and abs(block.stamp - last.end) <= 2.0e9 * block.sample_period
+    return (
+        block.sequence == last.sequence + block.joined
+        and block.sample_period == last.sample_period
+        and abs(block.stamp - last.end) <= 2.0e9 * block.sample_period
+    )
 
 
 @dataclass(frozen=True, slots=True)

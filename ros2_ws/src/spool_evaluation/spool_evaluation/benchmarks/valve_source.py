@@ -77,14 +77,16 @@ class ValveSource:
         node.create_subscription(DiagnosticArray, "/diagnostics", self._diagnosed, qos.diagnostics())
         groups = [range(group, self.count, GROUPS) for group in range(GROUPS)]
         step = 1.0 / BLOCK_RATE / GROUPS
-        self._begin = time.monotonic()
+        self._begin, begin = time.monotonic(), time.time_ns()
         for turn in range(round(self.seconds * BLOCK_RATE) * GROUPS):
             number, group = divmod(turn, GROUPS)
             due = self._begin + (turn + 1) * step
             while (left := due - time.monotonic()) > 0.0:
                 executor.spin_once(timeout_sec=left)
             message = messages[number % len(messages)]
-            seconds, nanoseconds = divmod(time.time_ns() - round(1e9 / BLOCK_RATE), 1_000_000_000)
+            # Stamped by the clock of the acquisition: how busy this process is changes no stamp.
+            first = begin + round(1e9 * ((turn + 1) * step - 1.0 / BLOCK_RATE))
+            seconds, nanoseconds = divmod(first, 1_000_000_000)
             struct.pack_into("<iI", message, 4, seconds, nanoseconds)
             struct.pack_into("<Q", message, at, number)
             data = bytes(message)
