@@ -34,6 +34,8 @@ from .valve_timing import valve_timings
 
 #: s that the executor waits for work before it looks for a signal, and between two looks at the nodes.
 TURN, LOOK = 0.1, 0.25
+#: s that the start of a node is held up for what waits, and in which nothing comes where nothing waits.
+LONGEST_TURNS, IDLE = 1.0, 0.001
 #: s after which a callback counts as hanging: it takes a millisecond.
 LONGEST_CALL = 1.0
 #: s between two reports of the host, and times that a node that hung or would not start is started again.
@@ -172,11 +174,14 @@ class HostProcess:
             one.failed, one.due = "it cannot be started: see its log", time.monotonic() + AGAIN
 
     def _turns(self) -> None:
-        """Let the executor do what waits."""
+        """Let executor and worker do what waits, so that a start makes nothing late that runs already."""
         self._beat()
-        end = time.monotonic() + 0.01
-        while time.monotonic() < end and not STOP.requested:
-            self._executor.spin_once(timeout_sec=0.001)
+        assert HUB.worker is not None
+        end = time.monotonic() + LONGEST_TURNS
+        while not STOP.requested and (begun := time.monotonic()) < end:
+            self._executor.spin_once(timeout_sec=IDLE)
+            if time.monotonic() - begun >= IDLE and not HUB.worker.waiting:
+                return
 
     def _spin(self) -> None:
         # The events executor has no end of a spin that is not a busy one.
