@@ -59,7 +59,8 @@ def test_oil_that_warms_is_damping_that_drifts_on_an_exponential_course() -> Non
         assert numbers[name].value == pytest.approx(truth, abs=4.0 * numbers[name].standard_deviation)
 
 
-@pytest.mark.parametrize("noise", [pytest.param(0.0, marks=pytest.mark.slow), 0.03])
+@pytest.mark.slow
+@pytest.mark.parametrize("noise", [0.0, 0.03])
 def test_a_locked_spool_is_stuck_and_has_no_friction_law(noise: float) -> None:
     record = recorded("")
     read = record.body + noise * np.random.default_rng(1).standard_normal(record.body.size)
