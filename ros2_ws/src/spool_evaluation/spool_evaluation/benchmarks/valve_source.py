@@ -31,6 +31,8 @@ from spool_sim.valve.description import find_valve
 SAMPLE_RATE, BLOCK_RATE = 2000.0, 50.0
 #: Groups of valves whose blocks are due one after the other within a period: machines do not sample in step.
 GROUPS = 10
+#: s that it may be behind before it gives up.
+LONGEST_BEHIND = 20.0
 #: s after which a valve that was found counts as run in.
 RUN_IN = 20.0
 VALVE = "4weh10_soft"
@@ -81,6 +83,8 @@ class ValveSource:
         for turn in range(round(self.seconds * BLOCK_RATE) * GROUPS):
             number, group = divmod(turn, GROUPS)
             due = self._begin + (turn + 1) * step
+            if time.monotonic() - due > LONGEST_BEHIND:
+                break  # no processor is left: what was seen until now is the result
             while (left := due - time.monotonic()) > 0.0:
                 executor.spin_once(timeout_sec=left)
             message = messages[number % len(messages)]
