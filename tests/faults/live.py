@@ -37,6 +37,8 @@ STEP = PERIOD * SIZE
 #: s between faults: longer than a recorder needs to sync what it has, and to go on after a pause.
 CALM = 2.5
 PATIENCE = 120.0
+#: s within which a message is heard.
+HEARD = 0.3
 #: s between two messages of a recorder on /diagnostics.
 DIAGNOSTIC_PERIOD = 1.0
 START = 1_700_000_000_000_000_000
@@ -77,12 +79,14 @@ class Source(threading.Thread):
         for status in message.status:
             for pair in status.values:
                 if pair.key == "blocks_lost_valve_1":
-                    # A recorder that is started again counts from none.
                     count = int(pair.value)
-                    more = count - self._said if count >= self._said else count
-                    if more:
-                        self.missed.append((time.monotonic(), more))
+                    if count != self._said:
+                        self.missed.append((time.monotonic(), count - self._said))
                     self._said = count
+
+    def begin_anew(self) -> None:
+        """Expect a recorder that is started, which counts from none."""
+        self._said = 0
 
     def listen(self) -> None:
         """Hear what was said on /diagnostics."""
@@ -202,6 +206,8 @@ class Session:
         """Start the recorder again behind a fault that ended it."""
         one.down = True
         before = self._newest()
+        self.calm(HEARD)  # the one that ended has said its last
+        self.source.begin_anew()
         one.restart = time.monotonic()
         self.process = self.started()
         # A part of its own that grows: it hears.
