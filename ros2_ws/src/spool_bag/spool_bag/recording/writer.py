@@ -441,24 +441,24 @@ class BagWriter:
         except OSError as error:
             self._open = False
             self.certain = self._part.abandon(cut=True)
-            kept = self._part.good
-            if self.limits is not None and self.certain and kept == self._part.head:
-                # Nothing is in it: on a disk that stays full each try would leave one such file behind.
-                self._part.discard()
-                self.withdrawn = self._stated
-                with contextlib.suppress(OSError):
-                    write_metadata(
-                        self._folder, BagMetadata(tuple(self._parts), self._topics(), False, self._custom)
-                    )
+            if self.limits is not None and self.certain and self._part.good == self._part.head:
+                self._withdraw()
             raise RecordingError(
-                f"{self.file}: {error.strerror}; what was recorded before is kept ({kept} bytes)"
+                f"{self.file}: {error.strerror}; what was recorded before is kept ({self._part.good} bytes)"
             ) from error
+
+    def _withdraw(self) -> None:
+        """Remove the part, in which nothing is: on a disk that stays full each try would leave one behind."""
+        self._part.discard()
+        self.withdrawn = self._stated
+        with contextlib.suppress(OSError):
+            self._write_metadata(without_last=True)
 
     def _topics(self) -> tuple[TopicCount, ...]:
         return tuple(one.topic for one in self._channels)
 
-    def _write_metadata(self, *, finished: bool = False) -> None:
+    def _write_metadata(self, *, finished: bool = False, without_last: bool = False) -> None:
         self._described = time.monotonic()
-        parts = (*self._parts, self._part.count)
+        parts = (*self._parts, *(() if without_last else (self._part.count,)))
         about = BagMetadata(parts, self._topics(), finished=finished, custom=self._custom)
         write_metadata(self._folder, about)
