@@ -19,8 +19,8 @@ class Block:
     blocks since the source started, ``sample_period`` is in s, ``body`` and ``spool`` are
     accelerations in m/s^2 of shape (n,), ``source`` is the ``frame_id`` of the message: the valve's id, empty
     where it is not known. A block holds what arrived; it may be malformed:
-    :class:`~spool_stream.block_gate.BlockGate` decides. One that was ``joined`` of several has the sequence
-    of the last one.
+    :class:`~spool_stream.block_gate.BlockGate` decides. ``blocks`` is how many it was
+    joined of, 1 as a rule; ``sequence`` is that of the last one.
     """
 
     stamp: int
@@ -29,7 +29,7 @@ class Block:
     body: Samples
     spool: Samples
     source: str = ""
-    joined: int = 1
+    blocks: int = 1
 
     @property
     def end(self) -> int:
@@ -48,5 +48,5 @@ def joined(blocks: Sequence[Block]) -> Block:
         np.concatenate([block.body for block in blocks]),
         np.concatenate([block.spool for block in blocks]),
         blocks[0].source,
-        sum(block.joined for block in blocks),
+        sum(block.blocks for block in blocks),
     )

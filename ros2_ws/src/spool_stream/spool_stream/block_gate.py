@@ -274,7 +274,7 @@ class SharedGate(BlockGate):
         stamp, end, sequence, period = self.last
         size = blocks[at].body.size
         step = 1e9 * period * size
-        jitter = max(2e9 * period, 0.5 * step)  # as in _departure
+        jitter = _jitter(period, step)
         found: list[Block] = []
         for block in blocks[at : at + -(-room // max(size, 1))]:
             if (
@@ -304,14 +304,17 @@ class SharedGate(BlockGate):
     def _passed(self, blocks: Sequence[Block], whole: Block | None) -> Block:
         """Accept blocks that go on, and return them as one."""
         whole = whole or _as_one(blocks)
-        last = blocks[-1]
+        self._accept_together(whole, blocks[-1], blocks[-2] if len(blocks) > 1 else None)
+        return whole
+
+    def _accept_together(self, whole: Block, last: Block, ahead: Block | None) -> None:
+        """Accept ``whole``, the ``last`` one of its blocks and the one ahead of that, where there is one."""
         self.fault = None
-        self.before = _at(blocks[-2]) if len(blocks) > 1 else self.last
+        self.before = self.last if ahead is None else _at(ahead)
         self._accept(last, Verdict.CONTINUES)
         self.recent.advance((whole.body.size - last.body.size) * last.sample_period)
-        self.accepted += len(blocks) - 1
+        self.accepted += whole.blocks - 1
         self._admitted, self._verdict = whole, Verdict.CONTINUES
-        return whole
 
     def admit_run(self, runs: Sequence[BlockRun]) -> Block | None:
         """Accept the blocks of ``runs`` together and return them as one, which every consumer then takes.
@@ -322,20 +325,14 @@ class SharedGate(BlockGate):
         whole = joined_runs(runs)
         if malformed(whole) is not None or any(run.source and run.source != self.source for run in runs):
             return None
-        blocks, last = sum(map(len, runs)), runs[-1].last
-        if blocks > 1:
-            ahead = runs[-1].block(len(runs[-1]) - 2) if len(runs[-1]) > 1 else runs[-2].last
-            self.before = _at(ahead)
-        else:
-            self.before = self.last
-        self.fault = None
+        ahead = None
+        if len(runs[-1]) > 1:
+            ahead = runs[-1].block(len(runs[-1]) - 2)
+        elif len(runs) > 1:
+            ahead = runs[-2].last
         for run in runs:
             self.rate.take_run(run)
-        self._accept(last, Verdict.CONTINUES)
-        self.recent.advance((whole.body.size - last.body.size) * last.sample_period)
-        self.accepted += blocks - 1
-        self._admitted = whole
-        self._verdict = Verdict.CONTINUES
+        self._accept_together(whole, runs[-1].last, ahead)
         return whole
 
     def judge(self, block: Block) -> Verdict:
@@ -361,6 +358,11 @@ def _distance(place: Place, block: Block) -> int:
     return abs(block.stamp - place[1])
 
 
+def _jitter(period: float, duration: float) -> float:
+    """Return by how much (ns) clocks of sources jitter: half a block is a gap, a few samples are not."""
+    return max(2e9 * period, 0.5 * duration)
+
+
 def _departure(last: Place, block: Block) -> Fault | None:
     """Return how ``block`` departs from what was due after ``last``, or ``None`` where it continues."""
     stamp, end, sequence, period = last
@@ -371,8 +373,7 @@ def _departure(last: Place, block: Block) -> Fault | None:
     if abs(block.sample_period / period - 1.0) > 1e-6:
         return Fault.NEW_PERIOD
     duration = block.body.size * period * 1e9
-    # Clocks of sources jitter: half a block is a gap, a few samples are not.
-    jitter = max(2.0 * period * 1e9, 0.5 * duration)
+    jitter = _jitter(period, duration)
     missing = block.sequence - sequence - 1
     if missing > 0:
         # Blocks may differ in length and clocks drift: only a stamp far from the loss is not believed.

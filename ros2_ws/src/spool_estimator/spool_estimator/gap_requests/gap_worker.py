@@ -79,7 +79,7 @@ def _length(run: Block) -> float:
 def _goes_on(last: Block, block: Block) -> bool:
     """Return whether ``block`` follows ``last`` with no more jitter than clocks of sources have."""
     return (
-        block.sequence == last.sequence + block.joined
+        block.sequence == last.sequence + block.blocks
         and block.sample_period == last.sample_period
         and abs(block.stamp - last.end) <= 2.0e9 * block.sample_period
     )
