@@ -34,7 +34,8 @@ from .valve_timing import valve_timings
 
 #: s that the executor waits for work before it looks for a signal, and between two looks at the nodes.
 TURN, LOOK = 0.1, 0.25
-#: s that the start of a node is held up for what waits, and in which nothing comes where nothing waits.
+#: s that the start of a node is held up for what waits, and in which nothing comes where nothing waits. While a
+#: hundred valves began on two cores, blocks waited up to 5.7 s with 0.1 s, and up to 0.9 s with 1 s, begun as soon.
 LONGEST_TURNS, IDLE = 1.0, 0.001
 #: s after which a callback counts as hanging: it takes a millisecond.
 LONGEST_CALL = 1.0
@@ -55,6 +56,11 @@ class Hosted:
     due: float = 0.0
 
 
+#: s of samples that are taken together: 30 valves cost 0.58 core with each block by itself, 0.47 with 0.1 s, 0.34 with
+#: 0.2 s, no less with 0.3 s; an event comes later by that.
+TOGETHER = 0.2
+
+
 class HostNode(ManagedNode):
     """Node ``host``: estimators and monitors of many valves in a few processes."""
 
@@ -67,7 +73,7 @@ class HostNode(ManagedNode):
         ),
         NodeParameter(
             "together",
-            0.2,
+            TOGETHER,
             "Samples of a valve that are taken together, which costs little more than one block; an estimate "
             "that falls due does not wait. 0: each block by itself, as it comes.",
             "s",
