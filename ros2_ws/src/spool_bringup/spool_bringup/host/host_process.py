@@ -34,8 +34,8 @@ from .valve_timing import valve_timings
 
 #: s that the executor waits for work before it looks for a signal, and between two looks at the nodes.
 TURN, LOOK = 0.1, 0.25
-#: s that the start of a node is held up for what waits, and in which nothing comes where nothing waits. While a
-#: hundred valves began on two cores, blocks waited up to 5.7 s with 0.1 s, and up to 0.9 s with 1 s, begun as soon.
+#: s that the start of a node is held up for what waits, and in which nothing comes where nothing waits.
+#: While a hundred valves began on two cores, blocks waited up to 5.7 s with 0.1 s, and 0.9 s with 1 s, begun as soon.
 LONGEST_TURNS, IDLE = 1.0, 0.001
 #: s after which a callback counts as hanging: it takes a millisecond.
 LONGEST_CALL = 1.0
@@ -43,6 +43,9 @@ LONGEST_CALL = 1.0
 REPORT, TRIES = 1.0, 20
 #: s from one try to the next.
 AGAIN = 5.0
+#: s of samples that are taken together: 30 valves cost 0.58 core with each block by itself, 0.47 with 0.1 s,
+#: 0.34 with 0.2 s, no less with 0.3 s; an event comes later by that.
+TOGETHER = 0.2
 
 
 @dataclass(slots=True)
@@ -54,11 +57,6 @@ class Hosted:
     tries: int = 0
     failed: str = ""
     due: float = 0.0
-
-
-#: s of samples that are taken together: 30 valves cost 0.58 core with each block by itself, 0.47 with 0.1 s, 0.34 with
-#: 0.2 s, no less with 0.3 s; an event comes later by that.
-TOGETHER = 0.2
 
 
 class HostNode(ManagedNode):

@@ -16,6 +16,8 @@ from .finding import Finding
 FULL = 0.8
 #: s that blocks may be older when their turn comes: a period of the slowest usual source.
 OLD = 0.1
+#: s between two looks for publishers that appeared, and that are waited for ever new ones.
+LOOK, LONGEST_SETTLING = 0.1, 30.0
 #: Lines of valves that are told one by one.
 TOLD = 10
 _LEVELS = {
@@ -26,7 +28,10 @@ _LEVELS = {
 
 
 def listen(seconds: float) -> dict[str, DiagnosticStatus]:
-    """Return the last status of each task that is published within ``seconds``."""
+    """Return the last status of each task that is published within ``seconds``.
+
+    They count anew from each task and publisher that appears, as a busy machine's nodes find each other late.
+    """
     heard: dict[str, DiagnosticStatus] = {}
 
     def take(message: DiagnosticArray) -> None:
@@ -36,9 +41,13 @@ def listen(seconds: float) -> dict[str, DiagnosticStatus]:
     node = rclpy.create_node("spool_doctor")
     try:
         node.create_subscription(DiagnosticArray, "/diagnostics", take, qos.diagnostics())
-        end = time.monotonic() + seconds
-        while (left := end - time.monotonic()) > 0.0:
-            rclpy.spin_once(node, timeout_sec=left)
+        found = 0
+        end, last = (time.monotonic() + one for one in (seconds, seconds + LONGEST_SETTLING))
+        while (now := time.monotonic()) < end:
+            rclpy.spin_once(node, timeout_sec=min(end - now, LOOK))
+            there = len(heard) + node.count_publishers("/diagnostics")
+            if there > found:
+                found, end = there, min(time.monotonic() + seconds, last)
     finally:
         node.destroy_node()
         rclpy.shutdown()
