@@ -35,7 +35,7 @@ from .valve_timing import valve_timings
 #: s that the executor waits for work before it looks for a signal, and between two looks at the nodes.
 TURN, LOOK = 0.1, 0.25
 #: s that the start of a node is held up for what waits, and in which nothing comes where nothing waits.
-#: While a hundred valves began on two cores, blocks waited up to 5.7 s with 0.1 s, and 0.9 s with 1 s, begun as soon.
+#: While a hundred valves began on two cores, blocks waited up to 5.7 s with 0.1 s, and 0.9 s with 1 s.
 LONGEST_TURNS, IDLE = 1.0, 0.001
 #: s after which a callback counts as hanging: it takes a millisecond.
 LONGEST_CALL = 1.0
