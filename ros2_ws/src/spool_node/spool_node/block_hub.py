@@ -18,6 +18,9 @@ from .worker import Worker
 
 #: Blocks of a topic that may wait in a process that hosts many nodes: five seconds at 50 blocks/s.
 HOSTED_DEPTH = 250
+#: Periods of a topic without a block after which one that came waits to be heard, as this process does other
+#: work; and s after which its source is what is late.
+OVERDUE, SILENT = 2.0, 0.5
 #: s of samples that are taken together at most, where more wait: cores take less than 0.5 s at a time.
 LONGEST_TOGETHER = 0.4
 Take = Callable[[Sequence[Block]], None]
@@ -75,7 +78,8 @@ class TopicTimes:
 class _Topic:
     """Topic of a valve's blocks: its takers, and the messages whose turn has not come with their times.
 
-    ``together``: blocks that are taken together, and ``most`` of them; ``busy``: their turn is asked for.
+    ``together``: blocks that are taken together, and ``most`` of them; ``busy``: their turn is asked for;
+    ``period``: s, between two blocks, 0 before any; ``last``: when one was heard, s of the monotonic clock.
     """
 
     name: str
@@ -87,6 +91,8 @@ class _Topic:
     together: int = 1
     most: int = 1
     busy: bool = False
+    period: float = 0.0
+    last: float = -math.inf
 
 
 class BlockHub:
@@ -135,6 +141,16 @@ class BlockHub:
 
         return end
 
+    @property
+    def behind(self) -> bool:
+        """Whether blocks came that this process has not heard yet, as far as their periods tell."""
+        now = time.monotonic()
+        return any(
+            OVERDUE * topic.period < now - topic.last < SILENT
+            for topic in self._topics.values()
+            if topic.owner is not None and topic.period > 0.0
+        )
+
     def flush(self, waited: float) -> None:
         """Let blocks have their turn that have waited for others for more than ``waited`` s."""
         before = time.monotonic() - waited
@@ -150,7 +166,8 @@ class BlockHub:
             if worker is None:
                 self._take(topic, [data])
                 return
-            topic.heard.append((data, time.monotonic()))
+            topic.last = time.monotonic()
+            topic.heard.append((data, topic.last))
             if len(topic.heard) >= topic.together and not topic.busy:
                 self._ask(topic)
 
@@ -188,6 +205,7 @@ class BlockHub:
         if not (math.isfinite(length) and length > 0.0):
             topic.together = topic.most = 1
             return
+        topic.period = length
         topic.most = max(1, int(LONGEST_TOGETHER / length))
         room = min((room() for _, _, room in tuple(topic.takers)), default=0)
         topic.together = max(1, min(int(self.together / length + 1e-6), -(-room // size), topic.most))

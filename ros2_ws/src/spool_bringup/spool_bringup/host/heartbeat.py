@@ -8,21 +8,31 @@ import socket
 import struct
 import time
 
+#: Time of the last beat by the monotonic clock, s, and the process that beats.
+_BEAT = struct.Struct("<dq")
+
 
 class Heartbeat:
     """Heartbeat of so many processes, in memory that they share after a fork."""
 
     def __init__(self, count: int) -> None:
-        self._map = mmap.mmap(-1, 8 * count)
+        self._map = mmap.mmap(-1, _BEAT.size * count)
 
     def beat(self, number: int) -> None:
-        """Say that process ``number`` makes progress."""
-        struct.pack_into("<d", self._map, 8 * number, time.monotonic())
+        """Say that this process is number ``number`` and makes progress."""
+        _BEAT.pack_into(self._map, _BEAT.size * number, time.monotonic(), os.getpid())
+
+    def forget(self, number: int) -> None:
+        """Say that no process is number ``number``."""
+        _BEAT.pack_into(self._map, _BEAT.size * number, 0.0, 0)
+
+    def process(self, number: int) -> int:
+        """Return the identifier of process ``number``, 0 where it never made progress."""
+        return int(_BEAT.unpack_from(self._map, _BEAT.size * number)[1])
 
     def age(self, number: int) -> float:
         """Return how long ago process ``number`` did so, s."""
-        (at,) = struct.unpack_from("<d", self._map, 8 * number)
-        return time.monotonic() - float(at)
+        return time.monotonic() - float(_BEAT.unpack_from(self._map, _BEAT.size * number)[0])
 
 
 def notify(text: str) -> None:

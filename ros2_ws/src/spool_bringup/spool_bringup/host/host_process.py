@@ -34,9 +34,9 @@ from .valve_timing import valve_timings
 
 #: s that the executor waits for work before it looks for a signal, and between two looks at the nodes.
 TURN, LOOK = 0.1, 0.25
-#: s that the start of a node is held up for what waits, and in which nothing comes where nothing waits.
-#: While a hundred valves began on two cores, blocks waited up to 5.7 s with 0.1 s, and 0.9 s with 1 s.
-LONGEST_TURNS, IDLE = 1.0, 0.001
+#: s that the start of a node is held up at most, and at least, for what waits of the nodes that run already,
+#: and a turn of it.
+LONGEST_TURNS, TURNS, IDLE = 1.0, 0.005, 0.001
 #: s after which a callback counts as hanging: it takes a millisecond.
 LONGEST_CALL = 1.0
 #: s between two reports of the host, and times that a node that hung or would not start is started again.
@@ -135,13 +135,22 @@ class HostProcess:
         self._timer = self._node.create_timer(Ticker.STEP, ticker.run, clock=steady)
         self._diagnostics = DiagnosticPublisher(self._node, "host")
         self._reported = self._looked = time.monotonic()
+        # Each node costs more than the one before, as the middleware tells anew of all end points: what takes
+        # long is done before the first one listens. What lives then stays: no collector looks at it again.
         for valve in share(valves, self.number, self._node.value("processes")):
             for kind in (EstimatorNode, MonitorNode):
                 self._add(kind, valve)
-                # What has been begun is served while the others begin.
                 self._turns()
         gc.collect()
         gc.freeze()
+        gc.disable()
+        for one in self.hosted:
+            if one.node.value("autostart") and not one.failed:
+                self._activate(one)
+                # What listens already is served while the others begin.
+                self._turns()
+        gc.freeze()
+        gc.enable()
         notify("READY=1")
         self._node.get_logger().info(f"{len(self.hosted)} nodes of {len(self.hosted) // 2} valves")
 
@@ -164,27 +173,33 @@ class HostProcess:
         self.hosted.append(one)
         self._executor.add_node(node)
         if node.value("autostart"):
-            self._start(one)
+            self._configure(one)
 
     def _files(self) -> list[str]:
         """Return the arguments that name parameter files: they are the nodes', too."""
         pairs = zip(self.arguments, self.arguments[1:], strict=False)
         return [word for pair in pairs if pair[0] == "--params-file" for word in pair]
 
+    def _configure(self, one: Hosted) -> None:
+        if one.node.trigger_configure() != TransitionCallbackReturn.SUCCESS:
+            self._fail(one)
+
+    def _activate(self, one: Hosted) -> None:
+        if one.node.trigger_activate() != TransitionCallbackReturn.SUCCESS:
+            self._fail(one)
+
     @staticmethod
-    def _start(one: Hosted) -> None:
-        done = TransitionCallbackReturn.SUCCESS
-        if one.node.trigger_configure() != done or one.node.trigger_activate() != done:
-            one.failed, one.due = "it cannot be started: see its log", time.monotonic() + AGAIN
+    def _fail(one: Hosted) -> None:
+        one.failed, one.due = "it cannot be started: see its log", time.monotonic() + AGAIN
 
     def _turns(self) -> None:
         """Let executor and worker do what waits, so that a start makes nothing late that runs already."""
         self._beat()
         assert HUB.worker is not None
-        end = time.monotonic() + LONGEST_TURNS
-        while not STOP.requested and (begun := time.monotonic()) < end:
+        begun = time.monotonic()
+        while not STOP.requested and (now := time.monotonic()) < begun + LONGEST_TURNS:
             self._executor.spin_once(timeout_sec=IDLE)
-            if time.monotonic() - begun >= IDLE and not HUB.worker.waiting:
+            if now - begun >= TURNS and not HUB.worker.waiting and not HUB.behind:
                 return
 
     def _spin(self) -> None:
@@ -235,7 +250,9 @@ class HostProcess:
             one.node.trigger_deactivate()
         with contextlib.suppress(Exception):
             one.node.trigger_cleanup()
-        self._start(one)
+        self._configure(one)
+        if not one.failed:
+            self._activate(one)
 
     def _report(self, now: float) -> None:
         """Publish what the host does, and what each valve costs and waits."""
