@@ -27,6 +27,8 @@ print(json.dumps({"version": list(sys.version_info[:3]), "executable": base, "in
     "platform": sys.platform + " " + platform.machine()}))
 """
 WHEELS_PLATFORM = "linux x86_64"
+#: Newest Python that there are ROS 2 wheels for; a sourced ROS 2 brings its own.
+NEWEST_OF_WHEELS = (3, 13)
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,7 @@ def inspect(executable: str | Path, environment: Mapping[str, str]) -> Interpret
         )
         data = json.loads(answer.stdout)
     except (OSError, ValueError) as error:
-        raise SetupError(f"{executable} does not run: name a Python 3.10 to 3.13 in SPOOL_PYTHON") from error
+        raise SetupError(f"{executable} does not run: name a Python 3.10 or newer in SPOOL_PYTHON") from error
     data["version"] = tuple(data["version"])
     return Interpreter(**data)
 
@@ -99,9 +101,11 @@ def require_tools(python: Interpreter, wheels: bool, path: str | None) -> None:
     Raises:
         SetupError: names what is missing and how to get it.
     """
-    if not (3, 10) <= python.version[:2] <= (3, 13):
+    newest = NEWEST_OF_WHEELS if wheels else (3, 99)
+    if not (3, 10) <= python.version[:2] <= newest:
+        wanted = f"3.10 to 3.{newest[1]}" if wheels else "3.10 or newer"
         raise SetupError(
-            f"Python {python.series} at {python.executable} is not 3.10 to 3.13: name another in SPOOL_PYTHON"
+            f"Python {python.series} at {python.executable} is not {wanted}: name another in SPOOL_PYTHON"
         )
     if wheels and python.platform != WHEELS_PLATFORM:
         raise SetupError(

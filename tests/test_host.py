@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import pytest
 from spool_msgs.msg import AccelerationBlock, ModelEstimate, ValveHealth
 from spool_node import qos
-from spool_node.messages import from_block
+from spool_node.messages import from_block, to_block
 from spool_sim.excitation.presets import PRESETS
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
@@ -109,8 +109,10 @@ def _host(system: System, tmp_path: Path) -> Iterator[Callable[[str], subprocess
     valves.write_text("".join(f"- {{namespace: {name}}}\n" for name in VALVES))
     running: list[subprocess.Popen[bytes]] = []
 
-    def start(program: str, *words: str) -> subprocess.Popen[bytes]:
-        arguments = ["--ros-args", "-p", f"valves_file:={valves}"]
+    def start(program: str, *words: str, **parameters: str) -> subprocess.Popen[bytes]:
+        parameters["valves_file"] = str(valves)
+        given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
+        arguments = ["--ros-args", *given]
         with (tmp_path / "host.log").open("wb") as log:
             running.append(
                 subprocess.Popen(
@@ -180,6 +182,37 @@ def test_each_node_is_there_as_in_a_process_of_its_own(
     assert "host_1: 4 nodes" in said
     process.send_signal(signal.SIGINT)
     assert process.wait(60) == 0
+
+
+def test_a_host_runs_the_sources_itself_and_others_hear_them_as_well(
+    system: System, host: Callable[..., subprocess.Popen[bytes]]
+) -> None:
+    """What its estimators have without a message is what comes over DDS."""
+    told = estimates(system)
+    heard = system.listen(AccelerationBlock, "/valve_1/acceleration")
+    process = host(PLAIN, source="simulator")
+    system.until(lambda: all(len(one.heard) >= 5 for one in told.values()), "all valves are estimated")
+    blocks = {to_block(message).sequence for message in heard.messages}
+    assert max(blocks) - min(blocks) == len(blocks) - 1 > 100
+    for name, topic in told.items():
+        assert system.state(f"/{name}/simulator") == "active"
+        assert topic.last.lost_blocks == 0
+        assert topic.last.parameters[0].value == pytest.approx(1632.0, rel=0.02)
+    system.change("/valve_1/simulator", "deactivate")
+    system.until(lambda: told["valve_1"].last.state == ModelEstimate.STATE_STALE, "its estimate is stale")
+    assert told["valve_2"].last.state == ModelEstimate.STATE_TRACKING
+    process.send_signal(signal.SIGINT)
+    assert process.wait(60) == 0
+
+
+def test_an_unknown_source_is_refused_with_those_that_there_are(
+    host: Callable[..., subprocess.Popen[bytes]], tmp_path: Path
+) -> None:
+    process = host(PLAIN, "--processes", "2", source="nothing")
+    assert process.wait(60) == 2
+    said = (tmp_path / "host.log").read_text()
+    assert "source: no package offers 'nothing'; there are none, adapter, simulator" in said
+    assert "Traceback" not in said
 
 
 @pytest.mark.parametrize(

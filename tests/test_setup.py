@@ -143,6 +143,22 @@ class TestBeforeSetUp:
             spool(fresh, "demo", SPOOL_PYTHON=str(old)), str(old), "no working Python 3.10 to 3.13"
         )
 
+    @pytest.mark.parametrize(("distribution", "taken"), [("", False), ("lyrical", True)])
+    def test_a_newer_python_is_taken_where_a_ros_is_sourced(
+        self, fresh: Path, tmp_path: Path, distribution: str, taken: bool
+    ):
+        """The launcher alone: a stand-in says that it is a Python 3.14, for which there are no wheels."""
+        new = tmp_path / "python-new"
+        pretend = "import sys; sys.version_info = (3, 14, 0); exec(sys.argv[1])"
+        new.write_text(
+            f'#!/bin/sh\n[ "$1" = -c ] && exec "{PYTHON}" -c \'{pretend}\' "$2"\necho taken; exit 0\n'
+        )
+        new.chmod(0o755)
+        result = spool(fresh, "demo", SPOOL_PYTHON=str(new), ROS_DISTRO=distribution)
+        assert (result.stdout == "taken\n") is taken
+        if not taken:
+            assert_one_line(result, str(new), "no working Python 3.10 to 3.13")
+
     def test_python_that_is_no_program(self, fresh: Path):
         assert_one_line(
             spool(fresh, "demo", SPOOL_PYTHON="/nowhere/python"), "/nowhere/python", "is no program"

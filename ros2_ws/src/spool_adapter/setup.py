@@ -19,5 +19,9 @@ setup(
     description="Accelerometers with a ROS driver as sources of the suite.",
     license="Apache-2.0",
     # `spool_stream` has the executable: what it is called by stands below every node, and imports none.
-    entry_points={"console_scripts": [], "spool.nodes": ["adapter = spool_adapter.program:main"]},
+    entry_points={
+        "console_scripts": [],
+        "spool.nodes": ["adapter = spool_adapter.program:main"],
+        "spool.sources": ["adapter = spool_adapter.adapter_node:AdapterNode"],
+    },
 )

@@ -19,5 +19,8 @@ setup(
     maintainer_email="maintainers@spool-suite.org",
     description="Physics of a spool in a vibrating valve body.",
     license="Apache-2.0",
-    entry_points={"console_scripts": ["simulator = spool_sim.program:main"]},
+    entry_points={
+        "console_scripts": ["simulator = spool_sim.program:main"],
+        "spool.sources": ["simulator = spool_sim.simulator_node:SimulatorNode"],
+    },
 )

@@ -8,11 +8,9 @@ from collections.abc import Callable
 from typing import Any, ClassVar
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from spool_msgs.msg import AccelerationBlock
-from spool_node import qos
+from spool_node.block_publisher import BlockPublisher
 from spool_node.diagnostics import DiagnosticPublisher, Level
 from spool_node.managed_node import ManagedNode
-from spool_node.messages import from_block
 from spool_node.parameters import NodeParameter, Value
 from spool_node.running import run
 from spool_node.throttle import Throttle
@@ -102,16 +100,14 @@ class AdapterNode(ManagedNode):
         ),
     )
 
-    def __init__(self) -> None:
-        super().__init__("adapter")
+    def __init__(self, namespace: str | None = None, **options: Any) -> None:
+        super().__init__("adapter", namespace, **options)
         self._throttle = Throttle()
 
     def configure(self) -> None:
         """Read the table, make the core and the publisher."""
         self._aligner = self._new_aligner()
-        self._publisher = self.create_lifecycle_publisher(
-            AccelerationBlock, "acceleration", qos.samples_offered(self.value("block_rate"))
-        )
+        self._publisher = BlockPublisher(self, "acceleration", self.value("block_rate"))
         self._diagnostics = DiagnosticPublisher(self, self.value("valve_id"))
 
     def activate(self) -> None:
@@ -131,7 +127,7 @@ class AdapterNode(ManagedNode):
 
     def cleanup(self) -> None:
         """Let go of the publishers."""
-        self.destroy_publisher(self._publisher)
+        self._publisher.destroy()
         self._diagnostics.destroy()
 
     def refuse_change(self, changes: dict[str, Value]) -> str | None:
@@ -197,7 +193,7 @@ class AdapterNode(ManagedNode):
                 for stamp, value in found:
                     block = self._aligner.update(channel, stamp, value)
                     if block is not None:
-                        self._publisher.publish(from_block(block, block.source))
+                        self._publisher.publish(block, block.source)
 
         return take
 
@@ -212,7 +208,7 @@ class AdapterNode(ManagedNode):
         """Report about once a second, and at once where the level changes."""
         now = time.monotonic()
         self._report.silent = {one: now - self._heard.get(one, self._begin) for one in Channel}
-        self._report.listeners = self._publisher.get_subscription_count()
+        self._report.listeners = self._publisher.listeners
         self._report.advance(self._aligner, LOOK)
         status = self._report.status(self._aligner, self.get_clock().now().nanoseconds)
         self._looks += 1

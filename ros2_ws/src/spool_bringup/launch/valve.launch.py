@@ -58,6 +58,13 @@ def generate_launch_description() -> LaunchDescription:
                 "own, which suits a few valves.",
             ),
             DeclareLaunchArgument(
+                "host_sources",
+                default_value="false",
+                choices=["true", "false"],
+                description="Run the simulators or adapters in the hosts, too, which then need no messages; "
+                "with host_processes.",
+            ),
+            DeclareLaunchArgument(
                 "record",
                 default_value="true",
                 choices=["true", "false"],
@@ -117,8 +124,18 @@ def _nodes(context) -> list:
     if not hosts.isdecimal() or int(hosts) > 64:
         raise ValueError(f"host_processes: {hosts} is no number from 0 to 64")
     nodes = []
+    sources = {"simulate": "simulator", "adapt": "adapter"}
+    hosted = {"estimator", "monitor"} if int(hosts) else set()
+    own_source = {}
+    if LaunchConfiguration("host_sources").perform(context) == "true":
+        given = {flag: LaunchConfiguration(flag).perform(context) for flag in sources}
+        wanted = [name for flag, name in sources.items() if given[flag] == "true"]
+        if not int(hosts) or not wanted:
+            raise ValueError("host_sources: needs host_processes, and simulate or adapt")
+        own_source = {"source": wanted[0]}
+        hosted |= set(wanted)
     if int(hosts):
-        given = {**common, **kept, "valves_file": LaunchConfiguration("valves_file")}
+        given = {**common, **kept, **own_source, "valves_file": LaunchConfiguration("valves_file")}
         nodes.append(
             Node(
                 package="spool_bringup",
@@ -137,7 +154,7 @@ def _nodes(context) -> list:
             ("spool_sim", "simulator", own, IfCondition(LaunchConfiguration("simulate"))),
             ("spool_stream", "adapter", {}, IfCondition(LaunchConfiguration("adapt"))),
         ):
-            if int(hosts) and executable in ("estimator", "monitor"):
+            if executable in hosted:
                 continue
             nodes.append(
                 LifecycleNode(

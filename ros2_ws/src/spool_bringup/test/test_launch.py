@@ -152,6 +152,7 @@ def test_every_argument_is_described_and_defaults_exist(description: LaunchDescr
         "adapt",
         "record",
         "host_processes",
+        "host_sources",
         "respawn",
         "output",
         "state_folder",
@@ -161,7 +162,7 @@ def test_every_argument_is_described_and_defaults_exist(description: LaunchDescr
     assert all(argument.description.endswith(".") for argument in arguments.values())
     for name in ("valves_file", "params_file"):
         assert Path(arguments[name].default_value).is_file()
-    for name in ("simulate", "adapt", "record", "respawn"):
+    for name in ("simulate", "adapt", "host_sources", "record", "respawn"):
         assert arguments[name].choices == ["true", "false"]
     for name in ("use_sim_time", "autostart"):
         assert arguments[name].choices == ["", "true", "false"]
@@ -244,6 +245,16 @@ def test_a_host_takes_the_place_of_all_estimators_and_monitors(description: Laun
     assert made[0].arguments == ["--processes", "2"]
     assert not {"estimator", "monitor"} & set(executables)
     assert executables.count("recorder") == 1
+
+
+def test_a_host_runs_the_sources_on_request(description: LaunchDescription) -> None:
+    file = PACKAGE / "config" / "valves.yaml"
+    made = nodes(description, file, host_processes="2", host_sources="true", simulate="true")
+    assert [one.executable for one in made if one.executable != "adapter"] == ["host", "recorder"]
+    assert made[0].parameters[1]["source"] == "simulator"
+    for arguments in ({"host_processes": "2"}, {"simulate": "true"}):
+        with pytest.raises(ValueError, match=r"^host_sources: needs"):
+            nodes(description, file, host_sources="true", **arguments)
 
 
 @pytest.mark.parametrize("argument", ["params_file", "valves_file"])

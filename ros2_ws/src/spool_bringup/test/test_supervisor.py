@@ -114,7 +114,7 @@ def test_a_killed_process_is_begun_again_and_the_others_go_on(
     _, wrong = process.communicate(timeout=30)
     assert process.returncode == 0
     assert wrong == f"host {killed} ended with -9\n"
-    assert [len(_seen(tmp_path, number)) for number in range(3)] == [2 if n == killed else 1 for n in range(3)]
+    assert [len(_seen(tmp_path, one)) for one in range(3)] == [2 if one == killed else 1 for one in range(3)]
 
 
 def test_a_process_without_progress_is_killed_and_begun_again(start: Start, tmp_path: Path) -> None:

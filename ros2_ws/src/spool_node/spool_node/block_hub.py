@@ -7,6 +7,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from spool_msgs.msg import AccelerationBlock
@@ -25,6 +26,8 @@ OVERDUE, SILENT = 2.0, 0.5
 LONGEST_TOGETHER = 0.4
 Take = Callable[[Sequence[Block]], None]
 Room = Callable[[], int]
+#: Message as it came, or a block that a source in this process handed over.
+Heard = bytes | Block
 
 
 @dataclass(slots=True)
@@ -79,7 +82,8 @@ class _Topic:
     """Topic of a valve's blocks: its takers, and the messages whose turn has not come with their times.
 
     ``together``: blocks that are taken together, and ``most`` of them; ``busy``: their turn is asked for;
-    ``period``: s, between two blocks, 0 before any; ``last``: when one was heard, s of the monotonic clock.
+    ``period``: s, between two blocks, 0 before any; ``last``: when one was heard, s of the monotonic clock;
+    ``local``: a source in this process hands its blocks over.
     """
 
     name: str
@@ -87,12 +91,13 @@ class _Topic:
     subscription: Any = None
     owner: Any = None
     times: TopicTimes = field(default_factory=TopicTimes)
-    heard: deque[tuple[bytes, float]] = field(default_factory=deque)
+    heard: deque[tuple[Heard, float]] = field(default_factory=deque)
     together: int = 1
     most: int = 1
     busy: bool = False
     period: float = 0.0
     last: float = -math.inf
+    local: bool = False
 
 
 class BlockHub:
@@ -134,8 +139,7 @@ class BlockHub:
         def end() -> None:
             topic.takers.remove(taker)
             if topic.owner is node:
-                node.destroy_subscription(topic.subscription)
-                topic.owner = topic.subscription = None
+                self._disown(topic)
                 if topic.takers:
                     self._own(topic, topic.takers[0][0])
 
@@ -158,22 +162,57 @@ class BlockHub:
             if topic.heard and topic.heard[0][1] < before and not topic.busy and topic.owner is not None:
                 self._ask(topic)
 
+    def offer(self, name: str) -> None:
+        """Let a source of this process hand over the blocks of the full topic ``name``; no other is heard."""
+        topic = self._topics.setdefault(name, _Topic(name))
+        topic.local = True
+        self._unsubscribe(topic)
+
+    def withdraw(self, name: str) -> None:
+        """Listen to the topic ``name`` again: its source in this process ends."""
+        topic = self._topics[name]
+        topic.local = False
+        if topic.owner is not None:
+            self._own(topic, topic.owner)
+
+    def takers(self, name: str) -> int:
+        """Return how many nodes of this process take the blocks of topic ``name``."""
+        topic = self._topics.get(name)
+        return len(topic.takers) if topic is not None else 0
+
+    def hand_over(self, name: str, block: Block) -> None:
+        """Let those that take the blocks of topic ``name`` have ``block`` as if it had come as a message."""
+        topic = self._topics[name]
+        if topic.owner is not None:
+            self._hear(topic, block)
+
     def _own(self, topic: _Topic, node: Any) -> None:
-        worker = self.worker
-        profile = qos.samples_wanted(HOSTED_DEPTH) if worker is not None else qos.samples_wanted()
-
-        def hear(data: bytes) -> None:
-            if worker is None:
-                self._take(topic, [data])
-                return
-            topic.last = time.monotonic()
-            topic.heard.append((data, topic.last))
-            if len(topic.heard) >= topic.together and not topic.busy:
-                self._ask(topic)
-
         topic.together, topic.busy = 1, False
         topic.owner = node
+        if topic.local:
+            return
+        profile = qos.samples_wanted(HOSTED_DEPTH) if self.worker is not None else qos.samples_wanted()
+        hear = partial(self._hear, topic)
         topic.subscription = node.create_subscription(AccelerationBlock, topic.name, hear, profile, raw=True)
+
+    def _disown(self, topic: _Topic) -> None:
+        self._unsubscribe(topic)
+        topic.owner = None
+
+    @staticmethod
+    def _unsubscribe(topic: _Topic) -> None:
+        if topic.subscription is not None:
+            topic.owner.destroy_subscription(topic.subscription)
+            topic.subscription = None
+
+    def _hear(self, topic: _Topic, data: Heard) -> None:
+        if self.worker is None:
+            self._take(topic, [data])
+            return
+        topic.last = time.monotonic()
+        topic.heard.append((data, topic.last))
+        if len(topic.heard) >= topic.together and not topic.busy:
+            self._ask(topic)
 
     def _ask(self, topic: _Topic) -> None:
         topic.busy = True
@@ -184,7 +223,7 @@ class BlockHub:
         """Take what has come of a topic, in its turn."""
         try:
             due = topic.together
-            items: list[tuple[bytes, float]] = []
+            items: list[tuple[Heard, float]] = []
             while topic.heard and len(items) < topic.most:
                 items.append(topic.heard.popleft())
             begun = time.monotonic()
@@ -211,12 +250,12 @@ class BlockHub:
         topic.together = max(1, min(int(self.together / length + 1e-6), -(-room // size), topic.most))
 
     @staticmethod
-    def _take(topic: _Topic, messages: Sequence[bytes]) -> list[Block]:
+    def _take(topic: _Topic, messages: Sequence[Heard]) -> list[Block]:
         """Decode messages, let all takers have them, and return what they had."""
         blocks = []
         for data in messages:
             try:
-                blocks.append(decode_block(data))
+                blocks.append(data if isinstance(data, Block) else decode_block(data))
             except CdrError as error:
                 owner = topic.owner
                 if owner is not None:

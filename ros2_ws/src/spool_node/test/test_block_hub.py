@@ -75,6 +75,26 @@ def test_a_process_of_one_node_takes_each_block_as_it_comes() -> None:
     assert taker.taken == [[0], [1], [2]]
 
 
+def test_a_source_of_this_process_hands_its_blocks_over_and_no_other_is_heard() -> None:
+    hub, node, taken = BlockHub(), Node(), []
+    hub.offer("/valve_1/acceleration")
+    end = hub.subscribe(node, "acceleration", taken.extend, lambda: 1)
+    assert node.hear is None
+    samples = np.zeros(SIZE, np.float32)
+    block = Block(10**18, 7, PERIOD, samples, samples, "valve_1")
+    hub.hand_over("/valve_1/acceleration", block)
+    assert taken[0] is block
+    hub.withdraw("/valve_1/acceleration")
+    node.send(8)
+    assert [one.sequence for one in taken] == [7, 8]
+    hub.offer("/valve_1/acceleration")
+    assert node.hear is None
+    end()
+    assert hub.takers("/valve_1/acceleration") == 0
+    hub.hand_over("/valve_1/acceleration", block)
+    assert len(taken) == 2
+
+
 def test_a_host_takes_a_tenth_of_a_second_together(hosted: BlockHub) -> None:
     node, taker = Node(), Taker()
     hosted.subscribe(node, "acceleration", taker.take, lambda: taker.room)

@@ -7,11 +7,11 @@ import time
 from typing import Any, ClassVar
 
 from sensor_msgs.msg import Temperature
-from spool_msgs.msg import AccelerationBlock
 from spool_node import qos
+from spool_node.block_publisher import BlockPublisher
 from spool_node.diagnostics import DiagnosticPublisher, Level, Status, key
 from spool_node.managed_node import ManagedNode
-from spool_node.messages import from_block, to_time
+from spool_node.messages import to_time
 from spool_node.parameters import NodeParameter, Value
 from spool_node.running import run
 from spool_node.throttle import Throttle
@@ -84,8 +84,8 @@ class SimulatorNode(ManagedNode):
         NodeParameter("drift_duration", 10.0, "Time of the drift; 0: a step.", "s", 0.0, 1e6),
     )
 
-    def __init__(self) -> None:
-        super().__init__("simulator")
+    def __init__(self, namespace: str | None = None, **options: Any) -> None:
+        super().__init__("simulator", namespace, **options)
         self._simulator: Simulator | None = None
         self._started: int | None = None
         self._last_turn = 0
@@ -98,9 +98,7 @@ class SimulatorNode(ManagedNode):
         """Build the valve, the excitation and the sensors from the parameters."""
         self.compile(lambda: self._build(start_stamp=1).next_block())
         self._simulator = self._build(start_stamp=1)
-        self._publisher = self.create_lifecycle_publisher(
-            AccelerationBlock, "acceleration", qos.samples_offered(self.value("block_rate"))
-        )
+        self._publisher = BlockPublisher(self, "acceleration", self.value("block_rate"))
         self._thermometer = self.create_lifecycle_publisher(
             Temperature, "oil_temperature", qos.samples_offered(10.0)
         )
@@ -120,7 +118,7 @@ class SimulatorNode(ManagedNode):
 
     def cleanup(self) -> None:
         """Let go of publisher and valve."""
-        self.destroy_publisher(self._publisher)
+        self._publisher.destroy()
         self.destroy_publisher(self._thermometer)
         self._diagnostics.destroy()
         self._simulator = None
@@ -172,7 +170,7 @@ class SimulatorNode(ManagedNode):
     def _heard(self) -> bool:
         """Return whether as many listen as are waited for, and have for a while."""
         wanted = self.value("wait_for_subscribers")
-        if self._publisher.get_subscription_count() < wanted:
+        if self._publisher.listeners < wanted:
             self._complete = None
             return False
         if self._complete is None:
@@ -207,7 +205,7 @@ class SimulatorNode(ManagedNode):
                 if count:
                     self.get_logger().warning(f"{count} blocks dropped: the machine is too slow")
                 continue
-            self._publisher.publish(from_block(block, self._simulator.valve.id))
+            self._publisher.publish(block, self._simulator.valve.id)
 
     def _tell_temperature(self, simulator: Simulator) -> None:
         """Publish the oil's temperature about once a second, where the valve's description names the oil."""

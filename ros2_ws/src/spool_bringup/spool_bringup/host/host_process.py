@@ -29,6 +29,7 @@ from spool_node.worker import Worker
 from spool_stream.errors import InputError
 
 from .heartbeat import Heartbeat, notify
+from .sources import NONE, load_source
 from .valve_list import ListedValve, read_valves, share
 from .valve_timing import valve_timings
 
@@ -77,6 +78,12 @@ class HostNode(ManagedNode):
             "s",
             0.0,
             0.4,
+        ),
+        NodeParameter(
+            "source",
+            NONE,
+            "Source of each valve's blocks that runs in the host, which hands them over as they are: none, "
+            "simulator, adapter, or what another package offers.",
         ),
         NodeParameter("processes", 1, "Processes over which the valves are spread.", minimum=1, maximum=64),
     )
@@ -137,8 +144,11 @@ class HostProcess:
         self._reported = self._looked = time.monotonic()
         # Each node costs more than the one before, as the middleware tells anew of all end points: what takes
         # long is done before the first one listens. What lives then stays: no collector looks at it again.
-        for valve in share(valves, self.number, self._node.value("processes")):
-            for kind in (EstimatorNode, MonitorNode):
+        source = load_source(self._node.value("source"))
+        kinds = (EstimatorNode, MonitorNode, *((source,) if source is not None else ()))
+        mine = share(valves, self.number, self._node.value("processes"))
+        for valve in mine:
+            for kind in kinds:
                 self._add(kind, valve)
                 self._turns()
         gc.collect()
@@ -152,14 +162,15 @@ class HostProcess:
         gc.freeze()
         gc.enable()
         notify("READY=1")
-        self._node.get_logger().info(f"{len(self.hosted)} nodes of {len(self.hosted) // 2} valves")
+        self._node.get_logger().info(f"{len(self.hosted)} nodes of {len(mine)} valves")
 
-    def _add(self, kind: type[EstimatorNode] | type[MonitorNode], valve: ListedValve) -> None:
+    def _add(self, kind: type[ManagedNode], valve: ListedValve) -> None:
         arguments = ["--ros-args", *self._files()]
-        if valve.valve_file and kind is EstimatorNode:
-            arguments += ["-p", f"valve_file:={valve.valve_file}"]
-        if self._node.value("state_folder") and kind is MonitorNode:
-            arguments += ["-p", f"state_folder:={self._node.value('state_folder')}"]
+        taken = {parameter.name for parameter in kind.PARAMETERS}
+        own = {"valve_file": valve.valve_file, "state_folder": self._node.value("state_folder")}
+        for name, value in own.items():
+            if value and name in taken:
+                arguments += ["-p", f"{name}:={value}"]
         given = self._node.given
         arguments += [
             word

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import Enum
 from pathlib import Path
 from typing import Annotated
 
@@ -11,10 +12,20 @@ from spool_tools.console.cli_options import Force
 from spool_tools.console.command import Command
 
 
+class Source(Enum):
+    """Source of a valve's blocks."""
+
+    SIMULATOR = "simulator"
+    ADAPTER = "adapter"
+
+
 def secure(
     keystore: Annotated[Path, typer.Option(metavar="DIR", help="Keystore to make, or to add valves to.")],
     valves: Annotated[
         list[str] | None, typer.Option("--valve", metavar="NAMESPACE", help="Valve; give it again for more.")
+    ] = None,
+    source: Annotated[
+        Source | None, typer.Option("--hosted-source", help="Source of blocks that the host runs itself.")
     ] = None,
     _force: Force = False,
 ) -> None:
@@ -36,7 +47,7 @@ def secure(
         f"/{valve}/{node}": access.of_node(valve, node) for valve in names for node in access.VALVE_NODES
     }
     enclaves |= {
-        "/host": access.of_host(names),
+        "/host": access.of_host(names, source.value if source is not None else None),
         "/recorder": access.of_recorder(names),
         "/viewer": access.of_viewer(names),
         "/operator": access.of_operator(names),

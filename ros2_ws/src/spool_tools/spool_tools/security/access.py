@@ -52,11 +52,12 @@ def of_node(valve: str, node: str) -> Access:
     return _common(own) + topics
 
 
-def of_host(valves: Sequence[str]) -> Access:
-    """Return what a host of estimators and monitors needs."""
+def of_host(valves: Sequence[str], source: str | None = None) -> Access:
+    """Return what a host of estimators and monitors needs, and for a ``source`` of blocks that it runs."""
     access = _common("host") + _common("host_*")
     for valve in valves:
-        access += of_node(valve, "estimator") + of_node(valve, "monitor")
+        for node in ("estimator", "monitor", *((source,) if source is not None else ())):
+            access += of_node(valve, node)
     return access
 
 
