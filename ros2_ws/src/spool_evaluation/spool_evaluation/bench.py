@@ -24,6 +24,7 @@ BENCHMARKS: dict[str, tuple[str, ...]] = {
     "monitor": ("seed", "cases"),
     "nodes": (),
     "host": ("seconds", "valves"),
+    "record": ("seconds", "valves"),
 }
 ABOUT = (
     'Their time over ours is "times as fast", both measured in one run; times of another run or machine '
@@ -46,7 +47,7 @@ def run_bench(
         what: one of ``BENCHMARKS``.
         json: file to write.
         markdown: file for the page, as those of docs/results.
-        seconds: how long each run of ``host`` takes, and ``valves`` of how many each is.
+        seconds: how long each run of ``host`` and ``record`` takes, and ``valves`` of how many each is.
         seed: of the first record of ``gap`` and ``monitor``; their own where left out.
         cases: how many records of ``gap``, how often every kind of ``monitor``; their own where left out.
 
@@ -78,7 +79,9 @@ def run_bench(
         command = f"./spool bench {what or ''}{said} --markdown FILE".replace("  ", " ")
         # The first line of a module says what it measures.
         title = str(modules[0].__doc__).partition("\n")[0].rstrip(".") if what else "Benchmarks"
-        write_page(markdown, title, command, [*([] if what == "host" else [ABOUT]), markdown_of(rows)])
+        write_page(
+            markdown, title, command, [*([] if what in ("host", "record") else [ABOUT]), markdown_of(rows)]
+        )
 
 
 def _load(name: str) -> ModuleType:

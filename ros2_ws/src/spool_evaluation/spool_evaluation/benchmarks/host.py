@@ -21,6 +21,7 @@ from spool_stream.errors import InputError
 from spool_tools.demo.processes import Nodes
 
 from . import valve_source
+from .process_cost import family, memory, processor_time
 
 VALVES = (1, 10, 32, 100)
 #: s that blocks are sent, and how long after the start processor time is taken from.
@@ -110,13 +111,13 @@ def _measured(count: int, seconds: float, way: str) -> HostCost:
                 begin = time.monotonic()
                 _start(nodes, folder, count, way)
                 time.sleep(max(0.0, min(SETTLED, 0.5 * seconds) - (time.monotonic() - begin)))
-                family = [one for process in nodes.running.values() for one in _family(process.pid)]
-                before, from_then = sum(_processor_time(one) for one in family), time.monotonic()
+                processes = [one for process in nodes.running.values() for one in family(process.pid)]
+                before, from_then = sum(processor_time(one) for one in processes), time.monotonic()
                 time.sleep(max(1.0, begin + seconds - 3.0 - from_then))
-                cores = (sum(_processor_time(one) for one in family) - before) / (
+                cores = (sum(processor_time(one) for one in processes) - before) / (
                     time.monotonic() - from_then
                 )
-                memory, resident = (sum(one) for one in zip(*map(_memory, family), strict=True))
+                shared, resident = (sum(one) for one in zip(*map(memory, processes), strict=True))
                 if nodes.dead():
                     raise InputError(
                         f"bench host: {nodes.dead()[0]} ended: {_last_words(folder / 'nodes.log')}"
@@ -128,7 +129,7 @@ def _measured(count: int, seconds: float, way: str) -> HostCost:
         if not report.exists():
             raise InputError(f"bench host: the source failed: {_last_words(folder / 'source.log')}")
         seen = json.loads(report.read_text(encoding="utf-8"))
-    return HostCost(count, way, len(family), cores, int(memory), int(resident), seen)
+    return HostCost(count, way, len(processes), cores, int(shared), int(resident), seen)
 
 
 def _start(nodes: Nodes, folder: Path, count: int, way: str) -> None:
@@ -145,25 +146,6 @@ def _start(nodes: Nodes, folder: Path, count: int, way: str) -> None:
         words = ["--ros-args", "-r", f"__ns:=/{name}"]
         nodes.start(f"{name} estimator", "spool_estimator", "estimator", words)
         nodes.start(f"{name} monitor", "spool_monitor", "monitor", [*words, *kept])
-
-
-def _family(process: int) -> list[int]:
-    """Return ``process`` and all that it started."""
-    children = Path(f"/proc/{process}/task/{process}/children").read_text(encoding="ascii").split()
-    return [process, *(one for child in children for one in _family(int(child)))]
-
-
-def _processor_time(process: int) -> float:
-    """Return user and system time of a process, s."""
-    fields = Path(f"/proc/{process}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def _memory(process: int) -> tuple[int, int]:
-    """Return the memory of a process, B: its share of what it shares, and all that is resident."""
-    lines = Path(f"/proc/{process}/smaps_rollup").read_text(encoding="ascii").splitlines()[1:]
-    found = {name: 1024 * int(rest.split()[0]) for name, _, rest in (line.partition(":") for line in lines)}
-    return found["Pss"], found["Rss"]
 
 
 def _available() -> int:

@@ -14,6 +14,8 @@ from spool_tools.demo.processes import Nodes
 
 from spool_evaluation.results.timing import Timing
 
+from .process_cost import processor_time
+
 #: s before and during which processor time is taken.
 WARM_UP, MEASURED = 6.0, 10.0
 
@@ -42,12 +44,12 @@ def run() -> Iterator[Timing]:
                 settings = [word for parameter in parameters for word in ("-p", parameter)]
                 nodes.start(name, package, name, ["--ros-args", "-r", "__ns:=/valve_1", *settings])
             time.sleep(WARM_UP)
-            before = {name: _processor_time(process.pid) for name, process in nodes.running.items()}
+            before = {name: processor_time(process.pid) for name, process in nodes.running.items()}
             begin = time.monotonic()
             time.sleep(MEASURED)
             wall = time.monotonic() - begin
             used = {
-                name: _processor_time(process.pid) - before[name] for name, process in nodes.running.items()
+                name: processor_time(process.pid) - before[name] for name, process in nodes.running.items()
             }
             nodes.stop("simulator")
             nodes.stop("monitor", "estimator")
@@ -59,9 +61,3 @@ def run() -> Iterator[Timing]:
             )
     for name, seconds in used.items():
         yield Timing(f"{name} node at 10 kHz in blocks of 200", "one core", max(seconds, 1e-3), wall)
-
-
-def _processor_time(process: int) -> float:
-    """Return user and system time of a process, s."""
-    fields = Path(f"/proc/{process}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

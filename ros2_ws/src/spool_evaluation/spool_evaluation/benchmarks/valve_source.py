@@ -47,6 +47,7 @@ class ValveSource:
         tracking: when each valve was first told to be tracking, s after its first block was heard.
         ages: from block to estimate (s), for estimates after the first ``RUN_IN`` seconds, and before.
         lost: blocks that each estimator counts as lost.
+        blocks: that were sent of each valve.
         longest_wait: s, that a block waited for its turn in a host: while it starts, and later.
     """
 
@@ -59,6 +60,7 @@ class ValveSource:
     lost: dict[int, int] = field(default_factory=dict)
     longest_wait: dict[str, float] = field(default_factory=lambda: {"start": 0.0, "later": 0.0})
     sent: dict[int, list[float]] = field(default_factory=dict)
+    blocks: int = 0
     _begin: float = 0.0
 
     def run(self) -> None:
@@ -82,6 +84,7 @@ class ValveSource:
         self._begin, begin = time.monotonic(), time.time_ns()
         for turn in range(round(self.seconds * BLOCK_RATE) * GROUPS):
             number, group = divmod(turn, GROUPS)
+            self.blocks = number + 1 if group == GROUPS - 1 else number
             due = self._begin + (turn + 1) * step
             if time.monotonic() - due > LONGEST_BEHIND:
                 break  # no processor is left: what was seen until now is the result
@@ -145,6 +148,7 @@ class ValveSource:
             return float(np.quantile(ages, share)) if ages else None
 
         return {
+            "blocks": self.blocks,
             "estimates": len(self.ages),
             "p50_s": quantile(self.ages, 0.5),
             "p99_s": quantile(self.ages, 0.99),

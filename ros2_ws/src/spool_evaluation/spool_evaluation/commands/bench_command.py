@@ -20,9 +20,11 @@ def bench(
     markdown: Annotated[
         Path | None, typer.Option(help="Write the table as Markdown.", metavar="FILE")
     ] = None,
-    seconds: Annotated[float | None, typer.Option(help="host: of each run.", min=10.0, max=3600.0)] = None,
+    seconds: Annotated[
+        float | None, typer.Option(help="host, record: of each run.", min=10.0, max=3600.0)
+    ] = None,
     valves: Annotated[
-        list[int] | None, typer.Option(help="host: how many; as often as wanted.", min=1, max=1000)
+        list[int] | None, typer.Option(help="host, record: how many; as often as wanted.", min=1, max=1000)
     ] = None,
     _force: Force = False,
 ) -> None:
