@@ -117,6 +117,17 @@ def test_a_killed_process_is_begun_again_and_the_others_go_on(
     assert [len(_seen(tmp_path, one)) for one in range(3)] == [2 if one == killed else 1 for one in range(3)]
 
 
+def test_two_that_end_one_after_the_other_are_begun_once_each(start: Start, tmp_path: Path) -> None:
+    process = start("3")
+    _until(lambda: all(_seen(tmp_path, number) for number in range(3)))
+    for number in (1, 0):
+        os.kill(_seen(tmp_path, number)[0][0], signal.SIGKILL)
+    _until(lambda: all(len(_seen(tmp_path, number)) == 2 for number in (0, 1)))
+    process.send_signal(signal.SIGTERM)
+    process.communicate(timeout=30)
+    assert [len(_seen(tmp_path, number)) for number in range(3)] == [2, 2, 1]
+
+
 def test_a_process_without_progress_is_killed_and_begun_again(start: Start, tmp_path: Path) -> None:
     start("2")
     _until(lambda: all(_seen(tmp_path, number) for number in range(2)))

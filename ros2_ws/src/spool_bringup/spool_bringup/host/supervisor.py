@@ -6,6 +6,7 @@ goes on as the first one; all of them are the supervisor's (``PR_SET_CHILD_SUBRE
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import gc
 import os
@@ -78,13 +79,16 @@ class Supervisor:
         running = {self._heartbeat.process(number) for number in range(self._count)} | set(self._loading)
         for process in running - self._told - {0}:
             self._told.add(process)
-            os.kill(process, self._asked[-1])
+            with contextlib.suppress(ProcessLookupError):  # its end is about to be taken
+                os.kill(process, self._asked[-1])
 
     def _begin(self, numbers: Sequence[int]) -> None:
         supervisor = os.getpid()
         first, *others = numbers
         process = os.fork()
         if process:
+            for before in self._loading.values():
+                before[:] = [number for number in before if number not in numbers]
             self._loading[process] = list(numbers)
             return
         try:
@@ -156,11 +160,15 @@ class Supervisor:
         print(f"host {', '.join(map(str, numbers))} ended with {code}", file=sys.stderr, flush=True)
         self._begun = [at for at in self._begun if time.monotonic() - at < 3600.0]
         if len(self._begun) >= MOST:
+            print(f"host: {MOST} new starts within an hour, no more of this one", file=sys.stderr, flush=True)
             self._ended.update(numbers)
             return
         self._begun.append(time.monotonic())
         time.sleep(AGAIN)
-        self._begin(numbers)
+        if self._asked:
+            self._ended.update(numbers)
+        else:
+            self._begin(numbers)
 
 
 def _die_with(supervisor: int) -> None:
