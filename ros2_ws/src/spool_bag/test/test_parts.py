@@ -18,7 +18,7 @@ from spool_bag.recording.mcap_part import Output
 from spool_bag.recording.message_queue import Recorded
 from spool_bag.recording.recording import Recording, RecordingSettings
 from spool_bag.recording.signing import make_keys, signer
-from spool_bag.recording.thinning import thin
+from spool_bag.recording.thinning import older, thin
 from spool_bag.recording.verification import verify
 from spool_bag.recording.writer import BagWriter, PartLimits
 from spool_stream.block import Block
@@ -108,6 +108,7 @@ def test_the_quota_is_never_exceeded_and_the_newest_stays(tmp_path: Path, block:
 def test_a_recording_goes_on_where_it_was_cut_off(tmp_path: Path, block: MakeBlock) -> None:
     first = recorded(tmp_path / "bag", block, 700, TEN_SECONDS)
     first.flush()  # a kill: neither index nor footer
+    first.release()
     again = BagWriter(tmp_path / "bag", limits=TEN_SECONDS, resume=True)
     channel = again.add_topic("/valve_1/acceleration", ACCELERATION_BLOCK)
     for sequence in range(700, 900):
@@ -451,3 +452,141 @@ def test_a_slow_disk_holds_up_nobody_and_what_it_costs_is_stated(
 def test_a_folder_that_is_no_recording_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no recording in parts"):
         verify(tmp_path)
+
+
+def test_a_recording_under_way_whose_oldest_parts_went_is_as_it_was_written(
+    tmp_path: Path, block: MakeBlock
+) -> None:
+    writer = recorded(tmp_path / "bag", block, 2000, TEN_SECONDS)
+    assert writer.remove_oldest()
+    found = verify(tmp_path / "bag")  # neither closed nor split since
+    assert found.wrong == []
+    assert "parts 0 to 0 went by the recorder's quota" in found.notes
+    writer.close()
+
+
+def test_a_part_that_was_removed_before_a_restart_stays_named(tmp_path: Path, block: MakeBlock) -> None:
+    recorded(tmp_path / "bag", block, 1200, TEN_SECONDS).close()
+    (tmp_path / "bag" / "bag_0.mcap").unlink()
+    BagWriter(tmp_path / "bag", limits=TEN_SECONDS, resume=True).close()
+    assert verify(tmp_path / "bag").wrong == ["part 0 was removed, ahead of all others"]
+
+
+def test_an_index_that_was_edited_with_its_checksum_is_named(tmp_path: Path, block: MakeBlock) -> None:
+    """The topic's name in the summary alone, checksum left out: readers go by the summary."""
+    recorded(tmp_path / "bag", block, 1200, TEN_SECONDS).close()
+    part = tmp_path / "bag" / "bag_1.mcap"
+    data = bytearray(part.read_bytes())
+    at = data.rindex(b"/valve_1/acceleration")
+    data[at : at + 8] = b"/valve_9"
+    data[-12:-8] = bytes(4)
+    part.write_bytes(data)
+    assert verify(tmp_path / "bag").wrong == ["bag_1.mcap: its index was edited"]
+
+
+def test_parts_without_an_end_are_vouched_for_by_a_later_signature_only(
+    tmp_path: Path, block: MakeBlock
+) -> None:
+    private, public = make_keys(tmp_path / "keys")
+    sign = signer(str(private))
+    first = recorded(tmp_path / "bag", block, 100, TEN_SECONDS, sign=sign)
+    first.flush()
+    first.abandon()
+    BagWriter(tmp_path / "bag", limits=TEN_SECONDS, resume=True, sign=sign).close()
+    found = verify(tmp_path / "bag", public)
+    assert (found.wrong, found.signed) == ([], 1)
+    for _ in range(2):  # somebody without the key adds two
+        forged = BagWriter(tmp_path / "bag", limits=TEN_SECONDS, resume=True)
+        forged.write(forged.add_topic("/valve_1/text", KIND), START, TEXT)
+        forged.flush()
+        forged.abandon()
+    found = verify(tmp_path / "bag", public)
+    assert [line.partition(":")[0] for line in found.wrong] == ["bag_2.mcap"]
+    assert "bag_3.mcap: nobody has signed it yet" in found.notes
+
+
+def test_one_recorder_writes_in_a_folder(tmp_path: Path, block: MakeBlock) -> None:
+    first = recorded(tmp_path / "bag", block, 10, TEN_SECONDS)
+    with pytest.raises(InputError, match="another recorder writes in it"):
+        BagWriter(tmp_path / "bag", limits=TEN_SECONDS, resume=True)
+    first.close()
+    BagWriter(tmp_path / "bag", limits=TEN_SECONDS, resume=True).close()
+
+
+def test_a_part_that_cannot_be_read_keeps_nothing_from_going_on(tmp_path: Path, block: MakeBlock) -> None:
+    recorded(tmp_path / "bag", block, 700, TEN_SECONDS).close()
+    (tmp_path / "bag" / "bag_1.mcap").unlink()
+    (tmp_path / "bag" / "bag_1.mcap").mkdir()  # it raises an OSError, as a bad sector does
+    again = BagWriter(tmp_path / "bag", limits=TEN_SECONDS, resume=True)
+    channel = again.add_topic("/valve_1/acceleration", ACCELERATION_BLOCK)
+    again.write(channel, START + 700 * STEP, encode_block(block(700), "valve_1"))
+    again.close()
+    (wrong,) = verify(tmp_path / "bag").wrong
+    assert wrong.startswith("bag_1.mcap: it cannot be read")
+    assert sequences(tmp_path / "bag" / "bag_2.mcap") == [700]
+
+
+def test_small_parts_hold_more_than_a_message(tmp_path: Path, block: MakeBlock) -> None:
+    recorded(tmp_path / "bag", block, 20_000, PartLimits(size=1_000_000)).close()
+    sizes = [path.stat().st_size for path in tmp_path.glob("bag/*.mcap")]
+    assert 1 < len(sizes) < 20
+    assert max(sizes) <= 1_000_000
+
+
+@pytest.mark.parametrize("where", ["_free", "_is_gone", "numbered"])
+def test_whatever_call_fails_on_a_bad_disk_recording_goes_on_after_it(
+    tmp_path: Path, block: MakeBlock, monkeypatch: pytest.MonkeyPatch, where: str
+) -> None:
+    failing, real = [False], getattr(recording_module, where)
+
+    def fails(path: Path) -> object:
+        if failing[0]:
+            raise OSError(5, "Input/output error")
+        return real(path)
+
+    monkeypatch.setattr(recording_module, where, fails)
+    if where == "numbered":  # it is asked while there is no room only
+        monkeypatch.setattr(recording_module, "_free", lambda _: 10 if failing[0] else 10**12)
+    monkeypatch.setattr(recording_module, "RETRY", 0.01)
+    one = Recording(tmp_path / "bag", RecordingSettings(TEN_SECONDS, 1000, flush_interval=0.05), Quiet())
+    for sequence in range(100):
+        one.put(message(block, sequence))
+    wait_for(lambda: one.state.messages == 100)
+    failing[0] = True
+    wait_for(lambda: one.state.paused != "")
+    for sequence in range(100, 200):
+        one.put(message(block, sequence))
+    failing[0] = False
+    wait_for(lambda: one.state.paused == "" and one.state.messages == 200)
+    assert one.close(60.0)
+    assert sequences(tmp_path / "bag") == list(range(200))
+    assert one.lost == {}
+
+
+def test_a_machine_that_is_switched_on_with_a_full_disk_records_once_there_is_room(
+    tmp_path: Path, block: MakeBlock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorded(tmp_path / "bag", block, 100, TEN_SECONDS).close()
+    full = [True]
+    fill(monkeypatch, lambda: full[0])
+    one = Recording(tmp_path / "bag", RecordingSettings(TEN_SECONDS, resume=True), Quiet())
+    assert "No space left" in one.state.paused
+    one.put(message(block, 100))
+    full[0] = False
+    wait_for(lambda: one.state.messages == 1)
+    assert one.close(60.0)
+    assert sequences(tmp_path / "bag") == list(range(101))
+
+
+def test_a_clock_that_jumps_makes_no_part_old(tmp_path: Path, block: MakeBlock) -> None:
+    """A year ahead between two parts: what is thinned cannot be had back."""
+    writer = recorded(tmp_path / "bag", block, 600, TEN_SECONDS)
+    year = 365 * 86_400 * 10**9
+    channel = writer.add_topic("/valve_1/acceleration", ACCELERATION_BLOCK)
+    for sequence in range(600, 1200):
+        one = encode_block(block(sequence), "valve_1")
+        writer.write(channel, START + year + sequence * STEP, one)
+    assert len(writer.finished_parts) == 3
+    assert older(writer, 30 * 86_400e9) == []
+    assert len(older(writer, 1e9)) == 3
+    writer.close()

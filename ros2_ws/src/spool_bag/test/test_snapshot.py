@@ -19,6 +19,7 @@ from spool_bag.recording.snapshot import (
     SnapshotKeeper,
 )
 from spool_bag.recording.snapshot_writer import SnapshotWriter
+from spool_bag.recording.writer import BagWriter, PartLimits
 from spool_stream.block import Block
 from spool_stream.format.cdr import encode_block
 
@@ -209,6 +210,23 @@ def test_of_more_than_allowed_the_oldest_go(
     kept = sorted(path.name[-7:] for path in (tmp_path / "snapshots").iterdir())
     assert kept == ["221340Z", "221345Z"]
     assert sum("is removed: snapshot_limit" in record.message for record in caplog.records) == 2
+
+
+def test_what_is_no_snapshot_never_goes_for_one(writer: SnapshotWriter, tmp_path: Path) -> None:
+    """A recording in parts, even one that is named like a snapshot, and any other folder."""
+    folder = tmp_path / "snapshots"
+    names = ["press_4", "valve_1_resonance_20200101T000000Z"]
+    for name in names:
+        recording = BagWriter(folder / name, limits=PartLimits())
+        recording.write(recording.add_topic("/valve_1/text", "std_msgs/msg/String"), 1, b"\0\1\0\0\1\0\0\0\0")
+        recording.close()
+    (folder / "other_thing_20200101T000000Z").mkdir()
+    for message in [*(block(number) for number in range(250)), event(4.9)]:
+        writer.keeper.take(message)
+    writer.watch(START + 100 * SECOND, 1)
+    writer.close()
+    assert {path.name for path in folder.iterdir()} > {*names, "other_thing_20200101T000000Z"}
+    assert writer.written == 1
 
 
 def test_a_folder_that_cannot_be_made_is_said(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

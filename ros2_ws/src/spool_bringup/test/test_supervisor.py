@@ -11,13 +11,16 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from spool_bringup.host.first_list import FirstList
+from spool_stream.errors import InputError
 
 #: Each process says its number and its identifier, then beats until a signal ends it, or as its number says.
 PROGRAM = """
 import os, sys, time, signal
 from spool_bringup.host import supervisor
 
-supervisor.AGAIN, supervisor.LONGEST_SILENCE, supervisor.LOOK = 0.05, 1.0, 0.05
+supervisor.AGAIN, supervisor.LONGEST_AGAIN = 0.05, 0.1
+supervisor.LONGEST_SILENCE, supervisor.LOOK = 1.0, 0.05
 folder, count, codes = sys.argv[1], int(sys.argv[2]), dict(map(int, one.split(":")) for one in sys.argv[3:])
 
 
@@ -113,7 +116,7 @@ def test_a_killed_process_is_begun_again_and_the_others_go_on(
     process.send_signal(signal.SIGTERM)
     _, wrong = process.communicate(timeout=30)
     assert process.returncode == 0
-    assert wrong == f"host {killed} ended with -9\n"
+    assert wrong == f"host {killed} ended with -9: begun again in 0.05 s\n"
     assert [len(_seen(tmp_path, one)) for one in range(3)] == [2 if one == killed else 1 for one in range(3)]
 
 
@@ -142,10 +145,35 @@ def test_a_refused_start_ends_all_with_2(start: Start) -> None:
     assert process.returncode == 2
 
 
-def test_what_ends_at_once_is_begun_twenty_times_and_no_more(start: Start, tmp_path: Path) -> None:
-    process = start("1", "0:1")
-    process.communicate(timeout=60)
-    assert len(_seen(tmp_path, 0)) == 21
+def test_what_ends_every_time_is_begun_again_ever_later_and_costs_the_others_nothing(
+    start: Start, tmp_path: Path
+) -> None:
+    process = start("2", "0:1")
+    _until(lambda: len(_seen(tmp_path, 0)) >= 4)
+    process.send_signal(signal.SIGTERM)
+    _, wrong = process.communicate(timeout=60)
+    assert process.returncode == 0
+    assert len(_seen(tmp_path, 1)) == 1
+    waits = [line.split()[-2] for line in wrong.splitlines()]
+    assert waits[:3] == ["0.05", "0.1", "0.1"]
+
+
+def test_a_list_of_valves_is_that_of_the_start_whatever_becomes_of_the_file(tmp_path: Path) -> None:
+    file = tmp_path / "valves.yaml"
+    file.write_text("- {namespace: valve_1}\n- {namespace: valve_2, valve_file: a.yaml}\n")
+    kept = FirstList()
+    first = kept.read(str(file))
+    file.write_text("- {name")
+    assert kept.read(str(file)) == first
+    assert [(one.namespace, one.valve_file) for one in first] == [("valve_1", ""), ("valve_2", "a.yaml")]
+
+
+def test_a_list_that_is_refused_is_read_once_more(tmp_path: Path) -> None:
+    file, kept = tmp_path / "valves.yaml", FirstList()
+    with pytest.raises(InputError):
+        kept.read(str(file))
+    file.write_text("- {namespace: valve_1}\n")
+    assert [one.namespace for one in kept.read(str(file))] == ["valve_1"]
 
 
 def test_a_killed_supervisor_takes_its_processes_along(start: Start, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections import deque
@@ -15,6 +16,7 @@ from spool_stream.block import Block
 from spool_stream.format.cdr import CdrError, decode_block
 
 from . import qos
+from .throttle import Throttle
 from .worker import Worker
 
 #: Blocks of a topic that may wait in a process that hosts many nodes: five seconds at 50 blocks/s.
@@ -52,6 +54,7 @@ class TopicTimes:
     age: float = 0.0
     blocks_lost: int = 0
     sequence: int = -1
+    end: int = 0
     _told: tuple[int, int, int, float] = (0, 0, 0, 0.0)
 
     def since(self) -> TopicTimes:
@@ -72,9 +75,15 @@ class TopicTimes:
             self.late += len(blocks) if done - due > length > 0.0 else 0
             self.age = time.time() - (done - begun) - 1e-9 * last.stamp - length
         for block in blocks:
-            if self.sequence >= 0:
-                self.blocks_lost += max(0, block.sequence - self.sequence - 1)
-            self.sequence = block.sequence
+            missing = block.sequence - self.sequence - 1
+            # Stamps leave room for what is lost: else it is another source, or one that began anew.
+            if (
+                self.sequence >= 0
+                and missing > 0
+                and 1e-9 * (block.stamp - self.end) > 0.5 * missing * length
+            ):
+                self.blocks_lost += missing
+            self.sequence, self.end = block.sequence, block.end
 
 
 @dataclass(slots=True)
@@ -91,13 +100,14 @@ class _Topic:
     subscription: Any = None
     owner: Any = None
     times: TopicTimes = field(default_factory=TopicTimes)
-    heard: deque[tuple[Heard, float]] = field(default_factory=deque)
+    heard: deque[tuple[Heard, float]] = field(default_factory=partial(deque, maxlen=HOSTED_DEPTH))
     together: int = 1
     most: int = 1
     busy: bool = False
     period: float = 0.0
     last: float = -math.inf
     local: bool = False
+    throttle: Throttle = field(default_factory=Throttle)
 
 
 class BlockHub:
@@ -134,16 +144,25 @@ class BlockHub:
         topic.takers.append(taker)
         if topic.owner is None:
             topic.heard.clear()
+            topic.times.sequence = -1  # what was not wanted meanwhile is not lost
             self._own(topic, node)
+        return lambda: self._end(topic, taker)
 
-        def end() -> None:
-            topic.takers.remove(taker)
-            if topic.owner is node:
-                self._disown(topic)
-                if topic.takers:
-                    self._own(topic, topic.takers[0][0])
+    def give_up(self, node: Any) -> None:
+        """Let others have the blocks of the topics of ``node``, which hangs."""
+        for topic in self._topics.values():
+            for taker in [one for one in topic.takers if one[0] is node]:
+                self._end(topic, taker)
 
-        return end
+    def _end(self, topic: _Topic, taker: tuple[Any, Take, Room]) -> None:
+        if taker not in topic.takers:
+            return  # it was given up
+        topic.takers.remove(taker)
+        if topic.owner is taker[0]:
+            self._unsubscribe(topic)
+            topic.owner = None
+            if topic.takers:
+                self._own(topic, topic.takers[0][0])
 
     @property
     def behind(self) -> bool:
@@ -159,8 +178,9 @@ class BlockHub:
         """Let blocks have their turn that have waited for others for more than ``waited`` s."""
         before = time.monotonic() - waited
         for topic in self._topics.values():
-            if topic.heard and topic.heard[0][1] < before and not topic.busy and topic.owner is not None:
-                self._ask(topic)
+            with contextlib.suppress(IndexError):  # the worker took them meanwhile
+                if topic.heard[0][1] < before and not topic.busy:
+                    self._ask(topic)
 
     def offer(self, name: str) -> None:
         """Let a source of this process hand over the blocks of the full topic ``name``; no other is heard."""
@@ -171,6 +191,8 @@ class BlockHub:
     def withdraw(self, name: str) -> None:
         """Listen to the topic ``name`` again: its source in this process ends."""
         topic = self._topics[name]
+        if not topic.local:
+            return
         topic.local = False
         if topic.owner is not None:
             self._own(topic, topic.owner)
@@ -195,10 +217,6 @@ class BlockHub:
         hear = partial(self._hear, topic)
         topic.subscription = node.create_subscription(AccelerationBlock, topic.name, hear, profile, raw=True)
 
-    def _disown(self, topic: _Topic) -> None:
-        self._unsubscribe(topic)
-        topic.owner = None
-
     @staticmethod
     def _unsubscribe(topic: _Topic) -> None:
         if topic.subscription is not None:
@@ -215,9 +233,10 @@ class BlockHub:
             self._ask(topic)
 
     def _ask(self, topic: _Topic) -> None:
-        topic.busy = True
-        assert self.worker is not None
-        self.worker.put(topic.owner, self._run, topic)
+        owner = topic.owner  # another thread may end it between two looks
+        if owner is not None and self.worker is not None:
+            topic.busy = True
+            self.worker.put(owner, self._run, topic)
 
     def _run(self, topic: _Topic) -> None:
         """Take what has come of a topic, in its turn."""
@@ -235,7 +254,7 @@ class BlockHub:
                 topic.times.take(blocks, asked, begun, time.monotonic())
         finally:
             topic.busy = False
-        if len(topic.heard) >= topic.together and topic.owner is not None:
+        if len(topic.heard) >= topic.together:
             self._ask(topic)
 
     def _plan(self, topic: _Topic, last: Block) -> None:
@@ -257,9 +276,9 @@ class BlockHub:
             try:
                 blocks.append(data if isinstance(data, Block) else decode_block(data))
             except CdrError as error:
-                owner = topic.owner
-                if owner is not None:
-                    owner.get_logger().warning(f"{topic.name}: a message is no block: {error}")
+                owner, count = topic.owner, topic.throttle.take("no block")
+                if owner is not None and count:
+                    owner.get_logger().warning(f"{topic.name}: {count} messages are no blocks: {error}")
         if blocks:
             for _, take, _ in tuple(topic.takers):
                 take(blocks)

@@ -27,6 +27,7 @@ class BlockPublisher:
             AccelerationBlock, topic, qos.samples_offered(blocks_per_second)
         )
         self._topic = node.resolve_topic_name(topic)
+        self._there = True
         HUB.offer(self._topic)
 
     @property
@@ -45,6 +46,9 @@ class BlockPublisher:
             self._publisher.publish(from_block(block, valve_id))
 
     def destroy(self) -> None:
-        """Send no more; nodes of this process listen to other publishers again."""
+        """Send no more; nodes of this process listen to other publishers again. Once more does nothing."""
+        if not self._there:
+            return
+        self._there = False
         HUB.withdraw(self._topic)
         self._node.destroy_publisher(self._publisher)

@@ -8,11 +8,13 @@ import gc
 import threading
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, ClassVar, ParamSpec, TypeVar
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import QoSProfile
@@ -27,8 +29,9 @@ from .ticker import Ticker
 
 #: s of compiling after which it is said: kernels that are cached are loaded in less.
 COMPILES = 3.0
-#: s that a callback waits for another one of the same node, which takes less than a millisecond.
-LONGEST_WAIT = 0.05
+#: s that a request or a transition waits for what another thread does with the same node: a state file on a
+#: slow disk takes as long.
+LONGEST_WAIT = 5.0
 
 Message = TypeVar("Message")
 P = ParamSpec("P")
@@ -62,6 +65,7 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
     def __init__(self, name: str = "node", namespace: str | None = None, **options: Any) -> None:
         super().__init__(name, namespace=namespace, **options)
         self._lock = threading.RLock()
+        self._left: deque[Callable[[], None]] = deque()
         self._while_active: list[Callable[[], object]] = []
         self._table = {parameter.name: parameter for parameter in (AUTOSTART, *self.PARAMETERS)}
         self._configured = False
@@ -70,11 +74,15 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         self.add_on_set_parameters_callback(self._judge_change)
         self.add_post_set_parameters_callback(self._apply_change)
 
+    #: Whether its host gave it up as hanging: it takes nothing until that has begun it again.
+    given_up = False
     #: Whether a thread compiles, which can't be stopped: the process has to end without waiting for it.
     compiling = False
     #: Whether it is the only node of its process, and the ticker of one that hosts many.
     alone = True
     ticker: ClassVar[Ticker | None] = None
+    #: Called now and then where something takes long, so that nobody takes it for hanging.
+    beat: ClassVar[Callable[[], None] | None] = None
 
     # What a subclass overrides.
 
@@ -147,22 +155,30 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
     def serve(self, service_type: Any, name: str, answer: Callable[[Any, Any], Any]) -> Any:
         """Offer a service while active; ``answer`` gets request and response and returns the response.
 
-        What it raises is logged; an :class:`InputError` is a refusal, said in the response's ``reason``.
+        What it raises is logged; an :class:`InputError` is a refusal, said in the response's ``reason``, or
+        ``message`` as standard services have it.
         """
 
         def guarded(request: Any, response: Any) -> Any:
             try:
-                return answer(request, response)
+                with self._alone_in_it():
+                    return answer(request, response)
             except InputError as error:
-                response.success, response.reason = False, str(error)
+                said = str(error)
             except Exception as error:
                 self._log_failure(f"{name} failed", error)
-                response.success, response.reason = False, f"{name} failed: see the node's log"
+                said = f"{name} failed: see the node's log"
+            response.success = False
+            setattr(response, "reason" if hasattr(response, "reason") else "message", said)
             return response
 
         service = self.create_service(service_type, name, guarded)
         self._while_active.append(lambda: self.destroy_service(service))
         return service
+
+    def destroy_publisher(self, publisher: Any) -> bool:
+        """Destroy a publisher, one of the life cycle as well."""
+        return bool(self.destroy_lifecycle_publisher(publisher))
 
     def abandon(self) -> None:
         """Let go of what an interrupted transition made; what it had not made yet is no fault."""
@@ -194,6 +210,8 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         thread.start()
         while thread.is_alive():
             thread.join(0.1)
+            if ManagedNode.beat is not None:
+                ManagedNode.beat()
             if not told and time.monotonic() - begin > COMPILES:
                 self.get_logger().info("compiling the numerical kernels: about a minute, once")
                 told = True
@@ -264,7 +282,8 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
     ) -> TransitionCallbackReturn | None:
         """Run ``hook``; return FAILURE where it raised, else ``None``."""
         try:
-            hook()
+            with self._alone_in_it():
+                hook()
         except Exception as error:
             self._log_failure(f"can't {name}", error)
             if undo is not None:
@@ -277,6 +296,11 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
             self._while_active.pop()()
 
     @property
+    def is_inactive(self) -> bool:
+        """Whether it is configured and not active."""
+        return bool(self._state_machine.current_state[1] == "inactive")
+
+    @property
     def busy(self) -> bool:
         """Whether a callback of it runs on another thread."""
         if not self._lock.acquire(blocking=False):
@@ -284,21 +308,65 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         self._lock.release()
         return False
 
+    def give_up(self) -> None:
+        """Take nothing any more, as a callback hangs, until :meth:`admit`."""
+        self.given_up = True
+        self._left.clear()
+
+    def admit(self) -> None:
+        """Take what comes again."""
+        self.given_up = False
+
     def _guarded(self, callback: Callable[P, None]) -> Callable[P, None]:
         # wraps: rclpy tells callbacks with message info apart by their signature.
         @functools.wraps(callback)
         def guarded(*arguments: P.args, **named: P.kwargs) -> None:
-            # Only where a process hosts many nodes do two threads call the same one.
-            if not self._lock.acquire(timeout=LONGEST_WAIT):
-                return  # it hangs, which its host has noticed or will
+            if self.given_up:
+                return
+            # Only where a process hosts many nodes do two threads call the same one. Neither waits for the
+            # other: what comes meanwhile is left to the one that is at it.
+            self._left.append(lambda: callback(*arguments, **named))
+            self._run_left()
+
+        return guarded
+
+    def _run_left(self) -> None:
+        while self._left and self._lock.acquire(blocking=False):
             try:
-                callback(*arguments, **named)
-            except Exception as error:
-                self._log_failure("a message could not be handled", error)
+                while self._left and not self.given_up:
+                    try:
+                        self._left.popleft()()
+                    except Exception as error:
+                        self._log_failure("a message could not be handled", error)
+                if self.given_up:
+                    self._left.clear()
             finally:
                 self._lock.release()
 
-        return guarded
+    @contextlib.contextmanager
+    def _alone_in_it(self) -> Iterator[None]:
+        """Hold up callbacks of this node on other threads.
+
+        Raises:
+            InputError: one of them does not end.
+        """
+        if self.given_up or not self._lock.acquire(timeout=LONGEST_WAIT):
+            name = self.get_fully_qualified_name()
+            raise InputError(f"{name}: a callback does not return: try again later")
+        try:
+            yield
+        finally:
+            self._lock.release()
+            self._run_left()
+
+    def _LifecycleNodeMixin__on_change_state(self, request: Any, response: Any) -> Any:  # noqa: N802
+        """Answer a transition that the present state does not have: rclpy would end the process."""
+        try:
+            return super()._LifecycleNodeMixin__on_change_state(request, response)
+        except rclpy_implementation.RCLError as error:
+            self.get_logger().warning(f"transition refused: {' '.join(str(error).split())}")
+            response.success = False
+            return response
 
     def _log_failure(self, what: str, error: Exception) -> None:
         text = str(error) if isinstance(error, InputError) else traceback.format_exc()
@@ -330,7 +398,12 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         if not changes:
             return
         said = ", ".join(f"{name} from {self._present[name]} to {value}" for name, value in changes.items())
+        try:
+            with self._alone_in_it():
+                self.apply_change(changes)
+        except InputError as error:
+            self._log_failure("a change of parameters takes no effect", error)
+            return
         self._present.update(changes)
-        self.apply_change(changes)
         # Who asked is not told by ROS 2; the change itself travels on /parameter_events as well.
         self.get_logger().info(f"parameters changed: {said}")

@@ -27,7 +27,7 @@ from .stopping import STOP, Phase, StopRequested
 SIGNAL_LATENCY = 0.2
 
 #: What rclpy raises about arguments, parameter files, names and variables: for the user, in one line.
-_REFUSED = (
+REFUSED = (
     rclpy_implementation.RCLError,
     rclpy_implementation.UnknownROSArgsError,
     NameValidationException,
@@ -64,8 +64,8 @@ def run(node_class: type[ManagedNode], arguments: Sequence[str] | None = None) -
         code = 0 if started else 2
     except StopRequested:
         pass
-    except (InputError, *_REFUSED) as error:
-        _say(_one_line(error))
+    except (InputError, *REFUSED) as error:
+        _say(one_line(error))
         code = 2
     STOP.phase = Phase.ENDING
     _end(node, executor)
@@ -78,7 +78,7 @@ def run(node_class: type[ManagedNode], arguments: Sequence[str] | None = None) -
     return code
 
 
-def _one_line(error: Exception) -> str:
+def one_line(error: Exception) -> str:
     """Return what is wrong with arguments or parameters, without the places in rcl's own sources."""
     text = re.sub(r", at /\S+:\d+", "", " ".join(str(error).split()))
     if isinstance(error, rclpy_implementation.UnknownROSArgsError):
@@ -133,7 +133,7 @@ def _end(node: ManagedNode | None, executor: Executor | None) -> None:
     if node is not None:
         try:
             node.trigger_shutdown()
-        except _REFUSED:  # in the middle of a transition
+        except REFUSED:  # in the middle of a transition
             node.abandon()
         node.destroy_node()
     # A process that analyses is not waited for: what it is at is lost.

@@ -2,13 +2,35 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import queue
 import threading
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
+
+#: Owner of the job with which a worker ends.
+_END = object()
+
+
+#: s that a job may wait for the disk, as state files on a slow one take seconds.
+LONGEST_DISK = 30.0
+_THREAD = threading.local()
+
+
+@contextlib.contextmanager
+def waiting_for_disk() -> Iterator[None]:
+    """Say that the job of this thread waits for the disk meanwhile: it does not hang."""
+    worker: Worker | None = getattr(_THREAD, "worker", None)
+    if worker is not None:
+        worker.excuse(LONGEST_DISK)
+    try:
+        yield
+    finally:
+        if worker is not None:
+            worker.excuse(0.0)
 
 
 class HangError(BaseException):
@@ -48,6 +70,11 @@ class Worker:
             return None
         return current[0]
 
+    def excuse(self, seconds: float) -> None:
+        """Count the job that runs as hanging only in so many s."""
+        if self._current is not None:
+            self._current = self._current[0], time.monotonic() + seconds
+
     def give_up(self, owner: object) -> None:
         """Leave the job of ``owner`` that hangs, and go on with those of others."""
         self._refused.add(id(owner))
@@ -64,7 +91,7 @@ class Worker:
 
     def close(self, timeout: float = 2.0) -> None:
         """Run what waits and end."""
-        self.put(None, lambda _: None, None)
+        self.put(_END, lambda _: None, None)
         self._thread.join(timeout)
 
     def _begun(self) -> threading.Thread:
@@ -74,11 +101,11 @@ class Worker:
         return thread
 
     def _run(self) -> None:
-        me = threading.current_thread()
+        me, _THREAD.worker = threading.current_thread(), self
         try:
             while True:
                 owner, job, argument = self._jobs.get()
-                if owner is None:
+                if owner is _END:
                     return
                 if id(owner) in self._refused:
                     continue

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from spool_node.block_hub import BlockHub
+from spool_node.block_hub import HOSTED_DEPTH, BlockHub
 from spool_node.worker import Worker
 from spool_stream.block import Block
 from spool_stream.format.cdr import encode_block
@@ -160,3 +160,25 @@ def test_a_message_that_is_no_block_costs_no_other(hosted: BlockHub) -> None:
     taker.wait(1)
     assert taker.taken == [[0]]
     assert len(said) == 1
+
+
+def test_what_nobody_takes_any_more_does_not_pile_up(hosted: BlockHub) -> None:
+    """A job that never returns keeps its topic's turn; the others of the topic have the blocks then."""
+    hanging, node, taker = Node(), Node(), Taker()
+    release = threading.Event()
+    hosted.subscribe(hanging, "acceleration", lambda _: release.wait(), lambda: 1)
+    hanging.send(0)
+    send = hanging.hear
+    assert send is not None
+    data = encode_block(Block(10**18, 1, PERIOD, *[np.zeros(SIZE, np.float32)] * 2), "valve_1")
+    for _ in range(3 * HOSTED_DEPTH):
+        send(data)
+    assert hosted.times["/valve_1/acceleration"].waiting <= HOSTED_DEPTH
+    hosted.subscribe(node, "acceleration", taker.take, lambda: taker.room)
+    assert hosted.worker is not None
+    hosted.worker.give_up(hanging)
+    hosted.give_up(hanging)
+    node.send(2000)
+    taker.wait(1)
+    assert taker.taken[-1][-1] == 2000
+    release.set()

@@ -137,3 +137,14 @@ def test_an_exception_in_a_callback_is_logged_and_the_node_lives(probe: Start, o
     log = end(process)[1]
     assert "RuntimeError: heard a word that breaks" in log
     assert log.count("a message could not be handled") == 1
+
+
+def test_a_transition_that_the_state_does_not_have_is_refused_and_the_node_lives_on(
+    probe: Start, observer: Any
+) -> None:
+    process = probe()
+    observer.until(lambda: "tick" in observer.heard, "a tick")
+    assert not observer.change("configure")  # it is active
+    observer.heard.clear()
+    observer.until(lambda: "tick" in observer.heard, "a further tick")
+    assert "transition refused" in end(process)[1]

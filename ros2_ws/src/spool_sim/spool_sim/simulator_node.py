@@ -96,7 +96,7 @@ class SimulatorNode(ManagedNode):
 
     def configure(self) -> None:
         """Build the valve, the excitation and the sensors from the parameters."""
-        self.compile(lambda: self._build(start_stamp=1).next_block())
+        self.compile(self._compile_motion)
         self._simulator = self._build(start_stamp=1)
         self._publisher = BlockPublisher(self, "acceleration", self.value("block_rate"))
         self._thermometer = self.create_lifecycle_publisher(
@@ -166,6 +166,9 @@ class SimulatorNode(ManagedNode):
             body_sensor=Sensor(gain_error=self.value("body_gain_error"), noise=self.value("noise")),
             spool_sensor=Sensor(gain_error=self.value("spool_gain_error"), noise=self.value("noise")),
         )
+
+    def _compile_motion(self) -> None:
+        self._build(start_stamp=1).next_block()
 
     def _heard(self) -> bool:
         """Return whether as many listen as are waited for, and have for a while."""

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import multiprocessing
+import multiprocessing.connection
 import os
 import re
 import signal
+import threading
 
 from .errors import InputError
 
@@ -14,12 +17,23 @@ NICENESS = 10
 
 
 def give_way() -> None:
-    """Begin a process that works beside the stream: it gives way to it, and leaves Ctrl-C to its parent."""
+    """Begin a process that works beside the stream: it gives way to it, and leaves Ctrl-C to its parent.
+
+    It ends with its parent, however that ends: a pool's process would wait for work for ever.
+    """
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if os.sched_getscheduler(0) != os.SCHED_OTHER:  # of a parent that runs before all others
         with contextlib.suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     os.nice(NICENESS)
+
+
+def _end_with(sentinel: int) -> None:
+    multiprocessing.connection.wait([sentinel])
+    os._exit(1)
 
 
 def processor_list(text: str) -> set[int]:

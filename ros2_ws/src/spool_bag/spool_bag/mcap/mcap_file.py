@@ -13,11 +13,9 @@ from mcap.opcode import Opcode
 from spool_stream.errors import InputError
 
 from .mcap_definitions import Definitions, Topic, summary_counts
-from .mcap_record import FOOTER, FRAME, MAGIC, MESSAGE
+from .mcap_record import FOOTER, FRAME, LARGEST_SUMMARY, MAGIC, MESSAGE
 from .mcap_walk import Damage, RecordRun, Walk
 
-#: B of a summary that are read: 90 B a chunk, so more than a year of chunks of 0.7 s would need.
-LARGEST_SUMMARY = 1 << 27
 #: Messages of a batch at most: more would hold more memory than their chunk.
 LARGEST_BATCH = 4096
 #: Frame of a record and, where it is a message, its channel.

@@ -18,6 +18,8 @@ MESSAGE = struct.Struct("<HIQQ")
 FOOTER = struct.Struct("<BQQQI")
 CHUNK_HEAD = struct.Struct("<QQQII")
 MESSAGE_INDEX = struct.Struct("<HI")
+#: B of a summary that are read: 90 B a chunk, so more than a year of chunks of 0.7 s would need.
+LARGEST_SUMMARY = 1 << 27
 DATA_END_SIZE, FOOTER_SIZE = 4, 20
 #: B of content that tell every kind of record: a chunk's head with the longest name of a compression.
 HEAD_SIZE = 64

@@ -15,13 +15,21 @@ from typing import BinaryIO, NamedTuple
 
 from mcap.opcode import Opcode
 
-from spool_bag.mcap.mcap_record import FRAME, MAGIC
+from spool_bag.mcap.mcap_record import FRAME, LARGEST_SUMMARY, MAGIC
 
-#: Names of the metadata records at a part's beginning and end, and wherever messages were lost.
-BEGIN, END, LOSSES = "spool_part", "spool_chain", "spool_losses"
+#: Names of the metadata records at a part's beginning and end, wherever messages were lost, and before parts
+#: go by the quota.
+BEGIN, END, LOSSES, QUOTA = "spool_part", "spool_chain", "spool_losses", "spool_quota"
+#: What stands in the place of the hash of a part that could not be read when the next one was begun.
+UNREADABLE = "unreadable"
 #: B of a metadata record that is read; ours have some hundred.
 LARGEST = 1 << 16
 _PIECE = 1 << 20
+#: Kinds of records of a summary (MCAP specification, "Summary Section" and "Summary Offset Section").
+_INDEX = {
+    Opcode.SCHEMA, Opcode.CHANNEL, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX, Opcode.CHUNK_INDEX,
+    Opcode.STATISTICS, Opcode.SUMMARY_OFFSET,
+}  # fmt: skip
 #: What follows the last record: data ends here, without a checksum of its own.
 _DATA_END = FRAME.pack(Opcode.DATA_END, 4) + bytes(4)
 
@@ -31,7 +39,8 @@ class PartBegin:
     """Beginning of a part: its ``number``, the hash of the part ``before``, and what happened since that.
 
     ``repeated_at``: log time (ns) of latched messages that are repeated, 0 for none. ``lost``: messages that
-    were not recorded since the part before, by what ``reason``.
+    were not recorded since the part before, by what ``reason``. ``file``: hash of the whole file of the part
+    before, its index included, where it was finished; ``oldest``: number of the oldest part then.
     """
 
     number: int
@@ -39,6 +48,8 @@ class PartBegin:
     repeated_at: int = 0
     lost: int = 0
     reason: str = ""
+    file: str = ""
+    oldest: int = 0
 
     def content(self) -> dict[str, str]:
         """Return what the metadata record holds."""
@@ -48,6 +59,8 @@ class PartBegin:
             "repeated_at_ns": str(self.repeated_at),
             "lost_messages": str(self.lost),
             "lost_because": self.reason,
+            "previous_file_sha256": self.file,
+            "oldest_part": str(self.oldest),
         }
 
     @classmethod
@@ -57,7 +70,7 @@ class PartBegin:
             name: int(text)
             if (text := told.get(name, "")).isascii() and text.isdigit() and len(text) < 20
             else 0
-            for name in ("number", "repeated_at_ns", "lost_messages")
+            for name in ("number", "repeated_at_ns", "lost_messages", "oldest_part")
         }
         return cls(
             numbers["number"],
@@ -65,6 +78,8 @@ class PartBegin:
             numbers["repeated_at_ns"],
             numbers["lost_messages"],
             told.get("lost_because", ""),
+            told.get("previous_file_sha256", ""),
+            numbers["oldest_part"],
         )
 
 
@@ -132,11 +147,13 @@ def begin_of(path: Path) -> PartBegin | None:
 
 
 class Ended(NamedTuple):
-    """End of a part, the SHA-256 of the bytes before it, and whether it and what follows are untouched."""
+    """End of a part, the SHA-256 of the bytes before it, whether it and the kinds of records behind it are as
+    written, and the SHA-256 of the whole ``file``."""
 
     end: PartEnd
     content: str
     sound: bool
+    file: str
 
 
 def end_of(path: Path) -> Ended | None:
@@ -157,8 +174,11 @@ def end_of(path: Path) -> Ended | None:
                     name, told = "", {}
                 if name == END:
                     end = _end(told)
-                    sound = end.record() == told and stream.read(len(_DATA_END)) == _DATA_END
-                    return Ended(end, digest.hexdigest(), sound)
+                    before = digest.hexdigest()
+                    rest = stream.read(LARGEST_SUMMARY + 1)
+                    digest.update(head + content + rest)
+                    sound = end.record() == told and _is_tail(rest)
+                    return Ended(end, before, sound, digest.hexdigest())
                 digest.update(head + content)
                 continue
             digest.update(head)
@@ -172,8 +192,36 @@ def end_of(path: Path) -> Ended | None:
     return None
 
 
+def _is_tail(rest: bytes) -> bool:
+    """Return whether ``rest`` is the end of the data, index records alone, footer and magic."""
+    if not (rest.startswith(_DATA_END) and rest.endswith(MAGIC)):
+        return False
+    at, end = len(_DATA_END), len(rest) - len(MAGIC)
+    while at + FRAME.size <= end:
+        opcode, length = FRAME.unpack_from(rest, at)
+        at += FRAME.size + length
+        if opcode == Opcode.FOOTER:
+            return bool(at == end)
+        if opcode not in _INDEX:
+            return False
+    return False
+
+
+def oldest_of(path: Path) -> int:
+    """Return the number of the oldest part that the part at ``path`` tells of, 0 where it tells of none."""
+    begin = begin_of(path)
+    numbers = [told.get("oldest_part", "") for told in _told(path, QUOTA)]
+    found = [int(text) for text in numbers if text.isascii() and text.isdigit() and len(text) < 20]
+    return max([begin.oldest if begin is not None else 0, *found])
+
+
 def losses_of(path: Path) -> list[dict[str, str]]:
     """Return what a part's records say was lost while it was written, in order."""
+    return _told(path, LOSSES)
+
+
+def _told(path: Path, wanted: str) -> list[dict[str, str]]:
+    """Return the metadata records of a part that are named ``wanted``."""
     found: list[dict[str, str]] = []
     try:
         with path.open("rb") as stream:
@@ -182,7 +230,7 @@ def losses_of(path: Path) -> list[dict[str, str]]:
             for opcode, _, length in _frames(stream):
                 if opcode == Opcode.METADATA and length <= LARGEST:
                     name, told = _pairs(stream.read(length))
-                    if name == LOSSES:
+                    if name == wanted:
                         found.append(told)
                 else:
                     stream.seek(length, 1)

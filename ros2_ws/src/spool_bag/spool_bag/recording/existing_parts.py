@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 from typing import NamedTuple
@@ -14,18 +15,21 @@ from spool_bag.format.definitions import Definition
 from spool_bag.format.metadata import PartCount, TopicCount
 from spool_bag.mcap.mcap_definitions import Topic
 from spool_bag.mcap.mcap_file import McapFile
-from spool_bag.mcap.part_chain import end_of, file_hash
+from spool_bag.mcap.part_chain import UNREADABLE, begin_of, end_of, file_hash, oldest_of
 
 _NUMBER = re.compile(r".*_(\d{1,9})\.mcap")
 
 
 class Existing(NamedTuple):
-    """Existing parts in order, their topics, the number of the next part and the hash of the last one."""
+    """Existing parts in order, their topics, the next number, the hash of the last one and of its file,
+    and the oldest part that it tells of: what lacks from there on was not removed by the recorder."""
 
     parts: list[PartCount]
     topics: list[tuple[TopicCount, Definition]]
     next: int
     link: str
+    file: str
+    oldest: int
 
 
 def numbered(folder: Path) -> list[tuple[int, Path]]:
@@ -51,8 +55,10 @@ def existing_parts(folder: Path) -> Existing:
     topics: dict[str, tuple[TopicCount, Definition]] = {}
     files = numbered(folder)
     for number, path in files:
-        count = PartCount(path.name, number, size=path.stat().st_size)
+        count = PartCount(path.name, number)
+        parts.append(count)
         try:
+            count.size = path.stat().st_size
             file = McapFile(path)
             if file.counts is not None and file.times is not None:
                 count.start, count.end = file.times
@@ -62,14 +68,39 @@ def existing_parts(folder: Path) -> Existing:
             else:
                 for record in file.records(lambda _: True, lambda _: None):
                     count.take(file.topics[record.channel].name, record.log_time)
-        except InputError:
-            continue  # not one byte of it can be used
+        except (InputError, OSError):
+            continue  # not one byte of it can be used: it takes room, and goes by the quota
         for topic in file.topics.values():
             topics.setdefault(topic.name, (_counted(topic), _definition(topic)))
-        parts.append(count)
-    last = end_of(files[-1][1]) if files else None
-    link = last.end.link if last else (file_hash(files[-1][1]) if files else "")
-    return Existing(parts, list(topics.values()), files[-1][0] + 1 if files else 0, link)
+    return Existing(
+        parts, list(topics.values()), files[-1][0] + 1 if files else 0, *_last(files), _oldest(files)
+    )
+
+
+def _last(files: list[tuple[int, Path]]) -> tuple[str, str]:
+    """Return the hash that stands for the last part, and that of its whole file where it is finished."""
+    if not files:
+        return "", ""
+    path = files[-1][1]
+    try:
+        with path.open("rb") as stream:
+            os.fsync(stream.fileno())  # a recorder that was killed left what a power loss would take
+        last = end_of(path)
+        return (last.end.link, last.file) if last is not None else (file_hash(path), "")
+    except OSError:
+        return UNREADABLE, ""
+
+
+def _oldest(files: list[tuple[int, Path]]) -> int:
+    """Return the number of the oldest part that the last readable one tells of."""
+    for _, path in reversed(files):
+        try:
+            if begin_of(path) is not None:
+                ended = end_of(path)
+                return max(oldest_of(path), ended.end.oldest if ended is not None else 0)
+        except OSError:
+            continue
+    return 0
 
 
 def _counted(topic: Topic) -> TopicCount:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from mcap.writer import CompressionType, Writer
@@ -13,6 +13,10 @@ from mcap.writer import CompressionType, Writer
 from spool_bag.format.definitions import Definition
 from spool_bag.format.metadata import PartCount
 from spool_bag.mcap.repeating_chunks import repeat_definitions
+
+#: B of an index at most (MCAP specification): of a chunk, of a channel in it, of a definition besides its
+#: texts, and of all else: statistics with some hundred channels, other records, offsets, footer.
+CHUNK_INDEX, OFFSET, DEFINITION, INDEX = 100, 10, 200, 16_384
 
 
 class Output:
@@ -78,6 +82,9 @@ class McapPart:
         self._writer = Writer(self._output, chunk_size, CompressionType.ZSTD)  # type: ignore[arg-type]
         repeat_definitions(self._writer)
         self._schemas: dict[str, int] = {}
+        # One for each chunk, of which mcap writes an index at the end.
+        self._chunks: Sequence[object] = vars(self._writer)["_Writer__chunk_indices"]
+        self._channels = self._defined = 0
         try:
             self._writer.start(profile="ros2", library="spool_bag")
             for name, content in (about or {}).items():
@@ -93,13 +100,21 @@ class McapPart:
         return self._output.position
 
     @property
+    def closing(self) -> int:
+        """B that its index takes at most when it is finished."""
+        return INDEX + self._defined + len(self._chunks) * (CHUNK_INDEX + OFFSET * self._channels)
+
+    @property
     def digest(self) -> str:
         """SHA-256 of what was written so far."""
         return self._output.digest.hexdigest()
 
     def add(self, topic: str, type_name: str, described: Definition, qos: str) -> int:
         """Return the number of a new channel."""
+        self._channels += 1
+        self._defined += DEFINITION + len(topic) + len(type_name) + len(qos)
         if type_name not in self._schemas:
+            self._defined += DEFINITION + len(type_name) + len(described.text.encode())
             self._schemas[type_name] = self._writer.register_schema(
                 type_name, described.encoding, described.text.encode()
             )
@@ -150,6 +165,7 @@ class McapPart:
         try:
             if cut and self._output.position > self.good:
                 self._output.cut(self.good)
+                self._output.sync()
         except OSError:
             sure = False
         self.count.size = self.good if cut else self._output.position

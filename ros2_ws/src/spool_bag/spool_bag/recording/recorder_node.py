@@ -275,9 +275,9 @@ class RecorderNode(ManagedNode):
                 self.destroy_subscription(known[0])
             try:
                 self._record(topic, kind, offered)
-            except InputError as error:
+            except Exception as error:  # rclpy and rosbags: a type that is not installed, or not supported
                 self._left_out.add(topic)
-                self.get_logger().warning(f"{topic} is not recorded: {error}")
+                self.get_logger().warning(f"{topic} is not recorded: {' '.join(str(error).split())}")
 
     def _record(self, topic: str, kind: str, offered: Sequence[QoSProfile]) -> None:
         message_type = _message_type(kind)

@@ -12,8 +12,9 @@ import math
 import shutil
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Protocol
 
@@ -28,6 +29,8 @@ from .writer import BagWriter, PartLimits, RecordingError
 LARGEST_QUEUE = 64_000_000
 #: s between two looks if a chunk is due, and between two tries to go on.
 LOOK, RETRY = 0.2, 1.0
+#: s after which it looks at all else though messages wait, where they come faster than the disk takes them.
+LONGEST_TURN = 1.0
 
 
 class Log(Protocol):
@@ -98,7 +101,16 @@ class Recording:
         self._lock = threading.Lock()
         self._ending = False
         self._latched: dict[str, Recorded] = {}
-        self._writer: BagWriter | None = self._opened(resume=settings.resume)
+        self._oldest = 0
+        self._writer: BagWriter | None = None
+        try:
+            self._writer = self._opened(resume=settings.resume)
+        except RecordingError as error:
+            if not settings.resume:
+                raise
+            # A machine that is switched on with a full disk: it records once there is room.
+            self._paused = str(error)
+            log.error(f"recording pauses: {error}")
         self._thinning = Thinning(path, settings.thin_after, settings.sign, log)
         self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
         self._thread.start()
@@ -112,9 +124,10 @@ class Recording:
     def state(self) -> RecordingState:
         """What is going on; messages count once they are on the disk."""
         writer = self._writer
+        dead = not (self._thread.is_alive() or self._ending)
         with self._lock:
             return RecordingState(
-                self._paused,
+                self._paused or ("its thread ended: start the recorder anew" if dead else ""),
                 self._queue.messages,
                 self._queue.bytes,
                 sum(self._lost.values()),
@@ -149,21 +162,24 @@ class Recording:
             lost=(self._unstated, self._because),
             sign=self._settings.sign,
             repeat=tuple(self._latched.values()),
+            oldest=self._oldest,
         )
 
     def _run(self) -> None:
         looked = -math.inf
         while not self._ending:
             self._queue.wait(LOOK)
+            with self._kept_alive():
+                self._empty()
+                if time.monotonic() - looked >= (RETRY if self._writer is None else LOOK):
+                    looked = time.monotonic()
+                    self._look()
+        with self._kept_alive():
             self._empty()
-            if time.monotonic() - looked >= (RETRY if self._writer is None else LOOK):
-                looked = time.monotonic()
+            if self._writer is None:
                 self._look()
-        self._empty()
-        if self._writer is None:
-            self._look()
-            self._empty()
-        self._attempt(BagWriter.close)
+                self._empty()
+            self._attempt(BagWriter.close)
         for message in self._queue.clear():
             self._lose(message.topic, 1, self._paused)
         with self._lock:
@@ -172,9 +188,30 @@ class Recording:
             self._log.error(f"{self._unstated} messages were not recorded at the end: {self._because}")
         self._thinning.close()
 
+    @contextlib.contextmanager
+    def _kept_alive(self) -> Iterator[None]:
+        """Let nothing end the thread: a disk that fails does so in any call; it is tried again."""
+        try:
+            yield
+        except Exception as error:
+            because = f"{type(error).__name__}: {error}"
+            writer = self._writer
+            if writer is not None:
+                writer.abandon()
+                self._pause(because, writer)
+            elif because != self._paused:
+                self._log.error(f"recording pauses: {because}")
+                with self._lock:
+                    self._paused = because
+
     def _empty(self) -> None:
         """Write what waits."""
-        while self._writer is not None and (message := self._queue.take()) is not None:
+        end = math.inf if self._ending else time.monotonic() + LONGEST_TURN
+        while (
+            self._writer is not None
+            and time.monotonic() < end
+            and (message := self._queue.take()) is not None
+        ):
             self._take(message)
         self._attempt(BagWriter.flush_if_due)
         self._state_losses()
@@ -235,7 +272,7 @@ class Recording:
     def _look(self) -> None:
         """Keep room on the disk, notice a removed folder, go on after a pause, thin what is old."""
         writer = self._writer
-        if writer is not None and not writer.file.exists():
+        if writer is not None and _is_gone(writer.file):
             self._begin_anew(writer)
             writer = None
         self._free = _free(self.path)
@@ -313,13 +350,33 @@ class Recording:
 
     def _make_room(self, least: int) -> None:
         """Remove the oldest parts but the last one where a disk filled faster than was looked at."""
-        for _, oldest in numbered(self.path)[:-1]:
+        if self._free >= least:
+            return
+        try:
+            files = numbered(self.path)
+        except OSError:
+            return
+        for (_, oldest), (following, _) in pairwise(files):
             if self._free >= least:
                 return
-            with contextlib.suppress(OSError):
+            try:
                 oldest.unlink()
-                self._removed += 1
+            except OSError:
+                return
+            self._removed += 1
+            self._oldest = following
             self._free = _free(self.path)
+
+
+def _is_gone(path: Path) -> bool:
+    """Return whether a file was removed; one that cannot be looked at is not."""
+    try:
+        path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        return True
+    except OSError:
+        return False
+    return False
 
 
 def _free(path: Path) -> int:

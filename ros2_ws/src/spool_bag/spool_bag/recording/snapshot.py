@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -28,6 +29,10 @@ MOST_WAITING = 4
 #: What a snapshot is named after that somebody asked for.
 REQUESTED = "requested"
 _RAISED, _ALARM = 1, 2
+
+
+#: How much slower than time passes a clock of reception may go before less is held: that of a simulation.
+SLOWEST = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +104,8 @@ class Snapshot:
 @dataclass(slots=True)
 class _Ring:
     messages: deque[Message] = field(default_factory=deque)
+    #: When each of them came, s of a clock that nobody sets.
+    arrived: deque[float] = field(default_factory=deque)
     bytes: int = 0
     latched: dict[str, Message] = field(default_factory=dict)
     #: Acquisition times of the blocks in the ring, ns.
@@ -166,13 +173,20 @@ class SnapshotKeeper:
         return next((valve for valve in self._rings if message.topic.startswith(f"{valve}/")), None)
 
     def _hold(self, ring: _Ring, message: Message) -> None:
+        now = time.monotonic()
         ring.messages.append(message)
+        ring.arrived.append(now)
         ring.bytes += len(message.data)
         if message.kind == ACCELERATION_BLOCK:
             ring.blocks.append(message.published)
         oldest = message.received - round(self.before * 1e9)
-        while ring.messages and (ring.messages[0].received < oldest or ring.bytes > MOST_BYTES):
+        while ring.messages and (
+            ring.messages[0].received < oldest
+            or now - ring.arrived[0] > SLOWEST * self.before
+            or ring.bytes > MOST_BYTES
+        ):
             gone = ring.messages.popleft()
+            ring.arrived.popleft()
             ring.bytes -= len(gone.data)
             if gone.kind == ACCELERATION_BLOCK:
                 ring.blocks.popleft()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -10,8 +11,12 @@ from typing import Protocol
 from spool_stream.errors import InputError
 from spool_stream.files.staging import remove
 
+from spool_bag.mcap.part_chain import begin_of
+
 from .snapshot import Snapshot, SnapshotKeeper
 
+#: Name of a snapshot: valve, event and time, and a number where the name was taken.
+_NAME = re.compile(r".+_\w+_\d{8}T\d{6}Z(_\d+)?")
 #: Snapshots that wait for the disk, each of them as large as its valve's rings.
 MOST_KEPT = 4
 
@@ -81,10 +86,7 @@ class SnapshotWriter:
         """Remove the oldest snapshots until one of ``size`` B fits into quota and ``limit``."""
         if not self._folder.is_dir():
             return
-        bags = sorted(
-            (bag for bag in self._folder.iterdir() if bag.is_dir() and not bag.name.startswith(".")),
-            key=lambda bag: bag.stat().st_mtime,
-        )
+        bags = sorted(filter(_is_snapshot, self._folder.iterdir()), key=lambda bag: bag.stat().st_mtime)
         sizes = [sum(file.stat().st_size for file in bag.iterdir() if file.is_file()) for bag in bags]
         held, left = sum(sizes), len(bags)
         for bag, own in zip(bags, sizes, strict=True):
@@ -95,3 +97,11 @@ class SnapshotWriter:
             held, left = held - own, left - 1
             because = "snapshot_max_total_size" if large else "snapshot_limit"
             self._log.info(f"snapshot {bag} is removed: {because}")
+
+
+def _is_snapshot(bag: Path) -> bool:
+    """Return whether a folder is a snapshot: one bag in one file; a recording in parts never goes for one."""
+    if not (_NAME.fullmatch(bag.name) and bag.is_dir() and not bag.is_symlink()):
+        return False
+    files = list(bag.glob("*.mcap"))
+    return len(files) == 1 and files[0].name == f"{bag.name}_0.mcap" and begin_of(files[0]) is None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 import os
 import time
 from collections.abc import Callable
@@ -19,12 +21,15 @@ from spool_bag.mcap.part_chain import BEGIN, END, LOSSES, begin_of, end_of, loss
 
 from .mcap_part import McapPart
 from .recorder import PARAMETER_EVENTS, TOPICS
-from .writer import CHUNK_SIZE, BagWriter
+from .writer import CHUNK_SIZE, BagWriter, RecordingError
 
 #: Names of topics that stay.
 KEPT = {*TOPICS, PARAMETER_EVENTS.strip("/")} - {"acceleration"}
 #: What the file is called until it takes the place of the part.
 STAGED = ".thinned"
+#: s between two looks for parts that are old enough, and ns by which one part ages those before it at most: a
+#: clock that jumps, or a machine that was off, makes no part old by itself.
+LOOK, LONGEST_STEP = 60.0, 86_400 * 10**9
 
 
 class Log(Protocol):
@@ -96,7 +101,8 @@ def thin(path: Path, target: Path, sign: Callable[[str], str] | None = None) -> 
 class Thinning:
     """Thinning of the parts of the recording in ``path`` that ended more than ``after`` s ago; 0: none.
 
-    The work is done beside the recording, one part at a time; :meth:`look` takes what is ready over.
+    The work is done beside the recording, one part at a time; :meth:`look` takes what is ready over. Age is
+    by the times of reception from part to part.
     """
 
     def __init__(self, path: Path, after: float, sign: Callable[[str], str] | None, log: Log) -> None:
@@ -104,6 +110,9 @@ class Thinning:
         self._worker = ThreadPoolExecutor(1, "thinning") if after > 0.0 else None
         self._under_way: tuple[Path, Future[PartCount | None]] | None = None
         self._done: set[str] = set()
+        self._looked = -math.inf
+        for left in path.glob(f".*.mcap{STAGED}.*") if after > 0.0 else ():
+            left.unlink(missing_ok=True)  # of a recorder that was killed
 
     def look(self, writer: BagWriter) -> None:
         """Take over what is done, and begin with the next part that is old enough.
@@ -119,14 +128,15 @@ class Thinning:
                 return
             self._under_way = None
             self._take_over(writer, part, future)
-        oldest = time.time_ns() - self._after * 1e9
-        for count in writer.finished_parts:
-            due = count.start is not None and count.end < oldest
-            if due and count.file not in self._done and not all(is_kept(topic) for topic in count.messages):
+        if time.monotonic() - self._looked < LOOK:
+            return
+        for count in older(writer, self._after * 1e9):
+            if count.file not in self._done and not all(is_kept(topic) for topic in count.messages):
                 self._done.add(count.file)
                 part = self._path / count.file
                 self._under_way = part, self._worker.submit(thin, part, _staged(part), self._sign)
                 return
+        self._looked = time.monotonic()
         self._done &= {count.file for count in writer.finished_parts}
 
     def close(self) -> None:
@@ -144,10 +154,27 @@ class Thinning:
                 self._log.info(f"{part.name} was never finished: it is not thinned")
             elif writer.replace(count, staged):
                 self._log.info(f"{part.name} is thinned to {count.size / 1e6:.1f} MB (thin_after)")
+        except RecordingError:
+            raise
         except (InputError, OSError) as error:
             self._log.error(f"{part.name} cannot be thinned: {error}")
         finally:
-            staged.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                staged.unlink(missing_ok=True)
+
+
+def older(writer: BagWriter, age: float) -> list[PartCount]:
+    """Return the finished parts that ended more than ``age`` ns before the newest message, oldest first."""
+    found, passed, following = [], 0, writer.newest
+    for count in reversed(writer.finished_parts):
+        if count.start is None:
+            continue
+        passed += min(max(following - count.end, 0), LONGEST_STEP)
+        if passed > age:
+            found.append(count)
+        passed += min(count.duration, LONGEST_STEP)
+        following = count.start
+    return found[::-1]
 
 
 def _staged(part: Path) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -9,12 +10,15 @@ from typing import Any
 from spool_stream.errors import InputError
 from spool_stream.files.yaml_file import YamlError, load_yaml
 
-from spool_bag.format.metadata import FILE_NAME, ROOT
+from spool_bag.format.metadata import FILE_NAME, LARGEST, MOST_VALUES, ROOT
 from spool_bag.mcap.mcap_file import McapFile
-from spool_bag.mcap.part_chain import Ended, begin_of, end_of, file_hash
+from spool_bag.mcap.part_chain import UNREADABLE, Ended, PartBegin, begin_of, end_of, file_hash, oldest_of
 
 from .existing_parts import number_of, numbered
 from .signing import is_signed
+
+#: Times that a folder is looked at anew, as parts of a running recording go by the quota meanwhile.
+TRIES = 5
 
 
 @dataclass(slots=True)
@@ -54,80 +58,156 @@ def verify(folder: Path, key: Path | None = None) -> Verification:
     Raises:
         InputError: there is no recording in parts, or the key is none.
     """
+    for _ in range(TRIES - 1):
+        with contextlib.suppress(FileNotFoundError):
+            return _verify(folder, key)
+    try:
+        return _verify(folder, key)
+    except FileNotFoundError as error:
+        raise InputError(f"{error.filename}: it went while it was verified") from None
+
+
+def _verify(folder: Path, key: Path | None) -> Verification:
+    """Return what was done to the recording as it is now.
+
+    Raises:
+        FileNotFoundError: a part went by the quota meanwhile.
+    """
+    # Before the parts: a recorder that writes adds some meanwhile.
+    listed = _listed(folder)
     files = numbered(folder) if folder.is_dir() else []
     if not files:
         raise InputError(f"{folder}: no recording in parts: name the folder that a recorder wrote")
-    found = Verification(folder)
-    link: str | None = None
-    before: int | None = None
-    kept = 0
+    chain = _Chain(Verification(folder), key, files[-1][1])
     for number, path in files:
-        try:
-            begin, ended = begin_of(path), end_of(path)
-        except OSError as error:
-            raise InputError(f"{path}: cannot be read: {error.strerror}") from error
-        found.parts += 1
-        last = path == files[-1][1]
-        if begin is None and ended is None:
-            found.wrong.append(f"{path.name}: it is no part of a recording, or its beginning was edited")
-            link, before = None, number
-            continue
-        told = begin.number if begin is not None else number
-        if told != number:
-            found.wrong.append(
-                f"{path.name}: it is part {told} by its own words: it was renamed or exchanged"
-            )
-        if begin is None:
-            found.wrong.append(f"{path.name}: its beginning was edited")
-        elif before is not None and number != before + 1:
-            found.wrong.append(_missing(before + 1, number - 1))
-        elif link is not None and begin.before != link:
-            found.wrong.append(
-                f"{path.name}: it does not follow the part before it: one of both was exchanged, "
-                "edited or made anew"
-            )
-        if ended is None:
-            _unfinished(found, path, last=last)
-            link, before = file_hash(path), number
-            continue
-        end = ended.end
-        _judge(found, path, ended, begin_before=begin.before if begin else end.before, key=key)
-        kept = max(kept, end.oldest)
-        link, before = end.link, number
-    listed = _listed(folder)
-    if listed > files[-1][0]:
-        found.wrong.append(_missing(files[-1][0] + 1, listed) + ": metadata.yaml lists what is not there")
-    found.newest = link or ""
-    first = files[0][0]
-    if first > max(kept, 0):
-        found.wrong.insert(0, _missing(0 if kept <= 0 else kept, first - 1) + ", ahead of all others")
+        chain.take(number, path)
+    found, (first, _), (newest, _) = chain.found, files[0], files[-1]
+    chain.judge_unsigned()
+    if listed is None:
+        found.notes.append("metadata.yaml cannot be read: whether the newest parts are there cannot be told")
+    elif listed > newest:
+        found.wrong.append(_missing(newest + 1, listed) + ": metadata.yaml lists what is not there")
+    found.newest = chain.link or ""
+    if first > chain.oldest:
+        found.wrong.insert(0, _missing(chain.oldest, first - 1) + ", ahead of all others")
     elif first > 0:
         found.notes.append(f"parts 0 to {first - 1} went by the recorder's quota")
     return found
 
 
-def _judge(found: Verification, path: Path, ended: Ended, *, begin_before: str, key: Path | None) -> None:
-    """Judge one finished part by its last record."""
-    end = ended.end
-    if end.thinned:
-        found.notes.append(f"{path.name}: the recorder thinned it: its accelerations were removed")
-    if (end.thinned or end.content) != ended.content:
-        found.wrong.append(f"{path.name}: its content was edited: its SHA-256 is not the one it ends with")
-    elif not (ended.sound and _readable(path)):
-        found.wrong.append(f"{path.name}: its index or its end was edited")
-    if end.before != begin_before:
-        found.wrong.append(f"{path.name}: beginning and end name different parts before it: it was edited")
-    if key is None:
-        return
-    signed = bool(end.signature) and is_signed(end.link, end.signature, key)
-    if signed and end.thinned:
-        signed = is_signed(end.thinned_link, end.thinned_signature, key)
-    if signed:
-        found.signed += 1
-    elif end.signature:
-        found.wrong.append(f"{path.name}: its signature is not by the owner of {key.name}")
-    else:
-        found.wrong.append(f"{path.name}: it is not signed")
+@dataclass(slots=True)
+class _Chain:
+    """Chain of parts as far as it was followed: the ``link`` of the last one, and what it says.
+
+    ``oldest``: number of the oldest part that any tells of. ``unsigned``: unfinished parts that no signed one
+    has named yet.
+    """
+
+    found: Verification
+    key: Path | None
+    last: Path
+    link: str | None = None
+    oldest: int = 0
+    _before: int | None = None
+    _ended: tuple[Path, Ended] | None = None
+    unsigned: list[Path] = field(default_factory=list)
+
+    def take(self, number: int, path: Path) -> None:
+        """Judge the next part."""
+        self.found.parts += 1
+        try:
+            begin, ended = begin_of(path), end_of(path)
+            self.oldest = max(self.oldest, oldest_of(path))
+        except FileNotFoundError:
+            raise
+        except OSError as error:
+            self._break(number, f"{path.name}: it cannot be read: {error.strerror}")
+            return
+        if begin is None and ended is None:
+            self._break(number, f"{path.name}: it is no part of a recording, or its beginning was edited")
+            return
+        self._judge_place(number, path, begin)
+        if ended is None:
+            self.unsigned.append(path)
+            _unfinished(self.found, path, last=path == self.last)
+            self.link, self._ended = file_hash(path), None
+        else:
+            judged = len(self.found.wrong)
+            self._judge(path, ended, begin.before if begin is not None else ended.end.before)
+            self.oldest = max(self.oldest, ended.end.oldest)
+            sound = len(self.found.wrong) == judged
+            self.link, self._ended = ended.end.link, (path, ended) if sound else None
+        self._before = number
+
+    def judge_unsigned(self) -> None:
+        """Judge the unfinished parts that nobody vouches for, where a key is given."""
+        if self.key is None:
+            return
+        for path in self.unsigned:
+            if path == self.last:
+                self.found.notes.append(f"{path.name}: nobody has signed it yet")
+            else:
+                said = f"{path.name}: it was never finished, and no part behind it that is signed names it"
+                self.found.wrong.append(said)
+
+    def _break(self, number: int, wrong: str) -> None:
+        self.found.wrong.append(wrong)
+        self.link, self._before, self._ended = None, number, None
+
+    def _judge_place(self, number: int, path: Path, begin: PartBegin | None) -> None:
+        """Judge what a part says of its number and of the part before it."""
+        wrong = self.found.wrong
+        if begin is None:
+            wrong.append(f"{path.name}: its beginning was edited")
+            return
+        if begin.number != number:
+            wrong.append(
+                f"{path.name}: it is part {begin.number} by its own words: it was renamed or exchanged"
+            )
+        if self._before is not None and number != self._before + 1:
+            wrong.append(_missing(self._before + 1, number - 1))
+        elif begin.before == UNREADABLE:
+            self.found.notes.append(f"{path.name}: the part before it could not be read when it was begun")
+        elif self.link is not None and begin.before != self.link:
+            wrong.append(
+                f"{path.name}: it does not follow the part before it: one of both was exchanged, "
+                "edited or made anew"
+            )
+        elif self._ended is not None and begin.file:
+            before, ended = self._ended
+            if begin.file != ended.file and not ended.end.thinned:
+                wrong.append(f"{before.name}: its index was edited")
+
+    def _judge(self, path: Path, ended: Ended, begin_before: str) -> None:
+        """Judge one finished part by its last record."""
+        end, found = ended.end, self.found
+        if end.thinned:
+            vouched = "" if self.key is not None else "; without a key that cannot be told from an edit"
+            found.notes.append(
+                f"{path.name}: the recorder thinned it: its accelerations were removed{vouched}"
+            )
+        if (end.thinned or end.content) != ended.content:
+            found.wrong.append(
+                f"{path.name}: its content was edited: its SHA-256 is not the one it ends with"
+            )
+        elif not (ended.sound and _readable(path)):
+            found.wrong.append(f"{path.name}: its index or its end was edited")
+        if end.before != begin_before:
+            found.wrong.append(
+                f"{path.name}: beginning and end name different parts before it: it was edited"
+            )
+        if self.key is None:
+            return
+        signed = bool(end.signature) and is_signed(end.link, end.signature, self.key)
+        if signed and end.thinned:
+            signed = is_signed(end.thinned_link, end.thinned_signature, self.key)
+        if signed:
+            found.signed += 1
+            self.unsigned.clear()  # it names them, so that its signature is theirs
+        elif end.signature:
+            found.wrong.append(f"{path.name}: its signature is not by the owner of {self.key.name}")
+        else:
+            found.wrong.append(f"{path.name}: it is not signed")
 
 
 def _unfinished(found: Verification, path: Path, *, last: bool) -> None:
@@ -140,13 +220,15 @@ def _unfinished(found: Verification, path: Path, *, last: bool) -> None:
         found.notes.append(f"{path.name}: it was never finished; the next part tells whether it is as it was")
 
 
-def _listed(folder: Path) -> int:
-    """Return the largest number of a part that ``metadata.yaml`` lists, -1 where it lists none."""
+def _listed(folder: Path) -> int | None:
+    """Return the largest number of a part that ``metadata.yaml`` lists, ``None`` where it cannot be read."""
     try:
-        about = load_yaml((folder / FILE_NAME).read_text(encoding="utf-8"))
+        with (folder / FILE_NAME).open(encoding="utf-8") as stream:
+            text = stream.read(LARGEST + 1)
+        about = load_yaml(text, largest=LARGEST, most_values=MOST_VALUES)
         names = [str(name) for name in about[ROOT]["relative_file_paths"]]
     except (OSError, YamlError, ValueError, KeyError, TypeError):
-        return -1
+        return None
     return max((number for name in names if (number := number_of(name)) is not None), default=-1)
 
 

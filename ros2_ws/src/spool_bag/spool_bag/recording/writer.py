@@ -24,9 +24,10 @@ from spool_bag.format.metadata import (
     sync_folder,
     write_metadata,
 )
-from spool_bag.mcap.part_chain import BEGIN, END, LOSSES, PartBegin, PartEnd
+from spool_bag.mcap.part_chain import BEGIN, END, LOSSES, QUOTA, PartBegin, PartEnd
 
 from .existing_parts import existing_parts
+from .folder_claim import FolderClaim
 from .mcap_part import McapPart
 from .message_queue import Recorded
 
@@ -35,8 +36,11 @@ from .message_queue import Recorded
 CHUNK_SIZE = 1 << 17
 #: s between two ``metadata.yaml`` of a recording under way, 250 messages of a valve.
 METADATA_INTERVAL = 5.0
-#: B by which a part grows between two looks at its size: a chunk that packs badly, its index and the summary.
-MARGIN = 1 << 20
+#: B by which a part grows between two looks at its size, besides its index: chunks that pack badly. And the
+#: share of small parts and quotas that this takes at most.
+MARGIN, MARGIN_SHARE = 1 << 20, 1 / 8
+#: Times that writing ``metadata.yaml`` took after which it is written again: it never takes more than 1 %.
+METADATA_SHARE = 100.0
 
 
 class RecordingError(OSError):
@@ -58,6 +62,11 @@ class PartLimits:
     def largest(self) -> float:
         """B of a part at most."""
         return min(self.size, 0.25 * self.total) if self.total else self.size
+
+    @property
+    def margin(self) -> float:
+        """B that are left free of a part and of the quota."""
+        return min(MARGIN, MARGIN_SHARE * self.largest)
 
 
 @dataclass(slots=True)
@@ -85,7 +94,8 @@ class BagWriter:
     With ``limits`` the bag is a recording in parts, each of which stands by itself: definitions and the last
     message of each latched topic are repeated at its start, and a chain of hashes
     (:mod:`spool_bag.mcap.part_chain`) leads from part to part. ``resume`` goes on in a recording that is
-    there, whose last messages of latched topics are those to ``repeat``. ``sign`` signs a part's hash.
+    there, whose last messages of latched topics are those to ``repeat``. ``sign`` signs a part's hash;
+    ``oldest``: number of the first part that its recorder did not remove.
 
     Attributes:
         removed: parts that went by the quota. written: messages that it took, and synced: how
@@ -111,6 +121,7 @@ class BagWriter:
         lost: tuple[int, str] = (0, ""),
         sign: Callable[[str], str] | None = None,
         repeat: Sequence[Recorded] = (),
+        oldest: int = 0,
     ) -> None:
         self.path = Path(path)
         self.bytes = 0
@@ -121,28 +132,34 @@ class BagWriter:
         self._interval, self._chunk_size, self._sign = flush_interval, chunk_size, sign
         self._channels: list[_Channel] = []
         self._parts: list[PartCount] = []
-        self._described = 0.0
+        self._described, self._metadata_interval = 0.0, METADATA_INTERVAL
         self._allowed = 0.0
         self._open = self._settled = False
+        self._claim: FolderClaim | None = None
         there = self.path.exists() or self.path.is_symlink()
         if there and not (resume and self.path.is_dir()):
             raise InputError(f"{self.path} exists already: name a bag that does not, or remove it")
         for left in leftovers(self.path):
             remove(left)
         self._folder = partial_name(self.path) if staged else self.path
-        number, before = 0, ""
+        number, before, file, self._oldest = 0, "", "", oldest
         try:
             self._folder.mkdir(parents=True, exist_ok=there)
+            self._claim = FolderClaim(self._folder)
             if there:
                 found = existing_parts(self._folder)
-                self._parts, topics, number, before = found
+                self._parts, topics, number, before, file, told = found
+                self._oldest = max(oldest, told)
                 for topic, described in topics:
-                    self._channels.append(_Channel(topic, described, latched=False))
+                    self._channels.append(_Channel(topic, _present(described), latched=False))
         except OSError as error:
+            self.release()
             raise InputError(f"{self.path}: cannot be made: {error.strerror}") from error
         try:
             at = 1 + max((self._parts[-1].end if self._parts else 0, *(one.received for one in repeat)))
-            self._part = self._begin(PartBegin(number, before, at if repeat else 0, *lost))
+            self._part = self._begin(
+                PartBegin(number, before, at if repeat else 0, *lost, file, self._oldest)
+            )
             try:
                 self._repeat(repeat, at)
                 self._write_metadata()
@@ -151,6 +168,7 @@ class BagWriter:
                 self._part.discard()  # else each try on a disk that is full leaves a file behind
                 raise
         except OSError as error:
+            self.release()
             raise RecordingError(f"{self._file_of(number)}: {error.strerror}") from error
         self._open = True
         self._flushed = time.monotonic()
@@ -187,7 +205,7 @@ class BagWriter:
         counted = TopicCount(topic, type_name, described.digest, tuple(qos))
         self._channels.append(_Channel(counted, described, latched))
         self._guard(lambda: self._register(self._channels[-1]))
-        self._guard(self._write_metadata)
+        self._described = -math.inf  # metadata.yaml lists it with the next chunk
         return len(self._channels) - 1
 
     def write(
@@ -229,6 +247,7 @@ class BagWriter:
             return
         self._guard(self._finish)
         self._open = False
+        self.release()
 
     def discard(self) -> None:
         """Leave nothing of a staged bag that is not closed; close any other."""
@@ -238,6 +257,7 @@ class BagWriter:
         if self._open:
             self._open = False
             self._part.abandon(cut=False)
+        self.release()
         self._settled = True
         remove(self._folder)
 
@@ -259,10 +279,12 @@ class BagWriter:
         """Remove the oldest finished part; return whether there was one."""
         if not self._parts:
             return False
-        oldest = self._parts.pop(0)
-        (self._folder / oldest.file).unlink(missing_ok=True)
-        self.removed += 1
-        self._guard(self._write_metadata)
+
+        def remove() -> None:
+            self._remove(1)
+            self._write_metadata()
+
+        self._guard(remove)
         return True
 
     def replace(self, count: PartCount, staged: Path) -> bool:
@@ -283,6 +305,12 @@ class BagWriter:
     def finished_parts(self) -> tuple[PartCount, ...]:
         """Parts that are kept, without the one that is written."""
         return tuple(self._parts)
+
+    @property
+    def newest(self) -> int:
+        """Time of reception of the newest message in the part that is written or before it, ns."""
+        counts = [one for one in (*self._parts[-1:], self._part.count) if one.start is not None]
+        return counts[-1].end if counts else 0
 
     @property
     def size(self) -> int:
@@ -351,7 +379,8 @@ class BagWriter:
         limits, count = self.limits, self._part.count
         if limits is None or count.start is None:
             return False
-        return log_time - count.start >= limits.duration * 1e9 or self._part.size + MARGIN > limits.largest
+        grown = self._part.size + self._part.closing + limits.margin
+        return log_time - count.start >= limits.duration * 1e9 or grown > limits.largest
 
     def _repeat(self, messages: Sequence[Recorded], at: int) -> None:
         """Write latched messages at the beginning of the first part."""
@@ -371,7 +400,8 @@ class BagWriter:
         self._parts.append(self._part.count)
         repeated = [one for one in self._channels if one.last is not None]
         at = log_time - 1 if repeated else 0
-        self._part = self._begin(PartBegin(self._part.count.number + 1, self._before, at))
+        number, file = self._part.count.number + 1, self._part.digest
+        self._part = self._begin(PartBegin(number, self._before, at, file=file, oldest=self._oldest))
         for one in repeated:
             assert one.last is not None
             data, published, sequence = one.last
@@ -387,8 +417,7 @@ class BagWriter:
         alone = BagMetadata((self._part.count,), self._topics(), finished=True, custom=self._custom)
         self._part.add_metadata("rosbag2", {"serialized_metadata": metadata_text(alone)})
         if self.limits is not None:
-            oldest = self._parts[0].number if self._parts else self._part.count.number
-            end = PartEnd(self._part.count.number, self._part.digest, self._before, oldest)
+            end = PartEnd(self._part.count.number, self._part.digest, self._before, self._oldest)
             if self._sign is not None:
                 end = PartEnd(end.number, end.content, end.before, end.oldest, self._sign(end.link))
             self._part.add_metadata(END, end.record())
@@ -400,15 +429,30 @@ class BagWriter:
 
         Until the newest part is as large as is allowed then, it need not be called again.
         """
-        before = self.removed
-        total = self.limits.total if self.limits is not None else 0
-        while total and self._parts and self.size + MARGIN > total:
-            oldest = self._parts.pop(0)
-            (self._folder / oldest.file).unlink(missing_ok=True)
+        if self.limits is None or not self.limits.total:
+            self._allowed = math.inf
+            return False
+        total = self.limits.total - self.limits.margin - self._part.closing
+        excess, many = self.size - total, 0
+        while many < len(self._parts) and excess > 0:
+            excess -= self._parts[many].size
+            many += 1
+        if many:
+            self._remove(many)
+        self._allowed = total - sum(part.size for part in self._parts) if self._parts else math.inf
+        return many > 0
+
+    def _remove(self, many: int) -> None:
+        """Remove the oldest parts; the newest one tells of it first: it is no tampering."""
+        following = self._parts[many] if many < len(self._parts) else self._part.count
+        self._oldest = following.number
+        self._sync()
+        self._part.add_metadata(QUOTA, {"oldest_part": str(self._oldest)})
+        self._sync()
+        for _ in range(many):
+            (self._folder / self._parts[0].file).unlink(missing_ok=True)
+            self._parts.pop(0)
             self.removed += 1
-        kept = sum(part.size for part in self._parts)
-        self._allowed = total - MARGIN - kept if total and self._parts else math.inf
-        return self.removed != before
 
     def _settle(self) -> None:
         """Give the staged bag its name."""
@@ -426,7 +470,7 @@ class BagWriter:
     def _flush(self) -> None:
         self._sync()
         self._flushed = time.monotonic()
-        if self._keep_quota() or self._flushed - self._described >= METADATA_INTERVAL:
+        if self._keep_quota() or self._flushed - self._described >= self._metadata_interval:
             self._write_metadata()
 
     def _finish(self) -> None:
@@ -439,13 +483,25 @@ class BagWriter:
         try:
             action()
         except OSError as error:
-            self._open = False
-            self.certain = self._part.abandon(cut=True)
-            if self.limits is not None and self.certain and self._part.good == self._part.head:
-                self._withdraw()
+            self.abandon()
             raise RecordingError(
                 f"{self.file}: {error.strerror}; what was recorded before is kept ({self._part.good} bytes)"
             ) from error
+
+    def abandon(self) -> None:
+        """Write no more: cut the part back to what is on the disk, and leave it as it is."""
+        if not self._open:
+            return
+        self._open = False
+        self.certain = self._part.abandon(cut=True)
+        self.release()
+        if self.limits is not None and self.certain and self._part.good == self._part.head:
+            self._withdraw()
+
+    def release(self) -> None:
+        """Let another one write in the folder."""
+        if self._claim is not None:
+            self._claim.release()
 
     def _withdraw(self) -> None:
         """Remove the part, in which nothing is: on a disk that stays full each try would leave one behind."""
@@ -458,7 +514,17 @@ class BagWriter:
         return tuple(one.topic for one in self._channels)
 
     def _write_metadata(self, *, finished: bool = False, without_last: bool = False) -> None:
-        self._described = time.monotonic()
+        begin = time.monotonic()
         parts = (*self._parts, *(() if without_last else (self._part.count,)))
         about = BagMetadata(parts, self._topics(), finished=finished, custom=self._custom)
         write_metadata(self._folder, about)
+        self._described = time.monotonic()
+        self._metadata_interval = max(METADATA_INTERVAL, METADATA_SHARE * (self._described - begin))
+
+
+def _present(described: Definition) -> Definition:
+    """Return the installed definition of a type, which messages from now on follow, else the one given."""
+    try:
+        return definition(described.name)
+    except InputError:
+        return described

@@ -18,9 +18,9 @@ class Heartbeat:
     def __init__(self, count: int) -> None:
         self._map = mmap.mmap(-1, _BEAT.size * count)
 
-    def beat(self, number: int) -> None:
-        """Say that this process is number ``number`` and makes progress."""
-        _BEAT.pack_into(self._map, _BEAT.size * number, time.monotonic(), os.getpid())
+    def beat(self, number: int, process: int | None = None) -> None:
+        """Say that ``process``, this one where it is left out, is number ``number`` and makes progress."""
+        _BEAT.pack_into(self._map, _BEAT.size * number, time.monotonic(), process or os.getpid())
 
     def forget(self, number: int) -> None:
         """Say that no process is number ``number``."""

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import multiprocessing
+import os
 import resource
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -22,12 +24,14 @@ from spool_node.diagnostics import DiagnosticPublisher, Level, Status
 from spool_node.log_folder import ensure_log_folder
 from spool_node.managed_node import ManagedNode
 from spool_node.parameters import NodeParameter
-from spool_node.running import new_executor
+from spool_node.running import REFUSED, new_executor, one_line
 from spool_node.stopping import STOP, Phase, StopRequested
+from spool_node.throttle import Throttle
 from spool_node.ticker import Ticker
 from spool_node.worker import Worker
 from spool_stream.errors import InputError
 
+from .first_list import FirstList
 from .heartbeat import Heartbeat, notify
 from .sources import NONE, load_source
 from .valve_list import ListedValve, read_valves, share
@@ -40,7 +44,8 @@ TURN, LOOK = 0.1, 0.25
 LONGEST_TURNS, TURNS, IDLE = 1.0, 0.005, 0.001
 #: s after which a callback counts as hanging: it takes a millisecond.
 LONGEST_CALL = 1.0
-#: s between two reports of the host, and times that a node that hung or would not start is started again.
+#: s between two reports of the host, and times within an hour that a node that hung or would not start is
+#: begun again.
 REPORT, TRIES = 1.0, 20
 #: s from one try to the next.
 AGAIN = 5.0
@@ -51,13 +56,18 @@ TOGETHER = 0.2
 
 @dataclass(slots=True)
 class Hosted:
-    """Node that is hosted: its state, and how often it was begun again."""
+    """Node that is hosted: its state, and when it was begun again within the last hour."""
 
     node: ManagedNode
     valve: str
-    tries: int = 0
+    tries: list[float] = field(default_factory=list)
     failed: str = ""
     due: float = 0.0
+
+    def tried(self, now: float) -> int:
+        """Return how often it was begun again in the hour before ``now``."""
+        self.tries = [at for at in self.tries if now - at < 3600.0]
+        return len(self.tries)
 
 
 class HostNode(ManagedNode):
@@ -99,6 +109,7 @@ class HostProcess:
     arguments: Sequence[str]
     number: int = 0
     heartbeat: Heartbeat | None = None
+    first_list: FirstList | None = None
     hosted: list[Hosted] = field(default_factory=list)
     _node: HostNode = field(init=False)
     _executor: Any = field(init=False)
@@ -107,6 +118,7 @@ class HostProcess:
     _looked: float = 0.0
     _reported: float = 0.0
     _cpu: float = 0.0
+    _throttle: Throttle = field(default_factory=Throttle)
 
     def run(self) -> int:
         """Start the nodes, spin until a signal, end them; return the exit code."""
@@ -118,24 +130,33 @@ class HostProcess:
             ensure_log_folder()
             rclpy.init(args=self.arguments, signal_handler_options=SignalHandlerOptions.NO)
             self._begin()
+            code = 1  # from here on nothing that was given is wrong
             STOP.phase = Phase.RUNNING
             self._spin()
+            code = 0
         except StopRequested:
-            pass
-        except InputError as error:
-            print(error, file=sys.stderr, flush=True)
-            code = 2
+            code = 0
+        except (InputError, *REFUSED) as error:
+            print(one_line(error), file=sys.stderr, flush=True)
+            code = code or 2
         STOP.phase = Phase.ENDING
         self._end()
         STOP.finish()
+        if any(one.node.compiling for one in self.hosted):
+            # The interpreter would take itself down beneath the compiler.
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(code)
         return code
 
     def _begin(self) -> None:
         self._node = HostNode("host" if self.number == 0 else f"host_{self.number}")
         self._executor = new_executor()
         self._executor.add_node(self._node)
-        valves = read_valves(self._node.value("valves_file"))
+        file = self._node.value("valves_file")
+        valves = read_valves(file) if self.first_list is None else self.first_list.read(file)
         HUB.worker = Worker()
+        ManagedNode.beat = self._beat
         HUB.together = self._node.value("together")
         ticker = ManagedNode.ticker = Ticker()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -155,7 +176,8 @@ class HostProcess:
         gc.freeze()
         gc.disable()
         for one in self.hosted:
-            if one.node.value("autostart") and not one.failed:
+            # An operator, or a new try after a failure, may have been sooner.
+            if one.node.value("autostart") and one.node.is_inactive and not one.failed:
                 self._activate(one)
                 # What listens already is served while the others begin.
                 self._turns()
@@ -209,21 +231,31 @@ class HostProcess:
         assert HUB.worker is not None
         begun = time.monotonic()
         while not STOP.requested and (now := time.monotonic()) < begun + LONGEST_TURNS:
-            self._executor.spin_once(timeout_sec=IDLE)
+            self._turn(IDLE)
+            self._guarded(self._look, now)
             if now - begun >= TURNS and not HUB.worker.waiting and not HUB.behind:
                 return
 
     def _spin(self) -> None:
         # The events executor has no end of a spin that is not a busy one.
         while not STOP.requested:
-            self._executor.spin_once(timeout_sec=TURN)
+            self._turn(TURN)
             now = time.monotonic()
-            if now - self._looked >= LOOK:
-                self._looked = now
-                self._beat()
-                self._look(now)
+            self._guarded(self._look, now)
             if now - self._reported >= REPORT:
-                self._report(now)
+                self._guarded(self._report, now)
+
+    def _turn(self, seconds: float) -> None:
+        """Let the executor wait so long for work."""
+        self._guarded(self._executor.spin_once, seconds)
+
+    def _guarded(self, action: Callable[[float], object], argument: float) -> None:
+        """Do something; what it raises ends none of the nodes."""
+        try:
+            action(argument)
+        except Exception as error:  # of the middleware, or of a callback that does not guard itself
+            if self._throttle.take(type(error).__name__):
+                self._node.get_logger().error(f"a callback failed: {error}")
 
     def _beat(self) -> None:
         if self.heartbeat is not None:
@@ -233,27 +265,37 @@ class HostProcess:
 
     def _look(self, now: float) -> None:
         """Give up what hangs, and begin again what failed."""
+        since = now - self._looked
+        if since < LOOK:
+            return
+        self._looked = now
+        self._beat()
         worker = HUB.worker
         assert worker is not None
         HUB.flush(2.0 * HUB.together)
         owner = worker.hanging(LONGEST_CALL)
-        if owner is not None:
+        # After a callback of this thread that took long, or a pause of the whole process, it waits its turn.
+        if owner is not None and since < LONGEST_CALL:
             worker.give_up(owner)
             for one in self._of(owner):
+                one.node.give_up()
+                HUB.give_up(one.node)
                 one.failed, one.due = f"a callback did not return within {LONGEST_CALL:g} s", now + AGAIN
                 self._node.get_logger().error(
                     f"{one.node.get_fully_qualified_name()}: {one.failed}; it is stopped, all others go on"
                 )
         for one in self.hosted:
-            if one.failed and now >= one.due and one.tries < TRIES and not one.node.busy:
-                one.tries += 1
+            if one.failed and now >= one.due and not one.node.busy and one.tried(now) < TRIES:
+                one.tries.append(now)
                 worker.admit(one.node)
+                one.node.admit()
                 self._begin_again(one)
 
     def _of(self, owner: object) -> Iterator[Hosted]:
-        """Yield the nodes of the valve of ``owner``: they share its blocks."""
+        """Yield the nodes that take the blocks of the valve of ``owner``."""
         valve = next((one.valve for one in self.hosted if one.node is owner), None)
-        return (one for one in self.hosted if one.valve == valve)
+        takers = EstimatorNode, MonitorNode
+        return (one for one in self.hosted if one.valve == valve and isinstance(one.node, takers))
 
     def _begin_again(self, one: Hosted) -> None:
         one.failed = ""
@@ -261,9 +303,12 @@ class HostProcess:
             one.node.trigger_deactivate()
         with contextlib.suppress(Exception):
             one.node.trigger_cleanup()
-        self._configure(one)
-        if not one.failed:
-            self._activate(one)
+        try:
+            self._configure(one)
+            if not one.failed:
+                self._activate(one)
+        except REFUSED:  # it is in a state that has no such transition: an operator shut it down
+            self._fail(one)
 
     def _report(self, now: float) -> None:
         """Publish what the host does, and what each valve costs and waits."""
@@ -293,11 +338,14 @@ class HostProcess:
         self._diagnostics.publish(Status("host", level, text, values), *valves)
 
     def _end(self) -> None:
+        if HUB.worker is not None:
+            HUB.worker.close()
         for one in self.hosted:
             with contextlib.suppress(Exception):
                 one.node.trigger_shutdown()
-        if HUB.worker is not None:
-            HUB.worker.close()
+        # A process that analyses is not waited for: what it is at is lost.
+        for child in multiprocessing.active_children():
+            child.terminate()
         if hasattr(self, "_executor"):
             self._executor.shutdown()
         rclpy.try_shutdown()

@@ -10,6 +10,7 @@ from spool_stream.errors import InputError
 from spool_stream.scheduling import run_before_others, use_processors
 from spool_stream.text.standard_streams import keep_standard_streams
 
+from .first_list import FirstList
 from .supervisor import Run, Supervisor
 
 
@@ -46,13 +47,13 @@ def main() -> int:
 
     economise()
     if options.processes > 1:
-        return Supervisor(options.processes, partial(_load, arguments)).run()
+        return Supervisor(options.processes, partial(_load, arguments, FirstList())).run()
     from .host_process import HostProcess  # noqa: PLC0415 - slow to load
 
     return HostProcess(arguments).run()
 
 
-def _load(arguments: list[str]) -> Run:
+def _load(arguments: list[str], valves: FirstList) -> Run:
     """Load what the processes of a host share, and return what runs one."""
     from spool_estimator.warm_up import warm_up_estimator  # noqa: PLC0415 - slow to load, once for all
     from spool_monitor.warm_up import warm_up_monitor  # noqa: PLC0415
@@ -61,7 +62,7 @@ def _load(arguments: list[str]) -> Run:
 
     warm_up_estimator()
     warm_up_monitor()
-    return lambda number, heartbeat: HostProcess(arguments, number, heartbeat).run()
+    return lambda number, heartbeat: HostProcess(arguments, number, heartbeat, valves).run()
 
 
 if __name__ == "__main__":

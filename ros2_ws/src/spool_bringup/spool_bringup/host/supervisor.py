@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import gc
+import math
 import os
 import signal
 import sys
@@ -19,15 +20,20 @@ from types import FrameType
 
 from .heartbeat import Heartbeat, notify
 
-#: s before a process that died is begun again, and times within an hour.
-AGAIN, MOST = 2.0, 20
+#: s before a process that died is begun again, twice as long for each further time in an hour, and at most.
+AGAIN, LONGEST_AGAIN = 2.0, 300.0
 #: s without progress after which a process is killed: starting a node takes less than a second; and between
 #: two looks.
 LONGEST_SILENCE, LOOK = 30.0, 0.5
+#: s that loading takes at most, compiling included (about a minute), and the end of a process after a signal.
+LONGEST_LOAD, LONGEST_END = 600.0, 60.0
 #: s that a process waits to become the supervisor's, which takes a millisecond.
 LONGEST_ADOPTION = 5.0
 #: Of prctl(2).
 _PARENT_DEATH_SIGNAL, _CHILD_SUBREAPER = 1, 36
+
+#: Signals with which a host is asked to end.
+ASKING = (signal.SIGINT, signal.SIGTERM)
 
 Run = Callable[[int, Heartbeat], int]
 
@@ -48,20 +54,27 @@ class Supervisor:
         self._count, self._load = count, load
         self._heartbeat = Heartbeat(count)
         self._loading: dict[int, list[int]] = {}
+        self._loading_since: dict[int, float] = {}
         self._ended: set[int] = set()
         self._asked: list[int] = []
         self._told: set[int] = set()
-        self._begun: list[float] = []
+        self._ends: dict[int, list[float]] = {}
+        self._due: dict[int, float] = {}
+        self._asked_at = math.inf
+        self._looked = self._patient_until = time.monotonic()
         self._code = 0
 
     def run(self) -> int:
         """Keep the processes running until a signal; return 2 where what was given to them is wrong."""
         ctypes.CDLL(None).prctl(_CHILD_SUBREAPER, 1)
-        for asking in (signal.SIGINT, signal.SIGTERM):
+        for asking in ASKING:
             signal.signal(asking, self._ask)
         self._begin(range(self._count))
         while len(self._ended) < self._count:
-            process, status = os.waitpid(-1, os.WNOHANG)
+            try:
+                process, status = os.waitpid(-1, os.WNOHANG)
+            except ChildProcessError:  # all wait to be begun again
+                process, status = 0, 0
             if process:
                 self._take_end(process, os.waitstatus_to_exitcode(status))
                 continue
@@ -71,29 +84,44 @@ class Supervisor:
 
     def _ask(self, number: int, _frame: FrameType | None) -> None:
         self._asked.append(number)
+        self._asked_at = min(self._asked_at, time.monotonic())
         self._told.clear()
-        self._tell()
+        self._tell(number)
 
-    def _tell(self) -> None:
+    @property
+    def _running(self) -> set[int]:
+        found = {self._heartbeat.process(number) for number in range(self._count)} | set(self._loading)
+        return found - {0}
+
+    def _tell(self, number: int) -> None:
         """Hand a signal on to all processes that have not had it."""
-        running = {self._heartbeat.process(number) for number in range(self._count)} | set(self._loading)
-        for process in running - self._told - {0}:
+        for process in self._running - self._told:
             self._told.add(process)
-            with contextlib.suppress(ProcessLookupError):  # its end is about to be taken
-                os.kill(process, self._asked[-1])
+            _signal(process, number)
 
     def _begin(self, numbers: Sequence[int]) -> None:
         supervisor = os.getpid()
         first, *others = numbers
-        process = os.fork()
+        # Until the child has handlers of its own, or none, a signal waits.
+        signal.pthread_sigmask(signal.SIG_BLOCK, ASKING)
+        try:
+            process = os.fork()
+        except OSError as error:  # no process or no memory is left
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, ASKING)
+            print(f"host: no process can be begun: {error.strerror}", file=sys.stderr, flush=True)
+            self._due.update(dict.fromkeys(numbers, time.monotonic() + AGAIN))
+            return
         if process:
+            self._loading_since[process] = time.monotonic()
             for before in self._loading.values():
                 before[:] = [number for number in before if number not in numbers]
             self._loading[process] = list(numbers)
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, ASKING)
             return
         try:
-            for asking in (signal.SIGINT, signal.SIGTERM):
+            for asking in ASKING:
                 signal.signal(asking, signal.SIG_DFL)
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, ASKING)
             _die_with(supervisor)
             run = self._load()
             # What lives now stays: no collector looks through it, so that its pages stay shared.
@@ -112,33 +140,62 @@ class Supervisor:
         """Run process ``number`` as a child of the supervisor: its own parent ends at once."""
         between = os.fork()
         if between:
-            os.waitpid(between, 0)
+            if os.waitstatus_to_exitcode(os.waitpid(between, 0)[1]):
+                raise OSError(f"process {number} cannot be begun")
             return
-        if os.fork():
-            os._exit(0)
-        self._heartbeat.beat(number)
+        try:
+            process = os.fork()
+            if process:
+                self._heartbeat.beat(number, process)
+                os._exit(0)
+        except OSError:
+            os._exit(1)
         _die_with(supervisor)
         os._exit(run(number, self._heartbeat))
 
     def _look(self) -> None:
-        """Kill what makes no progress; tell the service manager that all do."""
+        """Kill what makes no progress; tell the service manager that all do; begin what is due."""
+        now = time.monotonic()
+        if now - self._looked > 0.5 * LONGEST_SILENCE:  # the whole machine stood still
+            self._patient_until = now + LONGEST_SILENCE
+        self._looked = now
         if self._asked:
-            self._tell()
+            self._tell(self._asked[-1])
+            if now - self._asked_at > LONGEST_END:
+                for process in self._running:
+                    _signal(process, signal.SIGKILL)
+            self._ended.update(self._due)
+            self._due.clear()
             return
-        late = [
-            number
-            for number in range(self._count)
-            if self._heartbeat.process(number) and self._heartbeat.age(number) > LONGEST_SILENCE
-        ]
-        for number in late:
-            print(f"host {number} makes no progress: it is killed", file=sys.stderr, flush=True)
-            os.kill(self._heartbeat.process(number), signal.SIGKILL)
+        late = set() if now < self._patient_until else self._late(now)
+        for process in late:
+            print(f"host process {process} makes no progress: it is killed", file=sys.stderr, flush=True)
+            _signal(process, signal.SIGKILL)
         if not late:
             notify("WATCHDOG=1")
+        there = {self._heartbeat.process(number) for number in range(self._count)}
+        loading = (numbers for process, numbers in self._loading.items() if process not in there)
+        known = {number for numbers in loading for number in numbers} | self._ended
+        for number in set(range(self._count)) - known - set(self._due):
+            if not self._heartbeat.process(number):  # it ended before it said a word
+                self._due[number] = now
+        due = [number for number, at in self._due.items() if at <= now]
+        for number in due:
+            del self._due[number]
+        if due:
+            self._begin(due)
+
+    def _late(self, now: float) -> set[int]:
+        """Return the processes that make no progress, or load for too long."""
+        known = {self._heartbeat.process(number): number for number in range(self._count)}
+        late = {one for one, number in known.items() if one and self._heartbeat.age(number) > LONGEST_SILENCE}
+        loading = {one for one, since in self._loading_since.items() if one not in known}
+        return late | {one for one in loading if now - self._loading_since[one] > LONGEST_LOAD}
 
     def _take_end(self, process: int, code: int) -> None:
         """Begin again what ended with ``process``; where all are asked to end, count it."""
         loading = self._loading.pop(process, [])
+        self._loading_since.pop(process, None)
         numbers = [
             number
             for number in range(self._count)
@@ -152,23 +209,24 @@ class Supervisor:
         if self._asked:
             self._ended.update(numbers)
             return
-        if code == 2:  # it was refused: what was given is wrong
+        if code == 2 and not self._ends:  # it was refused at the start: what was given is wrong
             self._code = 2
             self._ended.update(numbers)
             self._ask(signal.SIGTERM, None)
             return
-        print(f"host {', '.join(map(str, numbers))} ended with {code}", file=sys.stderr, flush=True)
-        self._begun = [at for at in self._begun if time.monotonic() - at < 3600.0]
-        if len(self._begun) >= MOST:
-            print(f"host: {MOST} new starts within an hour, no more of this one", file=sys.stderr, flush=True)
-            self._ended.update(numbers)
-            return
-        self._begun.append(time.monotonic())
-        time.sleep(AGAIN)
-        if self._asked:
-            self._ended.update(numbers)
-        else:
-            self._begin(numbers)
+        now = time.monotonic()
+        for number in numbers:
+            ends = [at for at in self._ends.get(number, []) if now - at < 3600.0]
+            self._ends[number] = [*ends, now]
+            wait = min(AGAIN * 2.0 ** min(len(ends), 20), LONGEST_AGAIN)
+            self._due[number] = now + wait
+            said = f"host {number} ended with {code}: begun again in {wait:g} s"
+            print(said, file=sys.stderr, flush=True)
+
+
+def _signal(process: int, number: int) -> None:
+    with contextlib.suppress(ProcessLookupError):  # its end is about to be taken
+        os.kill(process, number)
 
 
 def _die_with(supervisor: int) -> None:

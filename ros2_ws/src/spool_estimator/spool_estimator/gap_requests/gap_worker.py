@@ -123,7 +123,7 @@ def analyse_task(task: GapTask) -> GapAnswer:
 
 
 class GapWorker:
-    """Gap worker: analyses in a process that lives from the first request on; one analysis at a time."""
+    """Gap worker: each analysis in a process of its own, one at a time."""
 
     def __init__(self) -> None:
         """Start nothing yet."""
@@ -155,9 +155,9 @@ class GapWorker:
         running, task = self._running, self._task
         self._running = self._task = None
         error = running.exception()
+        self.close()  # an analysis is rare, and its process as large as that of a node
         if error is None:
             return running.result()
-        self.close()
         seconds = sum(record.duration for record in task.records)
         return GapAnswer(
             task.stamp, False, f"the analysis broke off: {type(error).__name__}: {error}", seconds

@@ -19,7 +19,6 @@ from spool_sim.model import load_model
 from spool_sim.valve.description import Valve, find_valve
 from spool_stream.block import Block
 from spool_stream.block_gate import SharedGate
-from std_srvs.srv import Trigger
 
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import phase_of, settings_for
@@ -147,8 +146,7 @@ class EstimatorNode(ManagedNode):
         self.subscribe(Temperature, "oil_temperature", self._take_temperature, qos.samples_wanted())
         if self._worker is not None:
             self.every(0.05, self._collect, steady=True)
-        service = self.create_service(Trigger, "~/analyse_gap", self._gap.answer)
-        self._while_active.append(lambda: self.destroy_service(service))
+        self._gap.open()
         self.every(0.25, self._watch, steady=True)
         self.every(1.0, self._report, steady=True)
 

@@ -43,8 +43,12 @@ class GapService:
         self._recent = RecentBlocks(window)
         self._worker = GapWorker()
         self._events = node.create_lifecycle_publisher(HealthEvent, "events", qos.state(KEPT_EVENTS))
-        node.subscribe(HealthEvent, "events", self._hear, qos.state(KEPT_EVENTS))
         self._answers = node.create_lifecycle_publisher(GapAnalysis, "gap", qos.state())
+
+    def open(self) -> None:
+        """Listen to the valve's events, and answer requests."""
+        self._node.subscribe(HealthEvent, "events", self._hear, qos.state(KEPT_EVENTS))
+        self._node.serve(Trigger, "~/analyse_gap", self._answer)
 
     def take(self, block: Block, estimates: list[Estimate]) -> None:
         """Keep ``block`` and judge ``estimates``."""
@@ -59,7 +63,7 @@ class GapService:
         raised = event.state == HealthEvent.STATE_RAISED
         self._watch.hear(event.kind, event.source or event.cause, raised=raised)
 
-    def answer(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _answer(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Begin an analysis of what is kept; its result comes on ``gap``."""
         records = self._recent.records(self._valve.id)
         if not records:

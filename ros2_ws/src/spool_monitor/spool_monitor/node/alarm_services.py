@@ -13,6 +13,7 @@ from spool_node import qos
 from spool_node.diagnostics import Level, Status
 from spool_node.managed_node import ManagedNode
 from spool_node.messages import to_quantity
+from spool_node.worker import waiting_for_disk
 from spool_stream.errors import InputError
 from spool_stream.quantity import Quantity, Validity
 
@@ -82,7 +83,8 @@ class AlarmServices:
         before = self._state.baseline.current
         if not self._state.baseline.update(estimate):
             return
-        self._state.keep_baseline()
+        with waiting_for_disk():
+            self._state.keep_baseline()
         current = self._state.baseline.current
         assert current is not None
         if before is None:  # what takes longer to learn joins the same version later
@@ -132,7 +134,8 @@ class AlarmServices:
     def _settle(self, transitions: Sequence[Transition]) -> None:
         if not any(transition.changed for transition in transitions):
             return
-        self._state.keep_alarms()
+        with waiting_for_disk():
+            self._state.keep_alarms()
         self._publish()
         for transition in transitions:
             if Action.ANNOUNCE in transition.actions:
