@@ -52,6 +52,7 @@ class Worker:
         self._jobs: queue.SimpleQueue[tuple[object, Callable[[Any], None], Any]] = queue.SimpleQueue()
         self._current: tuple[object, float] | None = None
         self._refused: set[int] = set()
+        self._turn = threading.Lock()
         self._thread = self._begun()
 
     @property
@@ -75,15 +76,24 @@ class Worker:
         if self._current is not None:
             self._current = self._current[0], time.monotonic() + seconds
 
-    def give_up(self, owner: object) -> None:
-        """Leave the job of ``owner`` that hangs, and go on with those of others."""
-        self._refused.add(id(owner))
-        left, self._current = self._thread, None
-        self._thread = self._begun()
-        if left.ident is not None:  # in Python it ends at its next step; a kernel that never returns stays
-            ctypes.pythonapi.PyThreadState_SetAsyncExc(
-                ctypes.c_ulong(left.ident), ctypes.py_object(HangError)
-            )
+    def give_up(self, owner: object) -> bool:
+        """Leave the job of ``owner`` that hangs, and go on with those of others.
+
+        Return whether that was done: it may have returned just now.
+        """
+        with self._turn:
+            if self._current is None or self._current[0] is not owner:
+                return False
+            self._refused.add(id(owner))
+            left, self._current = self._thread, None
+            self._thread = self._begun()
+            if (
+                left.ident is not None
+            ):  # in Python it ends at its next step; a kernel that never returns stays
+                ctypes.pythonapi.PyThreadState_SetAsyncExc(
+                    ctypes.c_ulong(left.ident), ctypes.py_object(HangError)
+                )
+            return True
 
     def admit(self, owner: object) -> None:
         """Take jobs of ``owner`` again."""
@@ -109,14 +119,16 @@ class Worker:
                     return
                 if id(owner) in self._refused:
                     continue
-                self._current = owner, time.monotonic()
+                with self._turn:
+                    self._current = owner, time.monotonic()
                 try:
                     job(argument)
                 except Exception:  # of what does not guard itself: the jobs of others go on
                     traceback.print_exc()
-                if self._thread is not me:
-                    return
-                self._current = None
-                self.done += 1
+                with self._turn:  # a thread that was given up takes no further job: it is broken off
+                    if self._thread is not me:
+                        return
+                    self._current = None
+                    self.done += 1
         except HangError:
             return

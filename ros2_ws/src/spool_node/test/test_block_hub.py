@@ -165,9 +165,15 @@ def test_a_message_that_is_no_block_costs_no_other(hosted: BlockHub) -> None:
 def test_what_nobody_takes_any_more_does_not_pile_up(hosted: BlockHub) -> None:
     """A job that never returns keeps its topic's turn; the others of the topic have the blocks then."""
     hanging, node, taker = Node(), Node(), Taker()
-    release = threading.Event()
-    hosted.subscribe(hanging, "acceleration", lambda _: release.wait(), lambda: 1)
+    began, release = threading.Event(), threading.Event()
+
+    def hang(_: object) -> None:
+        began.set()
+        release.wait()
+
+    hosted.subscribe(hanging, "acceleration", hang, lambda: 1)
     hanging.send(0)
+    assert began.wait(60.0)
     send = hanging.hear
     assert send is not None
     data = encode_block(Block(10**18, 1, PERIOD, *[np.zeros(SIZE, np.float32)] * 2), "valve_1")
@@ -176,9 +182,11 @@ def test_what_nobody_takes_any_more_does_not_pile_up(hosted: BlockHub) -> None:
     assert hosted.times["/valve_1/acceleration"].waiting <= HOSTED_DEPTH
     hosted.subscribe(node, "acceleration", taker.take, lambda: taker.room)
     assert hosted.worker is not None
-    hosted.worker.give_up(hanging)
+    assert not hosted.worker.give_up(node)
+    assert hosted.worker.give_up(hanging)
     hosted.give_up(hanging)
+    waiting = hosted.times["/valve_1/acceleration"].waiting
     node.send(2000)
-    taker.wait(1)
+    taker.wait(waiting)
     assert taker.taken[-1][-1] == 2000
     release.set()

@@ -275,8 +275,7 @@ class HostProcess:
         HUB.flush(2.0 * HUB.together)
         owner = worker.hanging(LONGEST_CALL)
         # After a callback of this thread that took long, or a pause of the whole process, it waits its turn.
-        if owner is not None and since < LONGEST_CALL:
-            worker.give_up(owner)
+        if owner is not None and since < LONGEST_CALL and worker.give_up(owner):
             for one in self._of(owner):
                 one.node.give_up()
                 HUB.give_up(one.node)

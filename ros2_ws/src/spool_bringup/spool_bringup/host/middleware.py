@@ -6,7 +6,10 @@ Fast DDS allocates 100 samples for each of the 30 end points of a node before th
 
 from __future__ import annotations
 
+import atexit
 import os
+import tempfile
+from pathlib import Path
 
 PROFILE = """<?xml version="1.0" encoding="UTF-8"?>
 <dds xmlns="http://www.eprosima.com">
@@ -29,9 +32,10 @@ def economise() -> None:
     """Let the middleware of this process allocate little ahead; a profile that the user has given stands."""
     if any(name in os.environ for name in FILES):
         return
-    # In memory: no file is left behind, or removed before a process is begun again.
-    file = os.memfd_create("profile")
-    os.write(file, PROFILE.encode())
+    with tempfile.NamedTemporaryFile("w", prefix="spool_", suffix=".xml", delete=False) as stream:
+        stream.write(PROFILE)
+    path = Path(stream.name)
+    atexit.register(path.unlink, missing_ok=True)  # processes that are forked end without it
     for name in FILES:
-        os.environ[name] = f"/proc/self/fd/{file}"
+        os.environ[name] = str(path)
     os.environ["RMW_FASTRTPS_USE_QOS_FROM_XML"] = "1"
