@@ -23,7 +23,7 @@ from spool_tools.operations.simulation import simulate
 from spool_evaluation.results.timing import Timing, best_of
 
 from . import recursion
-from .live_source import BLOCK_RATE, LiveSource
+from .load.live_source import BLOCK_RATE, LiveSource
 
 SECONDS = 120.0
 #: s of the record that is replayed with refits, and how often the refits come.

@@ -20,8 +20,8 @@ from rich.console import Console
 from spool_stream.errors import InputError
 from spool_tools.demo.processes import Nodes
 
-from . import valve_source
-from .process_cost import family, memory, processor_time
+from .load import valve_source
+from .load.process_cost import family, memory, processor_time
 
 VALVES = (1, 10, 32, 100)
 #: s that blocks are sent, and how long after the start processor time is taken from.

@@ -14,7 +14,7 @@ from spool_tools.demo.processes import Nodes
 
 from spool_evaluation.results.timing import Timing
 
-from .process_cost import processor_time
+from .load.process_cost import processor_time
 
 #: s before and during which processor time is taken.
 WARM_UP, MEASURED = 6.0, 10.0

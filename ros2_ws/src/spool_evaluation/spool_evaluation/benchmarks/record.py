@@ -22,12 +22,14 @@ from spool_stream.errors import InputError
 from spool_stream.format.cdr import block_sequence
 from spool_tools.demo.processes import Nodes
 
-from . import plain_recorder, valve_source
-from .process_cost import memory, processor_time
+from .load import plain_recorder, valve_source
+from .load.process_cost import memory, processor_time
 
 VALVES = (32,)
 #: s that blocks are sent, after which processor time is taken, and that nodes have to start.
 SECONDS, SETTLED, START = 60.0, 10.0, 5.0
+#: Blocks by which each valve's run is ahead of the one before it: equal samples would pack better.
+SHIFT = 37
 #: s that a recorder may take to end.
 PATIENCE = 60.0
 
@@ -94,7 +96,7 @@ def _measured(count: int, seconds: float, recorder: str) -> RecordingCost:
                 )
             time.sleep(START)
             with (folder / "source.log").open("wb") as log:
-                words = [str(count), str(seconds), str(report)]
+                words = [str(count), str(seconds), str(report), str(SHIFT)]
                 source = subprocess.Popen(
                     [sys.executable, "-m", valve_source.__name__, *words], stdout=log, stderr=log
                 )

@@ -1,6 +1,6 @@
 """Plain recorder, a peer: it writes each message as it comes with the library mcap, and syncs nothing.
 
-Run as ``python -m spool_evaluation.benchmarks.plain_recorder FILE TOPIC...``; a signal ends it.
+Run as ``python -m spool_evaluation.benchmarks.load.plain_recorder FILE TOPIC...``; a signal ends it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Source of the blocks of many valves: a recorded run sent again, cheaply, and when the estimates come back.
 
-Run as ``python -m spool_evaluation.benchmarks.valve_source COUNT SECONDS FILE``; it sends for ``SECONDS`` and
-writes what it saw as JSON.
+Run as ``python -m spool_evaluation.benchmarks.load.valve_source COUNT SECONDS FILE [SHIFT]``; it sends for
+``SECONDS`` and writes what it saw as JSON. Each valve sends the run ``SHIFT`` blocks ahead of the one before.
 """
 
 from __future__ import annotations
@@ -53,6 +53,7 @@ class ValveSource:
 
     count: int
     seconds: float
+    shift: int = 0
     tracking: dict[int, float] = field(default_factory=dict)
     first: dict[int, float] = field(default_factory=dict)
     ages: list[float] = field(default_factory=list)
@@ -90,14 +91,14 @@ class ValveSource:
                 break  # no processor is left: what was seen until now is the result
             while (left := due - time.monotonic()) > 0.0:
                 executor.spin_once(timeout_sec=left)
-            message = messages[number % len(messages)]
             # Stamped by the clock of the acquisition: how busy this process is changes no stamp.
             first = begin + round(1e9 * ((turn + 1) * step - 1.0 / BLOCK_RATE))
             seconds, nanoseconds = divmod(first, 1_000_000_000)
-            struct.pack_into("<iI", message, 4, seconds, nanoseconds)
-            struct.pack_into("<Q", message, at, number)
-            data = bytes(message)
             for valve in groups[group]:
+                message = messages[(number + self.shift * valve) % len(messages)]
+                struct.pack_into("<iI", message, 4, seconds, nanoseconds)
+                struct.pack_into("<Q", message, at, number)
+                data = bytes(message)
                 self.sent[valve][number % 1000] = time.monotonic()
                 publishers[valve].publish(data)
         executor.spin_once(timeout_sec=0.5)
@@ -163,12 +164,12 @@ class ValveSource:
         }
 
 
-def main(count: int, seconds: float, file: Path) -> None:
+def main(count: int, seconds: float, file: Path, shift: int = 0) -> None:
     """Send, then write what was seen."""
-    source = ValveSource(count, seconds)
+    source = ValveSource(count, seconds, shift)
     source.run()
     file.write_text(json.dumps(source.to_dict()), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]), float(sys.argv[2]), Path(sys.argv[3]))
+    main(int(sys.argv[1]), float(sys.argv[2]), Path(sys.argv[3]), *map(int, sys.argv[4:]))

@@ -1,0 +1,1 @@
+"""Load of benchmarks: sources of blocks, a peer that records, and what running processes cost."""
