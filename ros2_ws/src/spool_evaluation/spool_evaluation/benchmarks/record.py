@@ -28,8 +28,9 @@ from .load.process_cost import memory, processor_time
 VALVES = (32,)
 #: s that blocks are sent, after which processor time is taken, and that nodes have to start.
 SECONDS, SETTLED, START = 60.0, 10.0, 5.0
-#: Blocks by which each valve's run is ahead of the one before it: equal samples would pack better.
-SHIFT = 37
+#: Blocks by which each valve's run is ahead of the one before it, longer than a chunk of 32 valves: equal
+#: samples would pack better.
+SHIFT = 93
 #: s that a recorder may take to end.
 PATIENCE = 60.0
 
