@@ -1,4 +1,4 @@
-"""Structure of the source: imports go one way, packages stay of a size, folders can be seen at a glance."""
+"""Structure of the source: imports go one way, packages stay of a size."""
 
 from __future__ import annotations
 
@@ -9,15 +9,6 @@ from pathlib import Path
 from spool_evaluation.pictures.structure import Module, layers, package_imports, read_modules
 
 SOURCE = Path(__file__).resolve().parent.parent / "ros2_ws" / "src"
-#: Folders of one kind of file each, found by discovery: as many modules as there are members.
-REGISTRIES = {
-    "spool_gap.catalogue",
-    "spool_import.formats",
-    "spool_monitor.detectors",
-    "spool_sim.terms",
-    "spool_tools.commands",
-}
-MODULES_PER_FOLDER = 18
 #: Needed by developers and studies only.
 NOT_ON_A_MACHINE = {"spool_evaluation", "spool_blind"}
 MODULES = read_modules(SOURCE)
@@ -70,12 +61,6 @@ def test_no_package_outgrows_the_others() -> None:
     for module in MODULES.values():
         lines[module.package] += module.lines
     assert max(lines.values()) < lines.total() / 5
-
-
-def test_a_folder_can_be_seen_at_a_glance() -> None:
-    modules = Counter(module.folder for module in MODULES.values() if module.name != module.folder)
-    crowded = {folder: count for folder, count in modules.items() if count > MODULES_PER_FOLDER}
-    assert crowded.keys() <= REGISTRIES
 
 
 def test_a_cycle_is_seen() -> None:
