@@ -19,6 +19,7 @@ from spool_identification.signals.zero_phase import ZeroPhase, relative_motion
 
 from .fit_result import SPOOL_DELAY, SPOOL_GAIN
 from .free_run import FreeRun
+from .record import first_seconds
 
 Array = NDArray[np.float64]
 
@@ -69,16 +70,9 @@ class EquationError:
         self._scale = np.array([unknown.scale for unknown in own])
         mass = float(values[0, run.names.index("mass")])
         self._stretches = []
-        left = LONGEST
-        for number, entry in enumerate(run.records):
-            if left <= 0.0:
-                break
-            some = entry.part(0, min(entry.body.size, round(left / entry.sample_period)))
-            left -= some.duration
+        for number, some in first_seconds(run.records, LONGEST, shortest=4.0 / low_cut):
             high = 1.5 * max(run.highest_frequency[number], 30.0)
             both = ZeroPhase(some.sample_period, low_cut, high)
-            if some.body.size < 4 * both.settling:
-                continue
             motion = relative_motion(some.body, some.spool, ZeroPhase(some.sample_period, low_cut))
             inside = slice(both.settling, some.body.size - both.settling)
             self._stretches.append(

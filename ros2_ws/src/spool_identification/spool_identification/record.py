@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -87,6 +87,24 @@ class Record:
             oil_temperature=None if temperature is None else temperature[first:stop],
             origin=self.start if self.origin is None else self.origin,
         )
+
+
+def first_seconds(
+    records: Sequence[Record], seconds: float, shortest: float = 0.0
+) -> Iterator[tuple[int, Record]]:
+    """Yield the first ``seconds`` s of ``records``: the number of a record and its beginning.
+
+    A beginning has at least one sample: the time left over after the last one may be a fraction of a sample.
+    Beginnings shorter than ``shortest`` s are skipped and take no time.
+    """
+    left = seconds
+    for number, entry in enumerate(records):
+        count = min(entry.body.size, round(left / entry.sample_period))
+        if count < 1:
+            return
+        if count * entry.sample_period >= shortest:
+            yield number, entry.part(0, count)
+            left -= count * entry.sample_period
 
 
 def records_from_blocks(

@@ -5,11 +5,13 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 from spool_identification.agreement import free_run_agreement
 from spool_identification.fit import fit
 from spool_identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, FitSettings
-from spool_identification.record import Record, records_from_blocks
+from spool_identification.record import Record, first_seconds, records_from_blocks
 from spool_identification.signals.zero_phase import ZeroPhase, relative_motion
 from spool_sim.excitation.kinds import Excitation, Multisine, SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion
@@ -38,12 +40,14 @@ def record(
     seconds: float = 10.0,
     drive: Excitation = SWEEP,
     spool: Sensor | None = None,
+    rate: float = 2000.0,
 ) -> Record:
     simulator = Simulator(
         valve,
         drive,
         model=model,
         parameters=truth,
+        sample_rate=rate,
         seed=3,
         body_sensor=Sensor(noise=noise),
         spool_sensor=spool or Sensor(noise=noise),
@@ -74,6 +78,35 @@ def test_a_gap_in_the_stream_separates_two_records(valve: Valve) -> None:
     whole = records_from_blocks(blocks, "whole")[0]
     np.testing.assert_array_equal(stretches[1].spool, whole.part(2000, 4000).spool)
     assert whole.part(2000, 4000).first_sample == 2000
+
+
+@given(
+    rate=st.one_of(st.integers(100, 6000), st.floats(90.0, 6000.0)),
+    lengths=st.lists(st.integers(1, 60_000), min_size=1, max_size=4),
+    seconds=st.floats(0.5, 20.0),
+)
+@settings(max_examples=200, deadline=None)
+def test_the_first_seconds_of_records_are_whole_samples_at_any_rate(
+    rate: float, lengths: list[int], seconds: float
+) -> None:
+    records = [Record("r", 1, 1.0 / rate, row, row) for row in (np.zeros(length) for length in lengths)]
+    parts = list(first_seconds(records, seconds))
+    assert all(part.body.size >= 1 for _, part in parts)
+    assert [number for number, _ in parts] == list(range(len(parts)))
+    taken = sum(part.body.size for _, part in parts)
+    assert abs(taken - min(sum(lengths), seconds * rate)) <= 0.5 + 1e-6 * taken
+
+
+@pytest.mark.parametrize("rate", [833.0, 333.0, 100.055, 2000.0 * (1.0 - 10e-6), 2000.0 * (1.0 + 37e-6)])
+def test_a_record_at_a_measured_rate_is_fitted_with_a_gap_in_it(rate: float, valve: Valve) -> None:
+    truth = {"spring_stiffness": 1700.0, "viscous_coefficient": 5.0}
+    drive = Multisine(low_frequency=5.0, high_frequency=30.0, rms=6.0)
+    whole = record(valve, "fluid", truth, seconds=10.0, drive=drive, rate=rate)
+    stretches = [whole.part(0, round(8.0 * rate)), whole.part(round(8.02 * rate), whole.body.size)]
+    result = fit(stretches, MODELS["fluid"], valve, EXACT)
+    assert result.reason is None
+    for name, value in truth.items():
+        assert result.parameter(name).value == pytest.approx(value, rel=0.01)
 
 
 @pytest.mark.parametrize("name", ["coulomb", "mixed", "fluid_presliding_friction", "fluid_end_stop"])

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from scipy import signal
 from spool_identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, Fit
 from spool_identification.free_run import FreeRun, Response
-from spool_identification.record import Record
+from spool_identification.record import Record, first_seconds
 from spool_identification.signals.zero_phase import ZeroPhase, relative_motion
 from spool_sim.valve.description import Valve
+from spool_stream.errors import InputError
 
 Array = NDArray[np.float64]
 
@@ -126,13 +127,8 @@ def friction(
     run = FreeRun(records, fit.model, valve, low_cut=LOW_CUT)
     stiffness, mass = fit.values["spring_stiffness"], fit.values["mass"]
     velocity, force, law = [], [], []
-    left = LONGEST
-    for entry, highest in zip(run.records, run.highest_frequency, strict=True):
-        some = entry.part(0, min(entry.body.size, round(left / entry.sample_period)))
-        both = ZeroPhase(some.sample_period, LOW_CUT, 1.5 * max(highest, 30.0))
-        if left <= 0.0 or some.body.size < 5 * both.settling:
-            continue
-        left -= some.duration
+    for number, some in first_seconds(run.records, LONGEST, shortest=5.0 / LOW_CUT):
+        both = ZeroPhase(some.sample_period, LOW_CUT, 1.5 * max(run.highest_frequency[number], 30.0))
         motion = relative_motion(some.body, some.spool, ZeroPhase(some.sample_period, LOW_CUT))
         model = run.motion.forces(
             motion.displacement, motion.velocity, run.sets(fit.values),
@@ -143,6 +139,8 @@ def friction(
         velocity.append(motion.velocity[inside])
         force.append((-mass * both.apply(motion.spool) - spring)[inside])
         law.append((both.apply(model) - spring)[inside])
+    if not velocity:
+        raise InputError("no stretch is long enough for the motion of both accelerometers to settle")
     return _binned(np.concatenate(velocity), np.concatenate(force), np.concatenate(law), bins, points)
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from spool_identification.free_run import excitation_limit
-from spool_identification.record import Record
+from spool_identification.record import Record, first_seconds
 from spool_identification.signals.zero_phase import ZeroPhase, delayed, relative_motion
 from spool_sim.integration.composed_motion import ComposedMotion
 from spool_stream.errors import InputError
@@ -70,13 +70,9 @@ def loops_of(records: Sequence[Record], sides: Sequence[Numbers]) -> Loops:
         raise InputError("the model has no mass, so accelerations say nothing of forces")
     motions = {side.name: ComposedMotion(side.model.terms) for side in sides}
     parts: list[tuple[float, Array, Array, Array, dict[str, Array]]] = []
-    left, period = LONGEST, rows[0].sample_period
-    for entry in rows:
-        some = entry.part(0, min(entry.body.size, round(left / period)))
-        both = ZeroPhase(period, LOW_CUT, 1.5 * max(excitation_limit(entry), 30.0))
-        if left <= 0.0 or some.body.size < 6 * both.settling:
-            continue
-        left -= some.duration
+    period = rows[0].sample_period
+    for number, some in first_seconds(rows, LONGEST, shortest=6.0 / LOW_CUT):
+        both = ZeroPhase(period, LOW_CUT, 1.5 * max(excitation_limit(rows[number]), 30.0))
         spool = (delayed(some.spool, -last.delay, period) if last.delay else some.spool) / (1.0 + last.gain)
         motion = relative_motion(some.body, spool, ZeroPhase(period, LOW_CUT))
         inside = slice(2 * both.settling, some.body.size - 2 * both.settling)
