@@ -1,4 +1,4 @@
-"""Rates from stamps that are coarse, jitter, come in bursts or are lost: right within the deviation, or none."""
+"""Rates from stamps that are coarse, jitter, burst or are lost: right within the deviation, or none."""
 
 from __future__ import annotations
 
