@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE
+from spool_bag.format.metadata import custom_data as kept_data
 from spool_bag.names import check_valve
 from spool_bag.recording.writer import BagWriter
 from spool_bag.tables.column_names import OIL_TEMPERATURE
 from spool_stream.format.cdr import OilTemperature, encode_block, encode_temperature
+from spool_stream.text.printable import printable
 
 from .records.blocks import BLOCK_DURATION, blocks_of, checked_start, stream_of
 from .records.choices import Choices
@@ -92,9 +94,21 @@ def import_record(
     )
 
 
+#: Begin of the keys of ``custom_data`` that hold columns and their conversions.
+_COLUMN = "import_column_"
+
+
+def import_notes(bag: Path) -> tuple[str, ...]:
+    """Return from which columns a bag was imported, and how they were converted; empty for a recorded bag."""
+    held = kept_data(bag)
+    uses = [text for key, text in held.items() if key.startswith(_COLUMN)]
+    return (f"imported from {printable(held.get('imported_from', ''), 80)}", *uses) if uses else ()
+
+
 def custom_data(record: LoggerRecord) -> dict[str, str]:
     """Return what a bag keeps of how its record was understood, by key."""
     found = {"imported_from": record.path.name}
+    found |= {f"{_COLUMN}{use.role}": str(use) for use in record.uses}
     found |= {f"import_{name}": str(count) for name, count in record.repairs.items()}
     if record.clocks is not None:
         clocks = record.clocks

@@ -107,16 +107,16 @@ READ: list[tuple[str, Maker, dict[str, object]]] = [
 ]  # fmt: skip
 
 REFUSED: list[tuple[str, Maker, dict[str, object], str]] = [
-    ("unitless.csv", made.text("t [s],body,spool\n", in_g(made.rows())), {}, r"type --unit body=g, or --unit body=m/s\^2"),
+    ("unitless.csv", made.text("t [s],body,spool\n", in_g(made.rows())), {}, r"type --unit body=g,spool=g, or --unit body=m/s\^2,spool=m/s\^2"),
     ("volts.csv", made.text("t [s],body [mV],spool [mV]\n", in_mv(made.rows())), {}, "--scale body=100mV/g"),
-    ("bare.parquet", made.bare_parquet, {}, "has no unit and could be in g"),
+    ("bare.parquet", made.bare_parquet, {}, "have no unit and could be in g"),
     ("bare.wav", made.wav(np.float32), {"columns": "body_m_s2=0,spool_m_s2=1"}, "--scale body=50g/FS"),
     ("mass.csv", made.text("t [s],body [kg],spool [kg]\n", made.rows()), {}, "no unit|kg"),
-    ("path.csv", made.text("t [s],body [mm],spool [mm]\n", made.rows()), {}, "no column body_m_s2, spool_m_s2"),
+    ("path.csv", made.text("t [s],body [mm],spool [mm]\n", made.rows()), {}, r"are in mm, a unit of length and not of acceleration: .*--unit body=m/s\^2"),
     ("no_time.csv", made.text("body [g],spool [g]\n", "\n".join("1,2" for _ in range(9))), {}, "--rate HZ"),
     ("which.csv", made.text("t [s],body 1 [g],body 2 [g],spool [g]\n", made.rows().replace("\n", ",0\n")), {},
-     "body 1 .g., body 2 .g. could be body_m_s2: say which with --columns body_m_s2=body 1"),
-    ("names.csv", made.text("t [s],a [g],b [g]\n", made.rows()), {}, "map names with --columns body_m_s2=NAME"),
+     "body 1 .g., body 2 .g. could be body_m_s2: say which with --columns .body=body 1 .g.., or --columns"),
+    ("names.csv", made.text("t [s],a [g],b [g]\n", made.rows()), {}, r"name columns, e\.g\. --columns .body=a .g.,spool=b .g.."),
     ("rate.csv", made.text("t [s],body [g],spool [g]\n", made.rows()), {"rate": 1000.0}, "says 2000 Hz: leave --rate out"),
     ("cut.xlsx", lambda path: path.write_bytes(b"PK\x03\x04 cut") and None, {}, "cannot be read as Excel"),
     ("cut.tdms", lambda path: path.write_bytes(b"TDSm" + bytes(40)) and None, {}, "cannot be read as NI TDMS"),
@@ -126,9 +126,9 @@ REFUSED: list[tuple[str, Maker, dict[str, object], str]] = [
     ("pickled.npy", lambda path: np.save(path, np.array([{}], dtype=object)), {}, "cannot be read as NumPy"),
     ("cut.parquet", lambda path: path.write_bytes(b"PAR1" + bytes(80)) and None, {}, "cannot be read as Parquet"),
     ("picture.png", lambda path: path.write_bytes(b"\x89PNG\r\n" + bytes(80)) and None, {}, "of no known format; read are"),
-    ("topics", made.imu_bag(StoragePlugin.MCAP), {}, "--topic body=/TOPIC:z"),
+    ("topics", made.imu_bag(StoragePlugin.MCAP), {}, "--topic body=/imu_1:z,spool=/imu_2:z"),
     ("axis", made.imu_bag(StoragePlugin.MCAP), {"topic": "body=/imu_1:w,spool=/imu_2:z"}, "has no axis 'w': name one of x, y, z"),
-    ("unitless", made.array_bag, {"topic": "body=/daq:0,spool=/daq:1"}, "has no unit and could be in g"),
+    ("unitless", made.array_bag, {"topic": "body=/daq:0,spool=/daq:1"}, "have no unit and could be in g"),
 ]  # fmt: skip
 
 

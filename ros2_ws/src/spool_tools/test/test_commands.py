@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from spool_bag.format.definitions import typestore
 from spool_bag.reading.reader import BagReader
+from spool_import.records.choices import columns_of
 from spool_sim.excitation.presets import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
@@ -21,7 +22,6 @@ from spool_stream.block import Block
 from spool_stream.errors import InputError
 from spool_tools.cli import main
 from spool_tools.input.bag_valve import VALVE_DESCRIPTION, encode_valve, recorded_valve
-from spool_tools.input.record_names import parse_columns
 from spool_tools.operations.simulation import SIMULATION_START, simulate
 
 SETTINGS: dict[str, Any] = {
@@ -99,10 +99,10 @@ def test_a_wrong_start_is_refused(start: str, tmp_path: Path, capsys: pytest.Cap
     assert re.search(r"--start .*: write it like 2025-01-31T12:00:00", capsys.readouterr().err)
 
 
-@pytest.mark.parametrize("columns", ["time_s", "time_s=", "=t", "time_s=t,,", ""])
+@pytest.mark.parametrize("columns", ["time_s", "time_s=", "=t", "time_s=t,,", "", "time_s=,body=b"])
 def test_wrong_columns_are_refused(columns: str) -> None:
     with pytest.raises(InputError, match=r"--columns .*: write it like time_s=t"):
-        parse_columns(columns)
+        columns_of(columns)
 
 
 @pytest.mark.parametrize(

@@ -52,7 +52,7 @@ def test_g_millivolts_and_si_give_the_same_fit(
         path = table(tmp_path, f"{name}.csv", "time [s],body,spool", practice, size)
         assert main(["import", str(path), "--out", str(tmp_path / "refused")]) == 2
         said = capsys.readouterr().err
-        assert "type --unit body=g, or --unit body=m/s^2, or --scale body=100mV/g" in said
+        assert "type --unit body=g,spool=g, or --unit body=m/s^2,spool=m/s^2, or --scale body=100mV/g" in said
         assert not (tmp_path / "refused").exists()
         how = (["--unit", unit] if unit else []) + (["--scale", scale] if scale else [])
         assert main(["import", str(path), "--out", str(tmp_path / name), *how]) == 0

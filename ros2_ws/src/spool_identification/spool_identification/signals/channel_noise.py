@@ -25,6 +25,10 @@ LOUDER = 10.0
 COHERENT = 0.5
 #: Lines that the coherence is averaged over, and lines at least from which a level is taken.
 NEIGHBOURS, FEWEST = 5, 8
+#: Standard deviations by which the density below exceeds the one above where it is not of white noise alone,
+#: and
+#: standard deviation of a median over that of a mean, for many samples.
+SURE, MEDIAN = 5.0, 1.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,12 +36,13 @@ class ChannelNoise:
     """Noise and excitation of one record.
 
     Attributes:
-        body, spool: one-sided power density of the noise, (m/s^2)^2/Hz; the spool's is an upper bound, since
-            harmonics of friction reach up there.
+        body, spool: one-sided power density of the noise, (m/s^2)^2/Hz.
         low, high: band that holds nearly all of the excitation, Hz.
         rate: samples per second.
         noisy_below: Hz, below which coloured noise drowns what the spool has of the body's motion; 0 where
             that noise is white.
+        spool_is_bound: the spool's noise is an upper bound: its density falls with frequency even above the
+            excitation, as it does where harmonics of dry friction reach up there, or no such band is left.
     """
 
     body: float
@@ -46,6 +51,7 @@ class ChannelNoise:
     high: float
     rate: float
     noisy_below: float = 0.0
+    spool_is_bound: bool = True
 
     @property
     def body_rms(self) -> float:
@@ -79,7 +85,19 @@ def noise_of(body: Array, spool: Array, rate: float) -> ChannelNoise:
     edge = _coherent_from(body, spool, rate, piece)
     below = (frequency > 0.5) & (frequency < 0.8 * edge)
     drowned = below.any() and float(np.median(spool_density[below])) > LOUDER * spool_noise
-    return ChannelNoise(noise, spool_noise, low, high, rate, 0.8 * edge if drowned else 0.0)
+    bound = _falls(frequency, spool_density, (ABOVE[0] * high, 0.45 * rate), body.size / piece)
+    return ChannelNoise(noise, spool_noise, low, high, rate, 0.8 * edge if drowned else 0.0, bound)
+
+
+def _falls(frequency: Array, density: Array, band: tuple[float, float], pieces: float) -> bool:
+    """Return whether a density, averaged over ``pieces``, is higher in the lower half of a band (Hz)."""
+    middle = 0.5 * (band[0] + band[1])
+    lower = density[(frequency > band[0]) & (frequency < middle)]
+    upper = density[(frequency >= middle) & (frequency < band[1])]
+    if min(lower.size, upper.size) < FEWEST:
+        return True
+    scatter = MEDIAN * float(np.sqrt((1.0 / lower.size + 1.0 / upper.size) / max(pieces, 1.0)))
+    return float(np.median(lower)) > (1.0 + SURE * scatter) * float(np.median(upper))
 
 
 def _coherent_from(body: Array, spool: Array, rate: float, piece: int) -> float:

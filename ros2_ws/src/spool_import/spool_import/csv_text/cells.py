@@ -13,9 +13,23 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 _NUMBER = {
-    ".": re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|NaN|NAN|inf|Inf|INF)"),
-    ",": re.compile(r"[-+]?(\d+,?\d*|,\d+)([eE][-+]?\d+)?|[-+]?(nan|NaN|NAN|inf|Inf|INF)"),
+    ".": re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(inf|Inf|INF)"),
+    ",": re.compile(r"[-+]?(\d+,?\d*|,\d+)([eE][-+]?\d+)?|[-+]?(inf|Inf|INF)"),
 }
+#: Numbers with marks between thousands, by the decimal mark; what could be a decimal fraction is no such.
+_GROUPED = {
+    ".": re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+(\.\d+)?|[-+]?[1-9]\d{0,2}(['’\u00a0\u202f]\d{3})+(\.\d+)?"),
+    ",": re.compile(r"[-+]?[1-9]\d{0,2}(\.\d{3})+(,\d+)?|[-+]?[1-9]\d{0,2}(['’\u00a0\u202f ]\d{3})+(,\d+)?"),
+}
+#: Marks between thousands, by the decimal mark.
+GROUP_MARKS = {".": ",'’\u00a0\u202f", ",": ".'’\u00a0\u202f "}
+#: What loggers write where there is no value.
+HOLES = (
+    "-", "--", "---", "#N/A", "#NV", "#N/V", "N/A", "n/a", "NA", "na", "NULL", "null", "None", "none",
+    "NaN", "nan", "NAN", "#NUM!", "#VALUE!", "#DIV/0!", "#REF!", "*", "***", "?", "1.#QNAN",
+    "-1.#IND", "1.#IND", "-nan", "-NaN",
+)  # fmt: skip
+_HOLES = frozenset(HOLES)
 _CLOCK = r"\d{1,2}:\d{2}:\d{2}(?:[.,]\d{1,9})?"
 _DATES = r"(?:\d{4}-\d{2}-\d{2}|\d{4}/\d{2}/\d{2}|\d{1,2}\.\d{1,2}\.\d{4})"
 
@@ -40,11 +54,16 @@ _TIMES = (
 
 def kind_of(cell: str, decimal: str) -> Kind:
     """Return the kind of one cell, its spaces and quotes taken off."""
-    if not cell:
+    if not cell or cell in _HOLES:
         return Kind.EMPTY
-    if _NUMBER[decimal].fullmatch(cell):
+    if _NUMBER[decimal].fullmatch(cell) or is_grouped(cell, decimal):
         return Kind.NUMBER
     return next((kind for kind, pattern in _TIMES if pattern.fullmatch(cell)), Kind.TEXT)
+
+
+def is_grouped(cell: str, decimal: str) -> bool:
+    """Return whether a cell is a number with marks between thousands, e.g. `1.025,5` with decimal comma."""
+    return bool(_GROUPED[decimal].fullmatch(cell))
 
 
 def moments(text: pa.ChunkedArray) -> NDArray[np.int64]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,10 +13,9 @@ from spool_stream.errors import InputError
 from spool_stream.text.printable import printable
 
 from spool_import.tables.table import MOST_CHANNELS
-from spool_import.units.header import split_header
-from spool_import.units.units import quantity_of
 
-from .cells import Kind, kind_of
+from .cells import Kind, is_grouped, kind_of
+from .layout import Layout, column_kinds, layout_of
 from .pieces import LONGEST_LINE
 
 #: Lines by which a dialect is known: the longest preambles of loggers have some hundred lines.
@@ -25,36 +25,49 @@ BLANKS = " "
 _DELIMITERS = (";", "\t", ",", "|", BLANKS)
 #: Share of a row's cells that are numbers or times: status words may stand beside them.
 DATA_SHARE = 0.5
-#: Cells that mark a header as a comment.
-_COMMENTS = ("#", "%", "//")
 
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
     """Dialect of a CSV file.
 
-    ``skipped``: lines above the first row of samples. ``names`` and ``units`` by column; names are numbers
-    from 0 where the file has no header. ``numbered``: it has none.
+    ``layout``: where the samples begin, names and units by column, and a rate stated above them. ``grouped``:
+    there
+    are marks between thousands. ``unproven``: columns of which a point or comma could be a mark between
+    thousands or the decimal one, as far as the first lines show.
     """
 
     delimiter: str
     decimal: str
-    skipped: int
-    names: tuple[str, ...]
-    units: tuple[str, ...]
+    layout: Layout
     kinds: tuple[Kind, ...]
-    numbered: bool
+    grouped: bool = False
+    unproven: frozenset[str] = frozenset()
+
+    @property
+    def skipped(self) -> int:
+        """Number of lines above the first row of samples."""
+        return self.layout.first
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return self.layout.names
 
     @property
     def notes(self) -> tuple[str, ...]:
         """How the file was understood, for people."""
         mark = {"\t": "tab", BLANKS: "blank"}.get(self.delimiter, f"'{self.delimiter}'")
         said = [f"columns separated by {mark}, decimal {'comma' if self.decimal == ',' else 'point'}"]
-        above = self.skipped - (not self.numbered)
+        if self.grouped:
+            said[0] += ", marks between thousands"
+        above = self.skipped - (not self.layout.numbered)
         if above > 0:
             said.append(f"{above} lines above the samples besides the names")
-        if self.numbered:
+        if self.layout.numbered:
             said.append("no header: columns are called 0, 1, 2 and so on")
+        if math.isfinite(self.layout.rate):
+            said.append(f"{self.layout.rate:.9g} Hz by {printable(self.layout.rate_from, 80)}")
         left = [name for name, kind in zip(self.names, self.kinds, strict=True) if kind is Kind.TEXT]
         if left:
             said.append(f"left out, since they hold text: {listed(left)}")
@@ -103,75 +116,65 @@ def dialect(path: Path, text: str) -> Dialect:
 def _reading(lines: Sequence[str], delimiter: str, decimal: str) -> tuple[tuple[float, ...], Dialect] | None:
     """Return how well the lines read in this way, and the dialect that it is."""
     rows = [cells_of(line, delimiter) for line in lines]
-    data = [_is_data(row, decimal) for row in rows]
+    marks = [[kind_of(cell, decimal) for cell in row] for row in rows]
+    data = [_is_data(row) for row in marks]
     widths = Counter(len(row) for row, numeric in zip(rows, data, strict=True) if numeric)
     if not widths:
         return None
     width = max(widths, key=lambda size: (widths[size], size))
-    first = next(at for at, row in enumerate(rows) if data[at] and len(row) == width)
-    samples = [row for row in rows[first:] if len(row) == width]
-    kinds = tuple(_column_kind([row[at] for row in samples], decimal) for at in range(width))
+    kinds = column_kinds(
+        [row for row, numeric in zip(marks, data, strict=True) if numeric and len(row) == width], width
+    )
+    first = next(at for at in range(len(rows)) if data[at] and len(rows[at]) == width)
     above = next((row for row in reversed(rows[:first]) if any(row)), [])
     while kinds and kinds[-1] is Kind.EMPTY and not any(above[len(kinds) - 1 : len(kinds)]):
         kinds = kinds[:-1]  # a delimiter at the end of each line
-    named, names, units = header_of(rows[:first], len(kinds), width)
+    if not any(kind is Kind.NUMBER for kind in kinds):
+        return None
+    layout = layout_of(rows, marks, kinds, width)
     # A channel may begin late, as an oil temperature does.
-    kinds = tuple(Kind.NUMBER if kind is Kind.EMPTY and named else kind for kind in kinds)
-    filled = [row for row in rows[first:] if any(row)]
-    numeric = sum(kind_of(cell, decimal) not in (Kind.TEXT, Kind.EMPTY) for row in samples for cell in row)
+    kinds = tuple(Kind.NUMBER if kind is Kind.EMPTY and not layout.numbered else kind for kind in kinds)
+    filled = [at for at in range(layout.first, len(rows)) if any(rows[at])]
+    samples = [at for at in filled if len(rows[at]) == width]
+    numeric = sum(mark not in (Kind.TEXT, Kind.EMPTY) for at in samples for mark in marks[at])
+    columns = [[rows[at][place] for at in samples] for place in range(len(kinds))]
+    grouped = any(
+        is_grouped(cell, decimal)
+        for column, kind in zip(columns, kinds, strict=True)
+        for cell in column
+        if kind is Kind.NUMBER
+    )
+    doubtful = frozenset(
+        name
+        for name, kind, column in zip(layout.names, kinds, columns, strict=True)
+        if kind is Kind.NUMBER and not grouped and not is_proven(column, decimal)
+    )
     score = (
-        round(sum(len(row) == width for row in filled) / len(filled), 2),
+        round(len(samples) / max(1, len(filled)), 2),
         round(numeric / max(1, sum(len(kinds) for _ in samples)), 2),
-        float(named or first == 0),
+        float(not layout.numbered or layout.first == 0),
+        float(not grouped or any(decimal in cell for column in columns for cell in column)),
         float(len(kinds)),
         float(decimal == "."),
     )
-    return score, Dialect(delimiter, decimal, first, names, units, kinds, not named)
+    return score, Dialect(delimiter, decimal, layout, kinds, grouped, doubtful)
 
 
-def _is_data(row: Sequence[str], decimal: str) -> bool:
-    kinds = [kind_of(cell, decimal) for cell in row if cell]
+def _is_data(marks: Sequence[Kind]) -> bool:
+    kinds = [kind for kind in marks if kind is not Kind.EMPTY]
     known = sum(kind is not Kind.TEXT for kind in kinds)
-    return bool(kinds) and Kind.NUMBER in kinds and known >= DATA_SHARE * len(kinds)
+    return Kind.NUMBER in kinds and known >= DATA_SHARE * len(kinds)
 
 
-def _column_kind(cells: Sequence[str], decimal: str) -> Kind:
-    counts = Counter(kind_of(cell, decimal) for cell in cells)
-    counts.pop(Kind.EMPTY, None)
-    return counts.most_common(1)[0][0] if counts else Kind.EMPTY
-
-
-def header_of(
-    above: Sequence[Sequence[str]], count: int, width: int
-) -> tuple[bool, tuple[str, ...], tuple[str, ...]]:
-    """Return whether there is a header above the samples, names and units."""
-    rows = [row for row in above if any(row)][-2:]
-    rows = [row[1:] if row[0] in _COMMENTS and len(row) == width + 1 else row for row in rows]
-    fits = [list(row[:count]) for row in rows if count <= len(row) <= width]
-    if not fits or len(rows[-1]) not in range(count, width + 1):
-        return False, tuple(str(at) for at in range(count)), ("",) * count
-    last = fits[-1]
-    own_units = [quantity_of(cell) for cell in last]
-    beneath = (
-        len(fits) == 2
-        and any(own_units)
-        and all(known or not cell for known, cell in zip(own_units, last, strict=True))
-    )
-    if beneath:
-        units = tuple(last)
-        pairs = [split_header(cell) for cell in fits[0]]
-        return (
-            True,
-            tuple(_plain(cell) for cell in fits[0]),
-            tuple(unit or named for unit, (_, named) in zip(units, pairs, strict=True)),
-        )
-    last[0] = last[0].lstrip("#% ").strip() or last[0]
-    pairs = [split_header(cell) for cell in last]
-    return True, tuple(_plain(cell) for cell in last), tuple(unit for _, unit in pairs)
-
-
-def _plain(cell: str) -> str:
-    return cell.lstrip("\ufeff").lstrip("#% ").strip()
+def is_proven(cells: Sequence[str], decimal: str) -> bool:
+    """Return whether cells show that their decimal mark is one, and none between thousands."""
+    for cell in cells:
+        whole, mark, fraction = cell.lstrip("+-").partition(decimal)
+        if mark and (len(fraction) != 3 or not fraction.isdigit() or whole.startswith("0") or not whole):
+            return True
+        if not mark and len(whole) > 3:
+            return True
+    return False
 
 
 def listed(names: Sequence[str], most: int = 12) -> str:

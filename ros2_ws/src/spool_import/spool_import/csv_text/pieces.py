@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import codecs
 import gzip
-import re
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,6 +11,8 @@ from pathlib import Path
 from typing import BinaryIO, cast
 
 from spool_stream.errors import InputError
+
+from .encodings import encoding_of
 
 #: B of a line and of unpacked text that are read: 30 million samples of 300 B.
 LONGEST_LINE = 1 << 20
@@ -23,10 +24,15 @@ _PROBE = 1 << 16
 
 @dataclass(frozen=True, slots=True)
 class TextPiece:
-    """Piece of a text: whole lines, as UTF-8, and the number of the first of them, from 1."""
+    """Piece of a text: whole lines, as UTF-8, and the number of the first of them, from 1.
+
+    ``note``: which encoding was assumed; ``damage``: what is wrong with the text's end.
+    """
 
     content: bytes
     line: int
+    note: str = ""
+    damage: str = ""
 
 
 def pieces(path: Path) -> Iterator[TextPiece]:
@@ -48,37 +54,12 @@ def pieces(path: Path) -> Iterator[TextPiece]:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
 
 
-def encoding_of(path: Path, start: bytes) -> str:
-    """Return the encoding of a text by its first bytes: UTF-8, UTF-16, or else Windows' Latin-1.
-
-    Raises:
-        InputError: it is no text.
-    """
-    if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        return "utf-16"
-    even, odd = start[0::2].count(0), start[1::2].count(0)
-    if odd > 0.3 * len(start) and not even:
-        return "utf-16-le"
-    if even > 0.3 * len(start) and not odd:
-        return "utf-16-be"
-    if b"\0" in start or len(re.findall(rb"[\x01-\x08\x0e-\x1a\x1c-\x1f]", start)) > 0.01 * len(start):
-        raise InputError(
-            f"{path}: it is a binary file, not a CSV text, and of no format that is read: export the "
-            "record as CSV"
-        )
-    try:
-        codecs.getincrementaldecoder("utf-8")().decode(start)
-    except UnicodeDecodeError:
-        return "cp1252"
-    return "utf-8-sig" if start.startswith(codecs.BOM_UTF8) else "utf-8"
-
-
 def _split(path: Path, stream: BinaryIO) -> Iterator[TextPiece]:
-    rest, line, size = b"", 1, 0
+    rest, line, size, note = b"", 1, 0, ""
     decoder: codecs.IncrementalDecoder | None = None
     while read := stream.read(_PIECE):
         if size == 0:
-            encoding = encoding_of(path, read[:_PROBE])
+            encoding, note = encoding_of(path, read[:_PROBE])
             if encoding != "utf-8":
                 decoder = codecs.getincrementaldecoder(encoding)("replace")
         size += len(read)
@@ -88,10 +69,14 @@ def _split(path: Path, stream: BinaryIO) -> Iterator[TextPiece]:
             )
         if decoder is not None:
             read = decoder.decode(read).encode()
+        kept, nul, padding = read.partition(b"\0")
+        if nul:
+            _check_padding(path, stream, padding, line + (rest + kept).count(b"\n"))
+            read = kept
         lines, end, rest_of_read = read.rpartition(b"\n")
         if end:
             whole = rest + lines + end
-            yield TextPiece(whole, line)
+            yield TextPiece(whole, line, note)
             line += whole.count(b"\n")
             rest = rest_of_read
         else:
@@ -101,5 +86,26 @@ def _split(path: Path, stream: BinaryIO) -> Iterator[TextPiece]:
                 f"{path}: line {line} is longer than {LONGEST_LINE >> 20} MB: is this a CSV file with one "
                 "sample a line?"
             )
+        if nul:
+            yield TextPiece(
+                rest, line, note, f"it ends in NUL bytes from line {line} on: was the logger switched off?"
+            )
+            return
     if rest:
-        yield TextPiece(rest, line)
+        yield TextPiece(rest, line, note)
+
+
+def _check_padding(path: Path, stream: BinaryIO, padding: bytes, line: int) -> None:
+    """Check that a text's NUL bytes reach to its end, as where a logger's last lines were never written.
+
+    Raises:
+        InputError: text follows.
+    """
+    size = 0
+    while padding:
+        size += len(padding)
+        if padding.strip(b"\0\r\n\x1a ") or size > MOST_TEXT:
+            raise InputError(
+                f"{path}: line {line} holds NUL bytes and text follows: the file is damaged: copy it again"
+            )
+        padding = stream.read(_PIECE)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,8 +12,8 @@ from numpy.typing import NDArray
 from spool_stream.errors import InputError
 from spool_stream.text.printable import printable
 
-from spool_import.csv_text.cells import Kind, clocks, moments
-from spool_import.csv_text.dialect import BLANKS, Dialect, cells_of, dialect
+from spool_import.csv_text.cells import GROUP_MARKS, HOLES, Kind, clocks, is_grouped, moments
+from spool_import.csv_text.dialect import BLANKS, Dialect, cells_of, dialect, is_proven
 from spool_import.csv_text.pieces import TextPiece, pieces
 from spool_import.tables.growing import GrowingColumns
 from spool_import.tables.table import STAMP, Channel, Group, Table, Values
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 _TIMES = (Kind.MOMENT, Kind.CLOCK)
 #: B of text by which a dialect is known.
 _PROBE = 1 << 16
+#: Lines below the samples, such as a footer with statistics.
+MOST_FOOTER = 50
 
 
 class CsvTable(Table):
@@ -36,24 +39,37 @@ class CsvTable(Table):
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        probe = b""
+        probe, encoding = b"", ""
         for piece in pieces(path):
             probe += piece.content
+            encoding = piece.note
             if len(probe) > _PROBE:
                 break
         if not probe.strip():
             raise InputError(f"{path}: the file is empty")
-        self.dialect = dialect(path, probe[: 4 * _PROBE].decode("utf-8", "replace"))
-        self.notes = self.dialect.notes
+        try:
+            self.dialect = dialect(path, probe[: 4 * _PROBE].decode("utf-8", "replace"))
+        except InputError as error:
+            raise (error if str(path) in str(error) else InputError(f"{path}: {error}")) from error
+        self.notes = (*((encoding,) if encoding else ()), *self.dialect.notes)
         self._dates = _dates(self.dialect)
+        self._unproven = set(self.dialect.unproven)
+        self._whole: dict[str, str] = {}
+        layout = self.dialect.layout
         channels = [
-            Channel(name, STAMP if kind in _TIMES else unit, time=kind in _TIMES)
-            for name, unit, kind in zip(
-                self.dialect.names, self.dialect.units, self.dialect.kinds, strict=True
+            Channel(
+                name,
+                STAMP if kind in _TIMES else unit,
+                time=kind in _TIMES,
+                number=number,
+                own="" if header == name else header,
+            )
+            for number, (name, header, unit, kind) in enumerate(
+                zip(layout.names, layout.headers, layout.units, self.dialect.kinds, strict=True)
             )
             if kind in (Kind.NUMBER, *_TIMES)
         ]
-        self.groups = (Group("", tuple(channels)),)
+        self.groups = (Group("", tuple(channels), layout.rate),)
 
     def where(self, row: int) -> str:
         """Return the line of a row."""
@@ -61,63 +77,138 @@ class CsvTable(Table):
 
     def read(self, _group: Group, names: Sequence[str], single: Sequence[str] = ()) -> dict[str, Values]:
         """Return the values of columns by name."""
-        found = self.dialect
-        doubled = [name for name in names if found.names.count(name) > 1]
-        if doubled:
-            name = printable(doubled[0], 40)
-            raise InputError(f"{self.path}: column {name} is there {found.names.count(doubled[0])} times")
         columns = GrowingColumns(self.path, names, single)
-        for piece in self._samples():
-            table = self._parse(piece, names)
-            columns.add({name: self._values(piece, name, table) for name in names})
+        for piece, last in self._samples():
+            table = self._parse(piece, names, last=last)
+            if table is not None:
+                columns.add({name: self._values(piece, name, table) for name in names})
         return columns.take()
 
-    def _samples(self) -> Iterator[TextPiece]:
-        """Yield the text below the header."""
+    def _samples(self) -> Iterator[tuple[TextPiece, bool]]:
+        """Yield the text below the header, and whether a piece is the last, with the file's end."""
         skip = self.dialect.skipped
+        held: TextPiece | None = None
         for piece in pieces(self.path):
             content, line = piece.content, piece.line
+            if piece.damage:
+                self._warn(piece.damage)
             while skip and content:
                 _, end, content = content.partition(b"\n")
                 skip -= 1
                 line += 1
                 if not end:
                     content = b""
-            if content.strip():
-                if self.dialect.delimiter == BLANKS:
-                    lines = (b" ".join(row.split()) for row in content.split(b"\n"))
-                    content = b"\n".join(lines)
-                yield TextPiece(content, line)
+            if not content.strip():
+                continue
+            if self.dialect.delimiter == BLANKS:
+                lines = (b" ".join(row.split()) for row in content.split(b"\n"))
+                content = b"\n".join(lines)
+            if held is not None and len(content) < _PROBE:
+                held = TextPiece(held.content + content, held.line)
+                continue
+            if held is not None:
+                yield held, False
+            held = TextPiece(content, line)
+        if held is not None:
+            yield held, True
 
-    def _parse(self, piece: TextPiece, names: Sequence[str]) -> pa.Table:
+    def _parse(self, piece: TextPiece, names: Sequence[str], *, last: bool) -> pa.Table | None:
+        """Return the table of a piece; lines at the file's end that are no samples cost a warning."""
         import pyarrow as pa  # noqa: PLC0415 - 26 MB that bags do not need
+
+        found = self.dialect
+        end = _cut_short(piece, found) if last else None
+        for _ in range(2):
+            if end is not None:
+                kept, left = _divided(piece, end)
+                shown = printable(left[0], 40)
+                what = f"line {end}" if len(left) == 1 else f"{len(left)} lines from line {end} on"
+                self._warn(f"left out at the file's end, since it holds no whole sample: {what}, {shown!r}")
+                piece = TextPiece(kept, piece.line)
+                if not kept.strip():
+                    return None
+            try:
+                return self._table(piece, names)
+            except pa.ArrowInvalid as error:
+                bad = _first_bad_line(piece, found, names)
+                if bad is None:
+                    raise InputError(f"{self.path}: {printable(error, 200)}") from error
+                if not last or end is not None or not _ends_with(piece, found, names, bad[0]):
+                    raise InputError(f"{self.path}: {bad[1]}") from error
+                end = bad[0]
+        return None
+
+    def _warn(self, text: str) -> None:
+        if text not in self.warnings:
+            self.warnings = (*self.warnings, text)
+
+    def _table(self, piece: TextPiece, names: Sequence[str]) -> pa.Table:
+        import pyarrow as pa  # noqa: PLC0415
         import pyarrow.csv as pa_csv  # noqa: PLC0415
 
         found = self.dialect
         wanted = {*names, *(self._dates[name] for name in names if name in self._dates)}
         kinds = dict(zip(found.names, found.kinds, strict=True))
+        plain = {name for name in wanted if kinds[name] is Kind.NUMBER and not self._is_checked(name)}
         width = len(cells_of(piece.content.partition(b"\n")[0].decode("utf-8", "replace"), found.delimiter))
         extra = [f"\0{at}" for at in range(width - len(found.names))]
-        try:
-            return pa_csv.read_csv(
-                pa.BufferReader(piece.content),
-                read_options=pa_csv.ReadOptions(
-                    column_names=[*found.names, *extra], use_threads=False, block_size=len(piece.content) + 1
-                ),
-                parse_options=pa_csv.ParseOptions(delimiter=found.delimiter),
-                memory_pool=pa.system_memory_pool(),  # Arrow's own keeps what it once had
-                convert_options=pa_csv.ConvertOptions(
-                    column_types={
-                        name: pa.float64() if kinds[name] is Kind.NUMBER else pa.string() for name in wanted
-                    },
-                    include_columns=sorted(wanted),
-                    decimal_point=found.decimal,
-                    null_values=["", "NaN", "nan", "NAN"],
-                ),
-            )
-        except pa.ArrowInvalid as error:
-            where = _first_bad_line(piece, found, names) or printable(error, 200)
-            raise InputError(f"{self.path}: {where}") from error
+        table = pa_csv.read_csv(
+            pa.BufferReader(piece.content),
+            read_options=pa_csv.ReadOptions(
+                column_names=[*found.names, *extra], use_threads=False, block_size=len(piece.content) + 1
+            ),
+            parse_options=pa_csv.ParseOptions(delimiter=found.delimiter),
+            memory_pool=pa.system_memory_pool(),  # Arrow's own keeps what it once had
+            convert_options=pa_csv.ConvertOptions(
+                column_types={name: pa.float64() if name in plain else pa.string() for name in wanted},
+                include_columns=sorted(wanted),
+                decimal_point=found.decimal,
+                null_values=["", *HOLES],
+            ),
+        )
+        for at, name in enumerate(table.column_names):
+            if kinds[name] is Kind.NUMBER and name not in plain:
+                table = table.set_column(at, name, self._checked(name, table.column(name)))
+        return table
+
+    def _is_checked(self, name: str) -> bool:
+        """Return whether a column's text is looked at for marks between thousands."""
+        return self.dialect.grouped or name in self._unproven
+
+    def _checked(self, name: str, text: Any) -> Any:
+        """Return a column's text as numbers, without marks between thousands where they are known as such.
+
+        Raises:
+            InputError: a point or comma could be either.
+        """
+        import pyarrow as pa  # noqa: PLC0415
+        from pyarrow import compute  # noqa: PLC0415
+
+        call: Any = compute
+        decimal = self.dialect.decimal
+        text = call.utf8_trim_whitespace(text)
+        holes = call.is_in(text, value_set=pa.array(["", *HOLES]))
+        text = call.if_else(holes, pa.scalar(None, pa.string()), text)
+        if self.dialect.grouped:
+            for mark in GROUP_MARKS[decimal]:
+                text = call.replace_substring_regex(text, rf"(\d){re.escape(mark)}(\d{{3}})\b", r"\1\2")
+                text = call.replace_substring_regex(text, rf"(\d){re.escape(mark)}(\d{{3}})\b", r"\1\2")
+        else:
+            cells = text.drop_null().unique().to_pylist()
+            if is_proven(cells, decimal):
+                self._unproven.discard(name)
+            elif any(decimal in cell for cell in cells):
+                example = printable(next(cell for cell in cells if decimal in cell), 20)
+                whole = next((cell for cell in cells if decimal not in cell), None) or self._whole.get(name)
+                if whole is not None:
+                    raise InputError(
+                        f"{self.path}: {printable(name, 40)} holds {example} and {printable(whole, 20)}: is "
+                        f"the mark "
+                        "one of thousands or of decimals? export it without marks between thousands"
+                    )
+            elif cells:
+                self._whole[name] = cells[0]
+        return call.replace_substring(text, decimal, ".").cast(pa.float64())
 
     def _values(self, piece: TextPiece, name: str, table: pa.Table) -> NDArray[Any]:
         kind = self.dialect.kinds[self.dialect.names.index(name)]
@@ -148,23 +239,73 @@ def _dates(found: Dialect) -> dict[str, str]:
     return {times[0]: dates[0]} if len(dates) == len(times) == 1 else {}
 
 
-def _first_bad_line(piece: TextPiece, found: Dialect, wanted: Sequence[str]) -> str | None:
-    """Return where the first row stands that is no row of numbers; only called once parsing failed."""
-    for number, line in enumerate(piece.content.decode("utf-8", "replace").split("\n"), start=piece.line):
-        if not line.strip():
-            continue
-        cells = cells_of(line, found.delimiter)
-        if len(cells) < len(found.names):
-            return f"line {number} has {len(cells)} cells, the header has {len(found.names)}"
-        for name, kind, cell in zip(found.names, found.kinds, cells, strict=False):
-            if name in wanted and kind is Kind.NUMBER and cell:
-                try:
-                    float(cell.replace(found.decimal, "."))
-                except ValueError:
-                    return f"line {number}: {printable(name, 40)} is {printable(cell, 40)!r}, not a number"
-        if len(cells) > len(found.names):
-            return f"line {number} has {len(cells)} cells, the header has {len(found.names)}"
+def _lines(piece: TextPiece) -> list[str]:
+    return piece.content.decode("utf-8", "replace").split("\n")
+
+
+def _divided(piece: TextPiece, line: int) -> tuple[bytes, list[str]]:
+    """Return the text above a line, and the lines from there on that are not empty."""
+    lines = _lines(piece)
+    at = line - piece.line
+    above = "".join(f"{one}\n" for one in lines[:at]).encode()
+    return above, [one.strip() for one in lines[at:] if one.strip()]
+
+
+def _first_bad_line(piece: TextPiece, found: Dialect, wanted: Sequence[str]) -> tuple[int, str] | None:
+    """Return where the first row stands that is no row of numbers, and why; called once parsing failed."""
+    for number, line in enumerate(_lines(piece), start=piece.line):
+        said = _badness(line, number, found, wanted) if line.strip() else None
+        if said:
+            return number, said
     return None
+
+
+def _badness(line: str, number: int, found: Dialect, wanted: Sequence[str]) -> str | None:
+    """Return what is wrong with a line, ``None`` for a sample."""
+    cells = cells_of(line, found.delimiter)
+    if len(cells) < len(found.names):
+        return f"line {number} has {len(cells)} cells, the header has {len(found.names)}"
+    for name, kind, cell in zip(found.names, found.kinds, cells, strict=False):
+        if name in wanted and kind is Kind.NUMBER and cell and cell not in HOLES:
+            try:
+                float(cell.replace(found.decimal, "."))
+            except ValueError:
+                if not (found.grouped and is_grouped(cell, found.decimal)):
+                    return (
+                        f"line {number}: {printable(name, 40)} is {printable(cell, 40)!r}, not a number: "
+                        f"correct it, "
+                        f"or leave an unneeded column out with --exclude #{found.names.index(name)}"
+                    )
+    if len(cells) > len(found.names) and any(cells[len(found.names) :]):
+        return f"line {number} has {len(cells)} cells, the header has {len(found.names)}"
+    return None
+
+
+def _ends_with(piece: TextPiece, found: Dialect, wanted: Sequence[str], bad: int) -> bool:
+    """Return whether nothing but a few lines that are no samples follows from line ``bad`` on."""
+    rest = [
+        (at, line) for at, line in enumerate(_lines(piece), start=piece.line) if at >= bad and line.strip()
+    ]
+    return len(rest) <= MOST_FOOTER and all(_badness(line, at, found, wanted) for at, line in rest)
+
+
+def _cut_short(piece: TextPiece, found: Dialect) -> int | None:
+    """Return the number of the file's last line where it stops within a number, as the lines above show."""
+    if piece.content.endswith(b"\n"):
+        return None
+    *above, last = _lines(piece)
+    cells = cells_of(last, found.delimiter)
+    usual = [row for line in above[-200:] if len(row := cells_of(line, found.delimiter)) == len(cells)]
+    if len(usual) < 3 or not cells:
+        return None
+    shapes = {_shape(row[-1], found.decimal) for row in usual}
+    return None if _shape(cells[-1], found.decimal) in shapes else piece.line + len(above)
+
+
+def _shape(cell: str, decimal: str) -> tuple[int, int] | None:
+    """Return decimals and digits of the exponent of a number, ``None`` for other cells."""
+    match = re.fullmatch(rf"[-+]?\d*(?:{re.escape(decimal)}(\d*))?(?:[eE][-+]?(\d*))?", cell)
+    return (len(match[1] or ""), -1 if match[2] is None else len(match[2])) if match else None
 
 
 FORMAT = Format("CSV", (".csv", ".csv.gz", ".txt", ".tsv", ".dat", ".asc"), CsvTable, place=90)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import zipfile
 from collections.abc import Sequence
 from datetime import date, datetime, time, timezone
@@ -12,7 +13,8 @@ import numpy as np
 from spool_stream.errors import InputError
 from spool_stream.text.printable import printable
 
-from spool_import.csv_text.dialect import header_of
+from spool_import.csv_text.cells import HOLES, Kind, kind_of
+from spool_import.csv_text.layout import Layout, column_kinds, layout_of
 from spool_import.tables.table import MOST_CHANNELS, STAMP, ArrayTable, Channel, Group, check_size, too_long
 
 from .format import Format
@@ -48,48 +50,84 @@ def opened(path: Path) -> ArrayTable:
     single = len(found) == 1
     groups: list[Group] = []
     arrays: dict[tuple[str, str], Any] = {}
-    for title, channels, columns in found:
+    notes = []
+    for title, channels, columns, layout in found:
         name = "" if single else title
-        groups.append(Group(name, tuple(channels)))
+        groups.append(Group(name, tuple(channels), layout.rate))
+        if math.isfinite(layout.rate):
+            notes.append(f"{layout.rate:.9g} Hz by {printable(layout.rate_from, 80)}")
         arrays |= {(name, channel.name): column for channel, column in zip(channels, columns, strict=True)}
-    return ArrayTable(path, tuple(groups), arrays)
+    return ArrayTable(path, tuple(groups), arrays, tuple(notes))
 
 
-def _table(path: Path, title: str, rows: Sequence[tuple[Any, ...]]) -> tuple[list[Channel], list[Any]] | None:
-    first = next((at for at, row in enumerate(rows[:PROBED]) if _is_data(row)), None)
-    if first is None:
+def _table(
+    path: Path, title: str, rows: Sequence[tuple[Any, ...]]
+) -> tuple[list[Channel], list[Any], Layout] | None:
+    """Return channels, their values and the layout of a sheet, ``None`` where it holds no rows of numbers."""
+    probe = rows[:PROBED]
+    width = max(
+        (at + 1 for row in probe if _is_data(row) for at, cell in enumerate(row) if cell is not None),
+        default=0,
+    )
+    if width == 0:
         return None
-    width = max(at for at, cell in enumerate(rows[first]) if cell is not None) + 1
-    above = [["" if cell is None else str(cell) for cell in row[:width]] for row in rows[:first]]
-    _, names, units = header_of(above, width, width)
-    body = [row[:width] for row in rows[first:]]
+    texts = [[_text(row[at]) if at < len(row) else "" for at in range(width)] for row in probe]
+    marks = [[_kind(row[at]) if at < len(row) else Kind.EMPTY for at in range(width)] for row in probe]
+    kinds = column_kinds([row for row, cells in zip(marks, probe, strict=True) if _is_data(cells)], width)
+    layout = layout_of(texts, marks, kinds, width)
+    body = [row[:width] for row in rows[layout.first :]]
     while body and all(cell is None for cell in body[-1]):
         body.pop()
     channels, columns = [], []
-    for at in range(width):
+    for at, kind in enumerate(kinds):
         cells = [row[at] if at < len(row) else None for row in body]
-        known = next((cell for cell in cells if cell is not None), None)
-        if known is None or isinstance(known, str):
+        if kind in (Kind.TEXT, Kind.EMPTY):
             continue
-        stamped = isinstance(known, (datetime, date, time))
+        stamped = kind in (Kind.MOMENT, Kind.CLOCK, Kind.DATE)
         try:
             column = np.array([_number(cell) for cell in cells], dtype=np.int64 if stamped else np.float64)
         except (TypeError, ValueError, OverflowError):
             bad = next(row for row, cell in enumerate(cells) if not _is_number(cell))
             raise InputError(
-                f"{path}: sheet {printable(title, 40)}, row {first + bad + 1}: {printable(names[at], 40)} is "
-                f"{printable(cells[bad], 40)!r}, not a number"
+                f"{path}: sheet {printable(title, 40)}, row {layout.first + bad + 1}: "
+                f"{printable(layout.names[at], 40)} is {printable(cells[bad], 40)!r}, not a number"
             ) from None
-        channels.append(Channel(names[at], STAMP if stamped else units[at], time=stamped))
+        name, header = layout.names[at], layout.headers[at]
+        unit = STAMP if stamped else layout.units[at]
+        channels.append(Channel(name, unit, time=stamped, number=at, own="" if name == header else header))
         columns.append(column.astype("datetime64[ns]") if stamped else column)
-    return (channels, columns) if channels else None
+    return (channels, columns, layout) if channels else None
+
+
+def _text(cell: Any) -> str:
+    return "" if cell is None else str(cell).strip()
+
+
+def _kind(cell: Any) -> Kind:
+    """Return the kind of a cell; text that is a number is one."""
+    if cell is None:
+        return Kind.EMPTY
+    if isinstance(cell, bool):
+        return Kind.TEXT
+    if isinstance(cell, (int, float)):
+        return Kind.NUMBER
+    if isinstance(cell, (datetime, date, time)):
+        return Kind.MOMENT
+    text = str(cell).strip()
+    found = kind_of(text, ".")
+    return (
+        found
+        if found in (Kind.EMPTY, Kind.NUMBER)
+        else kind_of(text, ",")
+        if kind_of(text, ",") is Kind.NUMBER
+        else Kind.TEXT
+    )
 
 
 def _is_data(row: tuple[Any, ...]) -> bool:
-    filled = [cell for cell in row if cell is not None]
-    known = [cell for cell in filled if isinstance(cell, (int, float, datetime, time))]
-    numeric = any(isinstance(cell, (int, float)) for cell in known)
-    return numeric and len(known) >= 0.5 * len(filled)
+    filled = [kind for cell in row if (kind := _kind(cell)) is not Kind.EMPTY]
+    known = sum(kind is not Kind.TEXT for kind in filled)
+    return Kind.NUMBER in filled and known >= 0.5 * len(filled)
 
 
 def _is_number(cell: Any) -> bool:
@@ -101,13 +139,16 @@ def _is_number(cell: Any) -> bool:
 
 
 def _number(cell: Any) -> float | int:
-    """Return a cell as a number, a moment in ns since 1970; an empty one is NaN."""
+    """Return a cell as a number, a moment in ns since 1970; a hole is NaN."""
     if cell is None:
         return float("nan")
     if isinstance(cell, datetime):
         return round(cell.replace(tzinfo=timezone.utc).timestamp() * 1e6) * 1000
     if isinstance(cell, time):
         return ((cell.hour * 60 + cell.minute) * 60 + cell.second) * 1_000_000_000 + cell.microsecond * 1000
+    if isinstance(cell, str):
+        text = cell.strip()
+        return float("nan") if text in HOLES or not text else float(text.replace(",", "."))
     return float(cell)
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from spool_stream.errors import InputError
 
-from spool_import.tables.table import Group, Table, Values
+from spool_import.tables.table import Group, Table, Values, numbered
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +75,9 @@ def open_table(path: Path) -> Table:
                 f"pip install {package}, or export the record as CSV"
             ) from None
     with _understood(path, form):
-        return form.opened(path)
+        table = form.opened(path)
+        table.groups = tuple(numbered(group) for group in table.groups)
+        return table
 
 
 def read_channels(

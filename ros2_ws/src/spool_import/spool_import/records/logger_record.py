@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +19,11 @@ from spool_import.tables.table import STAMP, Channel, Group, Table, Values
 
 from .choices import Choices, choices
 from .clocks import ClockOffset
-from .roles import REQUIRED, Source, chosen, counter_of, time_of
+from .roles import REQUIRED, Source, chosen, counter_of, exclude, time_of
 from .time_base import TimeBase, loose_time_base, time_base
 from .time_unit import period_check, time_in_seconds
 from .two_clocks import Series, merged
-from .unit_choice import in_kept_unit
+from .unit_choice import ChannelUse, use_of_time, uses_of
 
 #: Beyond any acceleration, force, displacement or time in ns since 1970.
 LARGEST_NUMBER = 1e19
@@ -50,6 +50,7 @@ class LoggerRecord:
         warnings, notes: what is not as it should be, and how the file was understood, one line each.
         repairs: counts of what was repaired, by name.
         clocks: how two clocks were brought together, ``None`` for one clock.
+        uses: which column became what, and by which conversion.
     """
 
     path: Path
@@ -62,6 +63,7 @@ class LoggerRecord:
     notes: tuple[str, ...] = ()
     repairs: Mapping[str, int] = field(default_factory=dict)
     clocks: ClockOffset | None = None
+    uses: tuple[ChannelUse, ...] = ()
 
     @property
     def duration(self) -> float:
@@ -94,9 +96,11 @@ def read_record(
     files = [Path(one) for one in ([paths] if isinstance(paths, (str, Path)) else paths)]
     asked = how or choices()
     if columns:
-        asked = Choices(columns, asked.units, asked.scales, asked.topics, asked.rate, asked.align)
+        asked = replace(asked, columns=columns)
     tables = [open_table(path) for path in files]
-    sources = chosen(tables, kind, asked.columns, asked.topics)
+    exclude(tables, asked.exclude)
+    sources = chosen(tables, kind, asked)
+    uses_of(sources, asked)  # all that is wrong with units, before anything is read
     first, second = (sources[role] for role in REQUIRED[kind])
     if first.clock == second.clock:
         beside = {role: one for role, one in sources.items() if one.clock == first.clock}
@@ -112,7 +116,8 @@ def read_record(
     notes = [
         f"{table.path.name}: {note}" if len(tables) > 1 else note for table in tables for note in table.notes
     ]
-    record.notes = (*notes, *record.notes)
+    record.notes = (*notes, *record.notes, *map(str, record.uses))
+    record.warnings = (*(text for table in tables for text in table.warnings), *record.warnings)
     if kind == "accelerations":
         record.warnings = (*record.warnings, *_doubts(record.columns))
     return record
@@ -130,7 +135,7 @@ def _of_group(
 ) -> LoggerRecord:
     """Return the record of channels that share one clock."""
     path, where = table.path, table.where
-    axis = time_of(table, group, asked.columns)
+    axis = time_of(table, group, asked, list(sources.values()))
     counter = counter_of(group) if axis is None and asked.rate else None
     stated = asked.rate or (None if math.isnan(group.rate) else group.rate)
     if axis is None and stated is None:
@@ -147,12 +152,12 @@ def _of_group(
     stamps = values.pop(clock.name) if clock else None
     found: dict[str, Array] = {}
     notes: list[str] = []
+    uses = uses_of(sources, asked)
     for role, one in sources.items():
-        row = values[one.channel.name]
-        numbers, note = in_kept_unit(path, role, one, np.asarray(row), asked)
+        numbers = uses[role].applied(np.asarray(values[one.channel.name]))
         found[role] = _numbers(path, one.channel.name, numbers, where, holes=role == OIL_TEMPERATURE)
-        notes += [note] if note else []
     values.clear()
+    timed = use_of_time(path.name, axis, asked) if axis is not None else None
     size = next(iter(found.values())).size
     start = group.start
     if stamps is None or counter is not None:
@@ -177,7 +182,16 @@ def _of_group(
     doubt = period_check(path, label, base.period, kind)
     warnings += [doubt] if doubt else []
     return LoggerRecord(
-        path, base.time, found, base.period, base.gaps, start, tuple(warnings), tuple(notes), base.repairs
+        path,
+        base.time,
+        found,
+        base.period,
+        base.gaps,
+        start,
+        tuple(warnings),
+        tuple(notes),
+        base.repairs,
+        uses=(*([timed] if timed else []), *uses.values()),
     )
 
 
@@ -247,6 +261,7 @@ def _together(sides: Sequence[LoggerRecord], first: Source, second: Source, aske
         (*notes, joined.note),
         repairs,
         joined.clocks,
+        (*body.uses, *spool.uses),
     )
 
 

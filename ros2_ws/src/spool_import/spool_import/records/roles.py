@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from spool_bag.tables.column_names import BODY, DISPLACEMENT, FORCE, OIL_TEMPERATURE, SPOOL, TIME
 from spool_stream.errors import InputError
@@ -12,8 +12,10 @@ from spool_stream.text.printable import printable
 
 from spool_import.csv_text.dialect import listed
 from spool_import.tables.table import STAMP, Channel, Group, Table
-from spool_import.units.header import split_header
-from spool_import.units.units import quantity_of
+from spool_import.units.header import WORDS, split_header
+from spool_import.units.units import READINGS, quantity_of
+
+from .choices import QUANTITIES, SHORT, Choices, role_of, short, typed
 
 REQUIRED = {
     "accelerations": (BODY, SPOOL),
@@ -21,45 +23,10 @@ REQUIRED = {
     "imposed": (DISPLACEMENT, FORCE),
 }
 OPTIONAL = {"accelerations": (OIL_TEMPERATURE,), "driven": (), "imposed": ()}
-#: What each role measures; accelerations may come as readings of a sensor, by its sensitivity.
-QUANTITIES = {
-    TIME: "time",
-    BODY: "acceleration",
-    SPOOL: "acceleration",
-    OIL_TEMPERATURE: "temperature",
-    DISPLACEMENT: "length",
-    FORCE: "force",
-}
-#: Short names of the roles, as ``--unit`` and ``--scale`` take them.
-SHORT = {
-    "time": TIME,
-    "body": BODY,
-    "spool": SPOOL,
-    "oil": OIL_TEMPERATURE,
-    "displacement": DISPLACEMENT,
-    "force": FORCE,
-}
-_WORDS = {
-    TIME: (
-        "time",
-        "t",
-        "zeit",
-        "zeitstempel",
-        "timestamp",
-        "messzeit",
-        "temps",
-        "datetime",
-        "stamp",
-        "uhrzeit",
-    ),
-    BODY: ("body", "housing", "gehäuse", "gehaeuse", "gehause", "ventilgehäuse", "valvebody"),
-    SPOOL: ("spool", "schieber", "steuerschieber", "kolben", "steuerkolben", "valvespool"),
-    OIL_TEMPERATURE: ("oil", "öl", "oel", "öltemperatur", "oeltemperatur"),
-    DISPLACEMENT: ("displacement", "weg", "position", "stroke", "verschiebung"),
-    FORCE: ("force", "kraft"),
-}
 #: Names of a column that counts samples.
-COUNTERS = ("sample", "samples", "index", "nr", "no", "n", "count", "number", "abtastwert")
+COUNTERS = ("sample", "samples", "index", "nr", "no", "n", "count", "number", "abtastwert", "sequence")
+#: What may stand in a name that is typed on the command line.
+_TYPEABLE = re.compile(r"[^,=#'\"\\$`!:][^,='\"\\$`!]{0,39}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,100 +49,148 @@ class Source:
         return printable(f"{group}{self.channel.name}", 80)
 
 
-def role_of(name: str) -> str:
-    """Return the role that is asked for as ``name``, a contract name or a short one.
+def reference(tables: Sequence[Table], source: Source) -> str:
+    """Return what ``--columns`` takes to mean just this channel: its name, or the number of its column."""
+    file = f"{source.table.path.name}:" if len(tables) > 1 else ""
+    group = f"{source.group.name}/" if source.group.name else ""
+    channel = source.channel
+    sources = sources_of(tables)
+    for text in (channel.name, f"{group}{channel.name}", f"{file}{group}{channel.name}"):
+        if _TYPEABLE.fullmatch(text) and text.isprintable() and _called(sources, text) == [source]:
+            return text
+    return next(
+        (
+            text
+            for text in (f"#{channel.number}", f"{group}#{channel.number}")
+            if _called(sources, text) == [source]
+        ),
+        f"{file}{group}#{channel.number}",
+    )
 
-    Raises:
-        InputError: there is no such.
-    """
-    role = SHORT.get(name, name)
-    if role not in QUANTITIES:
-        known = ", ".join(QUANTITIES)
-        raise InputError(f"--columns: {printable(name, 40)!r} is not one of {known}")
-    return role
 
-
-def chosen(
-    tables: Sequence[Table],
-    kind: str,
-    columns: Mapping[str, str] | None = None,
-    topics: Mapping[str, tuple[str, str]] | None = None,
-) -> dict[str, Source]:
-    """Return the source of each role of a record of ``kind``, its time left out.
-
-    Args:
-        tables: the files.
-        kind: key of ``REQUIRED``.
-        columns: the files' own names by role.
-        topics: topic and axis by role, of bags.
-
-    Raises:
-        InputError: a channel is missing or could be several; what to type is said.
-    """
-    wanted = {role_of(name): own for name, own in (columns or {}).items()}
-    roles = (*REQUIRED[kind], *OPTIONAL[kind])
-    stray = [role for role in wanted if role not in (*roles, TIME)]
-    if stray:
-        raise InputError(f"--columns: {stray[0]!r} is not one of {', '.join((TIME, *roles))}")
-    sources = [
+def sources_of(tables: Sequence[Table]) -> list[Source]:
+    """Return all channels of all files."""
+    return [
         Source(table, group, channel)
         for table in tables
         for group in table.groups
         for channel in group.channels
     ]
+
+
+def exclude(tables: Sequence[Table], names: Sequence[str]) -> None:
+    """Leave channels out of ``tables``, by name or number, as ``--exclude`` asks.
+
+    Raises:
+        InputError: there is no such channel.
+    """
+    left = [one for name in names for one in _excluded(tables, name)]
+    for table in tables:
+        gone = {(one.group.name, one.channel.name) for one in left if one.table is table}
+        table.groups = tuple(
+            replace(
+                group, channels=tuple(one for one in group.channels if (group.name, one.name) not in gone)
+            )
+            for group in table.groups
+        )
+
+
+def _excluded(tables: Sequence[Table], name: str) -> list[Source]:
+    found = _called(sources_of(tables), name)
+    if not found:
+        raise InputError(
+            f"--exclude: {tables[0].path}: no column {printable(name, 60)}; it has {_held(tables)}"
+        )
+    return found
+
+
+def chosen(tables: Sequence[Table], kind: str, asked: Choices) -> dict[str, Source]:
+    """Return the source of each role of a record of ``kind``, its time left out.
+
+    Args:
+        tables: the files.
+        kind: key of ``REQUIRED``.
+        asked: the files' own names, topics and axes by role; units that stand over those of the file.
+
+    Raises:
+        InputError: a channel is missing or could be several; what to type is said.
+    """
+    wanted = {role_of(name): own for name, own in asked.columns.items()}
+    roles = (*REQUIRED[kind], *OPTIONAL[kind])
+    stray = [role for role in wanted if role not in (*roles, TIME)]
+    if stray:
+        raise InputError(f"--columns: {stray[0]!r} is not one of {', '.join((TIME, *roles))}")
+    sources = sources_of(tables)
     found: dict[str, Source] = {}
     for role in roles:
-        if topics and role in topics:
-            found[role] = _of_topic(tables, sources, *topics[role])
+        if role in asked.topics:
+            found[role] = _of_topic(tables, sources, *asked.topics[role])
         elif role in wanted:
             found[role] = named(tables, sources, wanted[role], role)
     missing = []
     for role in roles:
         if role not in found:
-            taken = [one.group for one in found.values()]
-            source = _recognised(tables, sources, role, taken, required=role in REQUIRED[kind])
+            source = _recognised(
+                tables, sources, role, list(found.values()), asked, required=role in REQUIRED[kind]
+            )
             if source is not None:
                 found[role] = source
             elif role in REQUIRED[kind]:
                 missing.append(role)
     if missing:
-        raise _missing(tables, sources, missing)
-    doubled = {one.label for one in found.values() if sum(one == other for other in found.values()) > 1}
+        raise _missing(tables, sources, missing, found, asked)
+    doubled = [role for role, one in found.items() if list(found.values()).count(one) > 1]
     if doubled:
         raise InputError(
-            f"{tables[0].path}: {doubled.pop()} is taken for two channels: name each with --columns"
+            f"{tables[0].path}: {found[doubled[0]].label} is named for {' and '.join(doubled)}: "
+            "name a column for each with --columns"
         )
     return found
 
 
-def time_of(table: Table, group: Group, columns: Mapping[str, str] | None) -> Channel | None:
+def time_of(table: Table, group: Group, asked: Choices, taken: Sequence[Source] = ()) -> Channel | None:
     """Return the time axis of a group, ``None`` where it has none.
+
+    Args:
+        table, group: where to look.
+        asked: the columns that are named, and the rate; where that is given, no column of a doubtful name is
+        one.
+        taken: channels that are something else.
 
     Raises:
         InputError: a column that is named is not there, or several could be it.
     """
-    own = next((own for name, own in (columns or {}).items() if SHORT.get(name, name) == TIME), None)
+    own = next((own for name, own in asked.columns.items() if SHORT.get(name, name) == TIME), None)
+    sources = [Source(table, group, one) for one in group.channels]
     if own is not None:
-        text = _without_file(table, own)
-        same = [one for one in group.channels if text in _names(group, one)]
-        if same:
-            return same[0]
-        raise InputError(f"{table.path}: no column {printable(own, 60)}; it has {_held([table])}")
-    marked = [one for one in group.channels if one.time]
+        source = named([table], sources, own, TIME)
+        role = next((one for one in taken if one == source), None)
+        if role is not None:
+            raise InputError(
+                f"{table.path}: {source.label} is named for {TIME} and for another channel: name a column "
+                f"for each "
+                "with --columns"
+            )
+        return source.channel
+    free = [one.channel for one in sources if one not in taken and not one.channel.role]
+    marked = [one for one in free if one.time]
     if marked:
         return marked[0]
-    fitting = [
-        one
-        for one in group.channels
-        if _is_called(one, TIME) and quantity_of(one.unit) in ("", "time") and not one.role
-    ]
-    exact = [one for one in fitting if one.name == TIME] or fitting
-    if len(exact) > 1 and len({one.name for one in exact}) == 1:
-        raise InputError(f"{table.path}: column {printable(exact[0].name, 40)} is there {len(exact)} times")
+    in_time = [one for one in free if quantity_of(one.unit) == "time"]
+    fitting = [one for one in free if _is_called(one, TIME) and quantity_of(one.unit) in ("", "time")]
+    if asked.rate:
+        fitting = [
+            one for one in fitting if one in in_time or split_header(one.header)[0].lower() in WORDS["time"]
+        ]
+    fitting = fitting or (in_time if len(in_time) == 1 else [])
+    exact = [one for one in fitting if one.header == TIME] or fitting
     if len(exact) > 1:
+        ways = [
+            typed("--columns", {"time": reference([table], Source(table, group, one))}) for one in exact[:2]
+        ]
         raise InputError(
-            f"{table.path}: {listed([one.name for one in exact])} could be the time: name it with "
-            f"--columns {TIME}=NAME"
+            f"{table.path}: {listed([one.header for one in exact])} could be the time: name it with "
+            f"{', or '.join(ways)}"
         )
     return exact[0] if exact else None
 
@@ -186,23 +201,53 @@ def counter_of(group: Group) -> Channel | None:
 
 
 def named(tables: Sequence[Table], sources: Sequence[Source], own: str, role: str) -> Source:
-    """Return the channel called ``own``: as the file has it, ``group/channel``, or ``FILE:channel``.
+    """Return the channel called ``own``: its name, ``#3`` by number, ``group/channel``, or ``FILE:channel``.
 
     Raises:
         InputError: there is none, or it is there several times.
     """
-    fitting = [one for one in sources if _without_file(one.table, own) in _names(one.group, one.channel)]
-    fitting = [one for one in fitting if one.table.path.name == own.partition(":")[0]] or fitting
+    fitting = _called(sources, own)
     if not fitting:
-        raise InputError(f"{tables[0].path}: no column {printable(own, 60)}; it has {_held(tables)}")
+        numbers = _called(sources, f"#{own}") if own.isdecimal() else []
+        hint = (
+            f": by number it is {typed('--columns', {short(role): reference(tables, numbers[0])})}"
+            if numbers
+            else ""
+        )
+        raise InputError(f"{tables[0].path}: no column {printable(own, 60)}; it has {_held(tables)}{hint}")
     if len(fitting) > 1:
-        one = fitting[0]
-        way = f"{one.table.path.name}:{own}" if len(tables) > 1 else f"{one.group.name or 'GROUP'}/{own}"
+        ways = [typed("--columns", {short(role): reference(tables, one)}) for one in fitting[:2]]
         raise InputError(
-            f"{one.table.path}: column {printable(own, 60)} is there {len(fitting)} times: write "
-            f"--columns {role}={printable(way, 80)}"
+            f"{fitting[0].table.path}: column {printable(own, 60)} is there {len(fitting)} times: write "
+            f"{', or '.join(ways)}"
         )
     return fitting[0]
+
+
+def _called(sources: Sequence[Source], own: str) -> list[Source]:
+    """Return the channels that are called ``own``: exactly, without their unit, or else by number."""
+    for names in (_whole_names, _plain_names, _numbers):
+        fitting = [one for one in sources if _without_file(one.table, own) in names(one)]
+        fitting = [one for one in fitting if one.table.path.name == own.partition(":")[0]] or fitting
+        if fitting:
+            return fitting
+    return []
+
+
+def _whole_names(source: Source) -> set[str]:
+    group, channel = source.group.name, source.channel
+    own = {channel.name, channel.header}
+    return own | {f"{group}/{name}" for name in own} if group else own
+
+
+def _plain_names(source: Source) -> set[str]:
+    own = split_header(source.channel.header)[0]
+    return {own, f"{source.group.name}/{own}"}
+
+
+def _numbers(source: Source) -> set[str]:
+    own = f"#{source.channel.number}"
+    return {own, f"{source.group.name}/{own}"}
 
 
 def _of_topic(tables: Sequence[Table], sources: Sequence[Source], topic: str, axis: str) -> Source:
@@ -221,49 +266,85 @@ def _of_topic(tables: Sequence[Table], sources: Sequence[Source], topic: str, ax
 
 
 def _recognised(
-    tables: Sequence[Table], sources: Sequence[Source], role: str, taken: Sequence[Group], *, required: bool
+    tables: Sequence[Table],
+    sources: Sequence[Source],
+    role: str,
+    taken: Sequence[Source],
+    asked: Choices,
+    *,
+    required: bool,
 ) -> Source | None:
     """Return the channel that has a role by its name and unit."""
-    fitting = [one for one in sources if role in (one.channel.role, one.channel.name)]
-    fitting = fitting or [
-        one for one in sources if _is_called(one.channel, role) and _may_be(one.channel, role)
-    ]
-    beside = [one for one in fitting if one.group in taken]
+    free = [one for one in sources if one not in taken]
+    fitting = [one for one in free if role in (one.channel.role, one.channel.header)]
+    called = [one for one in free if _is_called(one.channel, role) and one.channel.unit != STAMP]
+    fitting = fitting or [one for one in called if asked.gives(role) or _may_be(one.channel, role)]
+    beside = [one for one in fitting if one.group in [other.group for other in taken]]
     if len(fitting) > 1 and len(beside) == 1:
         fitting = beside
     if len(fitting) == 1:
         return fitting[0]
     if fitting and required:
-        one = fitting[0]
-        if len({each.label for each in fitting}) == 1 and len(tables) == 1:
-            raise InputError(f"{one.table.path}: column {one.label} is there {len(fitting)} times")
-        way = f"{one.table.path.name}:{one.channel.name}" if len(tables) > 1 else one.label
+        ways = [typed("--columns", {short(role): reference(tables, one)}) for one in fitting[:2]]
         raise InputError(
-            f"{one.table.path}: {listed([each.label for each in fitting])} could be {role}: say which with "
-            f"--columns {role}={printable(way, 80)}"
+            f"{fitting[0].table.path}: {listed([one.label for one in fitting])} could be {role}: say which "
+            f"with "
+            f"{', or '.join(ways)}"
         )
+    if required and len(called) == 1:
+        return called[0]  # refused for its unit, by name
     return None
 
 
-def _missing(tables: Sequence[Table], sources: Sequence[Source], roles: Sequence[str]) -> InputError:
+def _missing(
+    tables: Sequence[Table],
+    sources: Sequence[Source],
+    roles: Sequence[str],
+    found: Mapping[str, Source],
+    asked: Choices,
+) -> InputError:
     """Return the error of roles that no channel has, with what to type."""
     files, held = ", ".join(str(table.path) for table in tables), _held(tables)
+    taken = [*found.values()]
+    named_time = next((own for name, own in asked.columns.items() if SHORT.get(name, name) == TIME), None)
+    free = [
+        one
+        for one in sources
+        if one not in taken
+        and not one.channel.time
+        and not _is_called(one.channel, TIME)
+        and quantity_of(one.channel.unit) != "time"
+        and one not in (_called(sources, named_time) if named_time else [])
+        and not (_words(one.channel.header) and _words(one.channel.header)[0] in COUNTERS)
+        and any(_may_be(one.channel, role) for role in roles)
+    ]
+    numbered = [one for one in free if one.channel.header.isdecimal()]
+    if len(numbered) == len(free) > len(roles) and TIME not in {
+        SHORT.get(name, name) for name in asked.columns
+    }:
+        free = free[1:]  # of a file without names the first column is usually its time
+        ways = {"time": reference(tables, numbered[0])} if not asked.rate else {}
+    else:
+        ways = {}
     if any(one.group.name.startswith("/") for one in sources):
-        short = next(name for name, role in SHORT.items() if role == roles[0])
+        topics = [f"{one.group.name}:{one.channel.name}" for one in _one_a_topic(free, len(roles))]
+        advice = typed("--topic", {short(role): topic for role, topic in zip(roles, topics, strict=False)})
+        known = f"{files}: no topic is known to be {', '.join(roles)}; it has {held}"
         return InputError(
-            f"{files}: no topic is known to be {', '.join(roles)}; it has {held}: name topic and axis with "
-            f"--topic {short}=/TOPIC:z"
+            f"{known}: name topic and axis, e.g. {advice}" if len(topics) >= len(roles) else known
         )
-    return InputError(
-        f"{files}: no column {', '.join(roles)}; it has {held}: map names with --columns {roles[0]}=NAME"
-    )
+    known = f"{files}: no column {', '.join(roles)}; it has {held}"
+    if len(free) < len(roles):
+        return InputError(f"{known}: no other column can be one: export both accelerations")
+    ways |= {short(role): reference(tables, one) for role, one in zip(roles, free, strict=False)}
+    return InputError(f"{known}: name columns, e.g. {typed('--columns', ways)}")
 
 
-def _names(group: Group, channel: Channel) -> set[str]:
-    """Return what a channel may be called by."""
-    plain = split_header(channel.name)[0]
-    own = {channel.name, plain}
-    return own | {f"{group.name}/{name}" for name in own} if group.name else own
+def _one_a_topic(free: Sequence[Source], count: int) -> list[Source]:
+    """Return channels to propose: one of each topic, its z where there is one; several of one topic else."""
+    topics = {one.group.name: one for one in free}
+    topics |= {one.group.name: one for one in reversed(free) if one.channel.name == "z"}
+    return list(topics.values()) if len(topics) >= count else list(free)
 
 
 def _without_file(table: Table, own: str) -> str:
@@ -271,11 +352,17 @@ def _without_file(table: Table, own: str) -> str:
 
 
 def _is_called(channel: Channel, role: str) -> bool:
-    words = _words(split_header(channel.name)[0].rpartition("/")[2])
-    if not any(word in _WORDS[role] for word in words):
+    words = _words(split_header(channel.header)[0].rpartition("/")[2])
+    if not any(_means(word, short(role)) for word in words):
         return False
-    return role == TIME or not any(
-        word in others for other, others in _WORDS.items() if other not in (role, TIME) for word in words
+    others = [one for one in WORDS if one not in (short(role), "time")]
+    return role == TIME or not any(_means(word, other) for other in others for word in words)
+
+
+def _means(word: str, role: str) -> bool:
+    """Return whether a word of a header is one of a role's, or holds one in a script without blanks."""
+    return word in WORDS[role] or any(
+        not one.isascii() and one in word and one > "\u0400" for one in WORDS[role]
     )
 
 
@@ -284,8 +371,7 @@ def _may_be(channel: Channel, role: str) -> bool:
     if channel.unit == STAMP:
         return False
     quantity = quantity_of(channel.unit)
-    allowed = {QUANTITIES[role], ""} | ({"voltage", "reading"} if role in (BODY, SPOOL) else set())
-    return quantity in allowed
+    return quantity in {QUANTITIES[role], ""} | (set(READINGS) if role in (BODY, SPOOL) else set())
 
 
 def _words(name: str) -> list[str]:
@@ -295,7 +381,7 @@ def _words(name: str) -> list[str]:
 def _held(tables: Sequence[Table]) -> str:
     return listed(
         [
-            f"{group.name}/{channel.name}" if group.name else channel.name
+            f"{group.name}/{channel.header}" if group.name else channel.header
             for table in tables
             for group in table.groups
             for channel in group.channels

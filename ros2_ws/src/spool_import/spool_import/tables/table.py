@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,13 +31,22 @@ class Channel:
     """Channel of a file: its ``name`` there, and ``unit`` as the file has it, "" where it names none.
 
     ``time`` marks a time axis by the format itself. ``role``: contract name where the format fixes what the
-    channel is.
+    channel is. ``number``: of its column in the file, from 0. ``own``: its name in the file where ``name``
+    has
+    an index, since several channels have that name there.
     """
 
     name: str
     unit: str = ""
     time: bool = False
     role: str = ""
+    number: int = -1
+    own: str = ""
+
+    @property
+    def header(self) -> str:
+        """Name as the file has it."""
+        return self.own or self.name
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,11 +69,17 @@ class Group:
 
 
 class Table(ABC):
-    """Table: what a file holds. ``notes``: how it was understood, one line each."""
+    """Table: what a file holds.
+
+    ``notes``: how it was understood, ``warnings``: what is wrong with it, one line each; ``warnings`` are
+    complete
+    only after :meth:`read`.
+    """
 
     path: Path
     groups: tuple[Group, ...]
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     @abstractmethod
     def read(self, group: Group, names: Sequence[str], _single: Sequence[str] = ()) -> dict[str, Values]:
@@ -81,7 +96,7 @@ class Table(ABC):
         return f"sample {row}"
 
 
-@dataclass
+@dataclass(eq=False)
 class ArrayTable(Table):
     """Table whose channels are arrays in memory, by group and channel."""
 
@@ -89,10 +104,35 @@ class ArrayTable(Table):
     groups: tuple[Group, ...]
     arrays: Mapping[tuple[str, str], Any]
     notes: tuple[str, ...] = field(default=())
+    warnings: tuple[str, ...] = field(default=())
 
     def read(self, group: Group, names: Sequence[str], _single: Sequence[str] = ()) -> dict[str, Values]:
         """Return the values of channels by name."""
         return {name: as_numbers(self.path, name, self.arrays[group.name, name]) for name in names}
+
+
+def unique(names: Sequence[str]) -> tuple[str, ...]:
+    """Return names of which none is there twice: those that were get an index from 1."""
+    taken = set(names)
+    found: list[str] = []
+    for name in names:
+        if names.count(name) == 1:
+            found.append(name)
+            continue
+        index = 1
+        while f"{name}_{index}" in taken:
+            index += 1
+        found.append(f"{name}_{index}")
+        taken.add(found[-1])
+    return tuple(found)
+
+
+def numbered(group: Group) -> Group:
+    """Return a group whose channels have numbers: that of their column, else their place in the group."""
+    channels = tuple(
+        replace(one, number=at) if one.number < 0 else one for at, one in enumerate(group.channels)
+    )
+    return replace(group, channels=channels)
 
 
 def as_numbers(path: Path, name: str, values: Any) -> Values:

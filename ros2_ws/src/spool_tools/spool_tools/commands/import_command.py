@@ -25,15 +25,22 @@ def import_(
     out: Annotated[Path | None, typer.Option("--out", help="Bag to be made.", metavar="BAG")] = None,
     look: Annotated[bool, typer.Option("--look", help="Say what is understood; write no bag.")] = False,
     columns: Annotated[
-        str | None, typer.Option(help="Channels by name, e.g. time_s=t,body_m_s2=ch1,spool_m_s2=ch2")
+        list[str] | None,
+        typer.Option(help="Columns by name or by number from 0, e.g. time=t,body=ch1,spool=#5"),
+    ] = None,
+    exclude: Annotated[
+        list[str] | None, typer.Option(help="Columns to leave out, by name or number: NAME,#3")
     ] = None,
     unit: Annotated[
-        str | None, typer.Option(help="Units that the file does not name: body=g,spool=g")
+        list[str] | None, typer.Option(help="Units that the file does not name: body=g,spool=g")
     ] = None,
-    scale: Annotated[str | None, typer.Option(help="Sensitivities: body=100mV/g,spool=50g/FS")] = None,
+    scale: Annotated[
+        list[str] | None,
+        typer.Option(help="Sensitivities: body=100mV/g,spool=50g/FS; raw counts: body=1.25e-6g/count"),
+    ] = None,
     rate: Annotated[float | None, typer.Option(help="Hz, where the file holds no time.")] = None,
     topic: Annotated[
-        str | None, typer.Option(help="Topics and axes of a bag: body=/imu_1:z,spool=/imu_2:z")
+        list[str] | None, typer.Option(help="Topics and axes of a bag: body=/imu_1:z,spool=/imu_2:z")
     ] = None,
     align: Annotated[
         str, typer.Option(help="auto: bring two clocks together by correlation; none: refuse two clocks.")
@@ -51,12 +58,15 @@ def import_(
 ) -> None:
     """Turn what a logger wrote, or a bag of other topics, into a bag.
 
-    CSV of any dialect, Excel, Parquet, Feather, MATLAB, HDF5, NumPy, WAV, TDMS, MF4, UFF 58, bags of ROS 1
-    and 2.
-    What could be several things is refused with the flag to type. --json and --report go with --look.
+    Reads CSV of any dialect, oscilloscopes' CSV, LabVIEW LVM, Excel, Parquet, Feather, MATLAB, HDF5, NumPy,
+    WAV,
+    TDMS, MF4, UFF 58, and bags of ROS 1 and ROS 2. The columns used and each conversion are printed.
+    Ambiguous input is refused with the option to type; options may be repeated. Use --json and --report with
+    --look.
 
     Example: ./spool import logger.csv --look
     Example: ./spool import logger.csv --unit body=g,spool=g --out record_bag
+    Example: ./spool import logger.csv --columns body=#3,spool=#5 --exclude #4 --out record_bag
     Example: ./spool import body.wav spool.tdms --scale body=50g/FS --out record_bag
     """
     from spool_import.bag_import import import_record  # noqa: PLC0415 - slow to load, as below
@@ -64,7 +74,7 @@ def import_(
 
     from spool_tools.console.progress import progress  # noqa: PLC0415
 
-    how = choices(columns, unit, scale, topic, rate, align)
+    how = choices(columns, unit, scale, topic, rate, align, exclude)
     if len(files) > 2:
         raise InputError(f"{files[2]}: two files at most, body and spool; import each record by itself")
     if look:

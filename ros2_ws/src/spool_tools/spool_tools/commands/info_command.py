@@ -43,15 +43,16 @@ def info(
     from spool_bag.format.definitions import ACCELERATION_BLOCK  # noqa: PLC0415 - slow to load, as below
     from spool_bag.reading.information import describe  # noqa: PLC0415
 
-    from spool_tools.input.record_names import parse_columns  # noqa: PLC0415
     from spool_tools.input.record_span import span_of  # noqa: PLC0415
     from spool_tools.input.table_record import is_table  # noqa: PLC0415
 
     with progress("reading"):
         if is_table(record):
+            from spool_import.records.choices import columns_of  # noqa: PLC0415
+
             from spool_tools.input.table_source import TableSource  # noqa: PLC0415
 
-            found = TableSource(record, parse_columns(columns)).describe()
+            found = TableSource(record, columns_of(columns)).describe()
         else:
             found = describe(record, span_of(record, since, until, around))
     if json is not None:

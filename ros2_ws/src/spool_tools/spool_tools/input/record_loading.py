@@ -15,14 +15,16 @@ from spool_bag.reading.span import Span
 from spool_bag.tables.column_names import BODY, OIL_TEMPERATURE, SPOOL
 from spool_identification.record import Record, records_from_blocks
 from spool_identification.record_parts import PartKeeper
+from spool_import.bag_import import import_notes
 from spool_import.records.blocks import start_of
+from spool_import.records.choices import columns_of
 from spool_import.records.logger_record import LoggerRecord
 from spool_sim.valve.description import Valve, find_valve, shipped_valves
 from spool_stream.block import Block
 from spool_stream.errors import InputError
 
 from .bag_valve import recorded_valve
-from .record_names import parse_columns, split_name
+from .record_names import split_name
 from .record_span import span_of
 from .table_record import is_table, record_of_table
 from .table_source import TableSource
@@ -41,11 +43,13 @@ class Recording:
         path: where it is.
         stretches: without gaps each, in order of time.
         described: the valve's description in the bag, ``None`` without one.
+        notes: how the file was understood, or that of which the bag was imported: columns and conversions.
     """
 
     path: Path
     stretches: tuple[Record, ...]
     described: Valve | None
+    notes: tuple[str, ...] = ()
 
     @property
     def duration(self) -> float:
@@ -92,7 +96,7 @@ def selection(
 ) -> Selection:
     """Return what ``--name``, ``--columns``, ``--start``, ``--stop`` and ``--since`` etc. ask for."""
     end = math.inf if stop is None else stop
-    return Selection(name, parse_columns(columns), start, end, when=when)
+    return Selection(name, columns_of(columns), start, end, when=when)
 
 
 def open_source(path: Path, columns: str | None = None, span: Span | None = None) -> Source:
@@ -102,7 +106,7 @@ def open_source(path: Path, columns: str | None = None, span: Span | None = None
         InputError: there is none, or it cannot be read.
     """
     if is_table(path):
-        return TableSource(path, parse_columns(columns))
+        return TableSource(path, columns_of(columns))
     if columns is not None:
         raise InputError(f"--columns: {path} is a bag: leave it out")
     return BagReader(path, span=span or Span())
@@ -117,8 +121,10 @@ def load_recording(path: Path, selection: Selection | None = None) -> Recording:
     chosen = selection or Selection()
     described = None
     if is_table(path):
-        stretches = _from_table(path, chosen.columns)
+        table = record_of_table(path, columns=chosen.columns)
+        stretches, notes = stretches_of_table(table, str(path)), table.notes
     else:
+        notes = import_notes(path)
         reader = BagReader(path, span=span_of(path, *chosen.when))
         name = _valve_in(reader, chosen.name)
         if chosen.longest is None:
@@ -136,7 +142,7 @@ def load_recording(path: Path, selection: Selection | None = None) -> Recording:
         last = stretches[-1]
         ends = (last.start - stretches[0].start) * 1e-9 + last.duration
         raise InputError(f"{path}: no sample from --start {chosen.start:g} s on: it is {ends:.1f} s long")
-    return Recording(path, tuple(kept), described)
+    return Recording(path, tuple(kept), described, notes)
 
 
 def load_recordings(
@@ -218,10 +224,6 @@ def _valve_in(reader: BagReader, name: str | None) -> str:
     if len(known) > 1:
         raise InputError(f"{reader.path}: it holds {', '.join(known)}: say which with --name")
     return known[0]
-
-
-def _from_table(path: Path, columns: Mapping[str, str] | None) -> list[Record]:
-    return stretches_of_table(record_of_table(path, columns=columns), str(path))
 
 
 def stretches_of_table(record: LoggerRecord, name: str | None = None) -> list[Record]:

@@ -30,6 +30,7 @@ def record_of_table(
     except InputError as error:
         if re.search(r"--(unit|scale|rate|topic)\b", str(error)):
             raise InputError(
-                f"{error}; these are options of ./spool import, which makes a bag of it"
+                f"{error}; these are options of ./spool import {path} --out record_bag, which makes a bag "
+                f"of it"
             ) from error
         raise

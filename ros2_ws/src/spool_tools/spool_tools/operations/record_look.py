@@ -51,11 +51,11 @@ def check(record: Path, selection: Selection, json: Path | None, report: Path | 
     """Show the quality of a record; return whether nothing speaks against an estimate from it."""
     recording = load_recording(record, replace(selection, longest=LARGEST, described=False))
     found = quality_of(recording.stretches, str(record))
-    _show(found, [])
+    _show(found, recording.notes)
     if json is not None:
-        write_json(json, found.dictionary())
+        write_json(json, {**found.dictionary(), "notes": list(recording.notes)})
     if report is not None:
-        write_file(report, quality_page(found, []))
+        write_file(report, quality_page(found, recording.notes))
     return not found.doubts
 
 
@@ -65,6 +65,7 @@ def _dictionary(tables: Sequence[Channels], record: LoggerRecord, found: RecordQ
         "files": [_channels(table) for table in tables],
         "refused": None,
         "notes": list(record.notes),
+        "columns": [use.dictionary() for use in record.uses],
         "repairs": dict(record.repairs),
         "clocks": None
         if clocks is None
@@ -82,7 +83,12 @@ def _channels(table: Channels) -> dict[str, Any]:
         "format": format_of(table.path).name,
         "notes": list(table.notes),
         "channels": [
-            {"group": group.name, "name": one.name, "unit": None if one.unit in ("", STAMP) else one.unit}
+            {
+                "group": group.name,
+                "number": one.number,
+                "name": one.name,
+                "unit": None if one.unit in ("", STAMP) else one.unit,
+            }
             for group in table.groups
             for one in group.channels
         ],
@@ -95,14 +101,14 @@ def _show_channels(table: Channels) -> None:
     for note in table.notes:
         console.print(f"  {cell(note)}", soft_wrap=True, markup=False)
     shown = Table(box=None, pad_edge=False)
-    for column in ("  channel", "unit", "measures"):
+    for column in ("  #", "channel", "unit", "measures"):
         shown.add_column(column)
     for group in table.groups:
         for one in group.channels:
-            name = f"  {group.name}/{one.name}" if group.name else f"  {one.name}"
+            name = f"{group.name}/{one.name}" if group.name else one.name
             unit = "time of day" if one.unit == STAMP else one.unit or "not named"
             what = "time" if one.time or one.unit == STAMP else quantity_of(one.unit) or "not known"
-            shown.add_row(cell(name), cell(unit), what)
+            shown.add_row(f"  {one.number}", cell(name), cell(unit), what)
     console.print(shown)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -35,7 +35,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class ChannelQuality:
-    """Quality of a channel: ``mean``, ``rms`` about it, ``peak``, ``noise`` in m/s^2, ``clipped`` share."""
+    """Quality of a channel: ``mean``, ``rms`` about it, ``peak``, ``noise`` in m/s^2, ``clipped`` share.
+
+    ``at_most``: the noise is an upper bound, since motion reaches up to the frequencies it is seen at.
+    """
 
     name: str
     mean: float
@@ -43,6 +46,7 @@ class ChannelQuality:
     peak: float
     noise: float
     clipped: float
+    at_most: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +96,7 @@ class RecordQuality:
                     "rms": one.rms,
                     "peak": one.peak,
                     "noise_rms": one.noise,
+                    "noise_is_upper_bound": one.at_most,
                     "clipped": one.clipped,
                     "unit": "m/s^2",
                 }
@@ -114,7 +119,9 @@ def quality_of(stretches: Sequence[Record], name: str, warnings: Sequence[str] =
     noise = noise_of(longest.body, longest.spool, rate)
     channels = (
         _channel("body", [one.body for one in stretches], noise.body_rms),
-        _channel("spool", [one.spool for one in stretches], noise.spool_rms),
+        replace(
+            _channel("spool", [one.spool for one in stretches], noise.spool_rms), at_most=noise.spool_is_bound
+        ),
     )
     response = _response(longest)
     inside = (response.frequency >= noise.low) & (response.frequency <= noise.high)
@@ -183,7 +190,8 @@ def _doubts(found: RecordQuality) -> list[str]:
             said.append(f"{one.name}: {100.0 * one.clipped:.2g} % of the samples are clipped, {grave}")
         if one.rms < QUIET * one.noise:
             said.append(
-                f"{one.name}: its noise of {one.noise:.2g} m/s^2 (rms) drowns the motion of "
+                f"{one.name}: its noise of {'at most ' if one.at_most else ''}{one.noise:.2g} m/s^2 (rms) "
+                f"drowns the motion of "
                 f"{one.rms:.2g} m/s^2: "
                 "shake harder, or use a finer sensor"
             )

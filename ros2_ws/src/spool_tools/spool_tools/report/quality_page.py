@@ -72,7 +72,7 @@ def channel_rows(quality: RecordQuality) -> list[dict[str, object]]:
             "mean (m/s²)": number(one.mean),
             "rms (m/s²)": number(one.rms),
             "peak (m/s²)": number(one.peak),
-            "noise, rms (m/s²)": number(one.noise),
+            "noise, rms (m/s²)": f"at most {number(one.noise)}" if one.at_most else number(one.noise),
             "clipped": f"{100.0 * one.clipped:.2g} %",
         }
         for one in quality.channels
