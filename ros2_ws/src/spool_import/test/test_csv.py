@@ -19,10 +19,10 @@ from spool_bag.tables.export import export_bag
 from spool_import.bag_import import import_record as import_csv
 from spool_import.records.blocks import DEFAULT_START
 from spool_import.records.logger_record import read_record as read_csv
-from spool_import.records.time_base import sampling_period
 from spool_stream.block_gate import BlockGate, Verdict
 from spool_stream.errors import InputError
 from spool_stream.format.cdr import encode_block
+from spool_stream.stamps import sampling_period
 
 HEADER = "time_s,body_m_s2,spool_m_s2"
 

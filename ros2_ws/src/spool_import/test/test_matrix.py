@@ -117,7 +117,7 @@ REFUSED: list[tuple[str, Maker, dict[str, object], str]] = [
     ("which.csv", made.text("t [s],body 1 [g],body 2 [g],spool [g]\n", made.rows().replace("\n", ",0\n")), {},
      "body 1 .g., body 2 .g. could be body_m_s2: say which with --columns .body=body 1 .g.., or --columns"),
     ("names.csv", made.text("t [s],a [g],b [g]\n", made.rows()), {}, r"name columns, e\.g\. --columns .body=a .g.,spool=b .g.."),
-    ("rate.csv", made.text("t [s],body [g],spool [g]\n", made.rows()), {"rate": 1000.0}, "says 2000 Hz: leave --rate out"),
+    ("rate.csv", made.text("t [s],body [g],spool [g]\n", made.rows()), {"rate": 1000.0}, "shows 2000 Hz: leave --rate out"),
     ("cut.xlsx", lambda path: path.write_bytes(b"PK\x03\x04 cut") and None, {}, "cannot be read as Excel"),
     ("cut.tdms", lambda path: path.write_bytes(b"TDSm" + bytes(40)) and None, {}, "cannot be read as NI TDMS"),
     ("cut.mf4", lambda path: path.write_bytes(b"MDF     4.10" + bytes(80)) and None, {}, "cannot be read as ASAM MDF"),

@@ -51,6 +51,8 @@ FEWEST, FEWEST_STEPS = 3, 5
 MOST_LOST = 0.5
 #: Resolution, in periods, from which a clock that counts in whole periods hides what was lost.
 HIDING = 0.4
+#: Reason of stamps that go back further than jitter.
+BACKWARDS = "stamps go back"
 _PIECE = 1 << 20
 #: Stamps over which a resolution is looked for: it changes with the number of digits.
 _LOCAL = 256
@@ -150,7 +152,7 @@ def judge(time: Array, noise: float | None = None) -> Stamps:
         ):
             return placed
     if backwards is not None:
-        return Stamps(Rhythm.UNEVEN, reason="stamps go back", at=backwards + 1)
+        return Stamps(Rhythm.UNEVEN, reason=BACKWARDS, at=backwards + 1)
     return _uneven(time, usual) if even is None else even
 
 

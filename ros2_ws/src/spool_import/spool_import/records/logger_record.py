@@ -20,7 +20,7 @@ from spool_import.tables.table import STAMP, Channel, Group, Table, Values
 from .choices import Choices, choices
 from .clocks import ClockOffset
 from .roles import REQUIRED, Source, chosen, counter_of, exclude, time_of
-from .time_base import TimeBase, loose_time_base, time_base
+from .time_base import SAME, TimeBase, loose_time_base, time_base
 from .time_unit import period_check, time_in_seconds
 from .two_clocks import Series, merged
 from .unit_choice import ChannelUse, use_of_time, uses_of
@@ -51,6 +51,7 @@ class LoggerRecord:
         repairs: counts of what was repaired, by name.
         clocks: how two clocks were brought together, ``None`` for one clock.
         uses: which column became what, and by which conversion.
+        rate_std: relative standard deviation of the sampling rate, from the stamps; 0 where it is stated.
     """
 
     path: Path
@@ -64,6 +65,7 @@ class LoggerRecord:
     repairs: Mapping[str, int] = field(default_factory=dict)
     clocks: ClockOffset | None = None
     uses: tuple[ChannelUse, ...] = ()
+    rate_std: float = 0.0
 
     @property
     def duration(self) -> float:
@@ -169,16 +171,16 @@ def _of_group(
         time, start, note = _seconds(path, axis, stamps, where, asked, start)
         notes += [note] if note else []
         label = axis.name
-    base = _base(path, printable(label, 40), time, list(found.values()), where, regular=regular)
+    name = printable(label, 40)
+    rows = [row for role, row in found.items() if role != OIL_TEMPERATURE]
+    if regular:
+        base = time_base(str(path), name, time, rows, where, asked.rate if axis is not None else None)
+    else:
+        base = loose_time_base(str(path), name, time, where)
     if base.kept is not None:
         found = {role: row[base.kept] for role, row in found.items()}
     warnings = [*base.warnings]
-    if axis is not None and asked.rate and abs(base.period * asked.rate - 1.0) > 0.005:
-        raise InputError(
-            f"{path}: --rate {asked.rate:g}: {printable(axis.name, 40)} says {1.0 / base.period:g} "
-            "Hz: leave --rate out, or "
-            "correct it"
-        )
+    notes.append(_rate_note(path, axis, group, asked, base))
     doubt = period_check(path, label, base.period, kind)
     warnings += [doubt] if doubt else []
     return LoggerRecord(
@@ -192,21 +194,27 @@ def _of_group(
         tuple(notes),
         base.repairs,
         uses=(*([timed] if timed else []), *uses.values()),
+        rate_std=base.rate_std,
     )
 
 
-def _base(
-    path: Path,
-    label: str,
-    time: NDArray[np.float64],
-    rows: list[Array],
-    where: Callable[[int], str],
-    *,
-    regular: bool,
-) -> TimeBase:
-    if not regular:
-        return loose_time_base(str(path), label, time, where)
-    return time_base(str(path), label, time, rows, where)
+def _rate_note(path: Path, axis: Channel | None, group: Group, asked: Choices, base: TimeBase) -> str:
+    """Return which rate is used and where it comes from.
+
+    Raises:
+        InputError: a time axis and a rate stated beside it disagree, and no ``--rate`` decides.
+    """
+    rate = 1.0 / base.period
+    if axis is None:
+        return f"rate {rate:.7g} Hz from {'--rate' if asked.rate else group.source or 'the file'}"
+    name = printable(axis.name, 40)
+    if asked.rate is None and abs(group.rate * base.period - 1.0) > SAME:  # NaN: none is stated
+        raise InputError(
+            f"{path}: {name} shows {rate:.7g} Hz and {group.source or 'the file'} states "
+            f"{group.rate:.7g} Hz: correct one of them, or type --rate {rate:.7g} if the times hold"
+        )
+    given = ", which --rate confirms" if asked.rate else ""
+    return f"rate {rate:.7g} Hz from {name}{given}"
 
 
 def _seconds(
@@ -262,6 +270,7 @@ def _together(sides: Sequence[LoggerRecord], first: Source, second: Source, aske
         repairs,
         joined.clocks,
         (*body.uses, *spool.uses),
+        rate_std=max(one.rate_std for one in sides),
     )
 
 

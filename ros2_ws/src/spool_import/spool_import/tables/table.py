@@ -20,8 +20,10 @@ MOST_SAMPLES = 30_000_000
 MOST_CHANNELS = 4096
 #: B that a file may hold, or unpack to, where its library takes it into memory as a whole.
 MOST_BYTES = 1 << 31
-#: Unit of a channel whose values are whole ns since 1970 (int64).
+#: Unit of a channel whose values are whole ns since 1970 (int64), and of one that counts from midnight of a
+#: day that the file does not name.
 STAMP = "stamp"
+CLOCK = "time of day"
 
 Values = NDArray[np.float64] | NDArray[np.int64]
 
@@ -53,8 +55,10 @@ class Channel:
 class Group:
     """Group of channels on one clock: ``rate`` (Hz), NaN where the file does not state it.
 
-    ``start``: acquisition time of the first sample in ns since 1970, ``None`` where not stated. ``stamped``:
-    its times are those of a clock that other groups share.
+    ``source``: where the file states the rate, e.g. ``bearing/sr``. ``start``: acquisition time of the first
+    sample in ns since 1970, ``None`` where not stated. ``delay``: s, from there to the first sample.
+    ``stamped``: its times are those of a clock that other groups share. ``doubt``: a setting that may be the
+    rate or not.
     """
 
     name: str
@@ -62,6 +66,9 @@ class Group:
     rate: float = math.nan
     start: int | None = None
     stamped: bool = False
+    source: str = ""
+    delay: float = 0.0
+    doubt: str = ""
 
     def channel(self, name: str) -> Channel:
         """Return the channel that has ``name``."""
