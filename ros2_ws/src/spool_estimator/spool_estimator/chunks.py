@@ -16,6 +16,7 @@ from spool_stream.block import Samples
 from spool_stream.kernels.compiled import compiled
 from spool_stream.kernels.standing import StandingArrays, scan
 
+from spool_estimator.motion.displacement import DisplacementArrays, follow_displacement
 from spool_estimator.motion.history import keep, sampled_pointwise
 from spool_estimator.motion.prediction import (
     BAND_LIMITED,
@@ -121,6 +122,7 @@ def follow(
     valve: Valve,
     tracker: TrackerArrays,
     standing: StandingArrays,
+    displacement: DisplacementArrays,
     run: PredictionArrays,
     window: WindowArrays,
     regression: RegressionArrays,
@@ -142,7 +144,7 @@ def follow(
             break
         chunks += 1
         numbers[CHUNKS] = chunks
-        asks = _learn(valve, tracker, standing, run, window, regression)
+        asks = _learn(valve, tracker, standing, displacement, run, window, regression)
         if asks != NOTHING:
             return asks
     return NOTHING
@@ -153,6 +155,7 @@ def _learn(
     valve: Valve,
     tracker: TrackerArrays,
     standing: StandingArrays,
+    displacement: DisplacementArrays,
     run: PredictionArrays,
     window: WindowArrays,
     regression: RegressionArrays,
@@ -172,6 +175,7 @@ def _learn(
     shaken = shaken if shaken > sums[BODY] else sums[BODY]
     if started and not sums[RESIDUAL] <= valve.runaway * shaken:
         return FORGET
+    follow_displacement(waiting, displacement)
     numbers[SINCE_RESTART] += 1.0
     settling = numbers[SINCE_RESTART] <= settling_chunks(valve, tracker, regression)
     moves = run.mean_squares[2] > valve.least_body and run.mean_squares[4] > _MOVING_SQUARE
@@ -180,9 +184,8 @@ def _learn(
     numbers[ALLOWED] = min(MOST_REFITS, numbers[ALLOWED] + REFITS)
     numbers[PAUSE] -= 1.0
     if not settling:
-        known = math.isfinite(tracker.powers[0])
         for i in range(len(MEAN_SQUARES)):
-            new = run.mean_squares[i]
+            new, known = run.mean_squares[i], math.isfinite(tracker.powers[i])
             tracker.powers[i] = tracker.powers[i] + CHUNK * (new - tracker.powers[i]) if known else new
     if excited:
         # Of the motion that taught the parameters; at a standstill they stay what they were.

@@ -78,6 +78,7 @@ class EquationEstimator(StreamEstimator):
                 self.regression.errors[:] = former.errors
         self._watched = StandingWatch(period)
         self._conditioning.reset()
+        self._powers[2:] = math.nan
         self._filled = self._since_restart = 0
 
     def _take(self, body: Samples, spool: Samples, most: int) -> tuple[int, int]:  # noqa: ARG002 - one chunk at a time
@@ -99,6 +100,7 @@ class EquationEstimator(StreamEstimator):
         assert regression is not None
         if self._stands:
             conditioning.reset()
+            self._powers[2:] = math.nan
             self._since_restart, self._settling, self._excited = 0, True, False
             return 0
         conditioning.take(self._chunk[0], self._chunk[1], rows)

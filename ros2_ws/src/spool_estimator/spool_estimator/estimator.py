@@ -89,7 +89,7 @@ class Estimator(StreamEstimator):
             bool(tracker.started and np.sqrt(covariance[0, 0]) < LEARNED * values[0]),
             tracker.excited,
             tracker.settling,
-            tracker.powers[:4],
+            np.array([*tracker.powers[:3], tracker.displacement.mean_square]),
             DELAY * tracker.sample_period,
         )
 

@@ -71,7 +71,8 @@ class Learned:
         values, covariance: of k (N/m), c (N s/m), F_c (N), shapes (3,) and (3, 3).
         certain: whether the values are known well enough to be told.
         excited, settling: of the chunk.
-        powers: mean squares of error and inertia force (N^2), body acceleration and displacement, shape (4,).
+        powers: mean squares of error and inertia force (N^2), body acceleration and displacement, shape (4,);
+            NaN where unknown, as the last two are until they have settled after a restart.
         delay: s, of the described motion behind the newest sample.
 
     """
@@ -293,15 +294,17 @@ def _derived(learned: Learned, mass: float) -> dict[str, Quantity]:
         deviation = math.sqrt(max(0.0, float(slope @ covariance[:2, :2] @ slope)))
         damping = Quantity("damping_ratio", "1", ratio, deviation, validity)
     residual, target, body, displacement = learned.powers.tolist()
-    seen = Validity.UNKNOWN if math.isnan(body) else Validity.VALID
     relative = math.sqrt(residual / target) if target > 0.0 and validity is Validity.VALID else math.nan
     fit = Validity.UNKNOWN if math.isnan(relative) else Validity.VALID
     return {
         "natural_frequency": frequency,
         "damping_ratio": damping,
         "residual": Quantity("residual", "1", relative, validity=fit),
-        "excitation": Quantity("excitation", "m/s^2", math.sqrt(body), validity=seen),
-        "relative_displacement": Quantity(
-            "relative_displacement", "m", math.sqrt(displacement), validity=seen
-        ),
+        "excitation": _rms("excitation", "m/s^2", body),
+        "relative_displacement": _rms("relative_displacement", "m", displacement),
     }
+
+
+def _rms(name: str, unit: str, power: float) -> Quantity:
+    validity = Validity.UNKNOWN if math.isnan(power) else Validity.VALID
+    return Quantity(name, unit, math.sqrt(power), validity=validity)

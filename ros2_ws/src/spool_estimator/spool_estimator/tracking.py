@@ -11,8 +11,9 @@ from spool_stream.kernels.standing import StandingWatch
 
 from spool_estimator import chunks
 from spool_estimator.chunks import LENGTHS, NOISE, SMALLEST_NOISE
+from spool_estimator.motion.displacement import Displacement
 from spool_estimator.motion.history import Fitter, History, WindowFit
-from spool_estimator.motion.prediction import MEAN_SQUARES, Prediction
+from spool_estimator.motion.prediction import BODY, MEAN_SQUARES, Prediction
 from spool_estimator.recursion.recursive import ENOUGH, RecursiveLeastSquares
 from spool_estimator.recursion.sliding import SlidingLeastSquares
 from spool_estimator.recursion.window import ChunkWindow
@@ -74,7 +75,9 @@ class Tracker:
 
     Attributes:
         powers: mean squares over the last second or so: error, inertia force (N), body acceleration (m/s^2),
-            displacement (m), velocity (m/s); NaN before the first.
+            displacement (m), velocity (m/s); NaN before the first. Displacement and velocity start at zero
+            and settle within seconds; they only weigh deviations.
+        displacement: the spool's in the body, unknown until its start is estimated.
         refits: how often the model was fitted anew to the last samples.
         standing: whether the channels change; of a chunk in which they do not nothing is learned.
 
@@ -93,6 +96,7 @@ class Tracker:
     prediction: Prediction = field(init=False)
     chunk: int = field(init=False)
     powers: Array = field(init=False)
+    displacement: Displacement = field(init=False)
     refits: int = field(default=0, init=False)
     standing: StandingWatch = field(init=False)
     _numbers: Array = field(default_factory=lambda: np.zeros(chunks.NUMBERS), init=False)
@@ -155,6 +159,7 @@ class Tracker:
         self._waiting = np.empty((2, self.chunk), np.float32)
         self.standing = StandingWatch(sample_period)
         self.prediction = Prediction(sample_period, self.mass, self.scale, self.low_cut)
+        self.displacement = Displacement(sample_period, self.low_cut, self.chunk, CHUNK)
         self._history = History(round(KEPT / CHUNK) * self.chunk)
         self._fitter = Fitter(
             sample_period,
@@ -211,6 +216,8 @@ class Tracker:
         pointwise, offset = self.prediction.pointwise, self.prediction.offset
         self.prediction.reset(offset if self.started else math.nan)
         self.prediction.pointwise = pointwise
+        self.powers[MEAN_SQUARES.index(BODY)] = math.nan
+        self.displacement.reset()
         self._history.clear()
         self._window.clear()
         self._numbers[[chunks.EARLIER, chunks.SINCE_RESTART, chunks.WAITING, chunks.PAUSE]] = 0.0
@@ -241,8 +248,8 @@ class Tracker:
         """Let the kernel take samples; return what it asks."""
         self._tell()
         asked = chunks.follow(
-            body, spool, most, self._valve, self._arrays, self.standing.arrays, self.prediction.arrays,
-            self._window.arrays, self.regression.arrays,
+            body, spool, most, self._valve, self._arrays, self.standing.arrays, self.displacement.arrays,
+            self.prediction.arrays, self._window.arrays, self.regression.arrays,
         )  # fmt: skip
         self._hear()
         return asked
