@@ -79,7 +79,9 @@ def test_every_class_that_turns_blocks_into_estimates_is_registered() -> None:
 
 
 @ALL
-@pytest.mark.parametrize("lost", [slice(0, 53), slice(300, 313)], ids=["joins a running machine", "0.26 s lost"])
+@pytest.mark.parametrize(
+    "lost", [slice(0, 53), slice(300, 313)], ids=["joins a running machine", "0.26 s lost"]
+)
 def test_what_the_signals_show_is_right_or_unknown_after_a_gap(make: Make, lost: slice) -> None:
     blocks = record()
     whole = estimates_of(make(replace(SETTINGS, period=0.1)), blocks)
@@ -88,7 +90,9 @@ def test_what_the_signals_show_is_right_or_unknown_after_a_gap(make: Make, lost:
     again = blocks[lost.stop].stamp
     after = [one for one in rest if one.stamp > again]
     for name in ("excitation", "relative_displacement"):
-        expected = np.array([[one.stamp, getattr(one, name).value] for one in whole if getattr(one, name).known])
+        expected = np.array(
+            [[one.stamp, getattr(one, name).value] for one in whole if getattr(one, name).known]
+        )
         shown = [(one.stamp, getattr(one, name)) for one in after]
         assert not shown[0][1].known
         first = next(stamp for stamp, quantity in shown if quantity.known)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime, timezone
 from pathlib import Path
@@ -61,22 +62,39 @@ def add_to_store(
 
 
 def run_over_store(
-    store: Path, analysis: str, workers: int | None, dask: str | None
+    store: Path, analysis: str, workers: int | None, dask: str | None, params_file: Path | None = None
 ) -> tuple[RunResult, list[str]]:
-    """Run the analyses named in ``analysis`` over what is new; return what was done, and lines on trends.
+    """Run the analyses named in ``analysis`` over what is new; return what was done, and lines for the user.
+
+    Args:
+        store: folder of the store.
+        analysis: names, separated by commas.
+        workers: processes; default: one for each processor.
+        dask: address of a scheduler.
+        params_file: parameters of the plant's nodes, by whose limits the monitor judges.
 
     Raises:
-        InputError: no store, no such analysis, or no Dask scheduler answers.
+        InputError: no store, no such analysis, the parameter file cannot be used, or no Dask scheduler
+            answers.
     """
+    from spool_tools.operations.replay_settings import settings_from  # noqa: PLC0415 - slow to load
+
     from .trends.table import sentences, write_trends  # noqa: PLC0415 - slow to load
 
-    names, key, count = chosen(analysis), suite_version(), workers or processors()
+    keys, count = dict.fromkeys(chosen(analysis), suite_version()), workers or processors()
+    lines = []
+    if "monitor" in keys:
+        # Refused before the work, whatever the namespaces of the bags are.
+        lines = [f"monitor: {settings_from(params_file, 'valve').source}"]
+        keys["monitor"] += (
+            "" if params_file is None else f" {hashlib.sha256(params_file.read_bytes()).hexdigest()}"
+        )
     with _opened(store) as manifest:
-        tasks = tasks_due(manifest, names, key)
+        tasks = tasks_due(manifest, keys, lambda name: settings_from(params_file, name))
         with _executor(dask, count) as executor, progress("analysing bags", len(tasks)) as advance:
-            result = run_tasks(manifest, tasks, key, executor, advance)
+            result = run_tasks(manifest, tasks, keys, executor, advance)
         trends = write_trends(store, manifest.services())
-    return result, sentences(trends)
+    return result, [*lines, *sentences(trends)]
 
 
 def answer(
@@ -132,11 +150,13 @@ def add_service(
     return lines
 
 
-def write_page(store: Path, out: Path, reports: int) -> str:
+def write_page(store: Path, out: Path, reports: int, params_file: Path | None = None) -> str:
     """Write the page of the fleet, and the replay reports of ``reports`` bags of each conspicuous valve.
 
+    The reports are judged by the limits in ``params_file``, by default the shipped ones.
+
     Raises:
-        InputError: no store, or the page cannot be written.
+        InputError: no store, the parameter file cannot be used, or the page cannot be written.
     """
     from spool_tools.console.outputs import check_output, write_file  # noqa: PLC0415
 
@@ -147,7 +167,7 @@ def write_page(store: Path, out: Path, reports: int) -> str:
     check_output(out, "--out")
     with progress("drawing"):
         content = page_content(store)
-        made = write_reports(content, out, reports) if reports else {}
+        made = write_reports(content, out, reports, params_file) if reports else {}
         write_file(out, fleet_page(content, made), "--out")
     return f"{out}: {content.summary}" + (f"; {len(made)} reports beside it" if made else "")
 

@@ -10,6 +10,8 @@ import pytest
 import spool_fleet
 from spool_fleet.analyses.base import REFERRED, analyses, chosen
 from spool_fleet.catalogue.manifest import Manifest
+from spool_fleet.execution.executor import Done
+from spool_fleet.execution.process_pool import ProcessPool
 from spool_fleet.execution.task import Task, run_task
 from spool_fleet.operations import add_service, add_to_store, answer, run_over_store
 from spool_fleet.tables.schema import RECORD_TABLES
@@ -103,6 +105,29 @@ def test_nothing_is_done_twice_and_a_changed_bag_is_done_again(recordings: Path,
     assert add_to_store(store, [folder], PATTERN, None, "", 1).new == 1
     assert run_over_store(store, "features", 1, None)[0].bags == 1
     assert tables_of(store) != before
+
+
+def test_other_limits_are_another_analysis_of_the_same_bags(
+    store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    limits = tmp_path / "limits.yaml"
+    limits.write_text("/**/estimator: {ros__parameters: {memory: 8.0}}\n")
+    again = tmp_path / "store"
+    shutil.copytree(store, again)
+    # In this process, the first bag alone.
+    monkeypatch.setattr(
+        ProcessPool, "run", lambda _, work, items: [Done(one, work(one)) for one in items[:1]]
+    )
+    assert run_over_store(again, "monitor,features", 1, None)[0].bags == 0
+    result, lines = run_over_store(again, "monitor,features", 1, None, limits)
+    assert (result.bags, result.analyses, result.failed) == (1, 1, [])
+    assert lines[0] == f"monitor: limits of {limits}"
+    drag = "SELECT bag, value FROM parameters WHERE name = 'viscous_coefficient' ORDER BY bag"
+    before, after = (spool_fleet.table(one, drag).to_pylist() for one in (store, again))
+    assert [one == other for one, other in zip(before, after, strict=True)].count(False) == 1
+    limits.write_text("/**/monitor: {ros__parameters: {coulomb_chang: 0.2}}\n")
+    with pytest.raises(InputError, match="coulomb_chang is unknown"):
+        run_over_store(again, "features,monitor", 1, None, limits)
 
 
 @pytest.mark.slow

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
 from spool_stream.errors import InputError
+from spool_stream.files.parameter_file import parameters_of
+from spool_stream.files.yaml_file import load_yaml, refuse_other_kind
 
 Value = bool | int | float | str | list[str] | list[float]
 
@@ -78,6 +83,35 @@ class NodeParameter:
             ]
         return descriptor
 
+    @property
+    def bounds(self) -> str:
+        """The range in words, e.g. ``from 0.01 to 10.0 N``."""
+        return f"from {self.minimum} to {self.maximum} {self.unit}".strip()
+
+    def read(self, value: Any) -> Value:
+        """Return ``value``, as a parameter file holds it, as the node takes it.
+
+        Raises:
+            ValueError: the type is wrong, or the value out of range; the message names the parameter.
+        """
+        kind = type(self.default[0]) if isinstance(self.default, list) else type(self.default)
+        values = value if isinstance(self.default, list) and isinstance(value, list) else [value]
+        if kind is float:  # YAML 1.1 reads 15e-6 as text, ROS 2 as a number
+            values = [_number(one) for one in values]
+        if isinstance(self.default, list) != isinstance(value, list) or {type(one) for one in values} - {
+            kind
+        }:
+            example = float(value) if kind is float and type(value) is int else self.default
+            raise ValueError(f"{self.name} = {value!r} must be of type {self.type_name}, e.g. {example!r}")
+        low = self.minimum if self.minimum is not None else -math.inf
+        high = self.maximum if self.maximum is not None else math.inf
+        if kind in (int, float) and not all(low <= one <= high for one in values):
+            raise ValueError(f"{self.name} = {value!r} is out of range ({self.bounds})")
+        refused = self.refusal(value)
+        if refused is not None:
+            raise ValueError(refused)
+        return values if isinstance(self.default, list) else values[0]
+
     def refusal(self, value: object) -> str | None:
         """Return why ``value`` can't be taken, or ``None``. Types and ranges are rclpy's to check."""
         if self.choices and value not in self.choices:
@@ -93,12 +127,7 @@ def declare(node: Node, table: Sequence[NodeParameter], overrides: Mapping[str, 
 
     """
     path = f"{node.get_fully_qualified_name()}: parameter "
-    known = {parameter.name for parameter in table}
-    for name in overrides:
-        if name.split(".")[0] == QOS_OVERRIDES:
-            raise InputError(f"{path}{name}: qualities of service are fixed, take {QOS_OVERRIDES} out")
-        if name not in known and name.split(".")[0] not in BUILT_IN:
-            raise InputError(f"{path}{name} is unknown; this node has: {', '.join(sorted(known))}")
+    _refuse_unknown(table, overrides, path)
     for parameter in table:
         try:
             node.declare_parameter(parameter.name, parameter.default, parameter.descriptor())
@@ -107,9 +136,63 @@ def declare(node: Node, table: Sequence[NodeParameter], overrides: Mapping[str, 
                 f"{path}{parameter.name} must be of type {parameter.type_name}, e.g. {parameter.default!r}"
             ) from error
         except InvalidParameterValueException as error:
-            bounds = f"from {parameter.minimum} to {parameter.maximum} {parameter.unit}".strip()
             given = overrides[parameter.name].value
-            raise InputError(f"{path}{parameter.name} = {given!r} is out of range ({bounds})") from error
+            out = f"{parameter.name} = {given!r} is out of range ({parameter.bounds})"
+            raise InputError(path + out) from error
         refusal = parameter.refusal(node.get_parameter(parameter.name).value)
         if refusal is not None:
             raise InputError(path + refusal)
+
+
+def refuse_other_files(arguments: Sequence[str]) -> None:
+    """Refuse a file given as --params-file in ``arguments`` whose content shows another kind of file.
+
+    Whatever else is wrong with it is rcl's to report.
+
+    Raises:
+        InputError: the file and its kind are named.
+
+    """
+    for flag, file in pairwise(arguments):
+        if flag != "--params-file":
+            continue
+        try:
+            content = load_yaml(Path(file).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            continue
+        refuse_other_kind(file, content, "parameters")
+
+
+def read_parameters(file: str | Path, node: str, table: Sequence[NodeParameter]) -> dict[str, Value]:
+    """Return the parameters that ``file`` gives the node of full name ``node``, without the node.
+
+    Raises:
+        InputError: the node would refuse the file; the reason names file, node and parameter.
+
+    """
+    path = f"{file}: {node}: parameter "
+    given = parameters_of(file, node)
+    _refuse_unknown(table, given, path)
+    try:
+        return {one.name: one.read(given[one.name]) for one in table if one.name in given}
+    except ValueError as error:
+        raise InputError(f"{path}{error}") from None
+
+
+def _refuse_unknown(table: Sequence[NodeParameter], given: Iterable[str], path: str) -> None:
+    known = {parameter.name for parameter in table}
+    for name in given:
+        if name.split(".")[0] == QOS_OVERRIDES:
+            raise InputError(f"{path}{name}: qualities of service are fixed, take {QOS_OVERRIDES} out")
+        if name not in known and name.split(".")[0] not in BUILT_IN:
+            raise InputError(f"{path}{name} is unknown; this node has: {', '.join(sorted(known))}")
+
+
+def _number(value: Any) -> Any:
+    """Return text that is a number as that number, and all else as it is."""
+    if not isinstance(value, str):
+        return value
+    try:
+        return float(value)
+    except ValueError:
+        return value

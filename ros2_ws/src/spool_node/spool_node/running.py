@@ -21,6 +21,7 @@ from spool_stream.text.standard_streams import keep_standard_streams
 from .exposure import network_warnings
 from .log_folder import ensure_log_folder
 from .managed_node import AUTOSTART, ManagedNode
+from .parameters import refuse_other_files
 from .stopping import STOP, Phase, StopRequested
 
 #: s, how long a quiet node may take to notice SIGINT or SIGTERM.
@@ -49,6 +50,7 @@ def run(node_class: type[ManagedNode], arguments: Sequence[str] | None = None) -
     node, executor, code = None, None, 0
     try:
         STOP.phase = Phase.STARTING
+        refuse_other_files(sys.argv if arguments is None else arguments)
         _say(ensure_log_folder())
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         node = node_class()

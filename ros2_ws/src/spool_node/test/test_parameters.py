@@ -9,11 +9,13 @@ from typing import Any
 
 import pytest
 import rclpy
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from rcl_interfaces.msg import ParameterType
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter as Given
-from spool_node.parameters import NodeParameter, declare
+from spool_node.parameters import NodeParameter, declare, read_parameters
 from spool_stream.errors import InputError
 
 PROBE = Path(__file__).with_name("probe_node.py")
@@ -31,6 +33,54 @@ def bare_node(domain_id: int) -> Iterator[Callable[..., Node]]:
     rclpy.init(context=context, domain_id=domain_id)
     yield lambda given: Node("bare", context=context, parameter_overrides=[given])
     rclpy.shutdown(context=context)
+
+
+SECTIONS = (
+    "/**",
+    "/**/bare",
+    "/*/bare",
+    "/valve_1/bare",
+    "valve_1/bare",
+    "/valve_2/bare",
+    "bare",
+    "/valve_1/*",
+)
+VALUES = ("2.0", "3", "15e-6", "11.0", "-1", "high", "true", "[1.0]", "1.", ".inf")
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from(SECTIONS), st.sampled_from(VALUES)),
+        min_size=1,
+        max_size=4,
+        unique_by=lambda one: one[0],
+    )
+)
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_parameter_file_is_read_without_ros_as_a_node_reads_it(
+    domain_id: int, tmp_path: Path, sections: list[tuple[str, str]]
+) -> None:
+    file = tmp_path / "parameters.yaml"
+    file.write_text("".join(f"{name}:\n  ros__parameters:\n    gain: {value}\n" for name, value in sections))
+    context = Context()
+    rclpy.init(args=["--ros-args", "--params-file", str(file)], context=context, domain_id=domain_id)
+    try:
+        node = Node(
+            "bare", namespace="/valve_1", context=context, start_parameter_services=False, enable_rosout=False
+        )
+        try:
+            declare(node, PARAMETERS, node._parameter_overrides)
+            taken = node.get_parameter("gain").value
+        except InputError as error:
+            taken = str(error)
+        node.destroy_node()
+    finally:
+        rclpy.shutdown(context=context)
+    if isinstance(taken, str):
+        with pytest.raises(InputError, match="^" + re.escape(f"{file}: /valve_1/bare: parameter gain")):
+            read_parameters(file, "/valve_1/bare", PARAMETERS)
+    else:
+        assert read_parameters(file, "/valve_1/bare", PARAMETERS).get("gain", 1.0) == taken
 
 
 @pytest.mark.parametrize(

@@ -85,12 +85,17 @@ def test_while_the_interpreter_takes_itself_down(probe: Start, observer: Any) ->
     [
         (["--params-file", "broken.yaml"], "Couldn't parse params file"),
         (["--bogus"], "unknown ROS arguments"),
+        (
+            ["--params-file", "my_valve.yaml"],
+            "my_valve.yaml: this is a valve description: pass it as --valve ",
+        ),
     ],
 )
 def test_arguments_that_rcl_refuses_are_said_in_one_line(
     environment: dict[str, str], tmp_path: Path, arguments: list[str], reason: str
 ) -> None:
     (tmp_path / "broken.yaml").write_text("probe:\n  ros__parameters: [unclosed")
+    (tmp_path / "my_valve.yaml").write_text("id: a\nmoving_mass: 0.18\nspring_stiffness: 1632.0\n")
     probe = Path(__file__).with_name("probe_node.py")
     answer = subprocess.run(
         [sys.executable, str(probe), "--ros-args", *arguments],

@@ -43,6 +43,47 @@ def test_what_would_end_the_process_is_refused_in_one_line(tmp_path: Path, text:
     assert len(str(caught.value)) < 400 + len(str(path))
 
 
+VALVE = "id: a\nmoving_mass: 0.18\nspring_stiffness: 1632.0\n"
+PARAMETERS = "/**/monitor:\n  ros__parameters:\n    coulomb_change: 0.2\n"
+NESTED = "press:\n  left:\n    monitor:\n      ros__parameters: {coulomb_change: 0.2}\n"
+VALVES = "- namespace: valve_1\n  valve_file: 4weh10_soft\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "what", "reason"),
+    [
+        (PARAMETERS, "valve", "this is a parameter file of nodes: pass it as --params-file "),
+        (NESTED, "valve", "this is a parameter file of nodes"),
+        (VALVES, "valve", "this is a list of valves: pass it as valves_file:="),
+        (
+            VALVE,
+            "parameters",
+            "this is a valve description: pass it as --valve to commands, as -p valve_file:=",
+        ),
+        ("moving_mas: 0.18\nland_length: 0.03", "excitation", "this is a valve description"),
+        (VALVE, "valves", "this is a valve description"),
+        (PARAMETERS, "valves", "this is a parameter file of nodes"),
+    ],
+)
+def test_a_file_given_in_place_of_another_is_recognised(
+    tmp_path: Path, text: str, what: str, reason: str
+) -> None:
+    path = tmp_path / "a.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_yaml(path, what)
+    assert str(caught.value).startswith(f"{path}: {reason}")
+
+
+@pytest.mark.parametrize(
+    ("text", "what"), [(VALVE, "valve"), (NESTED, "parameters"), (VALVES, "valves"), ("a: 1", "valve")]
+)
+def test_the_right_file_and_one_of_no_known_kind_are_read(tmp_path: Path, text: str, what: str) -> None:
+    path = tmp_path / "a.yaml"
+    path.write_text(text)
+    assert read_yaml(path, what) == load_yaml(text)
+
+
 @settings(max_examples=150, deadline=None)
 @example("? [a]\n: 1")
 @example("!!timestamp x")

@@ -21,6 +21,7 @@ from spool_sim.valve.description import find_valve
 from spool_stream.block import Block
 from spool_stream.format.cdr import OilTemperature, encode_block, encode_temperature
 from spool_tools.operations.record_replay import replay_bag, replay_valve
+from spool_tools.operations.replay_settings import SHIPPED
 
 VALVE = find_valve("4weh10_soft")
 SOUND = list(Simulator(VALVE, PRESETS["multisine"], coulomb_force=0.3, seed=1).records(8.0))
@@ -87,7 +88,8 @@ def write(path: Path, blocks: list[Block], warm: int) -> None:
 def outcome(path: Path) -> list[str]:
     """Return every number of a replay: the JSON, estimates and events, the traces of the tests, the parts."""
     reader, timeline, parts = BagReader(path), Timeline(), PartKeeper(200_000)
-    one = replay_valve(reader, "valve_1", VALVE, baseline_time=3.0, keep=True, timeline=timeline, parts=parts)
+    settings = SHIPPED.changed(baseline_time=3.0)
+    one = replay_valve(reader, "valve_1", VALVE, settings, keep=True, timeline=timeline, parts=parts)
     records = [(part.start, part.body.tobytes(), part.spool.tobytes()) for part in parts.records("x")]
     told = [one.estimates, one.events, one.monitor.health, one.trace, timeline, records, one.samples]
     return [json.dumps(replay_bag(path, [VALVE.id])), *map(repr, told)]

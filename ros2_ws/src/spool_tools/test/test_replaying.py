@@ -14,7 +14,9 @@ from spool_stream.errors import InputError
 from spool_tools.cli import main
 from spool_tools.console.outputs import write_json
 from spool_tools.operations.record_replay import replay_bag, replay_valve
+from spool_tools.operations.replay_settings import SHIPPED, settings_from
 from spool_tools.operations.simulation import simulate
+from spool_tools.report.replay_page import replay_page
 
 if TYPE_CHECKING:
     from .conftest import MakeBag, Recorded
@@ -210,11 +212,93 @@ def test_a_bag_without_accelerations_is_refused(tmp_path: Path) -> None:
         replay_bag(tmp_path / "bag", [])
 
 
+#: Limits beyond what the spool of `practice_03` does: it amplifies 2.6 times at its resonance.
+DEAF = {"amplification_on": 9.0, "amplification_off": 8.0}
+
+
+def limits(folder: Path, section: str = "/**/monitor", **values: float) -> Path:
+    """Write a parameter file; return its path."""
+    lines = "".join(f"    {name}: {value}\n" for name, value in values.items())
+    file = folder / "limits.yaml"
+    file.write_text(f"{section}:\n  ros__parameters:\n{lines}")
+    return file
+
+
+def test_a_replay_judges_by_the_limits_of_the_plant_and_states_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record = str(PRACTICE.parent / "practice_03")
+    file = limits(tmp_path, **DEAF)
+    told = {}
+    for name, more in (("shipped", []), ("plant", ["--params-file", str(file)])):
+        written = tmp_path / f"{name}.json"
+        assert main(["replay", record, "--valve", "4weh10_soft", "--json", str(written), *more]) == 0
+        result = json.loads(written.read_text())
+        told[name] = result["valves"]["valve_1"], capsys.readouterr().out, replay_page(result, {})
+    kinds = {name: [event["kind"] for event in one["events"]] for name, (one, _, _) in told.items()}
+    assert kinds == {"shipped": ["resonance", "resonance"], "plant": []}
+    sentence = (
+        f"limits of {file}: amplification_on 9 (shipped: 1.8), amplification_off 8 (shipped: 1.5); "
+        "all others as shipped"
+    )
+    for name, expected in (("shipped", "limits as shipped"), ("plant", sentence)):
+        one, console, report = told[name]
+        assert one["limits"]["sentence"] == expected
+        assert f"  {expected}\n" in console
+        assert f"Judged by {expected}." in report
+    used = told["plant"][0]["limits"]
+    assert used["source"] == str(file)
+    assert used["values"]["amplification_on"] == {"value": 9.0, "unit": "1", "shipped": 1.8}
+    assert used["values"]["coulomb_change"] == {"value": 0.1, "unit": "N", "shipped": 0.1}
+
+
+def test_a_parameter_file_of_another_valve_changes_nothing_and_that_is_said(tmp_path: Path) -> None:
+    file = limits(tmp_path, "/valve_2/monitor", **DEAF)
+    assert settings_from(file, "valve_1").sentence() == (
+        f"limits as shipped: {file} has none for this valve's monitor"
+    )
+    assert settings_from(file, "valve_2").monitor == DEAF
+
+
+def test_the_estimators_parameters_apply_as_well(tmp_path: Path) -> None:
+    file = limits(tmp_path, "/**/estimator", memory=6.0, low_cut=4.0)
+    settings = settings_from(file, "valve_1")
+    assert settings.make_estimator(SOFT, "valve_1").settings.memory == 6.0
+    assert settings.sentence().startswith(f"limits of {file}: the estimator's memory 6.0; ")
+
+
+def test_the_shipped_parameter_file_is_the_same_as_none() -> None:
+    file = Path(__file__).resolve().parents[2] / "spool_bringup" / "config" / "valve.yaml"
+    settings = settings_from(file, "press/left")
+    assert settings.sentence() == f"limits of {file}, the same as shipped"
+    assert settings.limits(SOFT).given["natural_frequency"] == SOFT.natural_frequency
+
+
+@pytest.mark.parametrize(
+    ("values", "reason"),
+    [
+        ({"amplification_on": 1.2}, "amplification_off (1.5) must lie below amplification_on (1.2)"),
+        ({"coulomb_change": 3}, "parameter coulomb_change = 3 must be of type double, e.g. 3.0"),
+        ({"coulomb_chang": 0.2}, "parameter coulomb_chang is unknown"),
+        ({"gain_change": 7.0}, "parameter gain_change = 7.0 is out of range (from 0.02 to 1.0 1)"),
+    ],
+)
+def test_limits_that_the_node_would_refuse_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], values: dict[str, float], reason: str
+) -> None:
+    file = limits(tmp_path, **values)
+    assert main(["replay", str(PRACTICE), "--params-file", str(file)]) == 2
+    (line,) = [one for one in capsys.readouterr().err.splitlines() if one.startswith("spool:")]
+    assert line.startswith(f"spool: {file}: /valve_1/monitor: {reason}")
+
+
 def test_the_time_of_the_baseline_reaches_the_monitor(
     tmp_path: Path, make_bag: MakeBag, recorded: type[Recorded]
 ) -> None:
     reader = BagReader(make_bag(tmp_path / "bag", {"a": recorded(seconds=8.0)}))
-    short, long = (replay_valve(reader, "a", SOFT, baseline_time=time) for time in (3.0, None))
+    short, long = (
+        replay_valve(reader, "a", SOFT, SHIPPED.changed(baseline_time=time)) for time in (3.0, None)
+    )
     assert short.monitor.detection.parameters["coulomb_force"].baseline.frozen
     assert not long.monitor.detection.parameters["coulomb_force"].baseline.frozen
     assert math.isfinite(short.monitor.health.viscous_drift.value)

@@ -1,9 +1,9 @@
-"""Displacement of the spool in the body: the difference of both accelerations, high-passed and integrated twice.
+"""Displacement of the spool in the body: both accelerations' difference, high-passed and integrated twice.
 
 High-pass and leaky integrators forget their initial state within seconds. Started at zero on a machine that
-already runs, they show several times the motion until then. Their initial state is therefore estimated from the
-first samples, as the one that leaves the least displacement: any other one adds a slow decay, which vibration
-above the low cut does not resemble. Until then the displacement is unknown.
+already runs, they show several times the motion until then. Their initial state is therefore estimated from
+the first samples, as the one that leaves the least displacement: any other one adds a slow decay, which
+vibration above the low cut does not resemble. Until then the displacement is unknown.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from spool_stream.kernels.compiled import compiled
 Array = NDArray[np.float64]
 Samples = NDArray[np.float32]
 
-#: Periods of the low cut from which the initial state is estimated: after four of them the rms of a sine at or
-#: above the low cut is within 3 % of the settled one, for any phase.
+#: Periods of the low cut from which the initial state is estimated: after four of them the rms of a sine at
+#: or above the low cut is within 3 % of the settled one, for any phase.
 PERIODS = 4.0
 #: States of the filter: means of two high-passes, velocity, displacement.
 _ORDER = 4
-# Places of the numbers: sample period (s), weights of one step, samples of the start and weight of a chunk after
-# it, samples taken, samples in the second half of the start, mean square (m^2).
+# Places of the numbers: sample period (s), weights of one step, samples of the start and weight of a chunk
+# after it, samples taken, samples in the second half of the start, mean square (m^2).
 _PERIOD, _PASS, _LEAK, _START, _SHARE, _TAKEN, _LATE, _MEAN_SQUARE = range(8)
 
 

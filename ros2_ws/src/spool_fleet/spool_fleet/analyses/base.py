@@ -8,11 +8,14 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from spool_sim.valve.description import Valve
 from spool_stream.errors import InputError
 from spool_stream.text.suggestion import did_you_mean
+
+if TYPE_CHECKING:  # slow to load
+    from spool_tools.operations.replay_settings import ReplaySettings
 
 Rows = dict[str, list[list[Any]]]
 #: deg C to which viscous coefficients of different records are referred: that of ISO 3448's grades.
@@ -24,12 +27,14 @@ REFERRED = "viscous_coefficient_at_40C"
 class Subject:
     """Record that is analysed: the valve ``namespace`` of the bag at ``path``, described by ``valve_file``.
 
-    ``valve_file`` is a file or a shipped valve's name; ``None``: the bag describes its valve.
+    ``valve_file`` is a file or a shipped valve's name; ``None``: the bag describes its valve. ``settings``
+    are those of a replay; ``None``: the shipped ones.
     """
 
     path: Path
     namespace: str
     valve_file: str | None = None
+    settings: ReplaySettings | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ from spool_bag.reading.timeline import Timeline
 from spool_stream.errors import InputError
 from spool_tools.input.valve_choice import choose_valves
 from spool_tools.operations.record_replay import replay_valve
+from spool_tools.operations.replay_settings import SHIPPED
 from spool_tools.report.replay_dictionary import valve_dictionary
 
 from .base import Analysis, Rows, Subject, parameter, referred
@@ -25,9 +26,10 @@ def run(subject: Subject) -> Rows:
     chosen = choose_valves(reader, [name], files)[name]
     if chosen.source == "assumed":
         raise InputError("the bag does not describe its valve: give --valve to `./spool fleet add`")
-    replayed = replay_valve(reader, name, chosen.valve, timeline=timeline)
+    settings = subject.settings or SHIPPED
+    replayed = replay_valve(reader, name, chosen.valve, settings, timeline=timeline)
     first = timeline.spans[0].first if timeline.spans else 0
-    one = valve_dictionary(replayed, timeline, first, chosen, [])
+    one = valve_dictionary(replayed, timeline, first, chosen, settings.to_dict(), [])
     estimate, latest = one["estimate"], replayed.estimator.latest
     model = estimate["model"] or ""
     rows = [parameter("monitor", model, name, value) for name, value in estimate["parameters"].items()]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import sqlite3
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
@@ -184,31 +184,26 @@ class Manifest:
 
     # Results
 
-    def due(self, analyses: Iterable[str], key: str) -> dict[str, dict[str, list[str]]]:
-        """Return the analyses that are missing or of another ``key``, by path and namespace."""
-        done = {
-            (path, namespace, analysis)
-            for path, namespace, analysis in self._db.execute(
-                "SELECT path, namespace, analysis FROM results WHERE key = ?", (key,)
-            )
-        }
+    def due(self, keys: Mapping[str, str]) -> dict[str, dict[str, list[str]]]:
+        """Return the analyses that are missing or of another key than in ``keys``, by path and namespace."""
+        done = set(self._db.execute("SELECT path, namespace, analysis, key FROM results"))
         found: dict[str, dict[str, list[str]]] = {}
         for path, namespace in self._db.execute(
             "SELECT path, namespace FROM bags WHERE status = 'ok' ORDER BY path, namespace"
         ).fetchall():
-            missing = [one for one in analyses if (path, namespace, one) not in done]
+            missing = [one for one, key in keys.items() if (path, namespace, one, key) not in done]
             if missing:
                 found.setdefault(path, {})[namespace] = missing
         return found
 
-    def keep(self, path: str, key: str, results: Iterable[tuple[str, StoredResult]]) -> None:
-        """Keep results of the bag at ``path``, each with its namespace, in one transaction."""
+    def keep(self, path: str, keys: Mapping[str, str], results: Iterable[tuple[str, StoredResult]]) -> None:
+        """Keep results of the bag at ``path``, each with its namespace and key, in one transaction."""
         with self._transaction():
             for namespace, one in results:
                 packed = zlib.compress(json.dumps(one.rows, separators=(",", ":")).encode())
                 self._db.execute(
                     "INSERT OR REPLACE INTO results VALUES (?,?,?,?,?,?,?)",
-                    (path, namespace, one.analysis, key, one.status, one.reason, packed),
+                    (path, namespace, one.analysis, keys[one.analysis], one.status, one.reason, packed),
                 )
             self._db.execute(
                 "INSERT OR IGNORE INTO outdated SELECT strftime('%Y-%m', start / 1000000000, 'unixepoch') "

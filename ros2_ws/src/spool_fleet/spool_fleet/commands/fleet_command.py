@@ -83,6 +83,7 @@ def run_analyses(
             metavar="ADDRESS", help="Dask scheduler, such as tcp://10.0.0.5:8786; local: one of its own."
         ),
     ] = None,
+    params_file: cli.ParamsFile = None,
 ) -> None:
     """Analyse the bags of the catalogue that are not analysed yet; a run that was ended goes on.
 
@@ -90,7 +91,7 @@ def run_analyses(
     """
     from spool_fleet.operations import run_over_store  # noqa: PLC0415
 
-    result, trends = run_over_store(store, analysis, workers, dask)
+    result, trends = run_over_store(store, analysis, workers, dask, params_file)
     _tell(result.failed, "analyses", "SELECT bag, analysis, reason FROM analyses WHERE status <> 'ok'")
     print(f"{store}: {result.bags} bags analysed, {len(result.failed)} of {result.analyses} analyses failed")
     for line in trends:
@@ -156,6 +157,7 @@ def make_page(
         int,
         typer.Option(min=0, help="Newest bags of each conspicuous valve whose replay reports are made, too."),
     ] = 0,
+    params_file: cli.ParamsFile = None,
     _force: cli.Force = False,
 ) -> None:
     """Make a page of the fleet: a light for each valve, what changed this month, courses of the parameters.
@@ -164,7 +166,7 @@ def make_page(
     """
     from spool_fleet.operations import write_page  # noqa: PLC0415
 
-    print(write_page(store, out, reports))
+    print(write_page(store, out, reports, params_file))
 
 
 def _tell(lines: list[str], table: str, sql: str) -> None:

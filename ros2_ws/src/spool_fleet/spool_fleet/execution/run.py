@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from spool_fleet.catalogue.manifest import Manifest, StoredResult
 from spool_fleet.tables.parquet import missing_months, write_month
 
 from .executor import Executor
 from .task import DONE, Outcome, Task, failed, run_task
+
+if TYPE_CHECKING:  # slow to load
+    from spool_tools.operations.replay_settings import ReplaySettings
 
 
 @dataclass(slots=True)
@@ -21,21 +25,32 @@ class RunResult:
     failed: list[str] = field(default_factory=list)
 
 
-def tasks_due(manifest: Manifest, analyses: Sequence[str], key: str) -> list[Task]:
-    """Return the tasks that a run has to do, in order of path; results of another ``key`` are done again."""
+def tasks_due(
+    manifest: Manifest,
+    keys: Mapping[str, str],
+    settings: Callable[[str], ReplaySettings | None] = lambda _: None,
+) -> list[Task]:
+    """Return the tasks that a run has to do, in order of path.
+
+    Args:
+        manifest: the store's.
+        keys: key of each analysis by its name; results of another key are computed again.
+        settings: gives those of the monitor for a namespace, ``None`` for the shipped ones.
+    """
     for month in missing_months(manifest):
         manifest.forget(month)
     tasks = []
-    for path, work in manifest.due(analyses, key).items():
+    for path, work in manifest.due(keys).items():
         valve_file = manifest.of(path)[0].valve_file or None
-        tasks.append(Task(path, tuple((name, tuple(names)) for name, names in work.items()), valve_file))
+        parts = tuple((name, tuple(names)) for name, names in work.items())
+        tasks.append(Task(path, parts, valve_file, {name: settings(name) for name in work}))
     return tasks
 
 
 def run_tasks(
     manifest: Manifest,
     tasks: Sequence[Task],
-    key: str,
+    keys: Mapping[str, str],
     executor: Executor,
     advance: Callable[[float], None] = lambda _: None,
 ) -> RunResult:
@@ -44,14 +59,14 @@ def run_tasks(
     Args:
         manifest: the store's.
         tasks: as of ``tasks_due``.
-        key: version of the software, kept with the results.
+        keys: of each analysis, kept with its results: what they follow from besides the record.
         executor: runs them.
         advance: is told the number of bags that were done.
     """
     result = RunResult()
     for done in executor.run(run_task, tasks):
         outcomes = done.found if done.found is not None else failed(done.item, done.reason)
-        manifest.keep(done.item.path, key, _stored(outcomes))
+        manifest.keep(done.item.path, keys, _stored(outcomes))
         result.bags += 1
         result.analyses += len(outcomes)
         result.failed += [

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from spool_stream.errors import InputError
 from spool_stream.text.printable import printable
 
 from spool_fleet.analyses.base import Rows, Subject, analyses
+
+if TYPE_CHECKING:  # slow to load
+    from spool_tools.operations.replay_settings import ReplaySettings
 
 DONE, FAILED = "ok", "failed"
 #: Characters of a reason.
@@ -20,11 +23,15 @@ LONGEST = 300
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """Task: which analyses of which valves of the bag at ``path``; ``valve_file`` as in ``Subject``."""
+    """Task: which analyses of which valves of the bag at ``path``; ``valve_file`` as in ``Subject``.
+
+    ``settings`` holds those of each valve, by namespace.
+    """
 
     path: str
     work: tuple[tuple[str, tuple[str, ...]], ...]
     valve_file: str | None = None
+    settings: Mapping[str, ReplaySettings | None] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +60,7 @@ def failed(task: Task, reason: str) -> list[Outcome]:
 
 
 def _run(task: Task, namespace: str, name: str) -> Outcome:
-    subject = Subject(Path(task.path), namespace, task.valve_file)
+    subject = Subject(Path(task.path), namespace, task.valve_file, task.settings.get(namespace))
     try:
         rows = analyses()[name].run(subject)
     except InputError as error:

@@ -20,7 +20,9 @@ from .content import PageContent
 FOLDER = "fleet_reports"
 
 
-def write_reports(content: PageContent, out: Path, number: int) -> dict[str, str]:
+def write_reports(
+    content: PageContent, out: Path, number: int, params_file: Path | None = None
+) -> dict[str, str]:
     """Write the replay reports of the ``number`` newest bags of each conspicuous valve of the page ``out``.
 
     What is not there any more or cannot be replayed is told and left out. A valve has as many reports as
@@ -50,7 +52,7 @@ def write_reports(content: PageContent, out: Path, number: int) -> dict[str, str
             try:
                 folder.mkdir(parents=True, exist_ok=True)
                 if not _kept(folder / name):
-                    replay_bag(path, files.get(bag, []), report=folder / name)
+                    replay_bag(path, files.get(bag, []), params_file=params_file, report=folder / name)
             except InputError as error:
                 warn(f"{bag}: no report of it: {error}")
                 continue

@@ -1,8 +1,11 @@
-"""Bounded YAML reading: a few hundred bytes can stand for gigabytes, or end the stack."""
+"""YAML files of users: read within bounds, and recognised where one is given in place of another.
+
+A few hundred bytes of YAML can stand for gigabytes, or end the stack.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +18,24 @@ LARGEST = 1_000_000
 #: Levels and values; users' files have 3 levels and a few hundred values, a bag's metadata nests 8 deep.
 DEEPEST = 32
 MOST_VALUES = 50_000
+
+#: Key that marks the parameters of a node in a parameter file of ROS 2.
+NODE_PARAMETERS = "ros__parameters"
+#: Kinds of files that are recognised by their content, and where each belongs.
+KINDS: Mapping[str, str] = {
+    "valve": "a valve description: pass it as --valve to commands, as -p valve_file:= to nodes",
+    "parameters": "a parameter file of nodes: pass it as --params-file to nodes and to `./spool replay`",
+    "valves": "a list of valves: pass it as valves_file:= to the launch file or the host",
+}
+#: Keys that only a valve description has.
+_OF_A_VALVE = {
+    "moving_mass",
+    "spool_mass",
+    "spring_stiffness",
+    "land_diameter",
+    "land_length",
+    "radial_clearance",
+}
 
 # libyaml's parser, where PyYAML has it, takes a tenth of the time.
 _Loader: type[Any] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -62,7 +83,8 @@ def read_yaml(path: str | Path, what: str) -> Any:
         what: what the file describes, for the message ("valve", "excitation").
 
     Raises:
-        InputError: no such file, or as :func:`load_yaml`; file, line and remedy are named.
+        InputError: no such file, as :func:`load_yaml`, or the file is another one of KINDS; file, line and
+            remedy are named.
     """
     try:
         with Path(path).open(encoding="utf-8") as file:
@@ -73,9 +95,40 @@ def read_yaml(path: str | Path, what: str) -> Any:
             f"{path}: cannot read the {what} file: {reason}; give the path of a YAML file"
         ) from None
     try:
-        return load_yaml(text)
+        content = load_yaml(text)
     except YamlError as error:
         raise InputError(f"{path}: {error}") from None
+    refuse_other_kind(path, content, what)
+    return content
+
+
+def refuse_other_kind(path: str | Path, content: Any, what: str) -> None:
+    """Refuse ``content`` of the file ``path`` if it is clearly another kind of file than ``what``.
+
+    Raises:
+        InputError: the kind is named, and where such a file belongs.
+    """
+    found = kind_of(content)
+    if found is not None and found != what:
+        raise InputError(f"{path}: this is {KINDS[found]}")
+
+
+def kind_of(content: Any) -> str | None:
+    """Return which of KINDS ``content`` is, ``None`` if no key shows it."""
+    if isinstance(content, list):
+        listed = bool(content) and all(isinstance(one, dict) and "namespace" in one for one in content)
+        return "valves" if listed else None
+    if not isinstance(content, dict):
+        return None
+    if _holds_parameters(content):
+        return "parameters"
+    return "valve" if _OF_A_VALVE & {key for key in content if isinstance(key, str)} else None
+
+
+def _holds_parameters(content: dict[Any, Any]) -> bool:
+    return NODE_PARAMETERS in content or any(
+        _holds_parameters(one) for one in content.values() if isinstance(one, dict)
+    )
 
 
 def _check_events(events: Iterator[yaml.Event], most_values: int) -> None:

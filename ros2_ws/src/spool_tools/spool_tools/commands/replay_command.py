@@ -42,7 +42,13 @@ def replay(
     since: cli.SinceOption = None,
     until: cli.UntilOption = None,
     around: cli.AroundOption = None,
-    method: Annotated[str, typer.Option(help="Estimator: prediction, or equation.")] = "prediction",
+    params_file: cli.ParamsFile = None,
+    method: Annotated[
+        str | None,
+        typer.Option(
+            help="Estimator: prediction or equation; default: that of --params-file, else prediction."
+        ),
+    ] = None,
     refits: Annotated[bool, typer.Option("--refits", help="Refit the last 4 s again and again.")] = False,
     refit_model: Annotated[
         str, typer.Option(help="Model of the refits: name or YAML file.", autocompletion=model_names)
@@ -60,6 +66,8 @@ def replay(
     Example: ./spool replay bags/practice_03 --valve 4weh10_soft --state baselines
 
     Example: ./spool replay recordings/press_4 --around resonance
+
+    Example: ./spool replay bags/practice_03 --valve 4weh10_soft --params-file limits.yaml
     """
     from spool_tools.operations.record_replay import RefitRequest, replay_bag  # noqa: PLC0415 - slow to load
 
@@ -69,6 +77,7 @@ def replay(
         valve or [],
         refits=request,
         method=method,
+        params_file=params_file,
         columns=columns,
         report=report,
         state=state,
@@ -91,6 +100,7 @@ def _show(name: str, valve: Mapping[str, Any], console: Console) -> None:
     losses = f"{valve['lost_blocks']} lost" if valve["lost_blocks"] else "none lost"
     text = f": {valve['blocks']} blocks, {losses}; {valve['valve']['sentence']}"
     console.print(cell(name, "bold") + cell(text), soft_wrap=True)
+    console.print(cell(f"  {valve['limits']['sentence']}"), soft_wrap=True)
     state = str(valve["estimate"]["state"] or "no estimate").replace("_", " ")
     console.print(f"  at the end ({state}), {LEGEND}:", highlight=False, soft_wrap=True)
     for parameter, quantity in valve["estimate"]["parameters"].items():

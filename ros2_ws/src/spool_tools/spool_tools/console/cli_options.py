@@ -74,6 +74,14 @@ ValveFile = Annotated[
         "--valve", help="YAML file of the valve, or a shipped one's name.", autocompletion=valve_names
     ),
 ]
+ParamsFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--params-file",
+        help="Parameter file of the nodes, with the limits of the plant; default: the shipped limits.",
+        metavar="YAML",
+    ),
+]
 ModelName = Annotated[
     str, typer.Option("--model", help="Model: its name or a YAML file.", autocompletion=model_names)
 ]

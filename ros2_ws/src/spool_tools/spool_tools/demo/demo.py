@@ -258,5 +258,7 @@ def _summarise(
         display.say(
             f"{name}  {kind.replace('_', ' '):15} {_RAISED[(name, kind) in raised, (name, kind) in replayed]}"
         )
+    for sentence in sorted({valve["limits"]["sentence"] for valve in analysis["valves"].values()}):
+        display.say(f"analysed by {sentence}")
     display.say(f"bag, analysis and report: {report.parent}  (open {report.name} in a browser)")
     return 0 if lost == 0 and wanted <= raised and wanted <= replayed else 1

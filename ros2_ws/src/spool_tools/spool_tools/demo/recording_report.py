@@ -54,11 +54,12 @@ def write_report(folder: Path, reader: BagReader, analysis: dict[str, Any]) -> P
 
 
 def _valves(analysis: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return label and value of each valve's description, for the foot of the page."""
+    """Return label and value of each valve's description and limits, for the foot of the page."""
     return [
-        ("valve", f"{name}: {valve['valve']['sentence']}")
+        (key, f"{name}: {valve[key]['sentence']}")
         for name, valve in analysis["valves"].items()
-        if "valve" in valve
+        for key in ("valve", "limits")
+        if key in valve
     ]
 
 

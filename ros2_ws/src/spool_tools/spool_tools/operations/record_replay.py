@@ -10,13 +10,10 @@ from typing import Any
 
 from spool_bag.reading.information import MOST_STEPS
 from spool_bag.reading.timeline import Timeline, duration_of, step_text
-from spool_estimator.estimator import phase_of, settings_for
-from spool_estimator.estimators import make_estimator
 from spool_estimator.plausibility import ValveCheck, check_rate
 from spool_estimator.refit import RefitSettings, WindowRefits
 from spool_identification.record import Record
 from spool_identification.record_parts import PartKeeper
-from spool_monitor.detectors import MonitorSettings
 from spool_monitor.drift.drift_trace import DriftTrace
 from spool_monitor.history.state_file import valve_folder
 from spool_monitor.history.valve_state import ValveState
@@ -37,6 +34,8 @@ from spool_tools.input.table_source import TableSource
 from spool_tools.input.valve_choice import choose_valves
 from spool_tools.report.provenance import sources
 from spool_tools.report.replay_dictionary import valve_dictionary
+
+from .replay_settings import SHIPPED, ReplaySettings, settings_from
 
 #: Samples of a valve that its evidence is drawn from at most.
 SHOWN = 400_000
@@ -67,7 +66,8 @@ def replay_bag(
     *,
     baseline_time: float | None = None,
     refits: RefitRequest | None = None,
-    method: str = "prediction",
+    method: str | None = None,
+    params_file: Path | None = None,
     columns: str | None = None,
     report: Path | None = None,
     state: Path | None = None,
@@ -80,14 +80,15 @@ def replay_bag(
         valve_files: as in ``choose_valves``.
         baseline_time: s; default: the monitor's.
         refits: what to refit during the replay.
-        method: of the estimator.
+        method: of the estimator; default: that of ``params_file``.
+        params_file: parameters of the plant's nodes; default: the shipped ones.
         columns: a file's own names, as of ``--columns``.
         report: file to write as an HTML page with the evidence.
         state: folder in which the baseline of each valve is kept from record to record.
         when: since, until and around what, of a bag, as of the options.
 
     Raises:
-        InputError: no valve in the record, or the valve files cannot be used.
+        InputError: no valve in the record, or the valve files or the parameter file cannot be used.
     """
     reader = open_source(path, columns, span_of(path, *when))
     names = reader.valves
@@ -97,18 +98,23 @@ def replay_bag(
     result: dict[str, Any] = {"bag": str(path), "duration_s": None, "valves": {}}
     times = {name: Timeline() for name in names}
     parts = {name: PartKeeper(SHOWN) for name in names} if report is not None else {}
+    settings = {
+        name: settings_from(params_file, name).changed(method=method, baseline_time=baseline_time)
+        for name in names
+    }
     replays: dict[str, Replay] = {}
     for name in names:
         replays[name] = result["valves"][name] = replay_valve(
-            reader, name, valves[name].valve,
-            baseline_time=baseline_time, refits=refits, method=method, timeline=times[name],
-            parts=parts.get(name), state=state,
+            reader, name, valves[name].valve, settings[name],
+            refits=refits, timeline=times[name], parts=parts.get(name), state=state,
         )  # fmt: skip
     first = min((timeline.spans[0].first for timeline in times.values() if timeline.spans), default=0)
     for name, one in result["valves"].items():
         doubts = [] if one.check is None else one.check.doubts()
         warnings = [text for text in (valves[name].warning(name), *doubts) if text]
-        result["valves"][name] = valve_dictionary(one, times[name], first, valves[name], warnings)
+        result["valves"][name] = valve_dictionary(
+            one, times[name], first, valves[name], settings[name].to_dict(), warnings
+        )
     result["duration_s"] = duration_of(list(times.values()))
     result["warnings"] = _warnings(reader, times)
     if report is not None:
@@ -172,16 +178,15 @@ def replay_valve(
     reader: Source,
     name: str,
     valve: Valve,
+    settings: ReplaySettings = SHIPPED,
     *,
-    baseline_time: float | None = None,
     keep: bool = False,
     refits: RefitRequest | None = None,
-    method: str = "prediction",
     timeline: Timeline | None = None,
     parts: PartKeeper | None = None,
     state: Path | None = None,
 ) -> Replay:
-    """Replay one valve of a bag through fresh cores with the live nodes' default settings.
+    """Replay one valve of a bag through fresh cores with ``settings``, by default those of the live nodes.
 
     ``timeline`` and ``parts`` are told the blocks; with the latter the drift tests are traced. Drift
     is judged by the baseline in the folder ``state``, or it is learned there.
@@ -189,20 +194,17 @@ def replay_valve(
     Raises:
         InputError: the baseline in ``state`` is another valve's or of another oil.
     """
-    settings = MonitorSettings(natural_frequency=valve.natural_frequency)
-    if baseline_time is not None:
-        settings = MonitorSettings(natural_frequency=valve.natural_frequency, baseline_time=baseline_time)
     windows = refits.for_valve(valve) if refits is not None else None
-    estimator = make_estimator(method, settings_for(valve, phase=phase_of(name)))
+    estimator = settings.make_estimator(valve, name)
     trace = DriftTrace() if parts is not None else None
-    monitor = Monitor(settings)
+    monitor = Monitor(settings.limits(valve))
     kept = None if state is None else ValveState(monitor, valve_folder(state, name), warn)
     if kept is not None:
         kept.open()
         kept.baseline.identify(valve.id, valve.oil or "")
     one = Replay(
-        estimator, monitor, keep=keep, refits=windows, check=ValveCheck(valve), trace=trace,
-        learned=None if kept is None else kept.baseline.update,
+        estimator, monitor, keep=keep, refits=windows, gap=settings.make_gap_watch(), trace=trace,
+        check=ValveCheck(valve), learned=None if kept is None else kept.baseline.update,
     )  # fmt: skip
     expected = reader.count if isinstance(reader, TableSource) else reader.blocks_of(name)
     with progress(f"replaying {name}", expected) as advance:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -44,7 +44,12 @@ class Clock:
 
 
 def valve_dictionary(
-    one: Replay, timeline: Timeline, first: int, chosen: ChosenValve, warnings: Sequence[str]
+    one: Replay,
+    timeline: Timeline,
+    first: int,
+    chosen: ChosenValve,
+    limits: Mapping[str, Any],
+    warnings: Sequence[str],
 ) -> dict[str, Any]:
     """Return the entry of one valve in ``replay --json``.
 
@@ -53,6 +58,7 @@ def valve_dictionary(
         timeline: of its blocks.
         first: the record's first stamp, ns.
         chosen: its description and where that came from.
+        limits: that the monitor judged by, and where they came from.
         warnings: about it.
     """
     gate = one.estimator.gate
@@ -66,6 +72,7 @@ def valve_dictionary(
         "events": [_event(event, events) for event in one.events],
         **({} if one.refits is None else {"refits": [_refit(found, refits) for found in one.refitted]}),
         "valve": _chosen(chosen),
+        "limits": dict(limits),
         "warnings": list(warnings),
     }
 

@@ -37,6 +37,7 @@ def replay_page(
             html.heading(name),
             html.verdict(_verdict(name, valve)),
             html.paragraph(valve["valve"]["sentence"]),
+            html.paragraph(f"Judged by {valve['limits']['sentence']}."),
             *(
                 [html.listing([f"Warning: {text}" for text in valve["warnings"]])]
                 if valve["warnings"]
