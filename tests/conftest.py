@@ -120,6 +120,12 @@ class System:
 
     # Processes.
 
+    @property
+    def environment(self) -> dict[str, str]:
+        """Variables of every process: this domain, and a state folder of its own."""
+        own = {"XDG_STATE_HOME": str(self.folder / "state"), "ROS_DOMAIN_ID": str(self.domain_id)}
+        return {**os.environ, **own}
+
     def start(self, executable: str, namespace: str = "valve_1", **parameters: object) -> Process:
         """Start a node as `ros2 run` does."""
         arguments = ["--ros-args", "-r", f"__ns:=/{namespace}"]
@@ -130,11 +136,7 @@ class System:
         with log.open("wb") as output:
             popen = subprocess.Popen(
                 [str(find_executable(PACKAGES[executable], executable)), *arguments],
-                env={
-                    **os.environ,
-                    "XDG_STATE_HOME": str(self.folder / "state"),
-                    "ROS_DOMAIN_ID": str(self.domain_id),
-                },
+                env=self.environment,
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,

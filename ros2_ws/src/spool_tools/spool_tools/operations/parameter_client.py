@@ -95,9 +95,8 @@ def _names(node: Node, server: str) -> list[str]:
 
 def _check(server: str, name: str, names: Sequence[str]) -> None:
     if name not in names:
-        raise InputError(
-            f"{server}: no parameter {name}{did_you_mean(name, names)}; there are: {', '.join(names)}"
-        )
+        instead = did_you_mean(name, names) or f"; it has: {', '.join(names)}"
+        raise InputError(f"{server}: no parameter {name}{instead}")
 
 
 def _values(
