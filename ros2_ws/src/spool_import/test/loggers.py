@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import gzip
+import warnings
 from collections.abc import Callable
 from datetime import datetime, timedelta, timezone
+from decimal import Decimal
 from pathlib import Path
 
 import h5py
@@ -14,6 +16,7 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 import pyarrow.feather as pa_feather
 import pyarrow.parquet as pa_parquet
+import pytest
 import pyuff
 from asammdf import MDF, Signal
 from nptdms import ChannelObject, TdmsWriter
@@ -311,6 +314,122 @@ def array_bag(path: Path) -> None:
             layout = types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
             stamp = round((START.timestamp() + at / RATE) * 1e9)
             writer.write(channel, stamp, store.serialize_cdr(types[kind](layout=layout, data=pair), kind))
+
+
+def lvm(path: Path, x: str = "No", segments: int = 1) -> None:
+    """LabVIEW's measurement file with decimal comma; ``x``: its columns of times, No, One or Multi."""
+    top = (
+        "LabVIEW Measurement\t\nWriter_Version\t2\nReader_Version\t2\nSeparator\tTab\nDecimal_Separator\t,\n"
+        f"Multi_Headings\tYes\nX_Columns\t{x}\nTime_Pref\tAbsolute\nOperator\tEva\nDate\t2026/05/04\n"
+        "Time\t03:02:01,5\n***End_of_Header***\t\n"
+    )
+    size = COUNT // segments
+    for part in range(segments):
+        clock = f"03:02:0{1 + part * size / RATE:.4f}".replace(".", ",")
+        beside = "\t" if x == "Multi" else ""
+        both = (
+            f"Samples\t{size}\t{beside}{size}\nDate\t2026/05/04\t{beside}2026/05/04\nTime\t{clock}\t{beside}{clock}\n"
+            f"Y_Unit_Label\tg\t{beside}g\nX_Dimension\tTime\t{beside}Time\nX0\t0,0E+0\t{beside}0,0E+0\n"
+            f"Delta_X\t5,0E-4\t{beside}5,0E-4\n***End_of_Header***\t\n"
+        )
+        second = "X_Value\t" if beside else ""
+        top += f"\t\nChannels\t2\t\t\n{both}X_Value\tbody\t{second}spool\tComment\n"
+        for at in range(part * size, (part + 1) * size):
+            cells = ["" if x == "No" else f"{TIME[at]:.6f}", f"{BODY[at] / GRAVITY:.9f}"]
+            cells += [cells[0], f"{SPOOL[at] / GRAVITY:.9f}"] if beside else [f"{SPOOL[at] / GRAVITY:.9f}"]
+            top += "\t".join(cells).replace(".", ",") + "\n"
+    path.write_text(top)
+
+
+def volts(sign: str = "") -> list[str]:
+    """Return the rows of an oscilloscope: time and readings of sensors of 0.1 V/(m/s^2)."""
+    return [
+        f"{t:{sign}.5E},{0.1 * b:{sign}.6E},{0.1 * s:{sign}.6E}"
+        for t, b, s in zip(TIME, BODY, SPOOL, strict=True)
+    ]
+
+
+def keysight(path: Path) -> None:
+    path.write_text("\n".join(["x-axis,1,2", "second,Volt,Volt", *volts("+")]) + "\n")
+
+
+def siglent(path: Path) -> None:
+    top = [
+        "Record Length,Analog:600", "Sample Interval,Analog:5.000000e-04", "Vertical Units,CH1:V,CH2:V",
+        "Vertical Scale,CH1:1.00,CH2:1.00", "Vertical Offset,CH1:0.00,CH2:0.00", "Horizontal Units,s",
+        "Horizontal Scale,5.00E-02", "Model Number,SDS1204X-E", "Serial Number,SDSMMEBC4R0001",
+        "Software Version,7.6.1.20", "Source,CH1,CH2", "Second,Volt,Volt",
+    ]  # fmt: skip
+    path.write_text("\n".join([*top, *volts()]) + "\n")
+
+
+def tektronix(path: Path) -> None:
+    top = [
+        "Model,MSO44", "Label,,", "", "Waveform Type,ANALOG,", "Point Format,Y,", "Horizontal Units,s,",
+        "Horizontal Scale,0.03,", "Horizontal Delay,0.0,", "Sample Interval,5e-04,", "Record Length,600,",
+        "Gating,0.0% to 100.0%,", "Probe Attenuation,1,1", "Vertical Units,V,V", "Vertical Offset,0,0",
+        "Vertical Scale,1,1", "Label,,", "TIME,CH1,CH2",
+    ]  # fmt: skip
+    path.write_text("\n".join([*top, *volts()]) + "\n")
+
+
+def rigol(path: Path) -> None:
+    rows = [f"{at},{0.1 * b:.6e},{0.1 * s:.6e},," for at, (b, s) in enumerate(zip(BODY, SPOOL, strict=True))]
+    top = ["X,CH1,CH2,Start,Increment,", "Sequence,Volt,Volt,-6.000000e-02,5.000000e-04"]
+    path.write_text("\n".join([*top, *rows]) + "\n")
+
+
+def rigol_new(path: Path) -> None:
+    rows = [f"{0.1 * b:.6e},{0.1 * s:.6e},," for b, s in zip(BODY, SPOOL, strict=True)]
+    path.write_text("\n".join(["CH1V,CH2V,t0 = -6.0e-02, tInc = 5.0e-04,", *rows]) + "\n")
+
+
+def mat4(path: Path) -> None:
+    savemat(path, {"t": TIME, "body_m_s2": BODY, "spool_m_s2": SPOOL}, format="4")
+
+
+def mat5_structs(path: Path) -> None:
+    both = np.zeros(2, dtype=[("data", object), ("name", object)])
+    both[0], both[1] = (BODY, "body"), (SPOOL, "spool")
+    savemat(path, {"rec": both, "fs": RATE})
+
+
+def mat5_cells(path: Path) -> None:
+    both = np.empty(3, dtype=object)
+    both[:] = [TIME, BODY, SPOOL]
+    savemat(path, {"channels": both})
+
+
+def timetable(version: str) -> Callable[[Path], None]:
+    """Return what writes a timetable of MATLAB."""
+
+    def write(path: Path) -> None:
+        matio = pytest.importorskip("matio")
+        pandas = pytest.importorskip("pandas")
+        index = pandas.to_timedelta(np.round(TIME * 1e9).astype(np.int64), unit="ns")
+        frame = pandas.DataFrame({"body": BODY, "spool": SPOOL}, index=index)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            matio.save_to_mat(str(path), {"TT": frame}, version=version)
+
+    return write
+
+
+def hdf5_compound(path: Path) -> None:
+    table = np.zeros(COUNT, dtype=[("time", "f8"), ("body", "f8"), ("spool", "f4"), ("tag", "S4")])
+    table["time"], table["body"], table["spool"] = TIME, BODY / GRAVITY, SPOOL / GRAVITY
+    with h5py.File(path, "w") as file:
+        entry = file.create_dataset("log/table", data=table)
+        entry.attrs["units"] = ["s", "g", "g", ""]
+
+
+def typed_parquet(path: Path) -> None:
+    """Durations, decimals and single precision."""
+    spans = pa.array(np.round(TIME * 1e9).astype("timedelta64[ns]"))
+    exact = pa.array([Decimal(f"{value:.4f}") for value in BODY])
+    pa_parquet.write_table(
+        pa.table({"time": spans, "body_m_s2": exact, "spool_m_s2": SPOOL.astype(np.float32)}), path
+    )
 
 
 def gz(path: Path) -> None:

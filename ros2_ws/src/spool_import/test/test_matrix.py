@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,8 @@ from . import loggers as made
 
 Maker = Callable[[Path], None]
 G = {"unit": "body=g,spool=g"}
+SI = {"unit": "body=m/s^2,spool=m/s^2"}
+VOLTS = {"scale": "body=0.1V/(m/s^2),spool=0.1V/(m/s^2)"}
 BY_NUMBER = {"columns": "time_s=0,body_m_s2=1,spool_m_s2=2"}
 IMUS = {"topic": "body=/imu_1:z,spool=/imu_2:z"}
 
@@ -99,6 +102,23 @@ READ: list[tuple[str, Maker, dict[str, object]]] = [
     ("record.mf4", made.mf4, {}),
     ("groups.mf4", made.mf4_groups, {}),
     ("functions.uff", made.uff, {}),
+    ("no_times.lvm", made.lvm, {}),
+    ("one_time.lvm", partial(made.lvm, x="One"), {}),
+    ("own_times.lvm", partial(made.lvm, x="Multi"), {}),
+    ("segments.lvm", partial(made.lvm, segments=6), {}),
+    ("named.txt", made.lvm, {}),
+    ("keysight.csv", made.keysight, {"columns": "time=x-axis,body=1,spool=2", **VOLTS}),
+    ("siglent.csv", made.siglent, {"columns": "body=CH1,spool=CH2", **VOLTS}),
+    ("tektronix.csv", made.tektronix, {"columns": "body=CH1,spool=CH2", **VOLTS}),
+    ("rigol.csv", made.rigol, {"columns": "body=CH1,spool=CH2", **VOLTS}),
+    ("rigol_new.csv", made.rigol_new, {"columns": "body=#0,spool=#1", **VOLTS}),
+    ("four.mat", made.mat4, {}),
+    ("structs.mat", made.mat5_structs, {"columns": "body_m_s2=rec(1)/data,spool_m_s2=rec(2)/data"}),
+    ("cells.mat", made.mat5_cells, {"columns": "time_s=#0,body_m_s2=#1,spool_m_s2=#2"}),
+    ("timetable.mat", made.timetable("v7"), SI),
+    ("timetable73.mat", made.timetable("v7.3"), SI),
+    ("compound.h5", made.hdf5_compound, {}),
+    ("typed.parquet", made.typed_parquet, {}),
     ("imus", made.imu_bag(StoragePlugin.MCAP), IMUS),
     ("imus_sqlite", made.imu_bag(StoragePlugin.SQLITE3), IMUS),
     ("imus.bag", made.ros1_bag, IMUS),

@@ -66,6 +66,12 @@ def is_grouped(cell: str, decimal: str) -> bool:
     return bool(_GROUPED[decimal].fullmatch(cell))
 
 
+def shape_of(cell: str, decimal: str) -> tuple[int, int] | None:
+    """Return decimals and digits of the exponent of a number, ``None`` for other cells."""
+    match = re.fullmatch(rf"[-+]?\d*(?:{re.escape(decimal)}(\d*))?(?:[eE][-+]?(\d*))?", cell)
+    return (len(match[1] or ""), -1 if match[2] is None else len(match[2])) if match else None
+
+
 def moments(text: pa.ChunkedArray) -> NDArray[np.int64]:
     """Return moments, or dates and clocks joined by a blank, as ns since 1970; UTC where no zone is named.
 

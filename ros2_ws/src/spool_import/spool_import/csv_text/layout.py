@@ -25,6 +25,8 @@ _UNIT_WORDS = frozenset(
 )
 #: Rows above the samples among which names and units are looked for.
 _NEAR = 6
+#: Rows next to the samples one of which may hold units.
+_UNITS_NEAR = 3
 #: Rows of samples in succession from which on there is nothing but samples.
 _RUN = 3
 _TYPED = frozenset({Kind.NUMBER, Kind.MOMENT, Kind.DATE, Kind.CLOCK})
@@ -153,7 +155,11 @@ def _describes(row: Sequence[str], state: _Row) -> bool:
 
 
 def _is_short_sample(row: Sequence[str]) -> bool:
-    return len(row) > 1 and all(re.fullmatch(r"[-+]?\d+[.,]?\d*(?:[eE][-+]?\d+)?", cell) for cell in row)
+    return len(row) > 1 and all(_is_number(cell) for cell in row)
+
+
+def _is_number(cell: str) -> bool:
+    return bool(re.fullmatch(r"[-+]?\d+[.,]?\d*(?:[eE][-+]?\d+)?", cell))
 
 
 def _numeric_names(
@@ -190,19 +196,21 @@ def _header(
             break
     if not fitting:
         return None
-    for place, (at, row) in enumerate(fitting):
-        others = [
-            other for other in (*fitting[place + 1 :], *reversed(fitting[:place])) if not _are_units(other[1])
-        ]
-        if _are_units(row) and (others or len(set(filter(None, row))) < len(list(filter(None, row)))):
-            if not others:
-                return [str(one) for one in range(count)], _units(row), at
+    known = {at: sum(_is_known(cell) for cell in row) for at, row in fitting}
+    for place, (at, row) in enumerate(fitting[:_UNITS_NEAR]):
+        if not _are_units(row) or (place and row[0].casefold() in _UNIT_WORDS):
+            continue
+        others = [other for other in fitting[: _UNITS_NEAR + 1] if not _are_units(other[1])]
+        others.sort(key=lambda other: (-known[other[0]], other[0] > at, abs(other[0] - at)))
+        if others:
             above, names = others[0]
             pairs = [split_header(name) for name in names]
             units = [unit or pair[1] for unit, pair in zip(_units(row), pairs, strict=True)]
             return names, units, min(at, above)
-    known = [sum(_is_known(cell) for cell in row) for _, row in fitting]
-    at, names = fitting[max(range(len(fitting)), key=lambda place: (known[place], -place))]
+        filled = [cell for cell in row if cell]
+        if len(set(filled)) < len(filled):
+            return [str(one) for one in range(count)], _units(row), at
+    at, names = max(fitting, key=lambda one: (known[one[0]], one[0]))
     units = [split_header(name)[1] for name in names]
     return names, _scope_units(rows[:at], units), at
 
@@ -218,6 +226,7 @@ def _are_units(row: Sequence[str]) -> bool:
     cells = [_bare(cell) for cell in row]
     if cells and cells[0].casefold() in _UNIT_WORDS:
         cells[0] = ""
+    cells = ["" if _is_number(cell) else cell for cell in cells]
     known = [cell for cell in cells if quantity_of(cell)]
     names = {word for words in WORDS.values() for word in words if not is_unit(word)}
     return (

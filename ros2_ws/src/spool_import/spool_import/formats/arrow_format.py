@@ -25,6 +25,9 @@ VALVE = "valve"
 _UNITS = (b"unit", b"units")
 #: Rows of a batch: a page or two of a column at a time.
 _BATCH = 1 << 16
+_NUMERIC = (pa.types.is_floating, pa.types.is_integer, pa.types.is_decimal, pa.types.is_duration)
+#: s of a unit of a duration.
+_TICKS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
 class ArrowTable(Table):
@@ -34,10 +37,10 @@ class ArrowTable(Table):
         self.path = path
         schema = self._schema()
         channels = tuple(
-            Channel(field.name, STAMP if dated else _unit(field), time=dated)
-            for field in schema
-            for dated in [pa.types.is_timestamp(field.type)]
-            if dated or pa.types.is_floating(field.type) or pa.types.is_integer(field.type)
+            Channel(field.name, STAMP if dated else _unit(field), time=dated, number=number)
+            for number, field in enumerate(schema)
+            for dated in [pa.types.is_timestamp(field.type) or pa.types.is_time(field.type)]
+            if dated or any(is_one(field.type) for is_one in _NUMERIC)
         )
         valves = self._valves() if VALVE in schema.names else [""]
         self.groups = tuple(Group(valve, channels) for valve in valves)
@@ -87,6 +90,20 @@ class ArrowTable(Table):
 
 
 def _numbers(column: Any) -> Any:
+    """Return a column as numbers: moments and times of day in ns, durations in s.
+
+    Raises:
+        InputError: a moment is missing.
+    """
+    kind = column.type
+    if (pa.types.is_timestamp(kind) or pa.types.is_time(kind)) and column.null_count:
+        raise InputError(f"{column.null_count} times are missing: leave out the rows without a time")
+    if pa.types.is_time(kind):
+        return column.cast(pa.time64("ns")).cast(pa.int64()).to_numpy(zero_copy_only=False)
+    if pa.types.is_duration(kind):
+        return column.cast(pa.int64()).cast(pa.float64()).to_numpy(zero_copy_only=False) * _TICKS[kind.unit]
+    if pa.types.is_decimal(kind):
+        return column.cast(pa.float64()).to_numpy(zero_copy_only=False)
     if pa.types.is_timestamp(column.type):
         whole = column.cast(pa.timestamp("ns", column.type.tz)).cast(pa.int64())
         return whole.to_numpy(zero_copy_only=False)
@@ -95,6 +112,8 @@ def _numbers(column: Any) -> Any:
 
 
 def _unit(field: pa.Field) -> str:
+    if pa.types.is_duration(field.type):
+        return "s"
     stated = [value for key, value in (field.metadata or {}).items() if key.lower() in _UNITS]
     return stated[0].decode("utf-8", "replace") if stated else split_header(printable(field.name, 200))[1]
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from spool_stream.errors import InputError
 from spool_stream.text.printable import printable
 
-from spool_import.csv_text.cells import GROUP_MARKS, HOLES, Kind, clocks, is_grouped, moments
+from spool_import.csv_text.cells import GROUP_MARKS, HOLES, Kind, clocks, is_grouped, moments, shape_of
 from spool_import.csv_text.dialect import BLANKS, Dialect, cells_of, dialect, is_proven
 from spool_import.csv_text.pieces import TextPiece, pieces
 from spool_import.tables.growing import GrowingColumns
@@ -298,14 +298,8 @@ def _cut_short(piece: TextPiece, found: Dialect) -> int | None:
     usual = [row for line in above[-200:] if len(row := cells_of(line, found.delimiter)) == len(cells)]
     if len(usual) < 3 or not cells:
         return None
-    shapes = {_shape(row[-1], found.decimal) for row in usual}
-    return None if _shape(cells[-1], found.decimal) in shapes else piece.line + len(above)
-
-
-def _shape(cell: str, decimal: str) -> tuple[int, int] | None:
-    """Return decimals and digits of the exponent of a number, ``None`` for other cells."""
-    match = re.fullmatch(rf"[-+]?\d*(?:{re.escape(decimal)}(\d*))?(?:[eE][-+]?(\d*))?", cell)
-    return (len(match[1] or ""), -1 if match[2] is None else len(match[2])) if match else None
+    shapes = {shape_of(row[-1], found.decimal) for row in usual}
+    return None if shape_of(cells[-1], found.decimal) in shapes else piece.line + len(above)
 
 
 FORMAT = Format("CSV", (".csv", ".csv.gz", ".txt", ".tsv", ".dat", ".asc"), CsvTable, place=90)

@@ -27,6 +27,7 @@ class Format:
         folder: whether a folder may be one.
         library: name of a package that comes with `extras` alone, and the module it is imported by.
         place: in the order in which formats are asked; the lowest comes first.
+        recognises: whether a file with certain first bytes is one, where no fixed ones say it.
     """
 
     name: str
@@ -36,12 +37,15 @@ class Format:
     folder: bool = False
     library: tuple[str, str] | None = None
     place: int = 50
+    recognises: Callable[[Path, bytes], bool] | None = None
 
     def fits(self, path: Path, head: bytes) -> bool:
         """Return whether a file is of this format by its name or first bytes."""
         if path.is_dir():
             return self.folder
         if any(head.startswith(mark) for mark in self.begins):
+            return True
+        if self.recognises is not None and self.recognises(path, head):
             return True
         return not self.begins and path.name.lower().endswith(self.suffixes)
 

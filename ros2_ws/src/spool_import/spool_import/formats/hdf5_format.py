@@ -1,4 +1,4 @@
-"""HDF5, and MATLAB's files from version 7.3 on: datasets by path, units and rate from their attributes."""
+"""HDF5 and MATLAB from version 7.3 on: datasets and columns of tables by path, units from attributes."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from spool_import.tables.arrays import array_table, stated_rate
 from spool_import.tables.table import MOST_CHANNELS, ArrayTable, check_size
 
 from .format import Format
+from .matlab_format import tables_of
 
 _UNITS = ("unit", "units", "Unit", "Units", "UNIT", "UNITS")
 
@@ -21,17 +24,16 @@ def opened(path: Path) -> ArrayTable:
     arrays: dict[str, Any] = {}
     units: dict[str, str] = {}
     settings: dict[str, Any] = {}
-    size = 0
+    size, tables = 0, False
 
     def visit(name: str, entry: Any) -> None:
-        nonlocal size
+        nonlocal size, tables
         settings.update(entry.attrs)
         matlab = _text(entry.attrs.get("MATLAB_class", ""))
-        if (
-            not isinstance(entry, h5py.Dataset)
-            or matlab in ("char", "cell")
-            or entry.dtype.kind not in "fiub"
-        ):
+        tables = tables or matlab in ("table", "timetable")
+        if not isinstance(entry, h5py.Dataset) or matlab in ("char", "cell", "table", "timetable"):
+            return
+        if entry.dtype.kind not in "fiub" and not entry.dtype.names:
             return
         if name.startswith("#") or len(arrays) > MOST_CHANNELS:
             return
@@ -39,18 +41,32 @@ def opened(path: Path) -> ArrayTable:
         check_size(path, size)
         arrays[name] = entry[()]
         for key in _UNITS:
-            if key in entry.attrs:
+            if key in entry.attrs and entry.dtype.names:
+                stated = [_text(one) for one in np.ravel(entry.attrs[key])]
+                units.update(
+                    {f"{name}/{part}": unit for part, unit in zip(entry.dtype.names, stated, strict=False)}
+                )
+            elif key in entry.attrs:
                 units[name] = _text(entry.attrs[key])
 
     with h5py.File(path, "r") as file:
         settings.update(file.attrs)
         file.visititems(visit)
+    if tables:
+        columns, stated = tables_of(path)
+        arrays |= columns
+        units |= stated
     rate = stated_rate(settings)
     return array_table(path, arrays, units, {} if math.isnan(rate) else {"rate": rate})
 
 
 def _text(value: Any) -> str:
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+
+
+def _is_version_73(_path: Path, head: bytes) -> bool:
+    """Return whether a MATLAB file is of version 7.3 by the number in its header, whatever its text says."""
+    return head.startswith(b"MATLAB") and head[124:128] in (b"\x00\x02IM", b"\x02\x00MI")
 
 
 FORMAT = Format(
@@ -60,4 +76,5 @@ FORMAT = Format(
     begins=(b"\x89HDF\r\n\x1a\n", b"MATLAB 7.3"),
     library=("h5py", "h5py"),
     place=40,
+    recognises=_is_version_73,
 )

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from spool_stream.errors import InputError
 
 from spool_import.tables.table import Channel, Group, Table, Values, as_numbers, check_size
+from spool_import.units.header import split_header
 
 from .format import Format
 
@@ -19,18 +22,16 @@ class Mf4Table(Table):
     """MDF file: each of its channel groups has a clock of its own."""
 
     def __init__(self, path: Path) -> None:
-        from asammdf import MDF  # noqa: PLC0415 - comes with the extras
-
         check_size(path)
         self.path = path
-        with MDF(path) as file:
+        with _opened(path) as file:
             begun = round(file.header.start_time.timestamp() * 1e9)
             groups = []
             held_groups: Any = file.groups
             for at, group in enumerate(held_groups):
                 master = file.masters_db.get(at)
                 channels = [
-                    Channel(one.name, one.unit or getattr(one.conversion, "unit", "") or "")
+                    Channel(one.name, _unit_of(one))
                     for number, one in enumerate(group.channels)
                     if number != master
                 ]
@@ -42,17 +43,47 @@ class Mf4Table(Table):
 
     def read(self, group: Group, names: Sequence[str], _single: Sequence[str] = ()) -> dict[str, Values]:
         """Return the values of channels by name."""
-        from asammdf import MDF  # noqa: PLC0415
-
         found: dict[str, Values] = {}
         at = self._index[group.name]
-        with MDF(self.path) as file:
+        with _opened(self.path) as file:
             for name in names:
                 if name == _TIME:
                     found[name] = np.asarray(file.get_master(at), dtype=np.float64)
                 else:
                     found[name] = as_numbers(self.path, name, file.get(name, group=at).samples)
         return found
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """Open a file.
+
+    Raises:
+        InputError: it is cut off or was never finished, which its library meets in many ways.
+    """
+    from asammdf import MDF  # noqa: PLC0415 - comes with the extras
+    from asammdf.blocks.mdf_v4 import MDF4  # noqa: PLC0415
+
+    MDF4.__del__ = _closed  # type: ignore[method-assign]  # asammdf 8.1 writes tracebacks about files that it could not open
+    try:
+        file = MDF(path)
+    except Exception as error:
+        raise InputError(
+            f"{path}: it cannot be read as ASAM MDF ({type(error).__name__}): it is cut off, or the logger "
+            "never finished it: copy it again, or let the logger's software repair it"
+        ) from error
+    with file:
+        yield file
+
+
+def _closed(file: Any) -> None:
+    with suppress(AttributeError):
+        file.close()
+
+
+def _unit_of(channel: Any) -> str:
+    stated = channel.unit or getattr(channel.conversion, "unit", "") or ""
+    return str(stated) or split_header(channel.name)[1]
 
 
 FORMAT = Format(

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from spool_stream.errors import InputError
+from spool_stream.text.printable import printable
 
 from spool_import.tables.table import STAMP, Channel, Group, Table, Values, as_numbers
+from spool_import.units.header import split_header
 
 from .format import Format
 
@@ -25,16 +29,22 @@ class TdmsTable(Table):
         self.path = path
         self._channels: dict[tuple[str, str], Any] = {}
         clocks: dict[tuple[float, int | None, int], list[Channel]] = {}
+        self._shortest = 0
+        _quiet()
         with TdmsFile.read_metadata(path) as file:
-            held = [channel for group in file.groups() for channel in group.channels() if len(channel)]
+            every = [channel for group in file.groups() for channel in group.channels()]
+            held = [channel for channel in every if len(channel)]
+            if file.file_status.incomplete_final_segment:
+                self._cut(held, [channel for channel in every if not len(channel)])
         for channel in held:
             unit = next((str(channel.properties[key]) for key in _UNITS if channel.properties.get(key)), "")
+            unit = unit or split_header(channel.name)[1]
             step = float(channel.properties.get("wf_increment", math.nan) or math.nan)
             start = channel.properties.get("wf_start_time")
             begun = None if start is None else int(np.datetime64(start, "ns").astype(np.int64))
             dated = channel.dtype.kind == "M"
             name = f"{channel.group_name}/{channel.name}"
-            clock = (step if step > 0.0 else -1.0, begun, len(channel))
+            clock = (step if step > 0.0 else -1.0, begun, self._shortest or len(channel))
             clocks.setdefault(clock, []).append(Channel(name, STAMP if dated else unit, time=dated))
         groups = []
         for at, ((step, begun, _), channels) in enumerate(clocks.items()):
@@ -42,6 +52,22 @@ class TdmsTable(Table):
             rate = 1.0 / step if step > 0.0 else math.nan
             groups.append(Group(name, tuple(channels), rate, begun if begun and begun > 0 else None))
         self.groups = tuple(groups)
+
+    def _cut(self, held: Sequence[Any], missing: Sequence[Any]) -> None:
+        """Note that the file is cut off: all channels end with the shortest one.
+
+        Raises:
+            InputError: a channel has no samples.
+        """
+        if missing or not held:
+            names = ", ".join(printable(one.name, 40) for one in missing[:4]) or "all channels"
+            raise InputError(
+                f"{self.path}: the file is cut off: no samples of {names} are left: copy it again"
+            )
+        self._shortest = min(len(one) for one in held)
+        self.warnings = (
+            f"the file is cut off: the {self._shortest} samples that all channels have are read",
+        )
 
     def read(self, _group: Group, names: Sequence[str], _single: Sequence[str] = ()) -> dict[str, Values]:
         """Return the values of channels by name."""
@@ -51,8 +77,15 @@ class TdmsTable(Table):
         with TdmsFile.open(self.path) as file:
             for name in names:
                 part, _, channel = name.partition("/")
-                found[name] = as_numbers(self.path, name, file[part][channel][:])
+                found[name] = as_numbers(self.path, name, file[part][channel][: self._shortest or None])
         return found
+
+
+def _quiet() -> None:
+    """Keep the library's own words about a file that is cut off from the terminal."""
+    from nptdms.log import log_manager  # noqa: PLC0415
+
+    log_manager.set_level(logging.CRITICAL)
 
 
 FORMAT = Format("NI TDMS", (".tdms",), TdmsTable, begins=(b"TDSm",), library=("npTDMS", "nptdms"))

@@ -87,7 +87,7 @@ def array_table(
         channels = []
         for name in names:
             dated = rows[name].dtype.kind == "M"
-            unit = STAMP if dated else (units or {}).get(name, "") or split_header(name)[1]
+            unit = STAMP if dated else (units or {}).get(name, "") or split_header(name.rpartition("/")[2])[1]
             channels.append(Channel(name, unit, time=dated))
             kept[group, name] = rows[name]
         groups.append(Group(group, tuple(channels), rate))
