@@ -133,7 +133,7 @@ REFUSED: list[tuple[str, Maker, dict[str, object], str]] = [
     ("bare.wav", made.wav(np.float32), {"columns": "body_m_s2=0,spool_m_s2=1"}, "--scale body=50g/FS"),
     ("mass.csv", made.text("t [s],body [kg],spool [kg]\n", made.rows()), {}, "no unit|kg"),
     ("path.csv", made.text("t [s],body [mm],spool [mm]\n", made.rows()), {}, r"are in mm, a unit of length and not of acceleration: .*--unit body=m/s\^2"),
-    ("no_time.csv", made.text("body [g],spool [g]\n", "\n".join("1,2" for _ in range(9))), {}, "--rate HZ"),
+    ("no_time.csv", made.text("body [g],spool [g]\n", "\n".join("1,2" for _ in range(9))), {}, "e.g. --rate 2000 for 2000 Hz"),
     ("which.csv", made.text("t [s],body 1 [g],body 2 [g],spool [g]\n", made.rows().replace("\n", ",0\n")), {},
      "body 1 .g., body 2 .g. could be body_m_s2: say which with --columns .body=body 1 .g.., or --columns"),
     ("names.csv", made.text("t [s],a [g],b [g]\n", made.rows()), {}, r"name columns, e\.g\. --columns .body=a .g.,spool=b .g.."),

@@ -271,11 +271,7 @@ def _badness(line: str, number: int, found: Dialect, wanted: Sequence[str]) -> s
                 float(cell.replace(found.decimal, "."))
             except ValueError:
                 if not (found.grouped and is_grouped(cell, found.decimal)):
-                    return (
-                        f"line {number}: {printable(name, 40)} is {printable(cell, 40)!r}, not a number: "
-                        f"correct it, "
-                        f"or leave an unneeded column out with --exclude #{found.names.index(name)}"
-                    )
+                    return f"line {number}: {printable(name, 40)} is {printable(cell, 40)!r}, not a number"
     if len(cells) > len(found.names) and any(cells[len(found.names) :]):
         return f"line {number} has {len(cells)} cells, the header has {len(found.names)}"
     return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,7 +20,7 @@ from spool_import.tables.table import STAMP, Channel, Group, Table, Values
 
 from .choices import Choices, choices
 from .clocks import ClockOffset
-from .roles import REQUIRED, Source, chosen, counter_of, exclude, time_of
+from .roles import REQUIRED, Source, chosen, counter_of, exclude, reference, time_of
 from .time_base import SAME, TimeBase, loose_time_base, time_base
 from .time_unit import period_check, time_in_seconds
 from .two_clocks import Series, merged
@@ -143,14 +144,15 @@ def _of_group(
     if axis is None and stated is None:
         held = ", ".join(printable(one.name, 40) for one in group.channels[:12])
         raise InputError(
-            f"{path}: no column {TIME} and no sampling rate in it; it has {held}: name the time with "
-            f"--columns {TIME}=NAME, or give the rate with --rate HZ"
+            f"{path}: no column {TIME} and no sampling rate in it; it has {held}: name the column of times, "
+            f"or "
+            "give the rate, e.g. --rate 2000 for 2000 Hz"
         )
     clock = axis or counter
     names = [one.channel.name for one in sources.values()]
     small = [one.channel.name for role, one in sources.items() if single and role in (BODY, SPOOL)]
     wanted = list(dict.fromkeys([*([clock.name] if clock else []), *names]))
-    values = read_channels(table, group, wanted, small)
+    values = _read(table, group, wanted, small, sources)
     stamps = values.pop(clock.name) if clock else None
     found: dict[str, Array] = {}
     notes: list[str] = []
@@ -215,6 +217,23 @@ def _rate_note(path: Path, axis: Channel | None, group: Group, asked: Choices, b
         )
     given = ", which --rate confirms" if asked.rate else ""
     return f"rate {rate:.7g} Hz from {name}{given}"
+
+
+def _read(
+    table: Table, group: Group, names: Sequence[str], small: Sequence[str], sources: Mapping[str, Source]
+) -> dict[str, Values]:
+    """Return channels by name; what is wrong with an optional one alone can be left out."""
+    try:
+        return read_channels(table, group, names, small)
+    except InputError as error:
+        optional = {one.channel.name: one for role, one in sources.items() if role == OIL_TEMPERATURE}
+        if not optional:
+            raise
+        read_channels(table, group, [name for name in names if name not in optional], small)
+        ways = ",".join(reference([table], one) for one in optional.values())
+        raise InputError(
+            f"{error}: correct it, or leave the column out with --exclude {shlex.quote(ways)}"
+        ) from error
 
 
 def _seconds(

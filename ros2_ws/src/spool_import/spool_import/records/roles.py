@@ -141,9 +141,11 @@ def chosen(tables: Sequence[Table], kind: str, asked: Choices) -> dict[str, Sour
         raise _missing(tables, sources, missing, found, asked)
     doubled = [role for role, one in found.items() if list(found.values()).count(one) > 1]
     if doubled:
+        free = _candidates(sources, doubled[1:], list(found.values()), asked)
+        ways = [typed("--columns", {short(doubled[1]): reference(tables, one)}) for one in free[:2]]
         raise InputError(
             f"{tables[0].path}: {found[doubled[0]].label} is named for {' and '.join(doubled)}: "
-            "name a column for each with --columns"
+            f"name a column for each{', e.g. ' if ways else ''}{', or '.join(ways)}"
         )
     return found
 
@@ -305,19 +307,7 @@ def _missing(
 ) -> InputError:
     """Return the error of roles that no channel has, with what to type."""
     files, held = ", ".join(str(table.path) for table in tables), _held(tables)
-    taken = [*found.values()]
-    named_time = next((own for name, own in asked.columns.items() if SHORT.get(name, name) == TIME), None)
-    free = [
-        one
-        for one in sources
-        if one not in taken
-        and not one.channel.time
-        and not _is_called(one.channel, TIME)
-        and quantity_of(one.channel.unit) != "time"
-        and one not in (_called(sources, named_time) if named_time else [])
-        and not (_words(one.channel.header) and _words(one.channel.header)[0] in COUNTERS)
-        and any(_may_be(one.channel, role) for role in roles)
-    ]
+    free = _candidates(sources, roles, list(found.values()), asked)
     numbered = [one for one in free if one.channel.header.isdecimal()]
     if len(numbered) == len(free) > len(roles) and TIME not in {
         SHORT.get(name, name) for name in asked.columns
@@ -338,6 +328,24 @@ def _missing(
         return InputError(f"{known}: no other column can be one: export both accelerations")
     ways |= {short(role): reference(tables, one) for role, one in zip(roles, free, strict=False)}
     return InputError(f"{known}: name columns, e.g. {typed('--columns', ways)}")
+
+
+def _candidates(
+    sources: Sequence[Source], roles: Sequence[str], taken: Sequence[Source], asked: Choices
+) -> list[Source]:
+    """Return the channels that could have a role: a known unit first, the name of a time last."""
+    own = next((own for name, own in asked.columns.items() if SHORT.get(name, name) == TIME), None)
+    times = _called(sources, own) if own else []
+    free = [
+        one
+        for one in sources
+        if one not in (*taken, *times)
+        and not one.channel.time
+        and quantity_of(one.channel.unit) != "time"
+        and not (_words(one.channel.header) and _words(one.channel.header)[0] in COUNTERS)
+        and any(_may_be(one.channel, role) for role in roles)
+    ]
+    return sorted(free, key=lambda one: (_is_called(one.channel, TIME), not quantity_of(one.channel.unit)))
 
 
 def _one_a_topic(free: Sequence[Source], count: int) -> list[Source]:
