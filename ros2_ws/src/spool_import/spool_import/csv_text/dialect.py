@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -66,8 +65,6 @@ class Dialect:
             said.append(f"{above} lines above the samples besides the names")
         if self.layout.numbered:
             said.append("no header: columns are called 0, 1, 2 and so on")
-        if math.isfinite(self.layout.rate):
-            said.append(f"{self.layout.rate:.9g} Hz by {printable(self.layout.rate_from, 80)}")
         left = [name for name, kind in zip(self.names, self.kinds, strict=True) if kind is Kind.TEXT]
         if left:
             said.append(f"left out, since they hold text: {listed(left)}")

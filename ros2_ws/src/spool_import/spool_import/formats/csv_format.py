@@ -69,7 +69,7 @@ class CsvTable(Table):
             )
             if kind in (Kind.NUMBER, *_TIMES)
         ]
-        self.groups = (Group("", tuple(channels), layout.rate),)
+        self.groups = (Group("", tuple(channels), layout.rate, source=printable(layout.rate_from, 80)),)
 
     def where(self, row: int) -> str:
         """Return the line of a row."""

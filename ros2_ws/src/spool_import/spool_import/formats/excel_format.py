@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import zipfile
 from collections.abc import Sequence
 from datetime import date, datetime, time, timezone
@@ -50,14 +49,11 @@ def opened(path: Path) -> ArrayTable:
     single = len(found) == 1
     groups: list[Group] = []
     arrays: dict[tuple[str, str], Any] = {}
-    notes = []
     for title, channels, columns, layout in found:
         name = "" if single else title
-        groups.append(Group(name, tuple(channels), layout.rate))
-        if math.isfinite(layout.rate):
-            notes.append(f"{layout.rate:.9g} Hz by {printable(layout.rate_from, 80)}")
+        groups.append(Group(name, tuple(channels), layout.rate, source=printable(layout.rate_from, 80)))
         arrays |= {(name, channel.name): column for channel, column in zip(channels, columns, strict=True)}
-    return ArrayTable(path, tuple(groups), arrays, tuple(notes))
+    return ArrayTable(path, tuple(groups), arrays)
 
 
 def _table(

@@ -213,7 +213,10 @@ def _table(
         if not regular:
             channels.insert(0, Channel("X_Value", "s", time=True, number=0))
             arrays[group, "X_Value"] = time
-        groups.append(Group(group, tuple(channels), 1.0 / step if regular else math.nan, held[0][2].start))
+        rate = 1.0 / step if regular else math.nan
+        groups.append(
+            Group(group, tuple(channels), rate, held[0][2].start, source="Delta_X" if regular else "")
+        )
     return ArrayTable(path, tuple(groups), arrays, tuple(notes), tuple(warnings))
 
 
