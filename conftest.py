@@ -1,11 +1,11 @@
-"""Settings of every test: judged by what it says, not by how busy the machine is; run on all processors."""
+"""Settings of every test: all processors, a free ROS domain for each worker, and no process left behind."""
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
 import os
-import tempfile
+import subprocess
+import sys
+import uuid
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -15,6 +15,65 @@ from hypothesis import settings
 
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
+
+#: Environment variable with the names of the test runs that a process belongs to: of the runner, and of its
+#: worker. A process inherits it from whatever started it.
+RUN = "SPOOL_TEST_RUN"
+
+#: Program that ends what a test run left behind, however the run itself ended: it waits until its parent, the
+#: runner, is gone, asks every process with the name of the run in its environment to end, and kills the rest.
+REAPER = """
+import os, signal, sys, time
+
+parent, name = int(sys.argv[1]), sys.argv[2].encode()
+
+def left():
+    for entry in os.listdir("/proc"):
+        if entry.isdigit() and int(entry) != os.getpid():
+            try:
+                with open(f"/proc/{entry}/environ", "rb") as stream:
+                    if name in stream.read():
+                        yield int(entry)
+            except OSError:
+                pass
+
+for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    signal.signal(number, signal.SIG_IGN)
+while os.getppid() == parent:
+    time.sleep(0.2)
+for number, seconds in ((signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0)):
+    end = time.monotonic() + seconds
+    told = set()
+    while time.monotonic() < end and (there := set(left())):
+        for process in there - told:
+            try:
+                os.kill(process, number)
+            except OSError:
+                pass
+        told |= there
+        time.sleep(0.1)
+"""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Let no process that a test starts outlive this runner, even after kill -9; fail deprecated calls."""
+    try:
+        from starlette.exceptions import StarletteDeprecationWarning  # noqa: PLC0415 - not on every machine
+    except ImportError:
+        pass
+    else:
+        kind = f"{StarletteDeprecationWarning.__module__}.{StarletteDeprecationWarning.__name__}"
+        config.addinivalue_line("filterwarnings", f"error::{kind}")
+    name = uuid.uuid4().hex
+    # The reaper does not carry the name that it looks for.
+    subprocess.Popen(
+        [sys.executable, "-I", "-S", "-c", REAPER, str(os.getpid()), name],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    os.environ[RUN] = f"{os.environ.get(RUN, '')} {name}".strip()
 
 
 @pytest.hookimpl(optionalhook=True)  # pytest-xdist is not on every machine that has ROS 2
@@ -27,30 +86,30 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     return len(os.sched_getaffinity(0)) + 2
 
 
-@contextlib.contextmanager
-def claimed_domain() -> Iterator[int]:
-    """Claim a ROS domain that no other test on this machine uses now; their ports are free for 1 to 100."""
-    folder = Path(tempfile.gettempdir()) / f"spool_test_domains_{os.getuid()}"
-    folder.mkdir(exist_ok=True)
-    for number in range(1, 101):
-        with (folder / str(number)).open("w") as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                continue
-            yield number
-            return
-    raise RuntimeError(f"all 100 domains are in use, see {folder}")
+@pytest.fixture(autouse=True, scope="session")
+def _away_from_other_ros_programs() -> Iterator[None]:
+    """Give this worker a free domain: what a test starts without a domain of its own lands there."""
+    try:
+        from spool_node.free_domain import claimed_domain  # noqa: PLC0415 - not beneath every package
+    except ImportError:
+        yield
+        return
+    with claimed_domain() as number, pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DOMAIN_ID", str(number))
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        yield
 
 
 @pytest.fixture
-def domain_id() -> Iterator[int]:
-    """A ROS domain of the test's own."""
-    with claimed_domain() as number:
+def domain_id(claim_domain: Callable[[], AbstractContextManager[int]]) -> Iterator[int]:
+    """A ROS domain of the test's own, which no other program on this machine uses."""
+    with claim_domain() as number:
         yield number
 
 
 @pytest.fixture(scope="session")
 def claim_domain() -> Callable[[], AbstractContextManager[int]]:
     """Return what claims a ROS domain, for fixtures that several tests share."""
+    from spool_node.free_domain import claimed_domain  # noqa: PLC0415 - not beneath every package
+
     return claimed_domain

@@ -7,7 +7,7 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,15 +19,14 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.msg import SetParametersResult
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.parameter import Parameter
+from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from spool_tools.demo.processes import find_executable
 
-LOCALHOST = "LOCALHOST"
 #: s, what is waited for comes much sooner on an idle machine, and still comes on a busy one.
 PATIENCE = 180.0
 PACKAGES = {
@@ -132,16 +131,22 @@ class System:
         for name, value in parameters.items():
             text = str(value).lower() if isinstance(value, bool) else str(value)
             arguments += ["-p", f"{name}:={text}"]
-        log = self.folder / f"{len(self.processes)}_{executable}.log"
+        program = str(find_executable(PACKAGES[executable], executable))
+        return self.run([program, *arguments], f"/{namespace}/{executable}".replace("//", "/"))
+
+    def run(self, command: Sequence[str], name: str) -> Process:
+        """Start a program in this domain, with the folder of the test as its working directory."""
+        log = self.folder / f"{len(self.processes)}_{name.rpartition('/')[2]}.log"
         with log.open("wb") as output:
             popen = subprocess.Popen(
-                [str(find_executable(PACKAGES[executable], executable)), *arguments],
+                command,
+                cwd=self.folder,
                 env=self.environment,
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,
             )
-        process = Process(f"/{namespace}/{executable}".replace("//", "/"), popen, log)
+        process = Process(name, popen, log)
         self.processes.append(process)
         return process
 
@@ -255,6 +260,12 @@ class System:
         request = SetParameters.Request(parameters=parameters)
         return list(self.call(SetParameters, f"{node}/set_parameters", request).results)
 
+    def parameter(self, node: str, name: str) -> Any:
+        """Return the value of a parameter of a running node."""
+        request = GetParameters.Request(names=[name])
+        (value,) = self.call(GetParameters, f"{node}/get_parameters", request).values
+        return parameter_value_to_python(value)
+
     def close(self) -> None:
         for process in self.processes:
             if process.alive:
@@ -271,10 +282,9 @@ class System:
 
 
 @pytest.fixture(autouse=True, scope="session")
-def _on_this_machine_only(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+def _state_of_its_own(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
-        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", LOCALHOST)
         yield
 
 

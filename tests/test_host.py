@@ -14,9 +14,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+import yaml
 from spool_msgs.msg import AccelerationBlock, ModelEstimate, ValveHealth
 from spool_node import qos
 from spool_node.messages import from_block, to_block
+from spool_node.parameters import rule
 from spool_sim.excitation.presets import PRESETS
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
@@ -109,10 +111,11 @@ def _host(system: System, tmp_path: Path) -> Iterator[Callable[[str], subprocess
     valves.write_text("".join(f"- {{namespace: {name}}}\n" for name in VALVES))
     running: list[subprocess.Popen[bytes]] = []
 
-    def start(program: str, *words: str, **parameters: str) -> subprocess.Popen[bytes]:
+    def start(program: str, *words: str, params_file: str = "", **parameters: str) -> subprocess.Popen[bytes]:
         parameters["valves_file"] = str(valves)
-        given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
-        arguments = ["--ros-args", *given]
+        given = [word for name, value in parameters.items() for word in rule(name, value)]
+        files = ["--params-file", params_file] if params_file else []
+        arguments = ["--ros-args", *files, *given]
         with (tmp_path / "host.log").open("wb") as log:
             running.append(
                 subprocess.Popen(
@@ -148,16 +151,29 @@ def stamps(topic: Topic) -> list[float]:
 
 
 def test_each_node_is_there_as_in_a_process_of_its_own(
-    system: System, feed: Feed, host: Callable[..., subprocess.Popen[bytes]]
+    system: System, feed: Feed, host: Callable[..., subprocess.Popen[bytes]], tmp_path: Path
 ) -> None:
     told = estimates(system)
     _ = system.diagnostics
-    process = host(PLAIN, "--processes", "2")
+    # A section for all nodes may hold parameters of some of them; one for the host holds for each process.
+    sections = {
+        "/**": {"together": 0.15, "memory": 3.0},
+        "/host": {"state_folder": str(tmp_path / "2026")},
+        "/valve_1/estimator": {"memory": 2.0},
+    }
+    text = yaml.safe_dump({name: {"ros__parameters": values} for name, values in sections.items()})
+    (tmp_path / "my.yaml").write_text(text)
+    process = host(PLAIN, "--processes", "2", params_file=str(tmp_path / "my.yaml"))
     feed.until(feed.heard, "all valves are heard")
     feed.until(lambda: all(len(one.heard) >= 8 for one in told.values()), "all valves are estimated")
     for name in VALVES:
         assert system.state(f"/{name}/estimator") == "active"
         assert system.state(f"/{name}/monitor") == "active"
+        assert system.parameter(f"/{name}/monitor", "state_folder") == str(tmp_path / "2026")
+        assert system.parameter(f"/{name}/estimator", "memory") == (2.0 if name == "valve_1" else 3.0)
+    for name in ("/host", "/host_1"):
+        assert system.state(name) == "active"
+        assert system.parameter(name, "together") == 0.15
     (result,) = system.set_parameters("/valve_2/estimator", stale_after=2.5)
     assert result.successful
     system.change("/valve_3/monitor", "deactivate", "activate")
@@ -308,9 +324,8 @@ def test_a_list_that_is_none_is_refused_in_a_line(
     host: Callable[..., subprocess.Popen[bytes]], tmp_path: Path
 ) -> None:
     (tmp_path / "valves.yaml").write_text("- {valve_file: x}\n")
-    process = host(
-        PLAIN.replace("sys.exit", "open(sys.argv[-1].partition(':=')[2], 'w').write('[]'); sys.exit")
-    )
+    emptied = "open(sys.argv[-1].partition(':=')[2].strip('\"'), 'w').write('[]'); sys.exit"
+    process = host(PLAIN.replace("sys.exit", emptied))
     assert process.wait(60) == 2
     said = (tmp_path / "host.log").read_text()
     assert "give a list of valves" in said

@@ -13,6 +13,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import LifecycleNode, Node
 from launch_ros.parameter_descriptions import ParameterValue
 from spool_bringup.host.valve_list import read_valves
+from spool_node.parameters import rule
 from spool_stream.errors import InputError
 
 SHARE = Path(get_package_share_directory("spool_bringup"))
@@ -22,6 +23,8 @@ RESPAWN_DELAY = 2.0
 #: New starts of a node over a launch's life: what ends every time must not load the machine for ever, and one
 #: crash a month is let pass for over a year.
 RESPAWN_MAX_RETRIES = 20
+#: Arguments that are parameters of type bool.
+FLAGS = ("use_sim_time", "autostart")
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -135,13 +138,20 @@ def _nodes(context) -> list:
         own_source = {"source": wanted[0]}
         hosted |= set(wanted)
     if int(hosts):
-        given = {**common, **kept, **own_source, "valves_file": LaunchConfiguration("valves_file")}
+        # With -p they are the host's alone. Launch writes a dictionary in `parameters` to a file, for nodes
+        # of every name, and the host hands parameter files on to the nodes that it hosts.
+        given = {**own_source, "valves_file": LaunchConfiguration("valves_file").perform(context)}
+        for name in ("use_sim_time", "autostart", "state_folder"):
+            value = LaunchConfiguration(name).perform(context)
+            if value:
+                given[name] = value == "true" if name in FLAGS else value
         nodes.append(
             Node(
                 package="spool_bringup",
                 executable="host",
                 arguments=["--processes", hosts],
-                parameters=[params_file, given],
+                ros_arguments=[word for name, value in given.items() for word in rule(name, value)],
+                parameters=[params_file],
                 output="screen",
                 **again,
             )

@@ -69,7 +69,9 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         self._while_active: list[Callable[[], object]] = []
         self._table = {parameter.name: parameter for parameter in (AUTOSTART, *self.PARAMETERS)}
         self._configured = False
-        declare(self, tuple(self._table.values()), self._parameter_overrides)
+        overrides = self._parameter_overrides
+        of_others = self.of_others - set(self._table)
+        declare(self, tuple(self._table.values()), {k: v for k, v in overrides.items() if k not in of_others})
         self._present: dict[str, Value] = {name: self.value(name) for name in self._table}
         self.add_on_set_parameters_callback(self._judge_change)
         self.add_post_set_parameters_callback(self._apply_change)
@@ -81,6 +83,8 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
     #: Whether it is the only node of its process, and the ticker of one that hosts many.
     alone = True
     ticker: ClassVar[Ticker | None] = None
+    #: Parameters that the hosted nodes may be given although they are those of other nodes.
+    of_others: ClassVar[set[str]] = set()
     #: Called now and then where something takes long, so that nobody takes it for hanging.
     beat: ClassVar[Callable[[], None] | None] = None
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
+import shlex
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -132,9 +135,7 @@ def declare(node: Node, table: Sequence[NodeParameter], overrides: Mapping[str, 
         try:
             node.declare_parameter(parameter.name, parameter.default, parameter.descriptor())
         except InvalidParameterTypeException as error:
-            raise InputError(
-                f"{path}{parameter.name} must be of type {parameter.type_name}, e.g. {parameter.default!r}"
-            ) from error
+            raise InputError(path + _wrong_type(parameter, overrides[parameter.name].value)) from error
         except InvalidParameterValueException as error:
             given = overrides[parameter.name].value
             out = f"{parameter.name} = {given!r} is out of range ({parameter.bounds})"
@@ -142,6 +143,54 @@ def declare(node: Node, table: Sequence[NodeParameter], overrides: Mapping[str, 
         refusal = parameter.refusal(node.get_parameter(parameter.name).value)
         if refusal is not None:
             raise InputError(path + refusal)
+
+
+def rule(name: str, value: Value) -> list[str]:
+    """Return the arguments that set the parameter ``name``; text that looks like a number stays text."""
+    return ["-p", f"{name}:={json.dumps(value, ensure_ascii=False)}"]
+
+
+def _wrong_type(parameter: NodeParameter, given: Any) -> str:
+    """Return what is wrong with a value of the wrong type, and what to type instead."""
+    name, text = parameter.name, _typed(parameter.name)
+    wanted = _converted(given, parameter.default, text)
+    said = f"{name} must be of type {parameter.type_name}, not {text or given!r}"
+    if wanted is None:
+        return f"{said}; an example is {' '.join(map(shlex.quote, rule(name, parameter.default)))}"
+    if text is None:
+        value = json.dumps(wanted, ensure_ascii=False)
+        return f"{said}; write {name}: {value} in the parameter file"
+    return f"{said}; type {' '.join(map(shlex.quote, rule(name, wanted)))}"
+
+
+def _typed(name: str) -> str | None:
+    """Return the text that this process was started with as the value of parameter ``name``."""
+    found = [word.partition(":=") for word in sys.argv]
+    return next((text for key, mark, text in reversed(found) if mark and key.split(":")[-1] == name), None)
+
+
+def _converted(given: Any, default: Value, text: str | None) -> Value | None:
+    """Return ``given`` in the type of ``default``, ``None`` where it has no such meaning.
+
+    Args:
+        given: what the middleware made of the text.
+        default: of the parameter.
+        text: as it was typed, where that is known: 007 is text that a number would shorten.
+    """
+    if isinstance(default, list):
+        entries = list(given) if isinstance(given, Sequence) and not isinstance(given, str) else [given]
+        converted = [_converted(entry, default[0], None) for entry in entries]
+        return None if None in converted else converted  # type: ignore[return-value]  # of one type
+    if isinstance(default, str):
+        plain = given if isinstance(given, str) else json.dumps(given)
+        return text if text is not None else plain
+    if isinstance(given, bool) or not isinstance(given, int | float) or not math.isfinite(given):
+        return None
+    if isinstance(default, bool):
+        return bool(given) if given in (0, 1) else None
+    if isinstance(default, float):
+        return float(given)
+    return int(given) if given == int(given) else None
 
 
 def refuse_other_files(arguments: Sequence[str]) -> None:

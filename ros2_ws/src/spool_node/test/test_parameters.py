@@ -1,21 +1,22 @@
 from __future__ import annotations
 
 import re
+import shlex
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 import rclpy
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from rcl_interfaces.msg import ParameterType
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter as Given
-from spool_node.parameters import NodeParameter, declare, read_parameters
+from spool_node.parameters import NodeParameter, declare, read_parameters, rule
 from spool_stream.errors import InputError
 
 PROBE = Path(__file__).with_name("probe_node.py")
@@ -107,6 +108,88 @@ def test_wrong_values_are_refused_with_the_reason(
     node = bare_node(Given(name, value=value))
     with pytest.raises(InputError, match=re.escape(f"/bare: {said}")):
         declare(node, PARAMETERS, {name: Given(name, value=value)})
+
+
+TYPED = (
+    NodeParameter("label", "", "Text."),
+    NodeParameter("gain", 1.0, "A number."),
+    NodeParameter("count", 3, "A whole number."),
+    NodeParameter("flag", False, "Yes or no."),
+    NodeParameter("names", [""], "Texts."),
+    NodeParameter("levels", [0.0], "Numbers."),
+)
+
+
+def start(domain: int, words: Sequence[str], monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """Return the parameters of a node that is started as its program is."""
+    monkeypatch.setattr(sys, "argv", ["node", "--ros-args", *words])
+    context = Context()
+    rclpy.init(args=sys.argv, context=context, domain_id=domain)
+    node = Node("bare", context=context, start_parameter_services=False, enable_rosout=False)
+    try:
+        declare(node, TYPED, node._parameter_overrides)
+        return {parameter.name: node.get_parameter(parameter.name).value for parameter in TYPED}
+    finally:
+        node.destroy_node()
+        rclpy.shutdown(context=context)
+
+
+@pytest.mark.parametrize(
+    ("word", "meant"),
+    [
+        ("label:=2026", "2026"),
+        ("label:=007", "007"),
+        ("label:=1e5", "1e5"),
+        ("label:=on", "on"),
+        ("bare:label:=12.50", "12.50"),
+        ("label:=[1, 2]", "[1, 2]"),
+        ("gain:=4", 4.0),
+        ("gain:=-4", -4.0),
+        ("count:=4.0", 4),
+        ("flag:=1", True),
+        ("flag:=0", False),
+        ("names:=valve_1", ["valve_1"]),
+        ("names:=[1, 2]", ["1", "2"]),
+        ("levels:=[1, 2]", [1.0, 2.0]),
+        ("levels:=3", [3.0]),
+    ],
+)
+def test_what_is_advised_for_a_value_of_the_wrong_type_works_as_it_is_typed(
+    domain_id: int, monkeypatch: pytest.MonkeyPatch, word: str, meant: object
+) -> None:
+    name = word.partition(":=")[0].split(":")[-1]
+    with pytest.raises(InputError, match=rf"^/bare: parameter {name} must be of type ") as caught:
+        start(domain_id, ["-p", word], monkeypatch)
+    advice = shlex.split(str(caught.value).partition("; type ")[2])
+    assert start(domain_id, advice, monkeypatch)[name] == meant
+
+
+@pytest.mark.parametrize(
+    ("word", "example"), [("gain:=high", 1.0), ("count:=2.5", 3), ("flag:=maybe", False)]
+)
+def test_what_has_no_meaning_gets_an_example_that_works(
+    domain_id: int, monkeypatch: pytest.MonkeyPatch, word: str, example: object
+) -> None:
+    with pytest.raises(InputError, match="; an example is ") as caught:
+        start(domain_id, ["-p", word], monkeypatch)
+    advice = shlex.split(str(caught.value).partition("; an example is ")[2])
+    assert start(domain_id, advice, monkeypatch)[word.partition(":=")[0]] == example
+
+
+@given(text=st.text(st.characters(min_codepoint=32, exclude_categories=("Cs", "Cc")), max_size=12))
+@settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@example(text="2026")
+@example(text='a: "b" # {c} \\ \'')
+def test_a_text_that_a_program_hands_on_arrives_as_it_is(
+    domain_id: int, monkeypatch: pytest.MonkeyPatch, text: str
+) -> None:
+    assert start(domain_id, rule("label", text), monkeypatch)["label"] == text
+
+
+def test_a_wrong_type_in_a_file_is_shown_as_it_is_to_be_written(bare_node: Callable[..., Node]) -> None:
+    asked = Given("mode", value=2026)
+    with pytest.raises(InputError, match=r'not 2026; write mode: "2026" in the parameter file$'):
+        declare(bare_node(asked), PARAMETERS, {"mode": asked})
 
 
 def test_a_wrong_parameter_at_the_start_ends_the_node_with_one_line(environment: dict[str, str]) -> None:

@@ -57,7 +57,8 @@ def test_threads_run_before_others_and_work_beside_the_stream_does_not() -> None
         assert "is not granted" in said
         assert "LimitRTPRIO=" in said
     else:
-        assert said == f"True True {NICENESS}"
+        # A process that is nice already, as a runner of tests may be, gets nicer; 19 is the nicest.
+        assert said == f"True True {min(19, os.nice(0) + NICENESS)}"
 
 
 @pytest.mark.parametrize("priority", [0, 100, -1])

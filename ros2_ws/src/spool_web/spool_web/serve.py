@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-
+from spool_node.parameters import Value, rule
 from spool_node.running import run
 
 from .node.page_node import PageNode
@@ -23,8 +22,8 @@ def serve(*, port: int = PORT, operator: bool = False, names: tuple[str, ...] = 
     Raises:
         SystemExit: the page could not be served; what is wrong was said in one line.
     """
-    values = {"port": port, "operator": operator, "valves": list(names) or [""]}
-    words = [word for name, value in values.items() for word in ("-p", f"{name}:={json.dumps(value)}")]
+    values: dict[str, Value] = {"port": port, "operator": operator, "valves": list(names) or [""]}
+    words = [word for name, value in values.items() for word in rule(name, value)]
     code = run(PageNode, ["--ros-args", *words])
     if code:
         raise SystemExit(code)

@@ -23,7 +23,7 @@ from spool_node.block_hub import HUB
 from spool_node.diagnostics import DiagnosticPublisher, Level, Status
 from spool_node.log_folder import ensure_log_folder
 from spool_node.managed_node import ManagedNode
-from spool_node.parameters import NodeParameter
+from spool_node.parameters import NodeParameter, rule
 from spool_node.running import REFUSED, new_executor, one_line
 from spool_node.stopping import STOP, Phase, StopRequested
 from spool_node.throttle import Throttle
@@ -31,6 +31,7 @@ from spool_node.ticker import Ticker
 from spool_node.worker import Worker
 from spool_stream.errors import InputError
 
+from .arguments import NAME, arguments_of_nodes, arguments_of_process, names_for_all, node_name
 from .first_list import FirstList
 from .heartbeat import Heartbeat, notify
 from .sources import NONE, load_source
@@ -98,8 +99,12 @@ class HostNode(ManagedNode):
         NodeParameter("processes", 1, "Processes over which the valves are spread.", minimum=1, maximum=64),
     )
 
-    def __init__(self, name: str = "host") -> None:
+    def __init__(self, name: str = NAME) -> None:
         super().__init__(name)
+
+    def deactivate(self) -> None:
+        """Say that this stops none of the hosted nodes."""
+        self.get_logger().warning("the hosted nodes stay active: each has its own life cycle")
 
 
 @dataclass(slots=True)
@@ -128,6 +133,7 @@ class HostProcess:
         try:
             STOP.phase = Phase.STARTING
             ensure_log_folder()
+            self.arguments = arguments_of_process(self.arguments, self.number)
             rclpy.init(args=self.arguments, signal_handler_options=SignalHandlerOptions.NO)
             self._begin()
             code = 1  # from here on nothing that was given is wrong
@@ -150,7 +156,7 @@ class HostProcess:
         return code
 
     def _begin(self) -> None:
-        self._node = HostNode("host" if self.number == 0 else f"host_{self.number}")
+        self._node = HostNode(node_name(self.number))
         self._executor = new_executor()
         self._executor.add_node(self._node)
         file = self._node.value("valves_file")
@@ -168,6 +174,12 @@ class HostProcess:
         source = load_source(self._node.value("source"))
         kinds = (EstimatorNode, MonitorNode, *((source,) if source is not None else ()))
         mine = share(valves, self.number, self._node.value("processes"))
+        # A section for nodes of every name holds parameters of some of them.
+        tables = (parameter for kind in (HostNode, *kinds) for parameter in kind.PARAMETERS)
+        ManagedNode.of_others = names_for_all(self.arguments) & {parameter.name for parameter in tables}
+        autostart = self._node.value("autostart")
+        if autostart:
+            self._node.trigger_configure()
         for valve in mine:
             for kind in kinds:
                 self._add(kind, valve)
@@ -181,25 +193,23 @@ class HostProcess:
                 self._activate(one)
                 # What listens already is served while the others begin.
                 self._turns()
+        if autostart:
+            self._node.trigger_activate()
         gc.freeze()
         gc.enable()
         notify("READY=1")
         self._node.get_logger().info(f"{len(self.hosted)} nodes of {len(mine)} valves")
 
     def _add(self, kind: type[ManagedNode], valve: ListedValve) -> None:
-        arguments = ["--ros-args", *self._files()]
+        arguments = ["--ros-args", *arguments_of_nodes(self.arguments)]
         taken = {parameter.name for parameter in kind.PARAMETERS}
         own = {"valve_file": valve.valve_file, "state_folder": self._node.value("state_folder")}
         for name, value in own.items():
             if value and name in taken:
-                arguments += ["-p", f"{name}:={value}"]
-        given = self._node.given
-        arguments += [
-            word
-            for name in ("autostart", "use_sim_time")
-            if name in given
-            for word in ("-p", f"{name}:={str(self._node.value(name)).lower()}")
-        ]
+                arguments += rule(name, value)
+        for name in ("autostart", "use_sim_time"):
+            if name in self._node.given:
+                arguments += rule(name, self._node.value(name))
         # The host's own arguments, its name among them, are not those of its nodes.
         node = kind(namespace=f"/{valve.namespace}", cli_args=arguments, use_global_arguments=False)
         one = Hosted(node, valve.namespace)
@@ -207,11 +217,6 @@ class HostProcess:
         self._executor.add_node(node)
         if node.value("autostart"):
             self._configure(one)
-
-    def _files(self) -> list[str]:
-        """Return the arguments that name parameter files: they are the nodes', too."""
-        pairs = zip(self.arguments, self.arguments[1:], strict=False)
-        return [word for pair in pairs if pair[0] == "--params-file" for word in pair]
 
     def _configure(self, one: Hosted) -> None:
         if one.node.trigger_configure() != TransitionCallbackReturn.SUCCESS:
@@ -346,6 +351,8 @@ class HostProcess:
         for child in multiprocessing.active_children():
             child.terminate()
         if hasattr(self, "_executor"):
+            with contextlib.suppress(Exception):
+                self._node.trigger_shutdown()
             self._executor.shutdown()
         rclpy.try_shutdown()
 

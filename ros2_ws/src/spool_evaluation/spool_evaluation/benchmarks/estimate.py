@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,6 +11,7 @@ from rich.console import Console
 from spool_bag.reading.reader import BagReader
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.refit import RefitSettings, WindowRefits, WindowTask, refit
+from spool_node.free_domain import isolate
 from spool_sim.model import MODELS
 from spool_sim.valve.description import find_valve
 from spool_stream.errors import InputError
@@ -36,8 +36,7 @@ def run() -> Iterator[Timing]:
     yield from recursion.timings()
     with tempfile.TemporaryDirectory() as folder:
         yield from offline(Path(folder))
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
+    isolate()
     with tempfile.TemporaryDirectory() as folder:
         yield from latency(Path(folder), LIVE_SECONDS)
 

@@ -6,7 +6,6 @@ Blocks of 40 samples at 2 kHz come from one process of its own, from before the 
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -17,6 +16,7 @@ from pathlib import Path
 
 import yaml
 from rich.console import Console
+from spool_node.free_domain import isolate
 from spool_stream.errors import InputError
 from spool_tools.demo.processes import Nodes
 
@@ -88,8 +88,7 @@ class HostCost:
 
 def run(seconds: float = SECONDS, valves: Sequence[int] = VALVES) -> Iterator[HostCost]:
     """Yield a row for each number of valves in a host, and as processes where they fit."""
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
+    isolate()
     for count in valves:
         yield _measured(count, seconds, "host")
         if count <= MOST_AS_PROCESSES and 2 * count * OWN_MEMORY < _available():

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 from spool_bag.reading.information import describe
+from spool_node.free_domain import isolate
 from spool_stream.errors import InputError
 from spool_tools.demo.processes import Nodes
 
@@ -33,8 +33,7 @@ def run() -> Iterator[Timing]:
         InputError: blocks were lost on the way, so that the figures would mean nothing.
 
     """
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
+    isolate()
     with tempfile.TemporaryDirectory() as folder:
         bag = Path(folder) / "bag"
         with Nodes(Path(folder) / "nodes.log") as nodes:

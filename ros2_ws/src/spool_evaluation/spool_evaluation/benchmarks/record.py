@@ -7,7 +7,6 @@ snapshots, and syncs nothing: what it has not written when the power fails is lo
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -18,6 +17,7 @@ from pathlib import Path
 
 from rich.console import Console
 from spool_bag.reading.reader import BagReader
+from spool_node.free_domain import isolate
 from spool_stream.errors import InputError
 from spool_stream.format.cdr import block_sequence
 from spool_tools.demo.processes import Nodes
@@ -72,8 +72,7 @@ class RecordingCost:
 
 def run(seconds: float = SECONDS, valves: Sequence[int] = VALVES) -> Iterator[RecordingCost]:
     """Yield two rows for each number of valves."""
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
+    isolate()
     for count in valves:
         for recorder in ("spool_bag", "plain, mcap"):
             yield _measured(count, seconds, recorder)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import time
 from functools import partial
@@ -20,6 +19,8 @@ from spool_bag.reading.information import BagInformation, describe
 from spool_bag.reading.reader import BagReader
 from spool_msgs.msg import HealthEvent, ModelEstimate, ValveHealth
 from spool_node import qos
+from spool_node.free_domain import isolate
+from spool_node.parameters import rule
 from spool_stream.errors import InputError
 
 from spool_tools.console.outputs import write_json
@@ -51,7 +52,7 @@ def run_demo(seconds: float, out: Path) -> int:
         InputError: ``out`` can't be used.
     """
     folder = _folder(out)
-    domain = _isolate()
+    domain = isolate()
     display = Display(seconds, tuple(valve.name for valve in VALVES))
     display.say(f"starting 7 nodes (ROS_DOMAIN_ID={domain}, this host only), recording to {folder / 'bag'}")
     events, whole = _live(seconds, folder, display)
@@ -78,15 +79,6 @@ def _folder(out: Path) -> Path:
         out = out.parent / f"{out.name}_{number}"
         out.mkdir()
     return out
-
-
-def _isolate() -> int:
-    """Keep the demonstration from other ROS 2 systems: this host, and a domain of its own."""
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    if "ROS_DOMAIN_ID" not in os.environ:
-        # Domains up to 101 keep DDS ports below those that Linux hands out by itself.
-        os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
-    return int(os.environ["ROS_DOMAIN_ID"])
 
 
 def _baseline(seconds: float) -> float:
@@ -175,27 +167,24 @@ def _say_interrupted(display: Display, folder: Path) -> int:
 
 
 def _start(nodes: Nodes, folder: Path, seconds: float) -> None:
-    names = ",".join(valve.name for valve in VALVES)
-    nodes.start(
-        "recorder", "spool_bag", "recorder",
-        ["--ros-args", "-p", f"output:={folder / 'bag'}", "-p", f"valves:=[{names}]"],
-    )  # fmt: skip
+    names = [valve.name for valve in VALVES]
+    output = [*rule("output", str(folder / "bag")), *rule("valves", names)]
+    nodes.start("recorder", "spool_bag", "recorder", ["--ros-args", *output])
     for valve in VALVES:
         space = ["--ros-args", "-r", f"__ns:=/{valve.name}"]
-        file = ["-p", f"valve_file:={valve.valve_file}"]
+        file = rule("valve_file", str(valve.valve_file))
         excitation = valve.write_excitation(folder, seconds)
-        baseline = ["-p", f"baseline_time:={_baseline(seconds)}"]
+        baseline = rule("baseline_time", _baseline(seconds))
         nodes.start(f"estimator {valve.name}", "spool_estimator", "estimator", [*space, *file])
         # A state of its own: what an earlier run learned is not to be compared with.
-        kept = ["-p", f"state_folder:={folder / 'state'}"]
+        kept = rule("state_folder", str(folder / "state"))
         nodes.start(f"monitor {valve.name}", "spool_monitor", "monitor", [*space, *baseline, *kept])
         # Estimator, monitor and recorder: so the bag begins with the first block.
-        own = (
-            "wait_for_subscribers:=3",
-            f"excitation:={excitation}",
-            f"coulomb_force:={valve.coulomb_force}",
-        )
-        settings = [word for setting in own for word in ("-p", setting)]
+        settings = [
+            *rule("wait_for_subscribers", 3),
+            *rule("excitation", str(excitation)),
+            *rule("coulomb_force", valve.coulomb_force),
+        ]
         nodes.start(f"simulator {valve.name}", "spool_sim", "simulator", [*space, *file, *settings])
 
 

@@ -1,23 +1,31 @@
-"""The launch file, run with stand-ins for what it builds.
+"""The launch file: what it starts, and what becomes of that.
 
-`launch` and `launch_ros` are not on PyPI; a ROS 2 installation brings them. The stand-ins below keep what
-the file hands over, so that its own decisions can be looked at anywhere.
+`launch` and `launch_ros` are not on PyPI; a ROS 2 installation brings them. The stand-ins below keep what the
+file hands over, and make of it the command lines and parameter files that launch_ros 0.26 makes. Where the
+real one is installed, a test compares both.
 """
 
 from __future__ import annotations
 
 import ast
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 import yaml
+from spool_bag.reading.information import describe
+from spool_msgs.msg import ModelEstimate, ValveHealth
+from spool_tools.demo.processes import find_executable
 
-PACKAGE = Path(__file__).resolve().parent.parent
+if TYPE_CHECKING:
+    from .conftest import System
+
+PACKAGE = Path(__file__).resolve().parent.parent / "ros2_ws" / "src" / "spool_bringup"
 LAUNCH_FILE = PACKAGE / "launch" / "valve.launch.py"
 
 
@@ -52,40 +60,67 @@ class ParameterValue:
     value: LaunchConfiguration
     value_type: type
 
+    def evaluate(self, context: Mapping[str, str]) -> object:
+        text = self.value.perform(context)
+        return yaml.safe_load(text) if self.value_type is bool else self.value_type(text)
+
 
 @dataclass
 class LaunchDescription:
     entities: list[Any]
 
 
-@dataclass
-class LifecycleNode:
-    """Takes keywords only, as the real one does; name and namespace are required."""
+@dataclass(kw_only=True)
+class Node:
+    """Takes keywords only, as the real one does."""
 
     package: str
     executable: str
+    name: str | None = None
+    namespace: str | None = None
+    parameters: list[Any] = field(default_factory=list)
+    arguments: list[str] = field(default_factory=list)
+    ros_arguments: list[str] | None = None
+    output: str = "log"
+    condition: IfCondition | None = None
+    respawn: bool = False
+    respawn_delay: float | None = None
+    respawn_max_retries: int = -1
+
+    def command(self, context: Mapping[str, str], folder: Path) -> list[str]:
+        """Return the command line that launch_ros makes, and write its parameter files to ``folder``.
+
+        A dictionary of parameters stands in the file under the node's name, or, where name and namespace are
+        not both given, under that of all nodes.
+        """
+        words = [str(find_executable(self.package, self.executable)), *self.arguments]
+        words += ["--ros-args", *self.ros_arguments] if self.ros_arguments is not None else []
+        words += ["--ros-args"]
+        words += ["-r", f"__node:={self.name}"] if self.name is not None else []
+        space = None if self.namespace is None else "/" + self.namespace.strip("/")
+        words += ["-r", f"__ns:={space}"] if space is not None else []
+        section = "/**" if None in (self.name, space) else f"{space}/{self.name}".replace("//", "/")
+        for parameters in self.parameters:
+            if isinstance(parameters, dict):
+                values = {
+                    name: value.evaluate(context) if isinstance(value, ParameterValue) else value
+                    for name, value in parameters.items()
+                }
+                values = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
+                file = folder / f"launch_params_{len(list(folder.iterdir()))}"
+                file.write_text(yaml.dump({section: {"ros__parameters": values}}, default_flow_style=False))
+                words += ["--params-file", str(file)]
+            else:
+                words += ["--params-file", str(parameters)]
+        return words
+
+
+@dataclass(kw_only=True)
+class LifecycleNode(Node):
+    """As a node; name and namespace are required."""
+
     name: str
     namespace: str
-    parameters: list[Any]
-    output: str = "log"
-    condition: IfCondition | None = field(default=None)
-    respawn: bool = False
-    respawn_delay: float | None = None
-    respawn_max_retries: int = -1
-
-
-@dataclass
-class Node:
-    """The host's process: takes keywords only, as the real one does."""
-
-    package: str
-    executable: str
-    parameters: list[Any]
-    arguments: list[str]
-    output: str = "log"
-    respawn: bool = False
-    respawn_delay: float | None = None
-    respawn_max_retries: int = -1
 
 
 @pytest.fixture(name="description")
@@ -108,13 +143,16 @@ def _description(monkeypatch: pytest.MonkeyPatch) -> LaunchDescription:
     return made
 
 
-def nodes(description: LaunchDescription, valves_file: Path, **given: str) -> list[LifecycleNode]:
+def nodes(description: LaunchDescription, valves_file: Path, **given: str) -> list[Node]:
     """Return what is started with the arguments that are ``given``."""
     (function,) = (one.function for one in description.entities if isinstance(one, OpaqueFunction))
-    defaults = {
-        one.name: one.default_value for one in description.entities if isinstance(one, DeclareLaunchArgument)
-    }
-    return function({**defaults, "valves_file": str(valves_file), **given})
+    return function(context_of(description, valves_file, given))
+
+
+def context_of(description: LaunchDescription, valves_file: Path, given: Mapping[str, str]) -> dict[str, str]:
+    """Return all arguments with their values."""
+    declared = (one for one in description.entities if isinstance(one, DeclareLaunchArgument))
+    return {**{one.name: one.default_value for one in declared}, "valves_file": str(valves_file), **given}
 
 
 def write(path: Path, valves: object) -> Path:
@@ -251,7 +289,7 @@ def test_a_host_runs_the_sources_on_request(description: LaunchDescription) -> N
     file = PACKAGE / "config" / "valves.yaml"
     made = nodes(description, file, host_processes="2", host_sources="true", simulate="true")
     assert [one.executable for one in made if one.executable != "adapter"] == ["host", "recorder"]
-    assert made[0].parameters[1]["source"] == "simulator"
+    assert 'source:="simulator"' in made[0].ros_arguments
     for arguments in ({"host_processes": "2"}, {"simulate": "true"}):
         with pytest.raises(ValueError, match=r"^host_sources: needs"):
             nodes(description, file, host_sources="true", **arguments)
@@ -296,3 +334,109 @@ def test_a_wrong_list_is_refused_with_file_and_entry(
     with pytest.raises(ValueError, match=said) as caught:
         nodes(description, file)
     assert str(caught.value).startswith(f"{file}: ")
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_a_launched_host_monitors_each_valve_as_the_parameter_file_asks(
+    system: System, description: LaunchDescription, tmp_path: Path, processes: int
+) -> None:
+    entries = [
+        {"namespace": "left", "valve_file": "4weh10_soft"},
+        {"namespace": "plant/right", "valve_file": "4weh10_stiff"},
+    ]
+    valves = write(tmp_path / "valves.yaml", entries)
+    sections = {
+        "/**": {"use_sim_time": False},
+        "/host": {"together": 0.1, "state_folder": str(tmp_path / "kept")},
+        "/**/estimator": {"memory": 2.0},
+        "/left/estimator": {"memory": 3.0},
+    }
+    text = {name: {"ros__parameters": values} for name, values in sections.items()}
+    given = {"params_file": str(write(tmp_path / "my.yaml", text)), "host_processes": str(processes)}
+    files = tmp_path / "files"
+    files.mkdir()
+    context = context_of(description, valves, {**given, "simulate": "true", "output": "2026"})
+    heard = [
+        system.listen(kind, f"/{valve['namespace']}/{topic}", latched=True)
+        for valve in entries
+        for kind, topic in ((ModelEstimate, "estimate"), (ValveHealth, "health"))
+    ]
+    for node in started(description, context):
+        system.run(node.command(context, files), f"/{node.namespace or ''}/{node.executable}")
+    system.until(lambda: all(len(topic.heard) >= 2 for topic in heard), "each valve is estimated and judged")
+    hosts = ["/host", "/host_1"][:processes]
+    assert [system.state(name) for name in hosts] == ["active"] * processes
+    assert [system.parameter(name, "together") for name in hosts] == [0.1] * processes
+    for valve, memory in (("left", 3.0), ("plant/right", 2.0)):
+        assert system.parameter(f"/{valve}/estimator", "memory") == memory
+        assert system.parameter(f"/{valve}/monitor", "state_folder") == str(tmp_path / "kept")
+    recorder = next(process for process in system.processes if process.name.endswith("recorder"))
+    assert recorder.end() == 0
+    recorded = {one.name.strip("/"): one.blocks for one in describe(tmp_path / "2026").valves}
+    assert set(recorded) == {"left", "plant/right"}
+    assert min(recorded.values()) > 50
+    assert all(process.alive for process in system.processes if process is not recorder)
+
+
+GIVEN: tuple[dict[str, str], ...] = (
+    {},
+    {"host_processes": "2", "state_folder": "/tmp/2026", "autostart": "false", "use_sim_time": "true"},
+    {"host_processes": "1", "simulate": "true", "host_sources": "true", "output": "2026", "record": "true"},
+    {"simulate": "true", "output": "007", "state_folder": "on", "autostart": "true", "respawn": "false"},
+)
+
+
+@pytest.mark.skipif(find_spec("launch_ros") is None, reason="launch_ros comes with a ROS 2 installation only")
+@pytest.mark.parametrize("given", GIVEN, ids=lambda given: " ".join(given) or "nothing given")
+def test_launch_ros_makes_the_commands_and_files_that_the_stand_ins_make(
+    tmp_path: Path, request: pytest.FixtureRequest, given: dict[str, str]
+) -> None:
+    entries = [{"namespace": "left", "valve_file": "on"}, {"namespace": "plant/right"}]
+    valves = write(tmp_path / "valves.yaml", entries)
+    real = list(_commands_of_launch_ros(valves, given))
+    description = request.getfixturevalue("description")
+    folder = tmp_path / "files"
+    folder.mkdir()
+    context = context_of(description, valves, given)
+    expected = [one.command(context, folder) for one in started(description, context)]
+    assert [_resolved(one) for one in real] == [_resolved(one) for one in expected]
+
+
+def started(description: LaunchDescription, context: Mapping[str, str]) -> list[Node]:
+    """Return the nodes whose condition is met."""
+    (function,) = (one.function for one in description.entities if isinstance(one, OpaqueFunction))
+    return [
+        one
+        for one in function(context)
+        if one.condition is None or one.condition.predicate.perform(context) == "true"
+    ]
+
+
+def _commands_of_launch_ros(valves: Path, given: Mapping[str, str]) -> Iterator[list[str]]:
+    from launch import LaunchContext  # noqa: PLC0415 - only with a ROS 2 installation
+    from launch.actions import OpaqueFunction as RealFunction  # noqa: PLC0415
+    from launch.launch_description_sources import PythonLaunchDescriptionSource  # noqa: PLC0415
+    from launch.utilities import perform_substitutions  # noqa: PLC0415
+
+    context = LaunchContext()
+    context.launch_configurations.update(given, valves_file=str(valves))
+    source = PythonLaunchDescriptionSource(str(LAUNCH_FILE))
+    for entity in source.get_launch_description(context).entities:
+        made = entity.execute(context)
+        if not isinstance(entity, RealFunction):
+            continue
+        for node in made:
+            if node.condition is None or node.condition.evaluate(context):
+                node._perform_substitutions(context)
+                names = {"name": f"__node:={node._Node__expanded_node_name}"}
+                names |= {"ns": f"__ns:={node._Node__expanded_node_namespace}"}
+                context.extend_locals({"ros_specific_arguments": names})
+                yield [perform_substitutions(context, word) for word in node.cmd]
+
+
+def _resolved(words: list[str]) -> list[str]:
+    """Return a command line with the contents of parameter files in the place of their names."""
+    return [
+        Path(word).read_text() if before == "--params-file" else word
+        for before, word in zip(["", *words], words, strict=False)
+    ]
