@@ -7,6 +7,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from spool_stream.libraries import OLDEST
 
 SOURCE = Path(__file__).resolve().parent.parent / "ros2_ws" / "src"
 PACKAGES = sorted(path.parent for path in SOURCE.glob("*/package.xml"))
@@ -30,12 +31,15 @@ ROSDEP_KEYS = {
     "python3-matplotlib",
     "python3-numba",
     "python3-numpy",
+    "python3-openpyxl",
     "python3-pydantic",
     "python3-pytest",
     "python3-rich",
     "python3-rosbags-pip",
     "python3-scipy",
+    "python3-textual",
     "python3-typer",
+    "python3-uvicorn",
     "python3-yaml",
 }
 # Packages of a Jazzy installation that the packages may name.
@@ -59,15 +63,15 @@ ROS_PACKAGES = {
     "std_msgs",
     "std_srvs",
 }
-# Without a key, and documented for pip: what converts records, the terminal view, the OPC UA server, and
-# the peers of the benchmarks and tests.
-FROM_PIP = {"pyarrow", "padasip", "pysindy", "river", "ruptures", "textual", "asyncua"}
+# Without a key, and documented for pip: what converts records, the OPC UA server, and the peers of the
+# benchmarks and tests.
+FROM_PIP = {"pyarrow", "padasip", "pysindy", "river", "ruptures", "asyncua"}
 # The page in the browser, likewise, and what drives a browser in its tests.
-FROM_PIP |= {"starlette", "uvicorn", "playwright"}
+FROM_PIP |= {"starlette", "playwright"}
 # What fleets need.
 FROM_PIP |= {"duckdb", "distributed"}
 # What formats of data loggers need.
-FROM_PIP |= {"pint", "openpyxl", "nptdms", "asammdf", "pyuff"}
+FROM_PIP |= {"pint", "nptdms", "asammdf", "pyuff"}
 RUNTIME = {"depend", "exec_depend", "build_depend", "build_export_depend"}
 TEST = {*RUNTIME, "test_depend"}
 
@@ -117,6 +121,7 @@ class TestPackage:
         assert root.findtext("name") == package.name
         assert [entry.text for entry in root.findall("license")] == ["Apache-2.0"]
         assert "@" in (root.find("maintainer").get("email") or "")
+        assert (root.find("url").get("type"), root.findtext("url")) == ("website", "https://spool-suite.org")
         build_type = root.findtext("export/build_type")
         assert build_type == ("ament_cmake" if (package / "CMakeLists.txt").exists() else "ament_python")
         keys = [(entry.tag, entry.text) for entry in root if entry.tag in TEST]
@@ -160,9 +165,16 @@ def test_colcon_finds_the_tests(package: Path):
     assert ast.literal_eval(extras) == {"test": ["pytest"]}
 
 
+def test_what_the_nodes_need_from_pip_is_in_the_documented_command():
+    """Distributions have no rosbags and no mcap, and an old pydantic."""
+    readme = (SOURCE / "spool_bringup" / "README.md").read_text()
+    (line,) = [line for line in readme.splitlines() if "pip install" in line and "pydantic" in line]
+    wanted = {word.strip("'").partition(">=")[0] for word in line.partition("install")[2].split()}
+    assert wanted >= {"pydantic", "rosbags", "mcap-ros2-support"}
+    assert f"pydantic>={OLDEST['pydantic']}" in line
+
+
 def test_what_has_no_rosdep_key_is_documented():
     readme = (SOURCE / "spool_bringup" / "README.md").read_text()
-    (line,) = [line for line in readme.splitlines() if "pip install" in line and "pyarrow" in line]
-    assert set(line.split()) >= {"pyarrow"}
     for name in FROM_PIP:
         assert name in readme

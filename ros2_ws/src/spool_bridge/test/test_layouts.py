@@ -61,14 +61,30 @@ def test_paths_and_curves_name_fields_that_messages_have() -> None:
         assert hasattr(TYPES[match[2]](), match[3])
 
 
-def test_the_plotjuggler_layout_has_the_form_that_it_writes() -> None:
+def test_plotjuggler_4_finds_each_curve_by_topic_and_field() -> None:
+    """Without both it drops a curve of a layout in silence; 3 reads the name alone."""
+    root = ElementTree.fromstring(plotjuggler_layout(VALVES))
+    assert root.attrib == {"format": "PlotJuggler", "pj4_version": "4", "binding": "generic"}
+    for curve in root.iter("curve"):
+        topic, field = curve.attrib["topic"], curve.attrib["field"]
+        assert re.fullmatch(r"/(valve_1|press/left)/(health|estimate)", topic)
+        assert not field.startswith("/")
+        assert curve.attrib["name"] == f"{topic}/{field}"
+
+
+def test_the_plotjuggler_layout_has_the_form_that_it_reads() -> None:
+    """PlotJuggler 4 refuses a tab of two containers, a wrong count, and an area of two plots."""
     root = ElementTree.fromstring(plotjuggler_layout(VALVES))
     assert root.tag == "root"
     tabs = root.findall("tabbed_widget/Tab")
     assert [tab.attrib["tab_name"] for tab in tabs] == ["valve_1", "press/left"]
     for tab in tabs:
-        (splitter,) = tab.findall("Container/DockSplitter")
-        areas = splitter.findall("DockArea")
+        ((splitter,),) = tab
+        assert (tab[0].tag, splitter.tag) == ("Container", "DockSplitter")
+        assert (tab.attrib["containers"], splitter.attrib["orientation"]) == ("1", "-")
+        areas = list(splitter)
+        assert {area.tag for area in areas} == {"DockArea"}
+        assert [[plot.tag for plot in area] for area in areas] == [["plot"]] * len(areas)
         assert int(splitter.attrib["count"]) == len(areas)
         assert len(splitter.attrib["sizes"].split(";")) == len(areas)
         assert sum(float(size) for size in splitter.attrib["sizes"].split(";")) == pytest.approx(

@@ -8,6 +8,7 @@ import signal
 import sys
 from types import FrameType
 
+from spool_stream.libraries import libraries_reported
 from spool_stream.text.standard_streams import drop_output, keep_standard_streams
 
 INTERRUPTED, NOBODY_READS = 130, 141  # what a shell says of SIGINT and SIGPIPE
@@ -17,10 +18,12 @@ def main() -> int:
     """Run the command line; return the exit code."""
     keep_standard_streams()
     signal.signal(signal.SIGINT, _leave)
-    run = importlib.import_module("spool_tools.cli").main
+    with libraries_reported("spool"):
+        run = importlib.import_module("spool_tools.cli").main
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        code = int(run())
+        with libraries_reported("spool"):  # commands load what they need themselves
+            code = int(run())
         sys.stdout.flush()
     except BrokenPipeError:
         code = NOBODY_READS

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -47,3 +48,36 @@ def test_what_ros2_launch_needs_is_shared(file: str) -> None:
     source = Path(__file__).resolve().parent.parent / file
     shared = Path(get_package_share_directory("spool_bringup")) / file
     assert shared.read_bytes() == source.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("package", "words"),
+    [
+        ("spool_estimator", ["estimator"]),
+        ("spool_bringup", ["host", "--processes", "1"]),
+        ("spool_bringup", ["host", "--processes", "2"]),
+        ("spool_bringup", ["spool", "valve", "new"]),
+    ],
+)
+def test_the_pydantic_of_debian_12_is_named_in_one_line(
+    tmp_path: Path, package: str, words: list[str]
+) -> None:
+    (tmp_path / "pydantic").mkdir()
+    (tmp_path / "pydantic" / "__init__.py").write_text("class BaseModel: ...\n")
+    (tmp_path / "pydantic-1.10.4.dist-info").mkdir()
+    described = "Metadata-Version: 2.1\nName: pydantic\nVersion: 1.10.4\n"
+    (tmp_path / "pydantic-1.10.4.dist-info" / "METADATA").write_text(described)
+    executable, *arguments = words
+    path = ":".join(filter(None, [str(tmp_path), os.environ.get("PYTHONPATH", "")]))
+    done = subprocess.run(
+        [str(find_executable(package, executable)), *arguments],
+        env={**os.environ, "PYTHONPATH": path},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 2, done.stderr
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f"{executable}: pydantic 1.10.4 is too old, pydantic>=2.0 is needed: ")

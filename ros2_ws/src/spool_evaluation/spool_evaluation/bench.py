@@ -10,6 +10,7 @@ from types import ModuleType
 from rich.console import Console
 from rich.table import Table
 from spool_stream.errors import InputError
+from spool_stream.libraries import how_to_install
 from spool_tools.console.outputs import check_output, write_json
 
 from spool_evaluation.results.page import markdown_table, write_page
@@ -95,7 +96,7 @@ def _load(name: str) -> ModuleType:
     except ModuleNotFoundError as error:
         if str(error.name).partition(".")[0].startswith("spool_"):
             raise
-        fix = f"./spool sets it up, elsewhere: pip install {error.name}"
+        fix = f"./spool sets it up, elsewhere: {how_to_install(str(error.name))}"
         raise InputError(f"bench {name}: {error.name} is not installed; {fix}") from None
 
 

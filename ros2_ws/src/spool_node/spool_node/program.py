@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import sys
+from pathlib import Path
 
+from spool_stream.libraries import libraries_reported
 from spool_stream.text.standard_streams import keep_standard_streams
 
 from .stopping import STOP
@@ -13,5 +16,7 @@ def start(module: str, node: str) -> int:
     """Run the node class ``node`` of ``module``; return the exit code. A signal meanwhile ends it with 0."""
     STOP.install()
     keep_standard_streams()
-    run = importlib.import_module("spool_node.running").run
-    return int(run(getattr(importlib.import_module(module), node)))
+    with libraries_reported(Path(sys.argv[0]).name):
+        run = importlib.import_module("spool_node.running").run
+        kind = getattr(importlib.import_module(module), node)
+    return int(run(kind))

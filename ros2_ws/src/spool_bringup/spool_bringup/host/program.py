@@ -7,6 +7,7 @@ import sys
 from functools import partial
 
 from spool_stream.errors import InputError
+from spool_stream.libraries import libraries_reported
 from spool_stream.scheduling import run_before_others, use_processors
 from spool_stream.text.standard_streams import keep_standard_streams
 
@@ -48,17 +49,19 @@ def main() -> int:
     economise()
     if options.processes > 1:
         return Supervisor(options.processes, partial(_load, arguments, FirstList())).run()
-    from .host_process import HostProcess  # noqa: PLC0415 - slow to load
+    with libraries_reported("host"):
+        from .host_process import HostProcess  # noqa: PLC0415 - slow to load
 
     return HostProcess(arguments).run()
 
 
 def _load(arguments: list[str], valves: FirstList) -> Run:
     """Load what the processes of a host share, and return what runs one."""
-    from spool_estimator.warm_up import warm_up_estimator  # noqa: PLC0415 - slow to load, once for all
-    from spool_monitor.warm_up import warm_up_monitor  # noqa: PLC0415
+    with libraries_reported("host"):
+        from spool_estimator.warm_up import warm_up_estimator  # noqa: PLC0415 - slow to load, once for all
+        from spool_monitor.warm_up import warm_up_monitor  # noqa: PLC0415
 
-    from .host_process import HostProcess  # noqa: PLC0415
+        from .host_process import HostProcess  # noqa: PLC0415
 
     warm_up_estimator()
     warm_up_monitor()

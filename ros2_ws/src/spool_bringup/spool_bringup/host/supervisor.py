@@ -131,6 +131,8 @@ class Supervisor:
                 self._fork(run, number, supervisor)
             self._heartbeat.beat(first)
             os._exit(run(first, self._heartbeat))
+        except SystemExit as end:  # of a library that is missing
+            os._exit(end.code if isinstance(end.code, int) else 1)
         except BaseException:
             traceback.print_exc()
         finally:

@@ -8,6 +8,7 @@ from itertools import islice
 from typing import Any
 
 from spool_stream.errors import InputError
+from spool_stream.libraries import how_to_install
 
 from .executor import TRIES, Done, Found, Item
 
@@ -30,7 +31,7 @@ class DaskCluster:
         try:
             dask: Any = import_module("distributed")  # an extra
         except ImportError:
-            raise InputError("--dask: Dask is not installed: pip install distributed") from None
+            raise InputError(f"--dask: Dask is not installed: {how_to_install('distributed')}") from None
         self._dask = dask
         self._cluster: Any = None
         try:

@@ -11,6 +11,7 @@ from functools import cache
 from pathlib import Path
 
 from spool_stream.errors import InputError
+from spool_stream.libraries import how_to_install
 
 from spool_import.tables.table import Group, Table, Values, numbered
 
@@ -76,7 +77,7 @@ def open_table(path: Path) -> Table:
         except ImportError:
             raise InputError(
                 f"{path}: {form.name} is read by the package {package}, which is not installed: "
-                f"pip install {package}, or export the record as CSV"
+                f"{how_to_install(package)}, or export the record as CSV"
             ) from None
     with _understood(path, form):
         table = form.opened(path)
