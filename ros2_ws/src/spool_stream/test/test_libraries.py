@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import shlex
 import sys
 from pathlib import Path
@@ -30,7 +31,7 @@ def test_an_old_library_is_named_with_its_version_and_the_one_needed() -> None:
 
 def test_a_missing_library_is_named(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended, libraries_reported("estimator"):
-        import no_such_library_of_ours  # type: ignore[import-not-found]  # noqa: F401, PLC0415
+        importlib.import_module("no_such_library_of_ours")
     assert ended.value.code == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("estimator: the Python package no_such_library_of_ours is missing: ")
@@ -38,7 +39,7 @@ def test_a_missing_library_is_named(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_a_module_of_the_suite_that_fails_keeps_its_traceback() -> None:
     with pytest.raises(ImportError), libraries_reported("estimator"):
-        import spool_stream.no_such_module  # type: ignore[import-not-found]  # noqa: F401, PLC0415
+        importlib.import_module("spool_stream.no_such_module")
 
 
 def test_pip_is_advised_where_it_may_install_and_else_an_environment(
