@@ -23,7 +23,7 @@ from spool_node.block_hub import HUB
 from spool_node.diagnostics import DiagnosticPublisher, Level, Status
 from spool_node.log_folder import ensure_log_folder
 from spool_node.managed_node import ManagedNode
-from spool_node.parameters import NodeParameter, rule
+from spool_node.parameters import NodeParameter, refuse_other_files, rule
 from spool_node.running import REFUSED, new_executor, one_line
 from spool_node.stopping import STOP, Phase, StopRequested
 from spool_node.throttle import Throttle
@@ -133,6 +133,7 @@ class HostProcess:
         try:
             STOP.phase = Phase.STARTING
             ensure_log_folder()
+            refuse_other_files(self.arguments)
             self.arguments = arguments_of_process(self.arguments, self.number)
             rclpy.init(args=self.arguments, signal_handler_options=SignalHandlerOptions.NO)
             self._begin()
