@@ -166,12 +166,13 @@ def test_colcon_finds_the_tests(package: Path):
 
 
 def test_what_the_nodes_need_from_pip_is_in_the_documented_command():
-    """Distributions have no rosbags and no mcap, and an old pydantic."""
+    """Distributions have no rosbags and no mcap, and old releases of pydantic and typer."""
     readme = (SOURCE / "spool_bringup" / "README.md").read_text()
     (line,) = [line for line in readme.splitlines() if "pip install" in line and "pydantic" in line]
     wanted = {word.strip("'").partition(">=")[0] for word in line.partition("install")[2].split()}
     assert wanted >= {"pydantic", "rosbags", "mcap-ros2-support"}
-    assert f"pydantic>={OLDEST['pydantic']}" in line
+    for name in ("pydantic", "typer"):
+        assert f"{name}>={OLDEST[name]}" in line
 
 
 def test_what_has_no_rosdep_key_is_documented():

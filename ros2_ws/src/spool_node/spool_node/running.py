@@ -6,6 +6,7 @@ import contextlib
 import multiprocessing
 import os
 import re
+import shlex
 import sys
 from collections.abc import Sequence
 
@@ -21,7 +22,7 @@ from spool_stream.text.standard_streams import keep_standard_streams
 from .exposure import network_warnings
 from .log_folder import ensure_log_folder
 from .managed_node import AUTOSTART, ManagedNode
-from .parameters import refuse_other_files
+from .parameters import refuse_other_files, rule
 from .stopping import STOP, Phase, StopRequested
 
 #: s, how long a quiet node may take to notice SIGINT or SIGTERM.
@@ -85,6 +86,10 @@ def one_line(error: Exception) -> str:
     text = re.sub(r", at /\S+:\d+", "", " ".join(str(error).split()))
     if isinstance(error, rclpy_implementation.UnknownROSArgsError):
         return f"unknown ROS arguments: {text}; --help lists this node's parameters"
+    unread = re.search(r"parameter override rule: '(?:-p|--param) ([\w./*:]+?):=(.*)'\. Error", text)
+    if unread is not None:
+        quoted = " ".join(map(shlex.quote, rule(unread[1], unread[2])))
+        return f"-p {unread[1]}:={unread[2]} can't be read as YAML; for a text type {quoted}"
     return text
 
 

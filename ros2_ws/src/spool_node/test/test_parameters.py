@@ -17,6 +17,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter as Given
 from spool_node.parameters import NodeParameter, declare, read_parameters, rule
+from spool_node.running import REFUSED, one_line
 from spool_stream.errors import InputError
 
 PROBE = Path(__file__).with_name("probe_node.py")
@@ -184,6 +185,16 @@ def test_a_text_that_a_program_hands_on_arrives_as_it_is(
     domain_id: int, monkeypatch: pytest.MonkeyPatch, text: str
 ) -> None:
     assert start(domain_id, rule("label", text), monkeypatch)["label"] == text
+
+
+@pytest.mark.parametrize("text", ["", "[a", "'", "a: b", "{", "@x"])
+def test_the_advice_for_a_value_that_yaml_cannot_read_works(
+    domain_id: int, monkeypatch: pytest.MonkeyPatch, text: str
+) -> None:
+    with pytest.raises(REFUSED) as caught:
+        start(domain_id, ["-p", f"label:={text}"], monkeypatch)
+    advice = shlex.split(one_line(caught.value).partition("for a text type ")[2])
+    assert start(domain_id, advice, monkeypatch)["label"] == text
 
 
 def test_a_wrong_type_in_a_file_is_shown_as_it_is_to_be_written(bare_node: Callable[..., Node]) -> None:
