@@ -164,6 +164,13 @@ def _exposure(layout: Layout, environment: Mapping[str, str]) -> Iterator[CheckR
     reason = kernels.refusal(folder)
     if reason is None:
         yield CheckResult("ok", f"compiled kernels are kept in {folder}, which nobody else can write")
+        damaged = _module(layout, "spool_stream", "kernels.kernel_files").damaged_files(folder)
+        if damaged:
+            yield CheckResult(
+                "warning",
+                f"damaged files of compiled kernels: {len(damaged)}, the first is {damaged[0]}: the kernels "
+                "are compiled again when they are next needed; if this comes back, check the disk",
+            )
     else:
         yield CheckResult(
             "warning",

@@ -226,6 +226,17 @@ class TestBeforeSetUp:
         assert "ok       discovery range LOCALHOST" in result.stdout
         assert f"ok       compiled kernels are kept in {tmp_path}/own" in result.stdout
 
+    def test_doctor_names_a_damaged_file_of_compiled_kernels(self, fresh: Path, tmp_path: Path):
+        folder = tmp_path / "own" / "spool_kernels" / "module_0123"
+        folder.mkdir(parents=True, mode=0o700)
+        (folder / "kernel-1.py311.nbi").touch()
+        result = spool(fresh, "doctor", NUMBA_CACHE_DIR=str(tmp_path / "own"))
+        assert result.returncode == 0
+        assert (
+            f"warning  damaged files of compiled kernels: 1, the first is {folder / 'kernel-1.py311.nbi'}"
+            in result.stdout
+        )
+
     def test_doctor_names_a_missing_compiler(self, fresh: Path, tmp_path: Path):
         result = spool(fresh, "doctor", PATH=folder_of_tools(tmp_path / "bin", *TOOLS, "make"), CC="", CXX="")
         assert result.returncode == 1

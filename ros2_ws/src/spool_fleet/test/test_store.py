@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import shutil
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from spool_fleet.execution.task import Task, run_task
 from spool_fleet.operations import add_service, add_to_store, answer, run_over_store
 from spool_fleet.tables.schema import RECORD_TABLES
 from spool_stream.errors import InputError
+from spool_tools.console.outputs import write_json
 
 from .conftest import simulated_bag
 
@@ -47,6 +49,52 @@ def test_bags_are_named_by_their_paths(store: Path) -> None:
     }
     assert {str(row["start"].date()) for row in rows} == {"2026-03-02", "2026-04-06"}
     assert {(row["duration_s"], row["rate_Hz"]) for row in rows} == {(8.0, 1000.0)}
+
+
+#: SQL of one value, and what JSON holds of it.
+ANSWERS: dict[str, object] = {
+    "sum(1)": 1,
+    "sum(1.25::DECIMAL(9, 2))": 1.25,
+    "avg(3)": 3.0,
+    "count(*)": 1,
+    "12345678901234567890123::HUGEINT": 12345678901234567890123,
+    "255::UTINYINT": 255,
+    "'nan'::DOUBLE": None,
+    "'-inf'::FLOAT": None,
+    "NULL::DECIMAL(9, 2)": None,
+    "true": True,
+    "'b'::ENUM('a', 'b')": "b",
+    "'5d2c4d3e-7c6f-4a0b-9d55-0d6f0f3b7c11'::UUID": "5d2c4d3e-7c6f-4a0b-9d55-0d6f0f3b7c11",
+    "TIMESTAMP '2026-03-02 01:02:03.5'": "2026-03-02T01:02:03.500000",
+    "TIMESTAMPTZ '2026-03-02 01:02:03+02'": "2026-03-01T23:02:03+00:00",
+    "TIMESTAMP_NS '2026-03-02 01:02:03.123456789'": "2026-03-02T01:02:03.123456789",
+    "TIMESTAMP 'infinity'": None,
+    "DATE '2026-03-02'": "2026-03-02",
+    "DATE '-infinity'": None,
+    "TIME '01:02:03'": "01:02:03",
+    "TIMETZ '01:02:03+02'": "01:02:03+02",
+    "INTERVAL '1 day 2 hours 3 milliseconds'": 93600.003,
+    "INTERVAL '2 months'": "P2MT0S",
+    "TIMESTAMP '2026-03-02' - TIMESTAMP '2026-03-01 12:00:00'": 43200.0,
+    "'ab\\x00'::BLOB": "616200",
+    "'101'::BIT": "101",
+    "[1.5::DECIMAL(3, 1), NULL]": [1.5, None],
+    "[1, 2]::INTEGER[2]": [1, 2],
+    "[INTERVAL '1 hour']": [3600.0],
+    "{'a': 1, 'b': [DATE '2026-03-02'], 'c': 'nan'::DOUBLE}": {"a": 1, "b": ["2026-03-02"], "c": None},
+    "MAP {'k': 1.5::DECIMAL(3, 1)}": {"k": 1.5},
+    "MAP {2.5: [1]}": {"2.5": [1]},
+    "MAP([], [])": {},
+    "union_value(k := DATE '2026-03-02')": "2026-03-02",
+}
+
+
+@pytest.mark.parametrize("sql", ANSWERS)
+def test_a_value_of_each_sql_type_becomes_json(sql: str, tmp_path: Path) -> None:
+    (tmp_path / "tables").mkdir()
+    rows = answer(tmp_path, f"SELECT {sql} AS one, 7 AS one", None, "", "", "")
+    write_json(tmp_path / "rows.json", rows)
+    assert json.loads((tmp_path / "rows.json").read_text()) == [{"one": ANSWERS[sql], "one_2": 7}]
 
 
 def test_parameters_are_the_truth_at_one_oil_temperature(store: Path) -> None:

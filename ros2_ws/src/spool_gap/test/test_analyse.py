@@ -55,6 +55,18 @@ def test_nothing_is_named_where_nothing_is_missing() -> None:
     assert result.after.nrmse < 1.3 * result.noise_floor
 
 
+def test_friction_of_two_directions_keeps_a_correlation_for_each_number() -> None:
+    hidden = record("fluid_asymmetric_friction", 16.0, seed=3, forward_force=0.2, backward_force=0.1)
+    result = analyse([hidden], VALVE, MODELS["fluid"], settings=SETTINGS)
+    assert result.verdict == "asymmetric_friction"
+    assert {"forward_force", "backward_force"} <= set(result.correlated)
+    assert result.correlation.shape == (len(result.correlated), len(result.correlated))
+    np.testing.assert_allclose(np.diag(result.correlation), 1.0)
+    forces = [q.value for q in result.parameters if q.name in ("forward_force", "backward_force")]
+    # Their mean is what a moving spool shows.
+    assert sum(forces) == pytest.approx(0.3, rel=0.02)
+
+
 def test_a_hardening_spring_is_named_with_its_size_and_closes_the_gap() -> None:
     result = with_cubic()
     assert result.verdict == "cubic_stiffness"

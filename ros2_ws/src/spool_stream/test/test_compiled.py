@@ -1,13 +1,20 @@
 from __future__ import annotations
 
+import importlib
+import logging
 import os
 import stat
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 import spool_stream
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from spool_stream.kernels import kernel_files
 from spool_stream.kernels.kernel_folder import refusal
 
 CODE = """
@@ -125,3 +132,143 @@ def test_kernels_are_not_loaded_from_where_others_could_change_them(tmp_path: Pa
     assert "everybody may write in" in (refusal(folder) or "")
     (folder.parent if above else folder).chmod(0o755)
     assert refusal(folder) is None
+
+
+KERNELS = (
+    "from spool_stream.kernels.compiled import compiled\n\n@compiled\ndef thrice(x):\n    return 3.0 * x\n"
+)
+
+
+def damaged(stored: bytes, damage: str) -> bytes:
+    half = len(stored) // 2
+    return {
+        "empty": b"",
+        "halved": stored[:half],
+        "zeroed": bytes(len(stored)),
+        "first bit": bytes([stored[0] ^ 1]) + stored[1:],
+        "middle bit": stored[:half] + bytes([stored[half] ^ 16]) + stored[half + 1 :],
+        "last bit": stored[:-1] + bytes([stored[-1] ^ 128]),
+        "longer": stored + b"\0",
+    }[damage]
+
+
+@pytest.fixture
+def kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
+    """Return a module of kernels whose cache, in ``tmp_path / "cache"``, holds ``thrice`` of a float."""
+    name = f"kernels_{tmp_path.name.translate(str.maketrans('-[]', '___'))}"
+    (tmp_path / name).mkdir()
+    (tmp_path / name / "__init__.py").write_text(KERNELS)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    module = importlib.import_module(name)
+    assert module.thrice(1.5) == 4.5
+    yield module
+    del sys.modules[name]
+
+
+def test_a_kept_kernel_is_loaded_and_not_compiled(kernels: ModuleType) -> None:
+    again = importlib.reload(kernels)
+    assert again.thrice(1.5) == 4.5
+    assert sum(again.thrice.stats.cache_hits.values()) == 1
+    assert not again.thrice.stats.cache_misses
+
+
+@pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
+def test_a_damaged_kernel_file_is_compiled_again_and_logged(
+    kernels: ModuleType, suffix: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.DEBUG, logger=kernel_files.__name__)
+    (file,) = (tmp_path / "cache").rglob(f"*{suffix}")
+    for damage in ("empty", "halved", "zeroed", "first bit", "middle bit", "last bit", "longer"):
+        file.write_bytes(damaged(file.read_bytes(), damage))
+        assert kernel_files.damaged_files(tmp_path / "cache") == [file]
+        caplog.clear()
+        again = importlib.reload(kernels)
+        assert again.thrice(1.5) == 4.5
+        assert sum(again.thrice.stats.cache_misses.values()) == 1
+        assert f"{file} cannot be read" in caplog.text
+        assert kernel_files.damaged_files(tmp_path / "cache") == []
+        assert sum(importlib.reload(kernels).thrice.stats.cache_misses.values()) == 0
+
+
+def test_the_first_damaged_file_of_a_process_is_a_warning(kernels: ModuleType, tmp_path: Path) -> None:
+    for file in (tmp_path / "cache").rglob("*.nb[ic]"):
+        file.write_bytes(b"")
+    code = f"from {kernels.__name__} import thrice; print(thrice(1.5))"
+    done = ran(tmp_path, code, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    assert done.stdout.split() == ["4.5"]
+    (line,) = done.stderr.splitlines()
+    assert "cannot be read (its checksum differs): its kernel is compiled again" in line
+
+
+@given(place=st.floats(0.0, 1.0, exclude_max=True), bit=st.integers(0, 7), cut=st.booleans())
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_no_flipped_bit_and_no_cut_changes_what_a_kernel_returns(
+    kernels: ModuleType, tmp_path: Path, place: float, bit: int, cut: bool
+) -> None:
+    for file in (tmp_path / "cache").rglob("*.nb[ic]"):
+        stored = bytearray(file.read_bytes())
+        at = int(place * len(stored))
+        stored[at] ^= 1 << bit
+        file.write_bytes(stored[:at] if cut else stored)
+    assert importlib.reload(kernels).thrice(1.5) == 4.5
+
+
+def test_a_kernel_file_in_the_place_of_another_is_not_loaded(kernels: ModuleType, tmp_path: Path) -> None:
+    assert kernels.thrice(2) == 6.0
+    one, other = (tmp_path / "cache").rglob("*.nbc")
+    swapped = one.read_bytes(), other.read_bytes()
+    other.write_bytes(swapped[0])
+    one.write_bytes(swapped[1])
+    again = importlib.reload(kernels)
+    assert (again.thrice(1.5), again.thrice(2)) == (4.5, 6.0)
+    assert sum(again.thrice.stats.cache_misses.values()) == 2
+
+
+def test_a_file_of_another_version_of_numba_is_not_loaded_and_is_no_damage(
+    kernels: ModuleType, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("numba.__version__", "0.1")
+    again = importlib.reload(kernels)
+    assert again.thrice(1.5) == 4.5
+    assert sum(again.thrice.stats.cache_misses.values()) == 1
+    assert not caplog.text
+
+
+def test_processes_that_compile_at_one_time_leave_a_cache_of_both(
+    kernels: ModuleType, tmp_path: Path
+) -> None:
+    for file in (tmp_path / "cache").rglob("*.nb[ic]"):
+        file.write_bytes(file.read_bytes()[:-7])
+    code = "import sys, {0}; sys.stdin.read(); print({0}.thrice({1}))"
+    path = f"{Path(spool_stream.__file__).parents[1]}:{tmp_path}"
+    processes = [
+        subprocess.Popen(
+            [sys.executable, "-c", code.format(kernels.__name__, number)],
+            env={**os.environ, "PYTHONPATH": path, "NUMBA_CACHE_DIR": str(tmp_path / "cache")},
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        )
+        for number in ("1.5", "2")
+    ]  # fmt: skip
+    for process in processes:
+        assert process.stdin is not None
+        process.stdin.close()
+    said = [process.stdout.read().strip() for process in processes if process.stdout is not None]
+    assert [process.wait(60) for process in processes] == [0, 0]
+    assert said == ["4.5", "6.0"]
+    again = importlib.reload(kernels)
+    assert (again.thrice(1.5), again.thrice(2)) == (4.5, 6.0)
+    assert not again.thrice.stats.cache_misses
+
+
+def test_a_disk_that_takes_no_kernel_is_no_error(
+    kernels: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_arguments: object, **_named: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    for file in (tmp_path / "cache").rglob("*.nb[ic]"):
+        file.unlink()
+    again = importlib.reload(kernels)
+    monkeypatch.setattr(kernel_files.SealedCacheFile, "_write", full)
+    assert again.thrice(1.5) == 4.5

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+import traceback
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -63,7 +65,9 @@ def _run(arguments: list[str]) -> int:
         return fail("interrupted", 130)
     except typer.Exit as stop:
         return stop.exit_code
-    except typer.Abort:
+    except typer.Abort as abort:
+        if isinstance(abort.__cause__, EOFError):  # typer takes the end of any file for Ctrl-D
+            return fail(_cut_off(abort.__cause__))
         return fail("interrupted", 130)
     except TyperException as error:
         command = next((word for word in arguments if not word.startswith("-")), "")
@@ -73,6 +77,15 @@ def _run(arguments: list[str]) -> int:
         end = "" if text[-1] in ".?" else "."
         return fail(f"{text}{end} See: ./spool {command} --help".replace("  ", " "))
     return result if isinstance(result, int) else 0
+
+
+def _cut_off(error: EOFError) -> str:
+    """Return what is wrong where a file ended early and nothing closer to it named the file."""
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    return (
+        f"a file or the input ends too early ({error or 'EOFError'}; read by {Path(place.filename).name}, "
+        f"line {place.lineno}): a file that was cut off must be written or copied again"
+    )
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import re
 from pathlib import Path
 from typing import Any
@@ -40,6 +41,19 @@ def test_nonsense_is_one_line_on_stderr_and_2(name: str, capsys: pytest.CaptureF
     assert said.out == ""
     assert said.err.startswith("spool: ")
     assert said.err.count("\n") == 1
+
+
+def test_a_file_that_ends_early_is_no_interruption(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def cut_off(*_arguments: object) -> None:
+        pickle.loads(b"")
+
+    monkeypatch.setattr("spool_tools.operations.valve_check.judged", cut_off)
+    assert main(["valve", "check", "4weh10_soft"]) == 2
+    line = capsys.readouterr().err.strip()
+    assert line.startswith("spool: a file or the input ends too early (Ran out of input; read by ")
+    assert "interrupted" not in line
 
 
 def test_each_has_a_line_and_a_place_of_its_own() -> None:

@@ -30,6 +30,20 @@ def flags(sheet: dict[str, str]) -> list[str]:
     return [word for key, value in sheet.items() for word in ("--" + key.replace("_", "-"), value)]
 
 
+def test_answers_that_end_early_are_no_interruption(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True)
+
+    def ended(_question: str) -> str:
+        raise EOFError
+
+    monkeypatch.setattr("builtins.input", ended)
+    assert main(["valve", "new", "--out", str(tmp_path / "valve.yaml")]) == 2
+    assert "the answers ended before the last question" in capsys.readouterr().err
+    assert not (tmp_path / "valve.yaml").exists()
+
+
 def test_quantities_of_the_papers_valve(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["valve", "check", "4weh10_soft"]) == 0
     said = capsys.readouterr().out

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import re
+from datetime import timedelta
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +29,7 @@ def ask(store: Path, query: str) -> pa.Table:
         statements = connection.extract_statements(sql)
         if len(statements) != 1 or statements[0].type != duckdb.StatementType.SELECT:
             raise InputError("query: one SELECT is answered, nothing else")
-        return connection.sql(sql).to_arrow_table()
+        return _without_bits(connection.sql(sql)).to_arrow_table()
     except duckdb.Error as error:
         tables = ", ".join(SCHEMAS)
         text = " ".join(str(error).split("\n")[0].split())
@@ -60,14 +63,68 @@ def connect(store: Path) -> duckdb.DuckDBPyConnection:
     return connection
 
 
+def _without_bits(found: duckdb.DuckDBPyRelation) -> duckdb.DuckDBPyRelation:
+    """Return ``found`` with text in place of the types that lose their meaning in Arrow."""
+    wanted = [_LOST_IN_ARROW.sub("VARCHAR", str(kind)) for kind in found.types]
+    if wanted == [str(kind) for kind in found.types]:
+        return found
+    columns = (
+        f'CAST(#{number} AS {kind}) AS "{name.replace(chr(34), 2 * chr(34))}"'
+        for number, (name, kind) in enumerate(zip(found.columns, wanted, strict=True), 1)
+    )
+    return found.project(", ".join(columns))
+
+
 def rows_of(table: pa.Table) -> list[dict[str, Any]]:
-    """Return the rows of ``table`` as JSON takes them; times in ISO 8601."""
-    return [
-        {name: value.isoformat() if hasattr(value, "isoformat") else value for name, value in row.items()}
-        for row in table.to_pylist()
+    """Return the rows of ``table`` as JSON takes them; columns of one name get numbers.
+
+    Decimals and intervals (s) are numbers, times and intervals of months ISO 8601, bytes hexadecimal, maps
+    objects. A time beyond the calendar, as infinity, is null.
+    """
+    names = list(table.column_names)
+    names = [
+        f"{name}_{names[:place].count(name) + 1}" if name in names[:place] else name
+        for place, name in enumerate(names)
     ]
+    columns = [[_plain(_value(scalar), column.type) for scalar in column] for column in table.columns]
+    return [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
+def _value(scalar: Any) -> Any:
+    try:
+        return scalar.as_py()
+    except (OverflowError, ValueError):  # beyond the years of Python's calendar
+        return None
+
+
+def _plain(value: Any, kind: Any) -> Any:
+    """Return a value of the Arrow type ``kind`` as JSON takes it."""
+    if value is None:
+        return None
+    if pa.types.is_map(kind):
+        pairs = ((_plain(key, kind.key_type), _plain(one, kind.item_type)) for key, one in value)
+        return {key if isinstance(key, str) else json.dumps(key): one for key, one in pairs}
+    if pa.types.is_struct(kind):
+        return {field.name: _plain(value[field.name], field.type) for field in kind}
+    if isinstance(value, list):
+        return [_plain(one, kind.value_type) for one in value]
+    if isinstance(value, pa.MonthDayNano):
+        months, days, nanoseconds = value
+        seconds = 86_400 * days + 1e-9 * nanoseconds
+        return f"P{months}MT{seconds:.9g}S" if months else seconds
+    if isinstance(value, Decimal):
+        return int(value) if value == value.to_integral_value() else float(value)
+    if isinstance(value, timedelta):
+        return value.total_seconds()
+    if isinstance(value, bytes):
+        return value.hex()
+    if hasattr(value, "isoformat"):
+        return value.isoformat()
+    return value if isinstance(value, (bool, int, float, str)) else str(value)
+
+
+#: A bit string becomes bytes with a filling, a time of day loses its zone.
+_LOST_IN_ARROW = re.compile(r"\b(?:BIT|TIME WITH TIME ZONE)\b")
 _KINDS = {
     "string": "VARCHAR", "double": "DOUBLE", "int64": "BIGINT", "timestamp[us, tz=UTC]": "TIMESTAMPTZ",
 }  # fmt: skip

@@ -44,6 +44,8 @@ def fitted_by_position(base: Model, balance: ForceBalance, chosen: Chosen, fit: 
     """
     parts, speeds = stretches_of(balance.train)
     size = np.maximum(np.abs(fit.coefficients), fit.deviations)
+    # What no sample of the balance shows, as with a part that sticks, has neither; the free run may show it.
+    size[size == 0.0] = 1.0
     scale = max(1e-12, float(np.std(np.concatenate([part.displacement for part in parts]))))
 
     def errors(numbers: Array) -> Array:

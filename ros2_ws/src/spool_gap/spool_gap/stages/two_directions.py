@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
+
 from spool_gap.fitting.hypothesis import Fitting, Hypothesis
 from spool_gap.registry import EFFECTS
 from spool_gap.result import RankedHypothesis
@@ -55,13 +57,24 @@ def _with_two_forces(fitting: Fitting, step: Hypothesis, found: Asymmetry) -> Hy
     mean, spread = old.point.values["coulomb_force"], old.deviations["coulomb_force"]
     forces = {"forward_force": (1.0 + found.ratio) * mean, "backward_force": (1.0 - found.ratio) * mean}
     deviation = math.hypot(spread, mean * found.deviation)
-    free = tuple(f for f in old.free if f.name != "coulomb_force")
-    free += tuple(replace(f, name=name) for name in forces for f in old.free if f.name == "coulomb_force")
+    names = [unknown.name for unknown in old.free]
+    place = names.index("coulomb_force")
+    kept = [number for number in range(len(names)) if number != place]
+    free = tuple(old.free[number] for number in kept)
+    free += tuple(replace(old.free[place], name=name) for name in forces)
     values = {**old.point.values, **forces}
+    correlation = old.correlation[np.ix_([*kept, place, place], [*kept, place, place])]
+    # Each force has the error of their mean and, with opposite signs, that of their difference.
+    of_mean = spread / deviation if deviation > 0.0 else 1.0
+    correlation[len(kept) :, : len(kept)] *= of_mean
+    correlation[: len(kept), len(kept) :] *= of_mean
+    correlation[-2:, -2:] = 2.0 * of_mean**2 - 1.0
+    np.fill_diagonal(correlation, 1.0)
     fitted = replace(
         old,
         point=replace(old.point, active=fitting.terms_of(effects), values=values),
         free=free,
         deviations={**old.deviations, **dict.fromkeys(forces, deviation)},
+        correlation=correlation,
     )
     return replace(step, effects=effects, fitted=fitted)

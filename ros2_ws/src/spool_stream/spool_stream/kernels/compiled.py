@@ -19,6 +19,7 @@ from typing import TypeVar, cast
 
 from spool_stream.private import private_folder
 
+from .kernel_files import MAGIC, keep_sealed
 from .kernel_folder import kernel_folder
 
 Function = TypeVar("Function", bound=Callable[..., object])
@@ -55,7 +56,10 @@ def compiled(function: Function) -> Function:
         return function
     folder = _folder_of(function.__module__, cache_folder())
     with _cached_in(folder) as cached:
-        return cast(Function, _NUMBA.njit(cache=cached, nogil=True)(function))
+        kernel = _NUMBA.njit(cache=cached, nogil=True)(function)
+    if cached:
+        keep_sealed(kernel)
+    return cast(Function, kernel)
 
 
 def inlined(function: Function) -> Function:
@@ -69,16 +73,17 @@ def inlined(function: Function) -> Function:
 
 
 @lru_cache(maxsize=256)
-def _folder_of(module: str, base: Path) -> Path | None:
+def _folder_of(module: str, base: Path) -> Path:
     """Return where the kernels of ``module`` are kept, named by its source and all that it imports of ours.
 
     numba looks at a kernel's own file only: a change in a function that it calls, or in a constant that it
-    takes from another module, would find the old kernel.
+    takes from another module, would find the old kernel. A script, or a module that was generated, has no
+    source that can be found by its name: its kernels lie in ``base``, by its own file.
     """
     sources = _closure(module)
     if not sources:
-        return None
-    digest = hashlib.sha256()
+        return base
+    digest = hashlib.sha256(MAGIC)
     for name in sorted(sources):
         digest.update(name.encode() + _text(sources[name]).encode())
     folder = base / f"{module}_{digest.hexdigest()[:16]}"
@@ -149,12 +154,9 @@ def _roots(package: str) -> tuple[Path, ...]:
 
 
 @contextmanager
-def _cached_in(folder: Path | None) -> Iterator[bool]:
-    """Let numba keep kernels in ``folder``, or where it likes without one; yield whether it can keep any."""
+def _cached_in(folder: Path) -> Iterator[bool]:
+    """Let numba keep kernels in ``folder``; yield whether it can keep any."""
     assert _NUMBA is not None
-    if folder is None:
-        yield True
-        return
     try:
         private_folder(folder)
         writable = os.access(folder, os.W_OK)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from spool_stream.errors import InputError
 
 from spool_tools.console.cli_options import Force, JsonFile
 from spool_tools.console.command import Command
@@ -76,7 +77,13 @@ def new(
     answers = {key: value for key, value in flags.items() if value is not None}
     if sys.stdin.isatty():
         print("Answers with their units; Enter where the data sheet does not say.")
-        answers = asked(answers, lambda question: input(f"{question}: "), warn)
+        try:
+            answers = asked(answers, lambda question: input(f"{question}: "), warn)
+        except EOFError:
+            raise InputError(
+                "the answers ended before the last question: press Enter at what you do not know, or give "
+                "all answers as options (./spool valve new --help)"
+            ) from None
     valve, how = described(answers)
     write_file(out, file_text(valve, how), "--out")
     for line in quantities(valve):

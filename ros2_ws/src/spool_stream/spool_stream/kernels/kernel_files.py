@@ -1,0 +1,169 @@
+"""Kernel files: what numba keeps of compiled kernels, each sealed by a checksum.
+
+numba loads machine code from these files and runs it. A file that a power loss cut off, or in which a bit
+flipped, would raise an arbitrary error or crash the process. A file whose checksum differs is therefore taken
+for missing: its kernel is compiled and written again.
+
+The files keep numba's names: an index (``.nbi``) for each kernel, a data file (``.nbc``) for each signature.
+This module alone knows private parts of numba. It loads only Python's own library until a kernel is compiled,
+so ``./spool doctor`` checks the files without numba.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import importlib
+import logging
+import multiprocessing
+import os
+import pickle
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+INDEX, DATA = ".nbi", ".nbc"
+#: First bytes of each file. Another layout of the files needs another number here.
+MAGIC = b"spool kernel 1\n"
+#: First byte of the files that earlier releases kept without a checksum, where nothing looks for them now.
+_PLAIN = b"\x80"
+_DIGEST_SIZE = hashlib.sha256().digest_size
+
+_log = logging.getLogger(__name__)
+_warned: set[Path] = set()
+
+
+def sealed(name: str, content: bytes) -> bytes:
+    """Return ``content`` of the file called ``name`` with its checksum in front."""
+    return MAGIC + _digest(name, content) + content
+
+
+def unsealed(name: str, stored: bytes) -> bytes:
+    """Return the content of the file called ``name``.
+
+    Raises:
+        ValueError: the file is damaged.
+    """
+    content = stored[len(MAGIC) + _DIGEST_SIZE :]
+    if stored[: len(MAGIC) + _DIGEST_SIZE] != MAGIC + _digest(name, content):
+        raise ValueError("its checksum differs")
+    return content
+
+
+def _digest(name: str, content: bytes) -> bytes:
+    return hashlib.sha256(name.encode() + b"\n" + content).digest()
+
+
+def damaged_files(folder: Path) -> list[Path]:
+    """Return the kernel files in ``folder`` and below that cannot be read or whose checksum differs."""
+    found = []
+    for path in sorted(folder.rglob("*.nb[ic]")):
+        try:
+            stored = path.read_bytes()
+            if not stored.startswith(_PLAIN):
+                unsealed(path.name, stored)
+        except FileNotFoundError:  # another process has just removed it
+            continue
+        except (OSError, ValueError):
+            found.append(path)
+    return found
+
+
+def keep_sealed(kernel: object) -> None:
+    """Let the dispatcher ``kernel`` keep its compiled forms in sealed files, where numba would keep them.
+
+    Does nothing to a function that numba does not compile (``NUMBA_DISABLE_JIT``).
+    """
+    cache = getattr(kernel, "_cache", None)
+    plain = getattr(cache, "_cache_file", None)
+    if cache is not None and plain is not None:
+        cache._cache_file = SealedCacheFile(
+            Path(plain._cache_path), plain._index_name.removesuffix(INDEX), plain._source_stamp
+        )
+
+
+class SealedCacheFile:
+    """Index and data files of one kernel: what numba's ``IndexDataCacheFile`` does, with checksums.
+
+    A key is numba's: signature, processor and hash of the function's code. Data files are named by a hash of
+    their key, so that two processes that write together never exchange the kernels of two signatures.
+    """
+
+    def __init__(self, folder: Path, base: str, stamp: object) -> None:
+        """Take the folder, the files' common name and the stamp of the source that the kernel comes from."""
+        self._folder, self._base = folder, base
+        numba = importlib.import_module("numba")
+        self._dump = importlib.import_module("numba.core.serialize").dumps
+        self._origin = self._dump((numba.__version__, stamp))
+
+    def load(self, key: object) -> Any:
+        """Return what is kept under ``key``, or ``None``."""
+        name = self._index().get(key)
+        content = None if name is None else self._read(name)
+        return None if content is None else pickle.loads(content)
+
+    def save(self, key: object, data: object) -> None:
+        """Keep ``data`` under ``key``; where the disk does not take it, the kernel is used without a copy."""
+        name = f"{self._base}.{hashlib.sha256(self._dump(key)).hexdigest()[:16]}{DATA}"
+        try:
+            self._write(name, self._dump(data))
+            with self._alone():
+                self._write_index({**self._index(), key: name})
+        except OSError as error:
+            _warn(self._folder, "compiled kernels are not kept in %s: %s", self._folder, error.strerror)
+
+    def flush(self) -> None:
+        """Forget all that is kept."""
+        self._write_index({})
+
+    def _index(self) -> dict[object, str]:
+        """Return the names of the data files by their keys; empty for another source or version of numba."""
+        content = self._read(self._base + INDEX)
+        if content is None:
+            return {}
+        # Names of numba's types are loaded only for the version of numba that wrote them.
+        origin, names = pickle.loads(content)
+        return dict(pickle.loads(names)) if origin == self._origin else {}
+
+    def _write_index(self, names: dict[object, str]) -> None:
+        self._write(self._base + INDEX, pickle.dumps((self._origin, self._dump(names))))
+
+    def _read(self, name: str) -> bytes | None:
+        path = self._folder / name
+        try:
+            return unsealed(name, path.read_bytes())
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError) as error:
+            reason = error.strerror if isinstance(error, OSError) else error
+            text = "kernel file %s cannot be read (%s): its kernel is compiled again"
+            _warn(self._folder.parent, text, path, reason)
+            return None
+
+    def _write(self, name: str, content: bytes) -> None:
+        """Write a file that other processes see whole or not at all."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(dir=self._folder, suffix=".part")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(sealed(name, content))
+            Path(temporary).replace(self._folder / name)
+        except BaseException:
+            Path(temporary).unlink(missing_ok=True)
+            raise
+
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        """Let no other process change the index meanwhile."""
+        with (self._folder / "writing.lock").open("a") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            yield
+
+
+def _warn(about: Path, text: str, *arguments: object) -> None:
+    """Log a warning, the first about each folder of a process; the others, and those of workers, as debug."""
+    first = about not in _warned and multiprocessing.parent_process() is None
+    _warned.add(about)
+    _log.log(logging.WARNING if first else logging.DEBUG, text, *arguments)
