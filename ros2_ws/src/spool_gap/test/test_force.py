@@ -67,6 +67,33 @@ def test_the_mass_is_found_where_a_force_drives_it() -> None:
     assert result.verdict == "cubic_stiffness"
 
 
+def stick_slip(rate: float, speed: float, seconds: float = 24.0) -> ForceRecord:
+    """Return the record of a slider of 30 g that a spring of 2254 N/m pulls along: it sticks and jumps on."""
+    time = np.arange(0.0, seconds, 1.0 / rate)
+    pulled = speed * time
+    jump = 2.0 * (1.2 - 0.6) / 2254.0
+    place = jump * np.floor(pulled / jump)
+    noise = np.random.default_rng(8).standard_normal((2, time.size))
+    force = 2254.0 * (pulled - place) + 0.02 * noise[0]
+    return ForceRecord("slider", 0.0, 1.0 / rate, place + 1e-6 * noise[1], force)
+
+
+@pytest.mark.parametrize("mass", [None, 0.03])
+@pytest.mark.parametrize(("rate", "speed"), [(200.0, 0.002), (500.0, 0.0005)])
+def test_a_driven_mass_that_sticks_nearly_throughout_is_refused(
+    rate: float, speed: float, mass: float | None
+) -> None:
+    with pytest.raises(InputError, match="sticks in the others: too few to balance its forces"):
+        analyse_forces([stick_slip(rate, speed)], MODELS["fluid"], "driven", mass=mass)
+
+
+def test_imposed_stick_slip_is_nothing_that_the_catalogue_knows() -> None:
+    result = analyse_forces([stick_slip(200.0, 0.002)], MODELS["fluid"], "imposed")
+    assert "unexplained" in result.verdict
+    assert result.after.nrmse <= result.before.nrmse
+    json.dumps(result_to_dict(result), allow_nan=False)
+
+
 def test_one_speed_cannot_tell_viscous_from_coulomb_friction() -> None:
     time = np.arange(0.0, 24.0, PERIOD)
     place = 0.02 * np.abs((time / 4.0) % 2.0 - 1.0)

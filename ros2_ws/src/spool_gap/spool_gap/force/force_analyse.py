@@ -14,14 +14,15 @@ from spool_stream.errors import InputError
 
 from spool_gap.effect import Effect
 from spool_gap.registry import EFFECTS, FRICTIONS
+from spool_gap.report.sentence import GROWS, refused_for_growth
 from spool_gap.result import GapResult, GapSettings, RankedHypothesis
 
 from .cross_validation import cross_validated
 from .force_balance import ForceBalance, ForceFit, independent_samples
-from .force_conditions import check_mass, conditions_of
+from .force_conditions import check_mass, check_motion, conditions_of
 from .force_profile import force_profiles
 from .force_record import ForceRecord
-from .force_result import CONSTANT, SIMPLER, Chosen, result_of
+from .force_result import CONSTANT, SIMPLER, Chosen, free_run_error, result_of
 from .position_fit import fitted_by_position
 
 Array = NDArray[np.float64]
@@ -70,14 +71,14 @@ def analyse_forces(
     tell("checking the records", 0.0)
     train, held = _split(records, holdout)
     warnings = conditions_of(train)
-    if holdout:
-        conditions_of(held)
+    conditions_of(held)
     names = {entry.name for entry in base.terms}
     columns = ["damping"] if "viscous_friction" in names else []
     columns += ["stiffness"] if "spring" in names else []
     columns += ["mass"] if kind == "driven" and mass is None else []
     balance = ForceBalance(train, held, [*columns, "zero"], driven=kind == "driven", mass=mass)
     if kind == "driven":
+        check_motion(balance, train[0].name)
         check_mass(balance, balance.fit([]), train[0].name, mass)
     if kind == "driven" and "stiffness" in columns and not _has_spring(train, balance, base):
         columns.remove("stiffness")
@@ -97,7 +98,9 @@ def analyse_forces(
         tell("following the position", 0.6)
         steps = _by_position(train, balance, steps, base)
         steps += _with_constant_force(balance, steps[-1], ranking, base)
-    result = result_of(records, base, kind, balance, steps, ranking, warnings, alike, begun)
+    steps, refused = _without_growth(balance, steps, ranking)
+    result = result_of(records, base, kind, balance, steps, ranking, [*warnings, *refused], alike, begun)
+    result = replace(result, sentence=" ".join([result.sentence, *refused]))
     if chosen_settings.profiles and result.effects:
         result = replace(result, profiles=force_profiles(balance, *steps[-1], result.effects))
     return result
@@ -181,14 +184,53 @@ def _by_position(
 ) -> list[tuple[Chosen, ForceFit]]:
     """Return ``steps`` with the numbers that follow the position, where that holds on parts left out, too."""
     chosen, fit = steps[-1]
-    followed = fitted_by_position(base, balance, chosen, fit)
-    if followed is None:
+    followed = _followed(balance, chosen, fit, base)
+    if followed is None or any(_grows(balance, followed, before) for _, before in steps[:-1]):
         return list(steps)
     errors = [
         cross_validated(train, balance.base, chosen, base, balance.mass, by_position=by_position)
         for by_position in (True, False)
     ]
     return [*steps[:-1], (chosen, followed)] if errors[0] < errors[1] else list(steps)
+
+
+def _followed(balance: ForceBalance, chosen: Chosen, fit: ForceFit, base: Model) -> ForceFit | None:
+    """Return ``fit`` with the numbers that follow the position, if both held-out errors fall with them.
+
+    These are the errors of the force and of the free run of position. A step of friction at a reversal is
+    smeared by the low-pass, and the numbers of the balance follow that: with friction the force counts away
+    from reversals.
+    """
+    followed = fitted_by_position(base, balance, chosen, fit)
+    if followed is None:
+        return None
+    sliding = any(entry.is_friction for entry, _ in chosen)
+    forces = [balance.held_out_error(one, sliding=sliding) for one in (fit, followed)]
+    places = [free_run_error(base, balance, chosen, one) for one in (fit, followed)]
+    falls = forces[1] < forces[0] and (places[1] < places[0] or math.isnan(places[0]))
+    return followed if falls else None
+
+
+def _grows(balance: ForceBalance, fit: ForceFit, before: ForceFit) -> bool:
+    """Whether the held-out error of ``fit`` is larger than that of ``before``, in N or over the force."""
+    return balance.held_out_error(fit) > balance.held_out_error(before) or balance.nrmse(fit) > balance.nrmse(
+        before
+    )
+
+
+def _without_growth(
+    balance: ForceBalance, steps: Sequence[tuple[Chosen, ForceFit]], ranking: list[RankedHypothesis]
+) -> tuple[list[tuple[Chosen, ForceFit]], list[str]]:
+    """Return ``steps`` without those that make the held-out error larger, and a sentence about each."""
+    kept, refused = list(steps), []
+    while len(kept) > 1 and _grows(balance, kept[-1][1], kept[-2][1]):
+        (chosen, fit), (others, before) = kept.pop(), kept[-1]
+        names = [entry.id for entry, _ in chosen if entry.id not in {one.id for one, _ in others}]
+        refused.append(refused_for_growth(names, balance.nrmse(before), balance.nrmse(fit)))
+        for place, row in enumerate(ranking):
+            if row.accepted and row.id in names:
+                ranking[place] = replace(row, accepted=False, reason=GROWS)
+    return kept, refused
 
 
 def _with_constant_force(
@@ -206,7 +248,7 @@ def _with_constant_force(
     names = [name for name in balance.base if name != "zero"]
     bare = ForceBalance(balance.train, balance.held, names, driven=True, mass=balance.mass)
     without = bare.fit(chosen)
-    without = fitted_by_position(base, bare, chosen, without) or without
+    without = _followed(bare, chosen, without, base) or without
     before, after = (math.sqrt(sum(float(np.sum(row**2)) for row in own.held)) for own in (without, fit))
     place = balance.base.index("zero")
     size = abs(float(fit.coefficients[place])) / max(float(fit.deviations[place]), 1e-300)

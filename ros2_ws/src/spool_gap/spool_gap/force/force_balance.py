@@ -213,6 +213,23 @@ class ForceBalance:
             power += float(np.sum((force[slides] - zero) ** 2))
         return math.sqrt(error / power) if power > 0.0 else math.nan
 
+    def held_out_error(self, fit: ForceFit, *, sliding: bool = False) -> float:
+        """Return rms(model - measured) held out, N.
+
+        ``sliding``: only where the mass slides farther from any standstill than the low-pass reaches, if it
+        does so anywhere. The low-pass, of deviation w, makes a speed of up to 2 w z'' out of a standstill.
+        """
+        kept = []
+        for record, row in zip(self.held, fit.held, strict=True):
+            motion, width = self.motions[id(record)], record.smoothing()
+            slow = 2.0 * 0.25 * width * record.period * float(np.std(motion.acceleration))
+            may_stand = binary_dilation(np.abs(motion.velocity) < slow, np.ones(4 * width + 1))
+            kept.append(row[~may_stand] if sliding else row)
+        count = sum(row.size for row in kept)
+        if count == 0:
+            return self.held_out_error(fit)
+        return math.sqrt(sum(float(np.sum(row**2)) for row in kept) / count)
+
     def seen(self, record: ForceRecord) -> Array:
         """Return the force as it is compared, N: what the low-pass leaves of it where a mass is driven."""
         if not self.driven:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 from spool_stream.errors import InputError
+from spool_stream.uncertainty import percent
 
 from .force_balance import ForceBalance, ForceFit, white_power
 from .force_record import ForceRecord
@@ -52,6 +53,26 @@ def conditions_of(records: Sequence[ForceRecord]) -> list[str]:
             f"{acceleration:.3g} m/s^2 rms: is it in mm instead of m, or exchanged with force_N?"
         )
     return [f"the displacement spans {span:.3g} m: is it in mm instead of m?"] if span > LONG else []
+
+
+def check_motion(balance: ForceBalance, name: str) -> None:
+    """Refuse records in which a driven mass moves too little for a balance of forces.
+
+    While it sticks, friction takes any force, so these samples say nothing. Samples within the width of the
+    low-pass count as one; more of them must be left than the base has numbers, to fit and to judge on.
+
+    Raises:
+        InputError: the mass sticks nearly throughout.
+    """
+    for what, records in (("fitted", balance.train), ("held-out", balance.held)):
+        moving = [float(balance.known[id(record)].sum()) for record in records]
+        independent = sum(count / r.smoothing() for count, r in zip(moving, records, strict=True))
+        if independent <= len(balance.base):
+            share = sum(moving) / sum(record.force.size for record in records)
+            raise InputError(
+                f"{name}: the mass moves in {percent(share)} of the {what} samples and sticks in the others: "
+                "too few to balance its forces; sample faster, or drive it so that it keeps moving"
+            )
 
 
 def check_mass(balance: ForceBalance, fit: ForceFit, name: str, given: float | None) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from spool_stream.quantity import Quantity
 from spool_stream.uncertainty import PLUS_MINUS, percent, with_interval
@@ -15,6 +15,9 @@ from spool_gap.selection.state import SelectionState
 from spool_gap.thresholds import THRESHOLDS
 
 from .residual import FinalResidual
+
+#: Why a hypothesis of the ranking is not part of the verdict: see ``refused_for_growth``.
+GROWS = "the error on held-out data rises with it"
 
 
 def missing_nothing(state: SelectionState, noise_floor: float) -> str:
@@ -68,6 +71,15 @@ def still_missing(left: Remainder) -> str:
     return (
         f"Something else is left, {left.over_noise_floor:.3g} times the noise's power and "
         f"{percent(left.share)} of the gap's; {follows}: {left.looks_like}."
+    )
+
+
+def refused_for_growth(names: Sequence[str], before: float, after: float) -> str:
+    """Return the sentence on effects ``names`` with which the held-out error grows."""
+    told = " and ".join(name.replace("_", " ") for name in names)
+    return (
+        f"Refused: {told}; on held-out data the error rises with it, from {percent(before, 3)} to "
+        f"{percent(after, 3)}."
     )
 
 

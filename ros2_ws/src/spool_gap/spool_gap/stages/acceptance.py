@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from spool_gap.report.sentence import GROWS, refused_for_growth
+from spool_gap.result import Change
 from spool_gap.selection.all_windows import evidence_beyond_noise, evidence_in_noise
 from spool_gap.selection.completeness import is_closed
 from spool_gap.selection.context import Context
@@ -45,6 +47,30 @@ def accept(_context: Context, state: SelectionState) -> SelectionState:
     evidence = max(row.evidence, evidence_of(state.fitting, step, winner))
     state = marked(state, name, evidence=evidence, accepted=True, reason="")
     return replace(state, accepted=winner, tried={**state.tried, (name, step.effects): winner})
+
+
+def refuse_growth(state: SelectionState) -> tuple[SelectionState, tuple[str, ...]]:
+    """Return ``state`` without effects that make the held-out error larger than the base's.
+
+    The evidence for an effect is weighed by the spectrum of what is left, so the plain error may grow.
+    With it come the sentences that say what was refused and why.
+    """
+    final, errors = state.hypothesis, [state.fitting.nrmse(step) for step in state.steps]
+    after = state.fitting.nrmse(final)
+    if not final.effects or after <= errors[0]:
+        return state, ()
+    place = max(number for number, error in enumerate(errors) if error <= errors[0])
+    kept = state.steps[place]
+    refused = [name for name in final.effects if name not in kept.effects]
+    text = refused_for_growth(refused, errors[place], after)
+    ranking = tuple(
+        replace(row, accepted=False, reason=GROWS) if row.accepted and row.id in refused else row
+        for row in state.ranking
+    )
+    change = Change("refuse_growth", final.effects, kept.effects)
+    return replace(
+        state, accepted=kept, steps=state.steps[: place + 1], ranking=ranking, trace=(*state.trace, change)
+    ), (text,)
 
 
 def marked(state: SelectionState, name: str, **changes: object) -> SelectionState:

@@ -23,6 +23,7 @@ from spool_gap.selection.context import Progress
 from spool_gap.selection.state import SelectionState
 from spool_gap.simulation.point import Point
 from spool_gap.simulation.segments import parts_of
+from spool_gap.stages.acceptance import refuse_growth
 from spool_gap.stages.selection import judge, select
 from spool_gap.stages.stops import select_with_stop
 from spool_gap.thresholds import THRESHOLDS
@@ -95,6 +96,7 @@ def analyse(
             break
         chain = chain.corrected(state.hypothesis)
         saturation = find_saturation([*chain.records, *chain.holdout])
+    state, refused = refuse_growth(state)
     tell("fitting all data", 0.85)
     numbers = _numbers(chain.records, base, state, saturation)
     tell("measuring what is left", 0.95)
@@ -111,7 +113,11 @@ def analyse(
             f"out of time after {time.monotonic() - begun:.0f} s: gave up {', '.join(gave_up)}; this is the "
             "best so far, --thorough goes on"
         )
-    outcome = replace(outcome, warnings=(*warnings, *outcome.warnings))
+    outcome = replace(
+        outcome,
+        sentence=" ".join([outcome.sentence, *refused]),
+        warnings=(*warnings, *refused, *outcome.warnings),
+    )
     result = assembled(records, base, state, numbers, outcome, time.monotonic() - begun)
     result = replace(result, nuisances=(*chain.found, *result.nuisances))
     if chosen.profiles:
@@ -147,7 +153,13 @@ def _numbers(records: Sequence[Record], base: Model, state: SelectionState, satu
     # Clipped samples are left out by a selection, which the fit of all data does not do.
     if saturation.limits:
         return own.fitted
-    return final_fit(records, model_of(base, own.effects, own.point), state) or own.fitted
+    found = final_fit(records, model_of(base, own.effects, own.point), state)
+    if found is None:
+        return own.fitted
+    again = state.fitting.measured(replace(own, fitted=found))
+    # The numbers of all data must not make the held-out error larger than the base's.
+    grows = bool(own.effects) and state.fitting.nrmse(again) > state.fitting.nrmse(state.steps[0])
+    return own.fitted if grows else found
 
 
 def _judged(records: Sequence[Record], valve: Valve) -> tuple[list[str], bool]:
