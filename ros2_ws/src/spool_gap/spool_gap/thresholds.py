@@ -1,4 +1,4 @@
-"""Thresholds: every number that decides what a gap analysis names, with where it comes from."""
+"""Thresholds: limits that the selection over two accelerometers compares with, each with its origin."""
 
 from __future__ import annotations
 

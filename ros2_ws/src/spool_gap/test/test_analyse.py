@@ -83,6 +83,11 @@ def test_coulomb_friction_is_not_taken_for_a_confusable_effect() -> None:
     assert result.verdict == "coulomb_friction"
     assert result.effects[0].parameters[0].value == pytest.approx(0.4, rel=0.03)
     assert {row.id for row in result.ranking} >= {"stribeck_friction", "mixed_friction"}
+    written = result_to_dict(result)
+    assert set(written["predictable_share"]) == set(result.predictable)
+    assert [row["jointly_with"] for row in written["ranking"]] == [
+        list(row.jointly_with) for row in result.ranking
+    ]
 
 
 def test_the_gap_is_gone_where_the_saved_model_is_the_base() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from decimal import ROUND_CEILING, ROUND_HALF_EVEN, Decimal
+from decimal import ROUND_CEILING, ROUND_HALF_EVEN, ROUND_HALF_UP, Decimal
 
 #: Quantile of the standard normal distribution for a two-sided 95 % interval (NIST handbook 1.3.6.7.1).
 #: Not Student's t: what is shown comes from hundreds of samples and more, and t of 60 degrees of freedom
@@ -127,15 +127,16 @@ def _shown(value: float, deviation: float, last: int, power: int) -> Shown:
         return Shown(text, UNKNOWN)
     if half == 0.0:
         return Shown(text, "0")
-    width = _rounded(half, last)
+    # Upwards from a half: value and half width rounded inwards together would lose more than the last digit.
+    width = _rounded(half, last, ROUND_HALF_UP)
     if width == 0:
         width = Decimal(half).quantize(Decimal((0, (1,), last)), ROUND_CEILING)
     return Shown(text, _written(width, power, last))
 
 
-def _rounded(value: float, last: int) -> Decimal:
+def _rounded(value: float, last: int, rounding: str = ROUND_HALF_EVEN) -> Decimal:
     # From the shortest decimal that is the double: a half is rounded as it is read.
-    return Decimal(repr(float(value))).quantize(Decimal((0, (1,), last)), ROUND_HALF_EVEN)
+    return Decimal(repr(float(value))).quantize(Decimal((0, (1,), last)), rounding)
 
 
 def _written(value: Decimal, power: int, last: int) -> str:

@@ -46,6 +46,8 @@ def test_the_half_widths_two_digits_decide_what_is_shown(value: float, half_widt
 @example(value=9.9999, deviation=0.0509)
 @example(value=-0.0, deviation=1e-9)
 @example(value=9999999.9, deviation=0.6)
+@example(value=1.25, deviation=1.25)
+@example(value=-1.25, deviation=1.25)
 def test_the_interval_shown_covers_the_one_meant_to_its_last_digit(value: float, deviation: float) -> None:
     shown = interval(value, deviation)
     assert last_digit(shown.value) == last_digit(shown.half_width)

@@ -53,7 +53,7 @@ def result_to_dict(result: GapResult) -> dict[str, Any]:
             "after": _agreement(result.after, result.kind),
             "noise_floor": number(result.noise_floor),
         },
-        "foretold": {name: number(share) for name, share in result.predictable.items()},
+        "predictable_share": {name: number(share) for name, share in result.predictable.items()},
         "profiles": {one.name: _profile(one) for one in result.profiles},
         "warnings": list(result.warnings),
         "advice": result.advice or None,
@@ -122,7 +122,7 @@ def _agreement(agreement: HeldOutAgreement, kind: str) -> dict[str, Any]:
 def _hypothesis(entry: RankedHypothesis) -> dict[str, Any]:
     return {
         "id": entry.id,
-        "beside": list(entry.jointly_with),
+        "jointly_with": list(entry.jointly_with),
         "nrmse_after": number(entry.nrmse_after),
         "evidence": number(entry.evidence),
         "parameters": {name: number(value) for name, value in entry.parameters.items()},
