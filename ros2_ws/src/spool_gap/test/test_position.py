@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from spool_gap.force import force_analyse
 from spool_gap.force.force_analyse import analyse_forces
+from spool_gap.force.force_balance import ForceBalance, ForceFit
 from spool_gap.force.force_record import ForceRecord
+from spool_gap.force.force_result import Chosen
 from spool_gap.force.position_run import position_rmse, position_run, speed_at
+from spool_gap.registry import EFFECTS
+from spool_gap.result import RankedHypothesis
 from spool_sim.model import MODELS, Model
 from spool_sim.terms import term
 
@@ -50,6 +56,56 @@ def test_coulomb_friction_and_a_constant_force_are_named_and_the_position_is_fol
     assert numbers["push"] == pytest.approx(-4.0, rel=0.05)
     assert "spring_stiffness" not in numbers
     assert result.after.position_rmse < 0.02 * result.before.position_rmse
+
+
+def fitted_axis() -> tuple[ForceBalance, ForceFit]:
+    """Return the balance of a driven mass and its fit, to fit and to judge on."""
+    record = driven(AXIS, 0.0, 0.5)
+    parts = [
+        ForceRecord("axis", 0.0, PERIOD, record.displacement[low:high], record.force[low:high])
+        for low, high in ((0, 8000), (8000, 16_000))
+    ]
+    balance = ForceBalance(parts[:1], parts[1:], ["damping", "mass", "zero"], driven=True)
+    return balance, balance.fit([])
+
+
+def worse(balance: ForceBalance, fit: ForceFit, chosen: Chosen) -> ForceFit:
+    """Return ``fit`` with a drag that is a tenth too large."""
+    changed = fit.coefficients.copy()
+    changed[0] *= 1.1
+    return balance.measured(replace(fit, coefficients=changed), chosen)
+
+
+def test_an_effect_with_which_the_held_out_error_grows_is_refused_and_named() -> None:
+    balance, fit = fitted_axis()
+    entry = EFFECTS["constant_force"]
+    chosen: Chosen = ((entry, {}),)
+    grown = worse(balance, fit, ())
+    ranking = [RankedHypothesis(entry.id, (), balance.nrmse(grown), 50.0, {"push": 1.0}, accepted=True)]
+    kept, refused = force_analyse.without_growth(balance, [((), fit), (chosen, grown)], ranking)
+    assert kept == [((), fit)]
+    assert refused[0].startswith("Refused: constant force; on held-out data the error rises with it, from ")
+    assert not ranking[0].accepted
+    assert ranking[0].reason == "the error on held-out data rises with it"
+    kept, refused = force_analyse.without_growth(balance, [((), grown), (chosen, fit)], [])
+    assert len(kept) == 2
+    assert not refused
+
+
+def test_numbers_that_follow_the_position_are_kept_only_if_both_errors_fall(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    balance, fit = fitted_axis()
+    bad = worse(balance, fit, ())
+    base = MODELS["fluid"]
+    for start, end, kept in ((bad, fit, True), (fit, bad, False), (fit, fit, False)):
+        monkeypatch.setattr(force_analyse, "fitted_by_position", lambda *_given, end=end: end)
+        assert (force_analyse.followed(balance, (), start, base) is end) == kept
+    # A force error that grows is not made up for by a position that is followed better.
+    monkeypatch.setattr(force_analyse, "fitted_by_position", lambda *_given: bad)
+    places = iter([1e-3, 1e-6])
+    monkeypatch.setattr(force_analyse, "free_run_error", lambda *_given: next(places))
+    assert force_analyse.followed(balance, (), fit, base) is None
 
 
 def test_a_known_mass_is_not_fitted() -> None:

@@ -9,11 +9,12 @@ from typing import cast
 from hypothesis import given
 from hypothesis import strategies as st
 from spool_gap.fitting.descent import Fitted
-from spool_gap.fitting.hypothesis import Hypothesis
-from spool_gap.result import Change
+from spool_gap.fitting.hypothesis import Fitting, Hypothesis
+from spool_gap.result import Change, RankedHypothesis
 from spool_gap.selection.context import Context
 from spool_gap.selection.state import SelectionState, Stage, run_stages
 from spool_gap.simulation.point import Point
+from spool_gap.stages.acceptance import refuse_growth
 from spool_gap.stages.growth import BACKWARD, FORWARD
 from spool_gap.stages.selection import FINAL, SELECTION
 
@@ -69,6 +70,26 @@ def test_a_further_fit_takes_the_place_of_the_first_wherever_that_is_held() -> N
     assert after.steps == (other, new)
     assert after.tried["end_stop", ()] is new
     assert state.accepted is old
+
+
+@given(errors=st.lists(st.floats(0.01, 1.0), min_size=1, max_size=4))
+def test_no_choice_has_a_larger_held_out_error_than_the_base(errors: list[float]) -> None:
+    names = ("coulomb_friction", "end_stop", "cubic_stiffness")
+    steps = tuple(hypothesis(names[:number]) for number in range(len(errors)))
+    known = {id(step): error for step, error in zip(steps, errors, strict=True)}
+    fitting = cast("Fitting", SimpleNamespace(nrmse=lambda step: known[id(step)]))
+    ranking = tuple(
+        RankedHypothesis(names[number], names[:number], error, 50.0, {}, accepted=True)
+        for number, error in enumerate(errors[1:])
+    )
+    state = replace(begun(), fitting=fitting, accepted=steps[-1], steps=steps, ranking=ranking)
+    after, said = refuse_growth(state)
+    assert known[id(after.hypothesis)] <= errors[0]
+    assert after.steps[-1] is after.hypothesis
+    assert bool(said) == (errors[-1] > errors[0])
+    assert {row.id for row in after.ranking if row.accepted} == set(after.hypothesis.effects)
+    refused = [name for name in state.choice if name not in after.choice]
+    assert all(name.replace("_", " ") in said[0] for name in refused)
 
 
 def test_stages_have_names_of_their_own_and_tell_what_they_do() -> None:

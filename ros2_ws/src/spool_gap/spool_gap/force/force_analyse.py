@@ -98,7 +98,7 @@ def analyse_forces(
         tell("following the position", 0.6)
         steps = _by_position(train, balance, steps, base)
         steps += _with_constant_force(balance, steps[-1], ranking, base)
-    steps, refused = _without_growth(balance, steps, ranking)
+    steps, refused = without_growth(balance, steps, ranking)
     result = result_of(records, base, kind, balance, steps, ranking, [*warnings, *refused], alike, begun)
     result = replace(result, sentence=" ".join([result.sentence, *refused]))
     if chosen_settings.profiles and result.effects:
@@ -184,31 +184,31 @@ def _by_position(
 ) -> list[tuple[Chosen, ForceFit]]:
     """Return ``steps`` with the numbers that follow the position, where that holds on parts left out, too."""
     chosen, fit = steps[-1]
-    followed = _followed(balance, chosen, fit, base)
-    if followed is None or any(_grows(balance, followed, before) for _, before in steps[:-1]):
+    found = followed(balance, chosen, fit, base)
+    if found is None or any(_grows(balance, found, before) for _, before in steps[:-1]):
         return list(steps)
     errors = [
         cross_validated(train, balance.base, chosen, base, balance.mass, by_position=by_position)
         for by_position in (True, False)
     ]
-    return [*steps[:-1], (chosen, followed)] if errors[0] < errors[1] else list(steps)
+    return [*steps[:-1], (chosen, found)] if errors[0] < errors[1] else list(steps)
 
 
-def _followed(balance: ForceBalance, chosen: Chosen, fit: ForceFit, base: Model) -> ForceFit | None:
+def followed(balance: ForceBalance, chosen: Chosen, fit: ForceFit, base: Model) -> ForceFit | None:
     """Return ``fit`` with the numbers that follow the position, if both held-out errors fall with them.
 
     These are the errors of the force and of the free run of position. A step of friction at a reversal is
     smeared by the low-pass, and the numbers of the balance follow that: with friction the force counts away
     from reversals.
     """
-    followed = fitted_by_position(base, balance, chosen, fit)
-    if followed is None:
+    found = fitted_by_position(base, balance, chosen, fit)
+    if found is None:
         return None
     sliding = any(entry.is_friction for entry, _ in chosen)
-    forces = [balance.held_out_error(one, sliding=sliding) for one in (fit, followed)]
-    places = [free_run_error(base, balance, chosen, one) for one in (fit, followed)]
+    forces = [balance.held_out_error(one, sliding=sliding) for one in (fit, found)]
+    places = [free_run_error(base, balance, chosen, one) for one in (fit, found)]
     falls = forces[1] < forces[0] and (places[1] < places[0] or math.isnan(places[0]))
-    return followed if falls else None
+    return found if falls else None
 
 
 def _grows(balance: ForceBalance, fit: ForceFit, before: ForceFit) -> bool:
@@ -218,7 +218,7 @@ def _grows(balance: ForceBalance, fit: ForceFit, before: ForceFit) -> bool:
     )
 
 
-def _without_growth(
+def without_growth(
     balance: ForceBalance, steps: Sequence[tuple[Chosen, ForceFit]], ranking: list[RankedHypothesis]
 ) -> tuple[list[tuple[Chosen, ForceFit]], list[str]]:
     """Return ``steps`` without those that make the held-out error larger, and a sentence about each."""
@@ -248,7 +248,7 @@ def _with_constant_force(
     names = [name for name in balance.base if name != "zero"]
     bare = ForceBalance(balance.train, balance.held, names, driven=True, mass=balance.mass)
     without = bare.fit(chosen)
-    without = _followed(bare, chosen, without, base) or without
+    without = followed(bare, chosen, without, base) or without
     before, after = (math.sqrt(sum(float(np.sum(row**2)) for row in own.held)) for own in (without, fit))
     place = balance.base.index("zero")
     size = abs(float(fit.coefficients[place])) / max(float(fit.deviations[place]), 1e-300)
