@@ -41,7 +41,8 @@ class Fault(enum.Enum):
     """Fault of a block: why it was refused or a stream restarted; the value is the text people read."""
 
     LENGTHS_DIFFER = "body and spool differ in length or are empty"
-    BAD_PERIOD = "sample_period is not a number from 1e-6 s to 10 s"
+    UNPAIRED = "the clock of one sensor was set: which samples of body and spool belong together is unknown"
+    BAD_PERIOD = f"sample_period is not a number from {SHORTEST_PERIOD:g} s to {LONGEST_PERIOD:g} s"
     NOT_FINITE = "samples are NaN, infinite or beyond 1e6 m/s^2"
     TIME_BACK = "stamp goes back"
     NO_TIME = "stamp is 0"
@@ -58,7 +59,7 @@ class Fault(enum.Enum):
 
     @property
     def cause(self) -> str:
-        """The cause of a ``data_fault``: ``rate``, ``source``, ``lost`` or ``malformed``."""
+        """The cause of a ``data_fault``: ``rate``, ``source``, ``lost``, ``clock_step`` or ``malformed``."""
         return _CAUSES.get(self, "malformed")
 
 
@@ -68,6 +69,7 @@ _CAUSES = {
     Fault.SECOND_SOURCE: "source",
     Fault.FOREIGN: "source",
     Fault.LOST: "lost",
+    Fault.UNPAIRED: "clock_step",
 }
 
 
@@ -385,6 +387,8 @@ def _departure(last: Place, block: Block) -> Fault | None:
 
 def malformed(block: Block) -> Fault | None:
     """Return what is wrong with ``block`` by itself, or ``None``."""
+    if block.body.size > 0 == block.spool.size:
+        return Fault.UNPAIRED
     if block.body.size != block.spool.size or block.body.size == 0:
         return Fault.LENGTHS_DIFFER
     if not SHORTEST_PERIOD <= block.sample_period <= LONGEST_PERIOD:

@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 from spool_stream.block import Block
+from spool_stream.block_gate import LONGEST_PERIOD
 from spool_stream.block_run import LARGEST, BlockRun
 from spool_stream.format.cdr import LITTLE_ENDIAN, NANOSECONDS, CdrError, decode_block
 
@@ -70,7 +71,7 @@ def _like(first: Block, messages: Sequence[bytes]) -> Iterator[Block | BlockRun]
 def _step(block: Block) -> int:
     """Return the time (ns) from such a block to the next one, 0 where that is no whole number."""
     nanoseconds = block.sample_period * 1e9
-    regular = 0 < block.body.size == block.spool.size and 1.0 <= nanoseconds <= 1e9
+    regular = 0 < block.body.size == block.spool.size and 1.0 <= nanoseconds <= 1e9 * LONGEST_PERIOD
     if not (regular and nanoseconds.is_integer() and 0 <= block.sequence < LARGEST):
         return 0
     return block.body.size * int(nanoseconds)

@@ -8,15 +8,13 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from spool_stream.block import Block
-from spool_stream.block_gate import SHORTEST_PERIOD
+from spool_stream.block_gate import LONGEST_PERIOD, SHORTEST_PERIOD
 from spool_stream.block_run import BlockRun
 
 #: ns, beyond what lost blocks explain, by which a stamp may be ahead: as the judgement of blocks has it.
 AHEAD = 1_000_000_000
 #: ns of blocks lost in one piece that a jump in sequence explains: a day.
 LONGEST_LOSS = 86_400_000_000_000
-#: s between samples that a block can have.
-LONGEST = 10.0
 
 
 class TimeSpan(NamedTuple):
@@ -53,7 +51,8 @@ class Timeline:
 
     def take(self, block: Block) -> None:
         """Take a block; malformed ones are left out."""
-        if not (SHORTEST_PERIOD <= block.sample_period <= LONGEST and block.body.size and block.stamp > 0):
+        usual = SHORTEST_PERIOD <= block.sample_period <= LONGEST_PERIOD
+        if not (usual and block.body.size and block.stamp > 0):
             return
         place = _BlockPlace(block.stamp, block.end, block.sequence)
         if self._last is None:

@@ -43,11 +43,18 @@ KIND = EventKind(
             "Blocks had wrong lengths, samples, period or time stamps, or a clock was set.",
             "check the driver of the acquisition and the clock that its stamps come from",
         ),
+        EventCause(
+            "clock_step",
+            707,
+            "The clock of one sensor was set against the other's; nothing is estimated from such data.",
+            "synchronise the clocks of both sensors, then restart the adapter",
+            Namur.FAILURE,
+        ),
     ),
 )
 
 #: Causes with a condition of their own, and those that make what is seen worthless.
-SEPARATE, WORTHLESS = ("rate", "source"), ("rate",)
+SEPARATE, WORTHLESS = ("rate", "source", "clock_step"), ("rate", "clock_step")
 
 #: s without a fault after which it is over.
 OFF_DELAY = 5.0

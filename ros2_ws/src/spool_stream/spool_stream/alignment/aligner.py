@@ -9,9 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from spool_stream.block import Block
+from spool_stream.stamps import Rhythm
 
 from .resampling import margin, on_samples, resampled
 from .sensor_stream import SensorStream
+from .step_watch import LEAST_STEP
 
 #: Relative difference of the rates above which the sensors have different rates, and the grid is the slower
 #: one's; quartz clocks of one nominal rate differ by 1e-4, resonators on chips by up to 1e-2.
@@ -20,6 +22,15 @@ SAME_RATE = 0.03
 #: Times by which the faster sensor may be faster: beyond, the filter before it is thinned out would take
 #: longer than what is kept.
 MOST_RATIO = 8.0
+
+
+#: s by which the lag between the sensors may wander before it is reported, and before blocks stop: clocks that
+#: nobody synchronises drift apart by up to 0.2 ms a second. Times its noise that it must exceed.
+WANDERS, APART, CERTAIN = 0.001, 0.004, 8.0
+
+#: Samples of a burst, or of one step of a coarse clock, from which stamps are those of packets: the two
+#: sensors then belong together only where they share each packet's stamp.
+PACKET = 2.0
 
 
 class Channel(enum.Enum):
@@ -52,6 +63,17 @@ class AlignerSettings:
         return max(4096, math.ceil((self.settle + self.longest_wait + 1.0) * rate))
 
 
+@dataclass(frozen=True, slots=True)
+class PairFault:
+    """Pair fault: why the samples of two sensors cannot be brought together.
+
+    ``cause`` is that of a ``data_fault``: ``clock_step`` or ``rate``. ``text`` says what is wrong and what to do.
+    """
+
+    cause: str
+    text: str
+
+
 @dataclass(slots=True)
 class Grid:
     """Grid: the samples of the ``reference`` sensor; ``start`` is the first block's first one."""
@@ -71,7 +93,8 @@ class Aligner:
     The grid is the body's samples, or the slower sensor's where the rates differ. Where the other sensor was
     sampled at the same instants its samples are passed on as they are, else they are interpolated
     (:mod:`.resampling`). A block in which a sample of either is missing is left out, as its sequence number
-    shows. Times are those of the sensors' clocks (:mod:`.sample_clock`), not single stamps. Never raises.
+    shows. Times are those of the sensors' clocks (:mod:`.sample_clock`), not single stamps. While the sensors
+    do not belong together (:attr:`fault`) there are no blocks. Never raises.
 
     Attributes:
         streams: the two sensors. sent, dropped: blocks. late: samples whose block had been given up.
@@ -89,11 +112,14 @@ class Aligner:
         self.late = 0
         self._sequence = 0
         self._grid: Grid | None = None
+        self._lag = math.nan
+        self._rhythms: tuple[tuple[int, int], PairFault | None] = (-1, -1), None
 
     @property
     def settled(self) -> bool:
         """Whether both sensors' clocks are known."""
-        return all(stream.clock is not None for stream in self.streams.values())
+        body, spool = self.streams.values()
+        return body.clock is not None and spool.clock is not None
 
     @property
     def sample_rate(self) -> float:
@@ -130,6 +156,89 @@ class Aligner:
         body, spool = (stream.clock for stream in self.streams.values())
         return bool(body and spool and not 1.0 / MOST_RATIO <= body.rate / spool.rate <= MOST_RATIO)
 
+    @property
+    def clock_step(self) -> float:
+        """s by which the body's clock was set against the spool's since the node listens; 0 for no step."""
+        body, spool = (stream.stepped for stream in self.streams.values())
+        return 1e-9 * (body - spool) if abs(body - spool) > LEAST_STEP else 0.0
+
+    @property
+    def wandered(self) -> float:
+        """s by which the body's stamps gained on the spool's, as the order of arrival shows; 0 if not certain."""
+        watch = self.streams[Channel.BODY].watch
+        if watch is None:
+            return 0.0
+        if math.isnan(self._lag):
+            self._lag = watch.steady_lag
+        gained = watch.lag - self._lag
+        if not abs(gained) > 1e9 * WANDERS or abs(gained) <= CERTAIN * watch.lag_scale:
+            return 0.0
+        return 1e-9 * gained
+
+    @property
+    def fault(self) -> PairFault | None:
+        """Why there are no blocks although both sensors' clocks are known; ``None`` where there are."""
+        if not self.settled:
+            return None
+        step = self.clock_step
+        if step:
+            body, spool = (stream.steps for stream in self.streams.values())
+            name, other, by = ("spool", "body", -step) if spool > body else ("body", "spool", step)
+            return PairFault(
+                "clock_step",
+                f"the {name}'s clock was set by {by:+.4g} s against the {other}'s: which samples belong "
+                "together is unknown until it is set back; synchronise both clocks and restart the adapter",
+            )
+        if self.too_different:
+            return PairFault(
+                "rate", "one sensor is more than 8 times faster than the other: choose nearer rates"
+            )
+        if self._rhythms[0] != self._generations:
+            self._rhythms = self._generations, self._mismatch()
+        if self._rhythms[1] is not None:
+            return self._rhythms[1]
+        wandered = self.wandered
+        if abs(wandered) > APART:
+            return PairFault(
+                "clock_step",
+                f"the sensors' clocks have drifted apart by {abs(wandered):.3g} s: synchronise them and "
+                "restart the adapter",
+            )
+        return None
+
+    def _mismatch(self) -> PairFault | None:
+        """Return why the stamps of both sensors, for what they are, do not show one time."""
+        body, spool = (stream.found for stream in self.streams.values())
+        assert body is not None
+        assert spool is not None
+        packets = {
+            name: found.burst if found.rhythm is Rhythm.BURSTS else found.resolution * found.rate
+            for name, found in (("body", body), ("spool", spool))
+            if found.rhythm in (Rhythm.BURSTS, Rhythm.COARSE)
+        }
+        if not packets or max(packets.values()) * 1e9 / max(body.rate, spool.rate) < LEAST_STEP:
+            return None
+        advice = "let the driver stamp each sample, or read both sensors in one packet"
+        if len(packets) == 1 or body.rhythm is not spool.rhythm:
+            name = max(packets, key=lambda one: packets[one])
+            return PairFault(
+                "rate", f"{name}: {packets[name]:.3g} samples share a stamp, unlike the other sensor's: {advice}"
+            )
+        if max(packets.values()) > PACKET or body.rhythm is Rhythm.BURSTS:
+            first, second = (stream.opening for stream in self.streams.values())
+            begin, end = max(first[0], second[0]), min(first[-1], second[-1])
+            inside = [one[(one >= begin) & (one <= end)] for one in (first, second)]
+            if not np.array_equal(*inside) or inside[0].size < PACKET:
+                return PairFault(
+                    "rate",
+                    f"stamps are those of packets of {max(packets.values()):.3g} samples, which differ between "
+                    f"the sensors: {advice}",
+                )
+        return None if body.resolution == spool.resolution else PairFault(
+            "rate",
+            f"the sensors' stamps have steps of {body.resolution:g} and {spool.resolution:g} s: {advice}",
+        )
+
     def update(self, channel: Channel, stamp: int, value: float) -> Block | None:
         """Take a sample of ``channel``, its stamp in ns and value in m/s^2; return a block that is complete.
 
@@ -138,9 +247,12 @@ class Aligner:
         if channel is Channel.SPOOL and stamp > 0:
             stamp -= round(self.settings.spool_delay * 1e9)
         stream = self.streams[channel]
+        other = self.streams[Channel.SPOOL if channel is Channel.BODY else Channel.BODY]
         before = stream.newest
-        stream.update(stamp, value)
-        if stream.newest == before or not self.settled or self.too_different:
+        other.met = other.heard
+        alive = 0 <= stamp - stream.met <= other.silence
+        stream.update(stamp, value, other.heard - other.stepped if alive else 0)
+        if stream.newest == before or not self.settled or self.fault is not None:
             return None
         grid = self._grid
         if grid is None or grid.generations != self._generations:
@@ -192,7 +304,7 @@ class Aligner:
         clock, follower = reference.clock, other.clock
         assert clock is not None
         assert follower is not None
-        while (last := grid.start + (grid.block + 1) * grid.size - 1) <= clock.index:
+        while (last := grid.start + (grid.block + 1) * grid.size - 1) <= reference.sure:
             first = last - grid.size + 1
             if first < reference.oldest:  # after a long silence: what nobody holds any more
                 skipped = max(1, (reference.oldest - first) // grid.size)
@@ -203,7 +315,7 @@ class Aligner:
             places = follower.indices(times, clock.base)
             exact = grid.ratio == 1.0 and on_samples(places)
             needed = round(places[-1]) if exact else math.floor(places[-1]) + margin(grid.ratio)
-            if needed > follower.index:
+            if needed > other.sure:
                 if clock.time - follower.time + (clock.base - follower.base) <= (
                     1e9 * self.settings.longest_wait
                 ):

@@ -58,6 +58,11 @@ class SampleClock:
         jitter = MEDIAN_TO_DEVIATION * float(np.median(np.abs(times - line)))
         return cls(base, period, int(indices[-1]), float(line[-1]), jitter, stamps.size, stamps.size)
 
+    def turn(self, period: float, indices: NDArray[np.int64]) -> None:
+        """Take ``period`` (ns) for that of the line through the samples ``indices``, whose mean stays."""
+        self.time += (period - self.period) * float(indices[-1] - indices.mean())
+        self.period = period
+
     @property
     def rate(self) -> float:
         """Samples a second."""
@@ -80,6 +85,11 @@ class SampleClock:
         share = min(1.0, 1.0 / JITTER_SAMPLES)
         clipped = min(abs(error), JITTER_CLIP * max(self.jitter, 1.0))
         self.jitter = math.sqrt((1.0 - share) * self.jitter**2 + share * clipped**2)
+
+    def skip(self) -> None:
+        """Advance by a sample whose stamp says nothing."""
+        self.index += 1
+        self.time += self.period
 
     def resume(self, stamp: int, steps: int) -> None:
         """Go on at ``stamp`` after a gap: the rate stays, the phase begins anew."""

@@ -1,0 +1,187 @@
+"""Step watch: separates a sensor clock that was set from lost samples and from drift.
+
+Two things are observed of each sample: by how much its stamp is off the clock's line (the residual), and by
+how much it is ahead of the other sensor's newest stamp when it arrives (the lag). A loss moves the residual and
+leaves the lag; a clock that was set moves both by the same amount; drift moves both slowly.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+#: ns; smaller steps are followed like drift: 0.1 ms is 0.5 degrees at 15 Hz.
+LEAST_STEP = 100_000
+#: s of samples that are averaged, their least number, and how many averages are kept.
+CHUNK, FEWEST, KEPT = 0.1, 8, 40
+#: Relative rate at which clocks are slewed (``adjtime`` uses 500 ppm): over two chunks that is no step.
+SLEW = 5.0e-4
+#: Times the usual change between chunks that a step exceeds, and chunks that this scale needs at least.
+CERTAIN, SCALED = 8.0, 5
+#: Chunks that a lasting step spans: one ahead of it, one that holds it, two behind it.
+SPAN = 4
+#: s of the lag's average, and standard deviations of it that prove a change.
+LAG_MEMORY, LAG_CERTAIN = 1.0, 4.0
+#: Standard deviations with which a single lag counts at most.
+LAG_CLIP = 5.0
+#: Standard deviations in a median absolute deviation of normal errors.
+MEDIAN_TO_DEVIATION = 1.4826
+
+
+class Change(enum.Enum):
+    """Change of the stamps by a known amount, by what the lag shows."""
+
+    CLOCK = "clock"  # the lag changed by as much: this sensor's clock was set
+    COUNT = "count"  # the lag did not change, or there is none: samples were lost, or both clocks were set
+    UNCERTAIN = "uncertain"  # the lag is too noisy, or the other sensor is silent
+
+
+class Line(NamedTuple):
+    """Line of a clock: the newest sample's number and time (ns), and ns between samples."""
+
+    index: int
+    time: float
+    period: float
+
+
+class Step(NamedTuple):
+    """Step of a clock: by how many ns, and the line ahead of it."""
+
+    by: float
+    line: Line
+
+
+@dataclass(slots=True)
+class StepWatch:
+    """Step watch of one sensor of ``rate`` (Hz): averages of residuals and lags (ns), and their usual change.
+
+    Attributes:
+        lag: ns, average of the lag, NaN before the first. lag_deviation: its standard deviation.
+        lag_scale: ns, usual change of the lag from one chunk to the next, as a standard deviation.
+        recent: ns, average of the newest residuals: what the clock has not followed yet while it is slewed.
+
+    """
+
+    rate: float
+    lag: float = math.nan
+    lag_deviation: float = 0.0
+    lag_scale: float = math.inf
+    recent: float = 0.0
+    size: int = field(init=False)
+    period: float = field(init=False)
+    _lag_count: int = 0
+    _residuals: deque[float] = field(default_factory=lambda: deque(maxlen=KEPT))
+    _lags: deque[float] = field(default_factory=lambda: deque(maxlen=KEPT))
+    _count: int = 0
+    _sums: tuple[float, float, int, float] = (0.0, 0.0, 0, 0.0)
+    _lines: deque[tuple[Line, float]] = field(default_factory=lambda: deque(maxlen=SPAN))
+
+    def __post_init__(self) -> None:
+        self.size = max(FEWEST, round(CHUNK * self.rate))
+        self.period = 1e9 / self.rate
+
+    @property
+    def unsure(self) -> int:
+        """Newest samples in which a step may not have been found yet."""
+        return (SPAN - 1) * self.size + self._count
+
+    @property
+    def steady_lag(self) -> float:
+        """Median of the lag's averages over some seconds, ns; NaN before there are so many."""
+        return float(np.nanmedian(self._lags)) if len(self._lags) == KEPT and self._lag_count else math.nan
+
+    def take(self, residual: float, lag: float, time: float, line: Line) -> Step | None:
+        """Take a sample at ``time`` (ns) and the clock's line after it; return a step that has lasted.
+
+        It has lasted for two chunks.
+        """
+        if math.isfinite(lag):
+            self._lag_count = min(self._lag_count + 1, max(FEWEST, round(LAG_MEMORY * self.rate)))
+            gain = 1.0 / self._lag_count
+            off = 0.0 if math.isnan(self.lag) else lag - self.lag
+            if self._lag_count > FEWEST:  # one message out of order says nothing of the others
+                reach = LAG_CLIP * max(self.lag_deviation, 1e9 / self.rate)
+                off = min(max(off, -reach), reach)
+            self.lag = lag if math.isnan(self.lag) else self.lag + gain * off
+            self.lag_deviation = math.sqrt((1.0 - gain) * self.lag_deviation**2 + gain * off**2)
+        self.recent += (residual - self.recent) / self.size
+        known = math.isfinite(lag)
+        residuals, lags, lagging, off = self._sums
+        off += time - line.index * self.period
+        self._sums = residuals + residual, lags + (lag if known else 0.0), lagging + known, off
+        self._count += 1
+        if self._count < self.size:
+            return None
+        residuals, lags, lagging, off = self._sums
+        self._residuals.append(residuals / self._count)
+        self._lags.append(lags / lagging if lagging else math.nan)
+        if lagging:
+            self.lag_scale = _scale(self._lags)
+        self._lines.append((line, off / self._count))
+        self._count, self._sums = 0, (0.0, 0.0, 0, 0.0)
+        return self._step()
+
+    def judge(self, step: float, lags: list[float]) -> Change:
+        """Return what a ``step`` (ns) of the newest samples, whose lags are given, is."""
+        if math.isnan(self.lag):
+            return Change.COUNT
+        newest = [lag for lag in lags[len(lags) // 2 :] if math.isfinite(lag)]
+        if not newest:
+            return Change.UNCERTAIN
+        change = float(np.median(newest)) - self.lag
+        noise = self.lag_deviation
+        if len(newest) >= self.size and len(self._lags) > SCALED:
+            # Messages that are delivered in lumps: an average over a chunk changes by less than single lags.
+            change = float(np.mean(newest)) - self.lag
+            noise = min(noise, self.lag_scale)
+        return _nearer(change, step, noise)
+
+    def judge_chunks(self, step: float) -> Change:
+        """Return what a ``step`` (ns) found by ``take`` is."""
+        lags = list(self._lags)
+        change = 0.5 * (lags[-1] + lags[-2]) - lags[-SPAN]
+        return _nearer(change, step, self.lag_scale) if math.isfinite(change) else Change.UNCERTAIN
+
+    def restart(self) -> None:
+        """Begin the averages again, after a step."""
+        self.recent = 0.0
+        self._residuals.clear()
+        self._lags.clear()
+        self._lines.clear()
+        self._count, self._sums = 0, (0.0, 0.0, 0, 0.0)
+
+    def _step(self) -> Step | None:
+        means = self._residuals
+        if len(means) < SCALED + SPAN:
+            return None
+        limit = max(
+            LEAST_STEP + 2.0 * SLEW * 1e9 * self.size / self.rate,
+            CERTAIN * _scale(list(means)[: -SPAN + 1]),
+        )
+        moved = means[-2] - means[-SPAN], means[-1] - means[-SPAN]
+        if not (min(moved) > limit or max(moved) < -limit):
+            return None
+        # The line has followed the step in part: seen from the line ahead of it the step is whole.
+        line, before = self._lines[0]
+        behind = 0.5 * (self._lines[-2][1] + self._lines[-1][1])
+        chunks = 0.5 * ((SPAN - 2) + (SPAN - 1))
+        turned = chunks * self.size * (line.period - self.period)
+        return Step(behind - before - turned, line)
+
+
+def _scale(means: list[float] | deque[float]) -> float:
+    """Return the usual change from one average to the next as a standard deviation, ns."""
+    changes = np.abs(np.diff(np.asarray(means, dtype=np.float64)))
+    changes = changes[np.isfinite(changes)]
+    return MEDIAN_TO_DEVIATION * float(np.median(changes)) if changes.size else math.inf
+
+
+def _nearer(change: float, step: float, noise: float) -> Change:
+    if LAG_CERTAIN * noise > 0.5 * abs(step):
+        return Change.UNCERTAIN
+    return Change.CLOCK if abs(change - step) < abs(change) else Change.COUNT
