@@ -16,8 +16,8 @@ from spool_node.running import run
 from spool_node.throttle import Throttle
 from spool_stream.alignment.aligner import Aligner, AlignerSettings, Channel
 
-from .readings import ACCEL, ARRAY, IMU, TYPES, UNITS, Reading, Samples, UnusableError
-from .sensor_report import SensorReport
+from .readings import ARRAY, IMU, TYPES, UNITS, Reading, Samples, UnusableError
+from .sensor_report import SETTLED_LOOKS, SensorReport
 
 #: s between two looks at the sensors, and looks between two reports of an unchanged state: about once a
 #: second, and a sensor that stopped is told of within ``stale_after`` and a look.
@@ -33,7 +33,7 @@ def _of(channel: str, topic: str) -> tuple[NodeParameter, ...]:
             f"{channel}_topic", topic, f"Topic of the accelerometer on the {channel}.", structural=True
         ),
         NodeParameter(
-            f"{channel}_type", IMU, "Its message type.", choices=(IMU, ACCEL, ARRAY), structural=True
+            f"{channel}_type", IMU, "Its message type.", choices=tuple(TYPES), structural=True
         ),
         NodeParameter(
             f"{channel}_axis",
@@ -210,6 +210,8 @@ class AdapterNode(ManagedNode):
         self._report.silent = {one: now - self._heard.get(one, self._begin) for one in Channel}
         self._report.listeners = self._publisher.listeners
         self._report.advance(self._aligner, LOOK)
+        if self._report.unpaired >= SETTLED_LOOKS:
+            self._publisher.publish(self._aligner.notice(), self.value("valve_id"))
         status = self._report.status(self._aligner, self.get_clock().now().nanoseconds)
         self._looks += 1
         if self._looks >= LOOKS or status.level is not self._level:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from geometry_msgs.msg import AccelStamped
+from geometry_msgs.msg import AccelStamped, Vector3Stamped
 from sensor_msgs.msg import Imu
 from spool_node.messages import nanoseconds
 from std_msgs.msg import Float64MultiArray
@@ -17,7 +17,10 @@ from std_msgs.msg import Float64MultiArray
 UNITS: Mapping[str, float] = {"m/s^2": 1.0, "g": 9.80665}
 
 IMU, ACCEL, ARRAY = "sensor_msgs/msg/Imu", "geometry_msgs/msg/AccelStamped", "std_msgs/msg/Float64MultiArray"
-TYPES: Mapping[str, Any] = {IMU: Imu, ACCEL: AccelStamped, ARRAY: Float64MultiArray}
+VECTOR = "geometry_msgs/msg/Vector3Stamped"
+TYPES: Mapping[str, Any] = {
+    IMU: Imu, ACCEL: AccelStamped, VECTOR: Vector3Stamped, ARRAY: Float64MultiArray,
+}  # fmt: skip
 _AXIS = re.compile(r"[+-]?[xyz]")
 _COLUMN = re.compile(r"[+-]?column\d{1,4}")
 
@@ -83,7 +86,7 @@ class Reading:
                     raise UnusableError("this Imu says that it measures no acceleration")
                 vector = message.linear_acceleration
             else:
-                vector = message.accel.linear
+                vector = message.vector if self.kind == VECTOR else message.accel.linear
             stamp = arrival if self.by_arrival else nanoseconds(header.stamp)
             if not self.by_arrival and header.stamp.nanosec >= NANOSECONDS:
                 stamp = 0

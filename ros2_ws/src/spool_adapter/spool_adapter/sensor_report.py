@@ -6,8 +6,9 @@ import math
 from dataclasses import dataclass, field
 
 from spool_node.diagnostics import Level, Status, key
-from spool_stream.alignment.aligner import Aligner, Channel
+from spool_stream.alignment.aligner import CLOCK_STEP, Aligner, Channel
 from spool_stream.alignment.sensor_stream import Refusal
+from spool_stream.alignment.step_watch import LEAST_STEP
 from spool_stream.recent import RecentCounts
 
 #: Relative departure of the stamps from ``sample_rate`` that is a fault: the one at which
@@ -15,9 +16,16 @@ from spool_stream.recent import RecentCounts
 WRONG_RATE = 0.0025
 
 
+#: Looks after which a step of one clock is reported: both may have been set, and one is seen first.
+SETTLED_LOOKS = 4
+
+
 @dataclass(slots=True)
 class SensorReport:
-    """Sensor report: ``silent`` s since a sensor's last message; ``unusable`` messages, the last reason."""
+    """Sensor report: ``silent`` s since a sensor's last message; ``unusable`` messages, the last reason.
+
+    ``unpaired``: looks in a row at which one clock was set against the other.
+    """
 
     topics: dict[Channel, str]
     stale_after: float
@@ -26,6 +34,7 @@ class SensorReport:
     reason: dict[Channel, str] = field(default_factory=lambda: dict.fromkeys(Channel, ""))
     listeners: int = 0
     recent: RecentCounts = field(default_factory=RecentCounts)
+    unpaired: int = 0
     _counted: tuple[int, int] = (0, 0)
     _unusable_before: dict[Channel, int] = field(default_factory=lambda: dict.fromkeys(Channel, 0))
 
@@ -37,6 +46,8 @@ class SensorReport:
         self.recent.advance(seconds)
         self.recent.count(max(0, lost - self._counted[0]), max(0, refused - self._counted[1]))
         self._counted = lost, refused
+        fault = aligner.fault
+        self.unpaired = self.unpaired + 1 if fault is not None and fault.cause == CLOCK_STEP else 0
 
     def status(self, aligner: Aligner, now: int) -> Status:
         """Return the state of the sensors at ``now`` (ns, on the clock that stamps them)."""
@@ -48,14 +59,19 @@ class SensorReport:
         for found in (*faults, self._mismatch(aligner)):
             if found is not None:
                 return found
-        if not aligner.settled:
+        if not aligner.settled or aligner.fault is not None:
             return Level.WARNING, "finding the sensors' rates"
         if self.recent.lost or self.recent.refused:
             why = next((text for text in self.reason.values() if text), "")
             text = f"{self.recent.lost} samples lost, {self.recent.refused} refused in the last minute"
             return Level.WARNING, f"{text}: {why}" if why else text
+        if aligner.wandered:
+            text = f"{1e3 * abs(aligner.wandered):.2g} ms apart by now"
+            return Level.WARNING, f"the sensors' clocks drift against each other, {text}: synchronise them"
         drift = "" if math.isnan(aligner.drift) else f", drift {1e6 * aligner.drift:+.1f} ppm"
-        return Level.OK, f"{aligner.sample_rate:.6g} Hz{drift}"
+        steps = max(stream.found.resolution if stream.found else 0.0 for stream in aligner.streams.values())
+        coarse = f", stamps in steps of {1e3 * steps:g} ms" if 1e9 * steps >= LEAST_STEP else ""
+        return Level.OK, f"{aligner.sample_rate:.6g} Hz{drift}{coarse}"
 
     def _silence(self, aligner: Aligner, channel: Channel) -> tuple[Level, str] | None:
         stream, silent = aligner.streams[channel], self.silent[channel]
@@ -73,12 +89,16 @@ class SensorReport:
         for channel, stream in aligner.streams.items():
             if stream.clock is None and stream.refused[Refusal.RATE]:
                 return Level.ERROR, f"{channel.value}: {Refusal.RATE.value}"
+            if stream.clock is None and stream.doubt:
+                advice = "let the driver stamp each sample, or set stamps to arrival"
+                return Level.ERROR, f"{channel.value}: its stamps show no sample rate ({stream.doubt}): {advice}"
             rate = stream.clock.rate if stream.clock is not None else math.nan
             if settings.sample_rate > 0.0 and abs(rate / settings.sample_rate - 1.0) > WRONG_RATE:
                 wanted = f"sample_rate says {settings.sample_rate:.6g} Hz: set it to 0 or to what is right"
                 return Level.ERROR, f"{channel.value}: its stamps show {rate:.6g} Hz, {wanted}"
-        if aligner.too_different:
-            return Level.ERROR, "one sensor is more than 8 times faster than the other: choose nearer rates"
+        fault = aligner.fault
+        if fault is not None and (fault.cause != CLOCK_STEP or self.unpaired >= SETTLED_LOOKS):
+            return Level.ERROR, fault.text
         if abs(aligner.apart) > settings.longest_wait:
             advice = "synchronise their clocks, or set stamps to arrival"
             return Level.ERROR, f"the sensors' stamps are {abs(aligner.apart):.6g} s apart: {advice}"
@@ -94,6 +114,7 @@ class SensorReport:
                 f"{name}_received": stream.received,
                 f"{name}_lost": stream.lost,
                 f"{name}_restarts": stream.restarts,
+                f"{name}_clock_steps": stream.steps,
                 **{f"{name}_refused_{one.name.lower()}": stream.refused[one] for one in Refusal},
                 f"{name}_unusable": self.unusable[channel],
                 key(f"{name}_silent", "s"): self.silent[channel],
@@ -104,6 +125,8 @@ class SensorReport:
             key("offset", "s"): aligner.offset,
             key("drift", "ppm"): 1e6 * aligner.drift,
             key("spool_behind", "s"): aligner.apart,
+            key("clock_step", "s"): aligner.clock_step,
+            key("wandered", "s"): aligner.wandered,
             "late_samples": aligner.late,
             "blocks_sent": aligner.sent,
             "blocks_dropped": aligner.dropped,

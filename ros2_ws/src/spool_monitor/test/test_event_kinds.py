@@ -23,6 +23,7 @@ def test_numbers_are_stable() -> None:
         "sensor_fault/dead": 601, "sensor_fault/clipping": 602, "sensor_fault/offset": 603,
         "sensor_fault/swapped": 604, "sensor_fault/scale": 605,
         "data_fault/rate": 701, "data_fault/source": 702, "data_fault/lost": 703, "data_fault/malformed": 704,
+        "data_fault/clock_step": 707,
         "stale/acceleration": 801, "stale/estimate": 802, "stale/never_seen": 803,
     }  # fmt: skip
     for name, number in promised.items():

@@ -33,6 +33,10 @@ WANDERS, APART, CERTAIN = 0.001, 0.004, 8.0
 PACKET = 2.0
 
 
+#: Cause of a fault: one sensor's clock was set, or has run away from the other's.
+CLOCK_STEP = "clock_step"
+
+
 class Channel(enum.Enum):
     """Channel: which of the two sensors."""
 
@@ -185,7 +189,7 @@ class Aligner:
             body, spool = (stream.steps for stream in self.streams.values())
             name, other, by = ("spool", "body", -step) if spool > body else ("body", "spool", step)
             return PairFault(
-                "clock_step",
+                CLOCK_STEP,
                 f"the {name}'s clock was set by {by:+.4g} s against the {other}'s: which samples belong "
                 "together is unknown until it is set back; synchronise both clocks and restart the adapter",
             )
@@ -200,7 +204,7 @@ class Aligner:
         wandered = self.wandered
         if abs(wandered) > APART:
             return PairFault(
-                "clock_step",
+                CLOCK_STEP,
                 f"the sensors' clocks have drifted apart by {abs(wandered):.3g} s: synchronise them and "
                 "restart the adapter",
             )
@@ -262,6 +266,14 @@ class Aligner:
         elif channel is not grid.reference and self._due(grid, 0) - stream.newest > 1e9 / self.sample_rate:
             self.late += 1
         return self._complete(grid)
+
+    def notice(self) -> Block:
+        """Return the block that tells consumers of a step of one clock: it holds no sample of the spool."""
+        stamp = self.streams[Channel.BODY].heard
+        rate = self.settings.sample_rate or self.sample_rate
+        period = 1.0 / rate if rate > 0.0 else 1.0 / self.settings.block_rate
+        body, spool = np.zeros(1, np.float32), np.empty(0, np.float32)
+        return Block(stamp, self._sequence, period, body, spool, self.settings.source)
 
     @property
     def _generations(self) -> tuple[int, int]:
