@@ -16,7 +16,7 @@ from spool_node.running import run
 from spool_node.throttle import Throttle
 from spool_stream.alignment.aligner import Aligner, AlignerSettings, Channel
 
-from .readings import ARRAY, IMU, TYPES, UNITS, Reading, Samples, UnusableError
+from .readings import IMU, TYPES, UNITS, Reading, Samples, UnusableError
 from .sensor_report import SETTLED_LOOKS, SensorReport
 
 #: s between two looks at the sensors, and looks between two reports of an unchanged state: about once a
@@ -32,9 +32,7 @@ def _of(channel: str, topic: str) -> tuple[NodeParameter, ...]:
         NodeParameter(
             f"{channel}_topic", topic, f"Topic of the accelerometer on the {channel}.", structural=True
         ),
-        NodeParameter(
-            f"{channel}_type", IMU, "Its message type.", choices=tuple(TYPES), structural=True
-        ),
+        NodeParameter(f"{channel}_type", IMU, "Its message type.", choices=tuple(TYPES), structural=True),
         NodeParameter(
             f"{channel}_axis",
             "+x",

@@ -91,7 +91,10 @@ class SensorReport:
                 return Level.ERROR, f"{channel.value}: {Refusal.RATE.value}"
             if stream.clock is None and stream.doubt:
                 advice = "let the driver stamp each sample, or set stamps to arrival"
-                return Level.ERROR, f"{channel.value}: its stamps show no sample rate ({stream.doubt}): {advice}"
+                return (
+                    Level.ERROR,
+                    f"{channel.value}: its stamps show no sample rate ({stream.doubt}): {advice}",
+                )
             rate = stream.clock.rate if stream.clock is not None else math.nan
             if settings.sample_rate > 0.0 and abs(rate / settings.sample_rate - 1.0) > WRONG_RATE:
                 wanted = f"sample_rate says {settings.sample_rate:.6g} Hz: set it to 0 or to what is right"

@@ -1,4 +1,4 @@
-"""Clocks of two sensors: a step of one stops the blocks, drift is followed, bursts give the right rate or none."""
+"""Clocks of two sensors: a step of one stops the blocks, bursts give the right rate or none."""
 
 from __future__ import annotations
 
@@ -260,7 +260,9 @@ def test_stamps_without_a_clock_give_no_block_and_a_reason() -> None:
 @given(
     rate=st.sampled_from([250.0, 400.0, 500.0, 833.0, 1000.0]),
     by=st.one_of(
-        st.floats(0.5e-3, 20e-3), st.floats(-20e-3, -0.5e-3), st.sampled_from([0.3, -0.3, 1.0, -1.0, 4.0, -4.0])
+        st.floats(0.5e-3, 20e-3),
+        st.floats(-20e-3, -0.5e-3),
+        st.sampled_from([0.3, -0.3, 1.0, -1.0, 4.0, -4.0]),
     ),
     who=st.sampled_from(["body", "spool", "both", "none"]),
     jitter=st.sampled_from([0.0, 1e-6, 2e-5, 1e-4]),

@@ -24,8 +24,8 @@ SAME_RATE = 0.03
 MOST_RATIO = 8.0
 
 
-#: s by which the lag between the sensors may wander before it is reported, and before blocks stop: clocks that
-#: nobody synchronises drift apart by up to 0.2 ms a second. Times its noise that it must exceed.
+#: s by which the lag between the sensors may wander before it is reported, and before blocks stop: clocks
+#: that nobody synchronises drift apart by up to 0.2 ms a second. Times its noise that it must exceed.
 WANDERS, APART, CERTAIN = 0.001, 0.004, 8.0
 
 #: Samples of a burst, or of one step of a coarse clock, from which stamps are those of packets: the two
@@ -71,7 +71,7 @@ class AlignerSettings:
 class PairFault:
     """Pair fault: why the samples of two sensors cannot be brought together.
 
-    ``cause`` is that of a ``data_fault``: ``clock_step`` or ``rate``. ``text`` says what is wrong and what to do.
+    ``cause`` is that of a ``data_fault``: ``clock_step`` or ``rate``. ``text``: what is wrong and what to do.
     """
 
     cause: str
@@ -168,7 +168,7 @@ class Aligner:
 
     @property
     def wandered(self) -> float:
-        """s by which the body's stamps gained on the spool's, as the order of arrival shows; 0 if not certain."""
+        """s by which the body's stamps gained on the spool's, by the order of arrival; 0 if not certain."""
         watch = self.streams[Channel.BODY].watch
         if watch is None:
             return 0.0
@@ -225,9 +225,11 @@ class Aligner:
         advice = "let the driver stamp each sample, or read both sensors in one packet"
         if len(packets) == 1 or body.rhythm is not spool.rhythm:
             name = max(packets, key=lambda one: packets[one])
-            return PairFault(
-                "rate", f"{name}: {packets[name]:.3g} samples share a stamp, unlike the other sensor's: {advice}"
-            )
+            found = body if name == "body" else spool
+            what = f"its stamps have steps of {found.resolution:g} s"
+            if found.rhythm is Rhythm.BURSTS:
+                what = f"its samples come in bursts of {found.burst:.3g}"
+            return PairFault("rate", f"{name}: {what}, unlike the other sensor's: {advice}")
         if max(packets.values()) > PACKET or body.rhythm is Rhythm.BURSTS:
             first, second = (stream.opening for stream in self.streams.values())
             begin, end = max(first[0], second[0]), min(first[-1], second[-1])
@@ -235,12 +237,16 @@ class Aligner:
             if not np.array_equal(*inside) or inside[0].size < PACKET:
                 return PairFault(
                     "rate",
-                    f"stamps are those of packets of {max(packets.values()):.3g} samples, which differ between "
-                    f"the sensors: {advice}",
+                    f"stamps are those of packets of {max(packets.values()):.3g} samples, which differ "
+                    f"between the sensors: {advice}",
                 )
-        return None if body.resolution == spool.resolution else PairFault(
-            "rate",
-            f"the sensors' stamps have steps of {body.resolution:g} and {spool.resolution:g} s: {advice}",
+        return (
+            None
+            if body.resolution == spool.resolution
+            else PairFault(
+                "rate",
+                f"the sensors' stamps have steps of {body.resolution:g} and {spool.resolution:g} s: {advice}",
+            )
         )
 
     def update(self, channel: Channel, stamp: int, value: float) -> Block | None:

@@ -38,7 +38,7 @@ FEWEST, MOST, PATIENCE = 8, 200_000, 4.0
 #: taken from the first stamp after it.
 KEEPS_PHASE = 0.1
 
-#: s within which a sensor that is alive sends, whatever its rate: the lag behind its newest stamp counts then.
+#: s within which a sensor that is alive sends: later, its newest stamp says nothing of the present.
 QUIET = 0.02
 
 #: s by which the lag behind the other sensor may change over a silence before it counts as a clock that was
@@ -64,9 +64,9 @@ class Refusal(enum.Enum):
 class SensorStream:
     """Sensor stream: numbers the samples of one sensor and keeps the newest ``capacity`` of them.
 
-    The stamps of the first ``settle`` s make the clock (:func:`spool_stream.stamps.judge_stamps`); from then on
-    each sample has its number. One that is not finite keeps its number, with NaN for its value. ``update``
-    never raises.
+    The stamps of the first ``settle`` s make the clock (:func:`spool_stream.stamps.judge_stamps`); from then
+    on each sample has its number. One that is not finite keeps its number, with NaN for its value.
+    ``update`` never raises.
 
     Attributes:
         settle: s of stamps that make the clock.
@@ -80,8 +80,8 @@ class SensorStream:
         restarts: how often the stamps went on elsewhere: a clock was set, or silence above ``LONGEST_GAP``.
         stepped: ns by which the clock was set against the other sensor's, in all. steps: how often.
         received: messages so far. lost: samples that never came. refused: how many were, by reason.
-        newest: ns, stamp of the newest sample taken; 0 before the first. heard: of the newest message; met: that
-            when the other sensor sent its newest one.
+        newest: ns, stamp of the newest sample taken; 0 before the first. heard: of the newest message.
+        met: ns, ``heard`` when the other sensor sent its newest message.
         watch: what tells a step of the clock; ``None`` before the first clock.
 
     """
@@ -140,8 +140,8 @@ class SensorStream:
     def update(self, stamp: int, value: float, other: int = 0) -> None:
         """Take a sample: its acquisition time (ns) and its value (m/s^2).
 
-        ``other``: ns, the newest stamp of the other sensor when it came, less the steps of that clock; 0 where
-        there is none.
+        ``other``: ns, the newest stamp of the other sensor when it came, less the steps of that clock; 0
+        where that sensor is silent.
         """
         self.received += 1
         if stamp <= 0:
@@ -441,4 +441,4 @@ def _numbers(stamps: NDArray[np.int64], found: Stamps) -> NDArray[np.int64]:
     steps[0] = 0
     at = found.gaps
     steps[at] = np.maximum(1, np.rint(1e-9 * (stamps[at] - stamps[at - 1]) * found.rate).astype(np.int64))
-    return np.cumsum(steps)
+    return np.asarray(np.cumsum(steps), dtype=np.int64)

@@ -1,8 +1,8 @@
 """Step watch: separates a sensor clock that was set from lost samples and from drift.
 
 Two things are observed of each sample: by how much its stamp is off the clock's line (the residual), and by
-how much it is ahead of the other sensor's newest stamp when it arrives (the lag). A loss moves the residual and
-leaves the lag; a clock that was set moves both by the same amount; drift moves both slowly.
+how much it is ahead of the other sensor's newest stamp when it arrives (the lag). A loss moves the residual
+and leaves the lag; a clock that was set moves both by the same amount; drift moves both slowly.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Change(enum.Enum):
 class Line(NamedTuple):
     """Line of a clock: the newest sample's number and time (ns), and ns between samples."""
 
-    index: int
+    number: int
     time: float
     period: float
 
@@ -112,7 +112,7 @@ class StepWatch:
         self.recent += (residual - self.recent) / self.size
         known = math.isfinite(lag)
         residuals, lags, lagging, off = self._sums
-        off += time - line.index * self.period
+        off += time - line.number * self.period
         self._sums = residuals + residual, lags + (lag if known else 0.0), lagging + known, off
         self._count += 1
         if self._count < self.size:
