@@ -21,6 +21,8 @@ VERSION = 9
 #: Characters and values of it that are read: a topic and a file have some 400 B and 20 values each.
 LARGEST = 1 << 24
 MOST_VALUES = 1 << 20
+#: Suffix of a file that rosbag2 compressed as a whole.
+COMPRESSED = ".zstd"
 #: Missing files that are named one by one.
 MOST_MISSING = 10
 #: What ``custom_data`` says of a recording under way, or of one that was never finished.
@@ -155,6 +157,11 @@ def sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
+def is_bag_file(path: Path) -> bool:
+    """Return whether a file is an MCAP file by its name, compressed as a whole or not."""
+    return path.name.lower().endswith((".mcap", ".mcap.zstd", ".mcap.zst"))
+
+
 class Storage(NamedTuple):
     """The files of a bag in order, the messages that its metadata counts, and what is wrong, a line each."""
 
@@ -167,7 +174,7 @@ def storage_files(folder: Path) -> Storage:
     """Return what makes up the rosbag2 directory ``folder``.
 
     Raises:
-        InputError: no MCAP file, another storage, or compression around the file.
+        InputError: no MCAP file, another storage, or compressed messages.
     """
     warnings: list[str] = []
     storage, compression, names, messages = "mcap", "", list[str](), 0
@@ -179,16 +186,17 @@ def storage_files(folder: Path) -> Storage:
         warnings.append(f"{folder / FILE_NAME} cannot be read: {printable(error, 200)}")
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         warnings.append(f"{folder / FILE_NAME} cannot be read")
-    if storage != "mcap":
+    other = storage not in ("mcap", "") or any(name.endswith(".db3") for name in names)
+    if other or compression.lower() not in ("", "none", "file"):
+        what = f"storage {storage or 'sqlite3'!r}" if other else f"compression mode {compression!r}"
         raise InputError(
-            f"{folder}: storage {printable(storage, 80)!r} cannot be read: "
-            "convert it with `ros2 bag convert` to mcap"
+            f"{folder}: {printable(what, 80)} is not read here: type "
+            f"`./spool import {folder} --out {folder.name}_mcap` to convert its accelerations, or convert "
+            "all of it with `ros2 bag convert`"
         )
-    if compression:
-        raise InputError(
-            f"{folder}: compression mode {printable(compression, 80)!r} cannot be read: "
-            "decompress the bag first"
-        )
+    names = [
+        name if (folder / name).is_file() else name.removesuffix(COMPRESSED) for name in names
+    ]  # files that were decompressed since
     unlisted = (
         sorted(_parts_of(folder, names) - set(names), key=lambda name: (len(name), name)) if names else []
     )
@@ -202,7 +210,8 @@ def storage_files(folder: Path) -> Storage:
     if len(missing) > MOST_MISSING:
         warnings.append(f"{folder}: {len(missing) - MOST_MISSING} more files are missing")
     if not paths:
-        paths = sorted(folder.glob("*.mcap"), key=lambda path: (len(path.name), path.name))
+        found = [*folder.glob("*.mcap"), *folder.glob(f"*.mcap{COMPRESSED}")]
+        paths = sorted(found, key=lambda path: (len(path.name), path.name))
     if not paths:
         raise InputError(f"{folder}: no .mcap file in it: name a rosbag2 directory or an .mcap file")
     return Storage(paths, messages, warnings)
@@ -228,6 +237,14 @@ def custom_data(path: Path) -> dict[str, str]:
         }
     except (OSError, YamlError, ValueError, KeyError, TypeError, AttributeError):
         return {}
+
+
+def storage_of(folder: Path) -> str | None:
+    """Return the storage that ``metadata.yaml`` names, ``None`` where it cannot be read."""
+    try:
+        return _told(folder / FILE_NAME)[0]
+    except (OSError, YamlError, ValueError, KeyError, TypeError, AttributeError):
+        return None
 
 
 def _told(path: Path) -> tuple[str, str, list[str], int]:

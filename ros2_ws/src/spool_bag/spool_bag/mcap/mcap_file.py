@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import struct
 import zlib
 from collections.abc import Callable, Iterator
@@ -9,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
+import zstandard
 from mcap.opcode import Opcode
 from spool_stream.errors import InputError
 
@@ -194,6 +196,24 @@ class McapFile:
             f"{self.path}: damaged at byte {damage.offset} ({damage.reason}): "
             "make a readable bag of it with `./spool recover`"
         )
+
+
+def decompressed(path: Path, folder: Path) -> Path:
+    """Return the file at ``path``, which rosbag2 or zstd compressed as a whole, decompressed into ``folder``.
+
+    Raises:
+        InputError: it is damaged, or the disk is full.
+    """
+    plain = folder / path.stem
+    try:
+        with path.open("rb") as packed, plain.open("wb") as stream:
+            reader = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
+            shutil.copyfileobj(reader, stream, 1 << 20)
+    except zstandard.ZstdError as error:
+        raise InputError(f"{path}: it cannot be decompressed ({error}): copy it again") from error
+    except OSError as error:
+        raise InputError(f"{path}: it cannot be decompressed into {folder}: {error.strerror}") from error
+    return plain
 
 
 def _frame(data: bytes, at: int) -> tuple[int, int, int]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -17,9 +18,9 @@ from spool_stream.text.printable import printable
 
 from spool_bag.format.cdr_blocks import decode_blocks
 from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE
-from spool_bag.format.metadata import UNFINISHED, custom_data, storage_files
+from spool_bag.format.metadata import COMPRESSED, UNFINISHED, custom_data, storage_files
 from spool_bag.mcap.mcap_definitions import Topic
-from spool_bag.mcap.mcap_file import McapFile, McapMessage, MessageBatch
+from spool_bag.mcap.mcap_file import McapFile, McapMessage, MessageBatch, decompressed
 from spool_bag.mcap.mcap_walk import Damage
 from spool_bag.mcap.part_chain import begin_of, losses_of
 
@@ -41,7 +42,7 @@ class TopicInformation(NamedTuple):
 
 
 class BagReader:
-    """Reader of a rosbag2 directory or an ``.mcap`` file.
+    """Reader of a rosbag2 directory or an ``.mcap`` file, also compressed as a whole (``.mcap.zstd``).
 
     Everything is read in passes over the file; of the messages of a valve at most two ``WINDOW`` (10 s of
     stamps, and never more than ``LONGEST_QUEUE`` messages or ``LARGEST_QUEUE`` B) are held, so that messages
@@ -69,6 +70,7 @@ class BagReader:
         self.damages: list[Damage] = []
         self._noted: dict[Path, list[Damage]] = {}
         self._skip = skip_damage
+        self._folder: TemporaryDirectory[str] | None = None
         self.warnings: list[str] = []
         self.told = 0
         if self.path.is_dir():
@@ -104,13 +106,21 @@ class BagReader:
         files, refused = list[McapFile](), list[InputError]()
         for path in paths:
             try:
-                files.append(McapFile(path))
+                files.append(McapFile(self._plain(path)))
             except InputError as error:
                 refused.append(error)
         if refused and not files:
             raise refused[0]
         self.warnings.extend(f"{str(error).partition(': name a ')[0]}: it is left out" for error in refused)
         return files
+
+    def _plain(self, path: Path) -> Path:
+        """Return a file as it is, or decompressed in a folder that goes with this reader."""
+        if path.suffix not in (COMPRESSED, ".zst"):
+            return path
+        if self._folder is None:
+            self._folder = TemporaryDirectory(prefix="spool_bag_")
+        return decompressed(path, Path(self._folder.name))
 
     @property
     def topics(self) -> dict[str, TopicInformation]:

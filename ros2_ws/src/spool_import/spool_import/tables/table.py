@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,9 @@ MOST_BYTES = 1 << 31
 #: day that the file does not name.
 STAMP = "stamp"
 CLOCK = "time of day"
+
+#: Channel of a bag's messages: when the recorder received them.
+LOG_TIME = "log_time"
 
 Values = NDArray[np.float64] | NDArray[np.int64]
 
@@ -79,12 +83,13 @@ class Table(ABC):
     """Table: what a file holds.
 
     ``notes``: how it was understood, ``warnings``: what is wrong with it, one line each; ``warnings`` are
-    complete
-    only after :meth:`read`.
+    complete only after :meth:`read`. ``clocks``: of bags, header stamps and times of reception (ns, int64,
+    shape (n,)) of each group that was read.
     """
 
     path: Path
     groups: tuple[Group, ...]
+    clocks: Mapping[str, tuple[NDArray[np.int64], NDArray[np.int64]]] = MappingProxyType({})
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 

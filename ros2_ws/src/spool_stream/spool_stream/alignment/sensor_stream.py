@@ -436,7 +436,7 @@ def _without_a_stray(stamps: NDArray[np.int64]) -> tuple[Stamps, int | None]:
 def _numbers(stamps: NDArray[np.int64], found: Stamps) -> NDArray[np.int64]:
     """Return the number of each sample, from 0; what is missing is left out."""
     if found.times is not None:
-        return np.rint((found.times - found.times[0]) * found.rate).astype(np.int64)
+        return np.asarray(np.rint((found.times - found.times[0]) * found.rate), dtype=np.int64)
     steps = np.ones(stamps.size, dtype=np.int64)
     steps[0] = 0
     at = found.gaps

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from spool_bag.format.metadata import is_bag_file
 from spool_bag.reading.reader import BagReader
 from spool_sim.excitation.kinds import Excitation, Recorded, load_excitation
 from spool_sim.excitation.presets import PRESETS
@@ -40,7 +41,7 @@ def find_excitation(name: str) -> Excitation:
     path = Path(name)
     if name in PRESETS:
         return PRESETS[name]
-    if path.is_dir() or path.suffix == ".mcap" or is_table(path):
+    if path.is_dir() or is_bag_file(path) or is_table(path):
         return recorded_excitation(path)
     if path.is_file():
         mapping = read_mapping(path, "excitation")

@@ -7,12 +7,13 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from spool_import.records.logger_record import LoggerRecord, read_record
+from spool_bag.format.metadata import is_bag_file
 from spool_stream.errors import InputError
 
 
 def is_table(path: Path) -> bool:
     """Return whether ``path`` is a file to be read as a table: any but a bag or a description."""
-    if path.is_dir() or path.suffix.lower() in (".mcap", ".yaml", ".yml"):
+    if path.is_dir() or is_bag_file(path) or path.suffix.lower() in (".yaml", ".yml"):
         return False
     return path.is_file() or bool(path.suffix)
 
