@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
@@ -323,8 +324,30 @@ def test_bags_of_rosbags_in_several_files_are_read(tmp_path: Path, block: MakeBl
 def test_other_storage_is_refused_with_the_way_out(tmp_path: Path) -> None:
     with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3):
         pass
-    with pytest.raises(InputError, match="'sqlite3' cannot be read: convert it with `ros2 bag convert`"):
+    with pytest.raises(InputError, match=r"storage 'sqlite3' is not read here: type `\./spool import "):
         BagReader(tmp_path / "bag")
+
+
+def test_a_bag_compressed_as_a_whole_and_one_without_a_storage_name(tmp_path: Path, block: MakeBlock) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        channel = writer.add_topic("/valve_1/acceleration", ACCELERATION_BLOCK)
+        for number in range(5):
+            writer.write(channel, 1 + number, encode_block(block(number), "valve"))
+    metadata = tmp_path / "bag" / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace("storage_identifier: mcap", "storage_identifier: ''"))
+    assert len(list(BagReader(tmp_path / "bag").blocks("valve_1"))) == 5
+    (file,) = (tmp_path / "bag").glob("*.mcap")
+    packed = file.with_name(f"{file.name}.zstd")
+    packed.write_bytes(zstandard.compress(file.read_bytes()))
+    file.unlink()
+    text = metadata.read_text().replace("compression_mode: ''", "compression_mode: FILE")
+    metadata.write_text(text.replace(file.name, packed.name))
+    assert len(list(BagReader(tmp_path / "bag").blocks("valve_1"))) == 5
+    metadata.unlink()
+    assert len(list(BagReader(packed).blocks("valve_1"))) == 5
+    packed.write_bytes(b"no zstd at all, but long enough to be looked at")
+    with pytest.raises(InputError, match="cannot be decompressed"):
+        BagReader(packed)
 
 
 def test_nested_namespaces_keep_their_slashes(tmp_path: Path, block: MakeBlock) -> None:

@@ -53,6 +53,9 @@ MOST_LOST = 0.5
 HIDING = 0.4
 #: Reason of stamps that go back further than jitter.
 BACKWARDS = "stamps go back"
+#: Samples of a burst, or of one step of a coarse clock, from which stamps are those of packets: two sensors
+#: then belong together only where they share each packet's stamp. s of a packet that is no longer one.
+PACKET, LEAST_PACKET = 2.0, 1e-4
 _PIECE = 1 << 20
 #: Stamps over which a resolution is looked for: it changes with the number of digits.
 _LOCAL = 256
@@ -156,6 +159,50 @@ def judge(time: Array, noise: float | None = None) -> Stamps:
     return _uneven(time, usual) if even is None else even
 
 
+def unpaired(names: tuple[str, str], found: tuple[Stamps, Stamps], stamps: tuple[Indices, Indices]) -> str:
+    """Return why the stamps of two sensors do not show one time although each shows a clock; "" if they do.
+
+    Args:
+        names: of both sensors, for the text.
+        found: what the stamps of each sensor show; nothing is said of ``UNEVEN`` ones.
+        stamps: ns, shape (n,) each, as they were judged.
+    """
+    packets = [
+        one.burst
+        if one.rhythm is Rhythm.BURSTS
+        else one.resolution * one.rate
+        if one.rhythm is Rhythm.COARSE
+        else 0.0
+        for one in found
+    ]
+    largest = max(packets)
+    if any(one.rhythm is Rhythm.UNEVEN for one in found):
+        return ""
+    if largest / max(one.rate for one in found) < LEAST_PACKET:
+        return ""
+    advice = "let the driver stamp each sample, or read both sensors in one packet"
+    first, second = found
+    if first.rhythm is not second.rhythm:
+        at = packets.index(largest)
+        what = f"stamps of {names[at]} have steps of {found[at].resolution:g} s"
+        if found[at].rhythm is Rhythm.BURSTS:
+            what = f"samples of {names[at]} come in bursts of {found[at].burst:.3g}"
+        return f"{what}, those of {names[1 - at]} do not: {advice}"
+    if largest > PACKET or first.rhythm is Rhythm.BURSTS:
+        begin = max(int(one[0]) for one in stamps)
+        end = min(int(one[-1]) for one in stamps)
+        inside = [one[(one >= begin) & (one <= end)] for one in stamps]
+        if inside[0].size < PACKET or not np.array_equal(*inside):
+            size = f"{largest:.3g} samples"
+            return (
+                f"stamps of {names[0]} and {names[1]} are those of packets of {size}, which differ: {advice}"
+            )
+    if first.resolution != second.resolution:
+        steps = f"{first.resolution:g} and {second.resolution:g} s"
+        return f"stamps of {names[0]} and {names[1]} have steps of {steps}: {advice}"
+    return ""
+
+
 def repeated(time: Array, rows: Sequence[NDArray[np.floating]]) -> tuple[NDArray[np.bool_], bool]:
     """Return which samples repeat the one before, stamp and all values, and whether that is sure.
 
@@ -175,12 +222,13 @@ def repeated(time: Array, rows: Sequence[NDArray[np.floating]]) -> tuple[NDArray
     for row in rows:
         equal &= row[1:] == row[:-1]
     both, others = int(np.count_nonzero(same & equal)), int(np.count_nonzero(~same))
-    chance = int(np.count_nonzero(equal & ~same)) / max(others, 1)
-    expected = chance * int(np.count_nonzero(same))
+    seen, pairs = int(np.count_nonzero(equal & ~same)), int(np.count_nonzero(same))
+    # With half an equal pair added: that none was seen does not exclude chance.
+    expected = (seen + 0.5) / (others + 1) * pairs
     if both <= expected + 4.0 * math.sqrt(expected):  # 4 standard deviations of a Poisson number
         return marked, True
     marked[1:] = same & equal
-    return marked, expected < 1.0
+    return marked, seen * pairs < max(others, 1)
 
 
 def rate_range(numbers: Array, low: Array, high: Array) -> tuple[float, float] | None:

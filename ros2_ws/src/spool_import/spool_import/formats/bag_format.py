@@ -53,7 +53,7 @@ class BagTable(Table):
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.clocks = {}
+        self.clocks: dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]] = {}
         self._folder: TemporaryDirectory[str] | None = None
         self._files = self._plain_files()
         with self._reader() as reader:
@@ -66,8 +66,8 @@ class BagTable(Table):
         if not groups:
             raise InputError(
                 f"{path}: no topic of accelerations (sensor_msgs/Imu, geometry_msgs/AccelStamped, "
-                "geometry_msgs/Vector3Stamped, std_msgs/Float64MultiArray, spool_msgs/AccelerationBlock) with "
-                f"messages in it; it has {held}"
+                "geometry_msgs/Vector3Stamped, std_msgs/Float64MultiArray, spool_msgs/AccelerationBlock) "
+                f"with messages in it; it has {held}"
             )
         self.groups = tuple({group.name: group for group in groups}.values())
 
@@ -116,7 +116,9 @@ class BagTable(Table):
             found = self._in_order(group, found, np.array(times, dtype=np.int64))
         return {name: found[name] for name in names}
 
-    def _in_order(self, group: Group, found: dict[str, Values], times: NDArray[np.int64]) -> dict[str, Values]:
+    def _in_order(
+        self, group: Group, found: dict[str, Values], times: NDArray[np.int64]
+    ) -> dict[str, Values]:
         """Return the messages in order of their stamps, without those that have none.
 
         Messages that overtook each other are sorted; a clock that was set back is left for the judgement of

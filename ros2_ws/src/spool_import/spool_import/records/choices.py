@@ -33,6 +33,10 @@ SHORT = {
 }
 
 
+#: Times of a bag's messages: of the header, or of the reception by the recorder (``log`` and ``arrival``).
+STAMPS = ("header", "log", "arrival")
+
+
 @dataclass(frozen=True, slots=True)
 class Choices:
     """Choices for an import, each by role.
@@ -40,6 +44,7 @@ class Choices:
     ``columns``: the file's own names, by role as given. ``units``: units that stand over those of the file.
     ``scales``: sensitivities. ``topics``: topic and axis. ``rate``: Hz, of samples without a time.
     ``align``: whether two clocks may be brought together. ``exclude``: columns to leave out.
+    ``stamps``: which time of a bag's messages counts, one of ``STAMPS``; ``None``: that of the header.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -49,6 +54,7 @@ class Choices:
     rate: float | None = None
     align: bool = True
     exclude: tuple[str, ...] = ()
+    stamps: str | None = None
 
     def states_unit(self, role: str) -> bool:
         """Return whether ``--columns`` names a column by the role with its unit, e.g. ``body_m_s2``."""
@@ -71,6 +77,7 @@ def choices(
     rate: float | None = None,
     align: str = "auto",
     exclude: Given = None,
+    stamps: str | None = None,
 ) -> Choices:
     """Return what the options of the same names say.
 
@@ -98,7 +105,11 @@ def choices(
         raise InputError(f"--rate {rate:g}: give samples a second, above 0")
     named = columns_of(columns) or {}
     left_out = tuple(name.strip() for text in _texts(exclude) for name in text.split(",") if name.strip())
-    return Choices(named, units, scales, topics, rate, align == "auto", left_out)
+    if stamps is not None and stamps not in STAMPS:
+        raise InputError(
+            f"--stamps {printable(stamps, 20)!r}: write {', '.join(STAMPS[:-1])} or {STAMPS[-1]}"
+        )
+    return Choices(named, units, scales, topics, rate, align == "auto", left_out, stamps)
 
 
 def role_of(name: str, option: str = "--columns") -> str:

@@ -23,6 +23,7 @@ from .clocks import ClockOffset
 from .roles import REQUIRED, Source, chosen, counter_of, exclude, reference, time_of
 from .time_base import SAME, TimeBase, loose_time_base, time_base
 from .time_unit import period_check, time_in_seconds
+from .topic_clocks import TopicTimes, check_one_time
 from .two_clocks import Series, merged
 from .unit_choice import ChannelUse, use_of_time, uses_of
 
@@ -32,6 +33,8 @@ LARGEST_NUMBER = 1e19
 GRAVITY = 9.80665
 #: m/s^2, some 200 g: hardly any machine shakes a valve like that.
 LARGEST_USUAL_RMS = 2000.0
+#: ns since 1970 of the year 2000: earlier stamps are those of a clock that was never set.
+EARLIEST = 946_684_800_000_000_000
 _PIECE = 1 << 20
 
 Array = NDArray[Any]
@@ -123,6 +126,12 @@ def read_record(
     record.warnings = (*(text for table in tables for text in table.warnings), *record.warnings)
     if kind == "accelerations":
         record.warnings = (*record.warnings, *_doubts(record.columns))
+    if record.start is not None and record.start < EARLIEST and any(table.clocks for table in tables):
+        text = (
+            f"stamps begin at {1e-9 * record.start:.3f} s, as after a start of the machine: they have no date"
+        )
+        record.warnings = (*record.warnings, f"{text}; type --start to give the record its own")
+        record.start = None
     return record
 
 
@@ -175,10 +184,15 @@ def _of_group(
         label = axis.name
     name = printable(label, 40)
     rows = [row for role, row in found.items() if role != OIL_TEMPERATURE]
-    if regular:
-        base = time_base(str(path), name, time, rows, where, asked.rate if axis is not None else None)
-    else:
-        base = loose_time_base(str(path), name, time, where)
+    try:
+        if regular:
+            base = time_base(str(path), name, time, rows, where, asked.rate if axis is not None else None)
+        else:
+            base = loose_time_base(str(path), name, time, where)
+    except InputError as error:
+        if axis is None or axis.unit != STAMP or group.name not in table.clocks:
+            raise
+        raise InputError(f"{error}; or type --stamps log to use the times of reception") from error
     if base.kept is not None:
         found = {role: row[base.kept] for role, row in found.items()}
     warnings = [*base.warnings]
@@ -263,6 +277,9 @@ def _together(sides: Sequence[LoggerRecord], first: Source, second: Source, aske
             "leave it out, or give one file in which both were sampled together"
         )
     shared = first.table is second.table and first.group.stamped and second.group.stamped
+    clocks = [(one.group.name, first.table.clocks.get(one.group.name)) for one in (first, second)]
+    times = [TopicTimes(name, *found) for name, found in clocks if found is not None]
+    doubts = check_one_time(body.path, *times) if shared and len(times) == 2 else []
     series = [
         Series(str(one.path), one.time, row, one.period, one.gaps, one.start)
         for one, row in ((body, body.columns[BODY]), (spool, spool.columns[SPOOL]))
@@ -284,7 +301,7 @@ def _together(sides: Sequence[LoggerRecord], first: Source, second: Source, aske
         joined.period,
         joined.gaps,
         joined.start,
-        (*warnings, *joined.warnings),
+        (*warnings, *doubts, *joined.warnings),
         (*notes, joined.note),
         repairs,
         joined.clocks,

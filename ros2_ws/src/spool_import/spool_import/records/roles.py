@@ -11,7 +11,7 @@ from spool_stream.errors import InputError
 from spool_stream.text.printable import printable
 
 from spool_import.csv_text.dialect import listed
-from spool_import.tables.table import STAMP, Channel, Group, Table
+from spool_import.tables.table import LOG_TIME, STAMP, Channel, Group, Table
 from spool_import.units.header import WORDS, split_header
 from spool_import.units.units import READINGS, quantity_of
 
@@ -162,6 +162,14 @@ def time_of(table: Table, group: Group, asked: Choices, taken: Sequence[Source] 
     Raises:
         InputError: a column that is named is not there, or several could be it.
     """
+    if asked.stamps in ("log", "arrival"):
+        log = next((one for one in group.channels if one.name == LOG_TIME), None)
+        if log is None:
+            raise InputError(
+                f"{table.path}: --stamps {asked.stamps}: only messages with a header have two times: leave "
+                "it out"
+            )
+        return log
     own = next((own for name, own in asked.columns.items() if SHORT.get(name, name) == TIME), None)
     sources = [Source(table, group, one) for one in group.channels]
     if own is not None:

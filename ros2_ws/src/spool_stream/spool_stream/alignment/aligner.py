@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spool_stream.block import Block
-from spool_stream.stamps import Rhythm
+from spool_stream.stamps import unpaired
 
 from .resampling import margin, on_samples, resampled
 from .sensor_stream import SensorStream
@@ -27,11 +27,6 @@ MOST_RATIO = 8.0
 #: s by which the lag between the sensors may wander before it is reported, and before blocks stop: clocks
 #: that nobody synchronises drift apart by up to 0.2 ms a second. Times its noise that it must exceed.
 WANDERS, APART, CERTAIN = 0.001, 0.004, 8.0
-
-#: Samples of a burst, or of one step of a coarse clock, from which stamps are those of packets: the two
-#: sensors then belong together only where they share each packet's stamp.
-PACKET = 2.0
-
 
 #: Cause of a fault: one sensor's clock was set, or has run away from the other's.
 CLOCK_STEP = "clock_step"
@@ -215,39 +210,9 @@ class Aligner:
         body, spool = (stream.found for stream in self.streams.values())
         assert body is not None
         assert spool is not None
-        packets = {
-            name: found.burst if found.rhythm is Rhythm.BURSTS else found.resolution * found.rate
-            for name, found in (("body", body), ("spool", spool))
-            if found.rhythm in (Rhythm.BURSTS, Rhythm.COARSE)
-        }
-        if not packets or max(packets.values()) * 1e9 / max(body.rate, spool.rate) < LEAST_STEP:
-            return None
-        advice = "let the driver stamp each sample, or read both sensors in one packet"
-        if len(packets) == 1 or body.rhythm is not spool.rhythm:
-            name = max(packets, key=lambda one: packets[one])
-            found = body if name == "body" else spool
-            what = f"its stamps have steps of {found.resolution:g} s"
-            if found.rhythm is Rhythm.BURSTS:
-                what = f"its samples come in bursts of {found.burst:.3g}"
-            return PairFault("rate", f"{name}: {what}, unlike the other sensor's: {advice}")
-        if max(packets.values()) > PACKET or body.rhythm is Rhythm.BURSTS:
-            first, second = (stream.opening for stream in self.streams.values())
-            begin, end = max(first[0], second[0]), min(first[-1], second[-1])
-            inside = [one[(one >= begin) & (one <= end)] for one in (first, second)]
-            if not np.array_equal(*inside) or inside[0].size < PACKET:
-                return PairFault(
-                    "rate",
-                    f"stamps are those of packets of {max(packets.values()):.3g} samples, which differ "
-                    f"between the sensors: {advice}",
-                )
-        return (
-            None
-            if body.resolution == spool.resolution
-            else PairFault(
-                "rate",
-                f"the sensors' stamps have steps of {body.resolution:g} and {spool.resolution:g} s: {advice}",
-            )
-        )
+        first, second = (stream.opening for stream in self.streams.values())
+        reason = unpaired(("body", "spool"), (body, spool), (first, second))
+        return PairFault("rate", reason) if reason else None
 
     def update(self, channel: Channel, stamp: int, value: float) -> Block | None:
         """Take a sample of ``channel``, its stamp in ns and value in m/s^2; return a block that is complete.

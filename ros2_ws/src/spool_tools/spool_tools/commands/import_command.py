@@ -42,6 +42,10 @@ def import_(
     topic: Annotated[
         list[str] | None, typer.Option(help="Topics and axes of a bag: body=/imu_1:z,spool=/imu_2:z")
     ] = None,
+    stamps: Annotated[
+        str | None,
+        typer.Option(help="Time of a bag's messages: header (default), log or arrival (time of reception)."),
+    ] = None,
     align: Annotated[
         str, typer.Option(help="auto: bring two clocks together by correlation; none: refuse two clocks.")
     ] = "auto",
@@ -74,7 +78,7 @@ def import_(
 
     from spool_tools.console.progress import progress  # noqa: PLC0415
 
-    how = choices(columns, unit, scale, topic, rate, align, exclude)
+    how = choices(columns, unit, scale, topic, rate, align, exclude, stamps)
     if len(files) > 2:
         raise InputError(f"{files[2]}: two files at most, body and spool; import each record by itself")
     if look:

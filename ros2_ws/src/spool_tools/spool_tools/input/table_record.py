@@ -6,8 +6,8 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from spool_import.records.logger_record import LoggerRecord, read_record
 from spool_bag.format.metadata import is_bag_file
+from spool_import.records.logger_record import LoggerRecord, read_record
 from spool_stream.errors import InputError
 
 
