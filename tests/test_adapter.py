@@ -250,6 +250,47 @@ def test_a_sensor_that_stops_is_stale_for_adapter_and_monitor_and_comes_back(
     assert system.numbers(TASK)["body_restarts"] == "0"
 
 
+def test_a_clock_of_one_sensor_that_was_set_is_reported_by_adapter_and_monitor(system: System) -> None:
+    """The body's driver sets its clock back by 3 ms: no block follows, and both say what happened."""
+    events = system.listen(HealthEvent, "/valve_1/events", latched=True)
+    blocks = system.listen(AccelerationBlock, "/valve_1/acceleration")
+    _ = system.diagnostics
+    system.start("adapter", valve_id="4weh10_soft")
+    system.start("monitor")
+    body = offered(system, Imu, "body/imu", ReliabilityPolicy.BEST_EFFORT)
+    spool = offered(system, Imu, "spool/imu", ReliabilityPolicy.BEST_EFFORT)
+    set_back = [0]
+    drivers = Drivers(
+        {
+            "body": lambda number, stamp: body.publish(imu(stamp - set_back[0], shaking(number))),
+            "spool": lambda number, stamp: spool.publish(imu(stamp, 2.0 * shaking(number))),
+        }
+    )
+    try:
+        system.until(level_of(system, DiagnosticStatus.OK, 0.0), "both sensors are aligned")
+        system.until(lambda: len(blocks.heard) > 150, "blocks")
+        set_back[0] = 3_000_000
+        begin = time.monotonic()
+        system.until(level_of(system, DiagnosticStatus.ERROR, begin), "the adapter reports an error")
+        system.until(
+            lambda: events.first(
+                lambda one: (one.kind, one.cause) == ("data_fault", "clock_step"), after=begin
+            ),
+            "the monitor raises it",
+        )
+        status = next(
+            one for _, one in system.statuses(TASK, after=begin) if one.level == DiagnosticStatus.ERROR
+        )
+        assert status.message.startswith("the body's clock was set by -0.003 s against the spool's")
+        assert len(blocks.last.spool) == 0
+        for message in (one for one in blocks.messages if len(one.spool)):
+            np.testing.assert_allclose(
+                np.array(message.spool), 2.0 * np.array(message.body), rtol=1e-5, atol=1e-4
+            )
+    finally:
+        drivers.close()
+
+
 def test_one_array_with_both_sensors_and_messages_of_no_use(system: System) -> None:
     """Time, body and spool in one message; NaN, missing columns and another size end nothing."""
     blocks = system.listen(AccelerationBlock, "/valve_1/acceleration")

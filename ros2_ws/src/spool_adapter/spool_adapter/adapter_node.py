@@ -15,6 +15,7 @@ from spool_node.parameters import NodeParameter, Value
 from spool_node.running import run
 from spool_node.throttle import Throttle
 from spool_stream.alignment.aligner import Aligner, AlignerSettings, Channel
+from spool_stream.text.sentence import plural
 
 from .readings import IMU, TYPES, UNITS, Reading, Samples, UnusableError
 from .sensor_report import SETTLED_LOOKS, SensorReport
@@ -200,7 +201,9 @@ class AdapterNode(ManagedNode):
         self._report.reason[channel] = reason
         count = self._throttle.take(channel.value)
         if count:
-            self.get_logger().warning(f"{channel.value}: {count} messages could not be used: {reason}")
+            self.get_logger().warning(
+                f"{channel.value}: {plural(count, 'message')} could not be used: {reason}"
+            )
 
     def _look(self) -> None:
         """Report about once a second, and at once where the level changes."""

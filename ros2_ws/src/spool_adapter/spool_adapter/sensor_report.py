@@ -10,6 +10,7 @@ from spool_stream.alignment.aligner import CLOCK_STEP, Aligner, Channel
 from spool_stream.alignment.sensor_stream import Refusal
 from spool_stream.alignment.step_watch import LEAST_STEP
 from spool_stream.recent import RecentCounts
+from spool_stream.text.sentence import plural
 
 #: Relative departure of the stamps from ``sample_rate`` that is a fault: the one at which
 #: :class:`spool_stream.rate_check.RateCheck` refuses blocks.
@@ -63,7 +64,9 @@ class SensorReport:
             return Level.WARNING, "finding the sensors' rates"
         if self.recent.lost or self.recent.refused:
             why = next((text for text in self.reason.values() if text), "")
-            text = f"{self.recent.lost} samples lost, {self.recent.refused} refused in the last minute"
+            text = (
+                f"{plural(self.recent.lost, 'sample')} lost, {self.recent.refused} refused in the last minute"
+            )
             return Level.WARNING, f"{text}: {why}" if why else text
         if aligner.wandered:
             text = f"{1e3 * abs(aligner.wandered):.2g} ms apart by now"

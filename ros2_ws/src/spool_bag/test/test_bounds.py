@@ -167,7 +167,7 @@ def test_a_message_that_cannot_be_decoded_is_left_out_and_counted(tmp_path: Path
     assert reader.undecodable == {"/valve_1/acceleration": 1}
     found = describe(tmp_path / "bag")
     assert (found.valves[0].blocks, found.valves[0].undecodable_blocks) == (99, 1)
-    assert any("1 messages are not what their type says" in warning for warning in found.warnings)
+    assert any("1 message left out: the bytes do not fit the type" in warning for warning in found.warnings)
     result = recover(tmp_path / "bag", tmp_path / "recovered")
     assert result.undecodable == {"/valve_1/acceleration": 1}
     assert describe(tmp_path / "recovered").undecodable == {}

@@ -111,7 +111,7 @@ def test_a_gap_is_counted_as_lost_blocks(tmp_path: Path) -> None:
     keep[1010:1250] = False  # six blocks of 40
     result = import_csv(save(tmp_path, record(keep=keep)), tmp_path / "bag")
     assert result.lost_blocks == 6
-    assert "1 gaps" in result.warnings[0]
+    assert "1 gap in" in result.warnings[0]
     assert "line 1012" in result.warnings[0]
     valve = describe(tmp_path / "bag").valves[0]
     assert (valve.lost_blocks, valve.refused_blocks, valve.samples) == (6, 0, 3760)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from spool_stream.block_gate import BlockGate, Fault
+from spool_stream.text.sentence import plural
 
 from . import qos
 
@@ -58,7 +59,7 @@ def block_values(gate: BlockGate) -> dict[str, object]:
 def block_faults(gate: BlockGate) -> str:
     """Return what was lost and refused within the last minute of data, empty where nothing was."""
     lost, refused = gate.recent.lost, gate.recent.refused
-    return f"{lost} blocks lost, {refused} refused in the last minute" if lost or refused else ""
+    return f"{plural(lost, 'block')} lost, {refused} refused in the last minute" if lost or refused else ""
 
 
 class DiagnosticPublisher:

@@ -332,7 +332,7 @@ def test_a_message_that_cannot_be_decoded_is_left_out_of_a_replay_and_told(tmp_p
             writer.write(channel, record.log_time, record.data[:20] if number == 30 else record.data)
     result = replay_bag(tmp_path / "bag", ["4weh10_soft"])
     (warning,) = result["warnings"]
-    assert "/valve_1/acceleration: 1 messages are not what their type says" in warning
+    assert "/valve_1/acceleration: 1 message left out: the bytes do not fit the type" in warning
     assert "spool recover" in warning
     assert result["valves"]["valve_1"]["lost_blocks"] == 1
 

@@ -75,7 +75,7 @@ def test_the_page_stands_by_itself_with_a_picture_of_each_valve(
     assert embedded == pictures
     assert all(picture.startswith(PNG) for picture in pictures)
     assert pictures[0] != pictures[1]
-    assert "2 valves, 6 s, 1 blocks lost." in " ".join(page.cells)
+    assert "2 valves, 6 s, 1 block lost." in " ".join(page.cells)
     assert {"valve_1", "valve_2", "spring stiffness", "N/m", "data fault", "raised"} <= set(page.cells)
     assert plt.get_fignums() == []
 

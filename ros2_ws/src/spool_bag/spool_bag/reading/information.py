@@ -11,6 +11,7 @@ from spool_stream.block import Block
 from spool_stream.block_gate import BlockGate, Verdict
 from spool_stream.format.cdr import OilTemperature
 from spool_stream.text.printable import printable
+from spool_stream.text.sentence import plural
 
 from spool_bag.mcap.mcap_walk import Damage
 
@@ -127,7 +128,7 @@ def describe(path: Path | str, span: Span | None = None) -> BagInformation:
         step_text(name, step) for name, one in passes.items() for step in one.timeline.steps[:MOST_STEPS]
     ]
     warnings += [
-        f"{topic}: {count} messages are not what their type says and are left out"
+        f"{topic}: {plural(count, 'message')} left out: the bytes do not fit the type"
         for topic, count in reader.undecodable.items()
     ]
     return BagInformation(

@@ -339,12 +339,16 @@ def _stated_losses(files: Sequence[McapFile]) -> list[str]:
         begin = begin_of(file.path)
         if begin is not None and begin.lost:
             because = printable(begin.reason, 200)
-            found.append(f"{begin.lost} messages were not recorded before {file.path.name}: {because}")
+            found.append(f"{_not_recorded(begin.lost)} before {file.path.name}: {because}")
         for told in losses_of(file.path) if begin is not None else ():
-            count = printable(told.get("lost_messages", ""), 20)
+            count = _not_recorded(printable(told.get("lost_messages", ""), 20))
             because = printable(told.get("lost_because", ""), 200)
-            found.append(f"{count} messages were not recorded in {file.path.name}: {because}")
+            found.append(f"{count} in {file.path.name}: {because}")
     return found
+
+
+def _not_recorded(count: int | str) -> str:
+    return f"{count} message was not recorded" if str(count) == "1" else f"{count} messages were not recorded"
 
 
 def _parts(topic: str) -> tuple[str, str]:

@@ -20,6 +20,7 @@ from spool_node.running import run
 from spool_stream.errors import InputError
 from spool_stream.format.cdr import CdrError, header_stamp
 from spool_stream.text.printable import printable
+from spool_stream.text.sentence import plural
 
 from spool_bag.format.definitions import ACCELERATION_BLOCK, starts_with_header
 from spool_bag.format.metadata import MACHINE
@@ -236,7 +237,7 @@ class RecorderNode(ManagedNode):
         recording, self._recording = self._recording, None
         if recording is not None:
             done = recording.close(LONGEST_CLOSE)
-            text = f"closed {recording.path}: {recording.state.messages} messages"
+            text = f"closed {recording.path}: {plural(recording.state.messages, 'message')}"
             if done:
                 self.get_logger().info(text)
             else:

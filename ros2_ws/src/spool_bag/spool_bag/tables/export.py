@@ -17,6 +17,7 @@ from spool_stream.block_gate import BlockGate, Verdict
 from spool_stream.errors import InputError
 from spool_stream.files.staging import staged
 from spool_stream.text.printable import printable
+from spool_stream.text.sentence import plural
 
 from spool_bag.reading.reader import BagReader
 from spool_bag.reading.span import Span
@@ -88,7 +89,7 @@ def export_bag(
     for valve, source in sources.items():
         warnings += [step_text(valve, step) for step in source.timeline.steps]
     warnings += [
-        f"{topic}: {count} messages are not what their type says"
+        f"{topic}: {plural(count, 'message')} left out: the bytes do not fit the type"
         for topic, count in reader.undecodable.items()
     ]
     refused = sum(source.gate.refused for source in sources.values())

@@ -12,6 +12,7 @@ from spool_bag.format.metadata import MACHINE, custom_data
 from spool_bag.reading.information import BagInformation, ValveSummary, describe
 from spool_bag.reading.reader import BagReader
 from spool_stream.errors import InputError
+from spool_stream.text.sentence import plural
 
 OK, DAMAGED, DUPLICATE = "ok", "damaged", "duplicate"
 
@@ -113,7 +114,7 @@ def _reason(found: BagInformation) -> str:
         return f"{first.reason} at byte {first.offset}{more}{lost}: `./spool recover` makes a readable bag"
     if found.undecodable:
         topic, count = next(iter(found.undecodable.items()))
-        return f"{topic}: {count} messages are not what their type says"
+        return f"{topic}: {plural(count, 'message')} left out: the bytes do not fit the type"
     missing = [warning for warning in found.warnings if "more are missing" in warning]
     return missing[0] if missing else ""
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_stream.text.sentence import plural
 
 from spool_fleet.tables.query import ask
 from spool_fleet.trends.change_test import MONTH
@@ -145,11 +146,6 @@ def page_content(store: Path) -> PageContent:
             )
         )  # fmt: skip
     return PageContent(store, head["first"], newest, head["bags"], head["usable"], tuple(valves), services)
-
-
-def plural(count: int, thing: str) -> str:
-    """Return e.g. ``1 valve`` or ``20 valves``."""
-    return f"{count} {thing}" + ("" if count == 1 else "s")
 
 
 def _natural(text: str) -> tuple[tuple[int, str], ...]:

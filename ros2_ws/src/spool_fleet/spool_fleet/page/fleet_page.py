@@ -12,13 +12,14 @@ from urllib.parse import quote
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
+from spool_stream.text.sentence import plural
 from spool_stream.uncertainty import LEGEND, interval, number, with_interval
 from spool_tools.report.provenance import provenance
 
 from spool_fleet.trends.judgement import MACHINE
 from spool_fleet.trends.observations import PARAMETERS
 
-from .content import PageContent, ValveContent, plural
+from .content import PageContent, ValveContent
 from .drawing import Charts
 from .lights import LIGHTS
 from .news import news_of

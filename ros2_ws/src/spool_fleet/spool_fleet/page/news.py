@@ -6,11 +6,13 @@ import math
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
 
+from spool_stream.text.sentence import plural
+
 from spool_fleet.tables.query import ask
 from spool_fleet.trends.change_test import MONTH
 from spool_fleet.trends.judgement import MACHINE
 
-from .content import PageContent, ValveContent, plural
+from .content import PageContent, ValveContent
 from .sentences import date
 from .trend_rows import TrendRow
 

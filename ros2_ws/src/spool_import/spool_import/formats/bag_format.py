@@ -17,6 +17,7 @@ from spool_bag.format.metadata import COMPRESSED, storage_of
 from spool_bag.mcap.mcap_file import decompressed
 from spool_stream.errors import InputError
 from spool_stream.text.printable import printable
+from spool_stream.text.sentence import plural
 
 from spool_import.tables.table import LOG_TIME, MOST_SAMPLES, STAMP, Channel, Group, Table, Values, too_long
 
@@ -139,7 +140,7 @@ class BagTable(Table):
                 kept = stamps > 0
                 found = {one: row[kept] for one, row in found.items()}
                 stamps, times = stamps[kept], times[kept]
-                self.warnings = (*self.warnings, f"{name}: {zero} messages without a stamp are left out")
+                self.warnings = (*self.warnings, f"{name}: {plural(zero, 'message')} left out: no stamp")
         late = int(np.count_nonzero(np.diff(stamps) < 0))
         if late:
             order = np.argsort(stamps, kind="stable")
@@ -150,7 +151,7 @@ class BagTable(Table):
                 found = {one: row[order] for one, row in found.items()}
                 if times.size == stamps.size:
                     times = times[order]
-                text = f"{name}: {late} messages were out of order: sorted by stamp"
+                text = f"{name}: {plural(late, 'message')} out of order: sorted by stamp"
                 self.warnings = (*self.warnings, text)
         if times.size == stamps.size:
             self.clocks[group.name] = np.asarray(found[_STAMP], dtype=np.int64), times

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_stream.errors import InputError
 from spool_stream.stamps import BACKWARDS, JITTER, Rhythm, Stamps, first_step, judge, repeated, resolution
+from spool_stream.text.sentence import plural
 
 #: Relative difference up to which --rate and the rate of a time axis are the same.
 SAME = 0.005
@@ -189,7 +190,8 @@ def _of_stamps(name: str, time: Array, found: Stamps, where: Where) -> TimeBase:
         at = base.time
         missing = float(np.sum(at[found.gaps] - at[found.gaps - 1] - found.period))
         base.warnings.append(
-            f"{found.gaps.size} gaps in {name}, {missing:g} s missing; first at {where(int(found.gaps[0]))}"
+            f"{plural(found.gaps.size, 'gap')} in {name}, {missing:g} s missing; "
+            f"first at {where(int(found.gaps[0]))}"
         )
         base.repairs["gaps"] = int(found.gaps.size)
     sure = f"{found.rate:.8g} Hz" + (f", known to {1e6 * found.rate_std:.2g} ppm" if found.rate_std else "")
@@ -224,7 +226,7 @@ def loose_time_base(label: str, name: str, time: Array, where: Where) -> TimeBas
     gaps = np.flatnonzero(steps > 10.0 * period) + 1
     base = TimeBase(time, period, gaps.astype(np.int64))
     if gaps.size:
-        base.warnings.append(f"{gaps.size} gaps in {name}, longer than {10.0 * period:g} s")
+        base.warnings.append(f"{plural(gaps.size, 'gap')} in {name}, longer than {10.0 * period:g} s")
     uneven = float(np.quantile(np.abs(steps - period), 0.99))
     if uneven > JITTER * period + resolution(time):
         base.warnings.append(f"{name} is spaced unevenly, by up to {uneven:.3g} s: resampled")

@@ -6,6 +6,7 @@ import math
 
 from spool_stream.block_gate import BlockGate, Fault
 from spool_stream.quantity import Quantity, Validity
+from spool_stream.text.sentence import plural
 
 from spool_monitor.events.condition import Condition, Finding
 from spool_monitor.events.event import Event, Severity
@@ -98,7 +99,7 @@ def _faulty(gate: BlockGate, cause: str) -> int:
 
 def _text(gate: BlockGate, fault: Fault | None) -> str:
     """Return what is wrong with the data in words."""
-    counts = f"{gate.lost} blocks lost, {gate.refused} refused since the start"
+    counts = f"{plural(gate.lost, 'block')} lost, {gate.refused} refused since the start"
     if fault is None:
         return counts
     said = fault.value

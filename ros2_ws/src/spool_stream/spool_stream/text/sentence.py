@@ -166,3 +166,8 @@ def _in_digits(difference: Decimal, like: str) -> str:
     mantissa, mark, power = like.partition("e")
     decimals = len(mantissa.partition(".")[2])
     return f"{difference.scaleb(-int(power or 0)):.{decimals}f}{mark}{power}"
+
+
+def plural(count: int, thing: str) -> str:
+    """Return e.g. ``1 valve`` or ``20 valves``."""
+    return f"{count} {thing}" + ("" if count == 1 else "s")

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 from spool_stream.errors import InputError
+from spool_stream.text.sentence import plural
 
 from spool_tools.console.cli_options import Force, JsonFile, ReportFile
 from spool_tools.console.command import Command
@@ -98,9 +99,9 @@ def import_(
         warn(warning)
     for note in result.notes:
         print(note)
-    lost = f", {result.lost_blocks} blocks lost in gaps" if result.lost_blocks else ""
+    lost = f", {plural(result.lost_blocks, 'block')} lost in gaps" if result.lost_blocks else ""
     print(
-        f"{out}: {result.samples} samples in {result.blocks} blocks of /{name}, "
+        f"{out}: {plural(result.samples, 'sample')} in {plural(result.blocks, 'block')} of /{name}, "
         f"{result.duration:.1f} s at {1.0 / result.period:.7g} Hz{lost}"
     )
 

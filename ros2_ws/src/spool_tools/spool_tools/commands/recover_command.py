@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import typer
 from spool_stream.text.printable import printable
+from spool_stream.text.sentence import plural
 
 from spool_tools.console.cli_options import BagArgument, Force, NewBag
 from spool_tools.console.command import Command
@@ -28,7 +29,7 @@ def recover(bag: BagArgument, out: NewBag, _force: Force = False) -> None:
     kept, bad = sum(result.messages.values()), sum(result.undecodable.values())
     lost = lost_messages(result.lost, estimated=result.estimated)
     damaged = damaged_places(result.damages)
-    print(f"{out}: {kept} messages saved, {lost} lost, {bad} not decodable, {damaged}")
+    print(f"{out}: {plural(kept, 'message')} saved, {lost} lost, {bad} not decodable, {damaged}")
     for damage in result.damages[:MOST_PLACES]:
         gone = "an unknown number of" if damage.lost is None else str(damage.lost)
         place = f"at byte {damage.offset}, {damage.size} bytes: {printable(damage.reason)}"
@@ -36,7 +37,7 @@ def recover(bag: BagArgument, out: NewBag, _force: Force = False) -> None:
     if len(result.damages) > MOST_PLACES:
         print(f"  and {len(result.damages) - MOST_PLACES} more")
     for valve, missing in result.missing.items():
-        print(f"  /{printable(valve)}: {missing} blocks are missing by their sequence numbers")
+        print(f"  /{printable(valve)}: missing by sequence numbers: {plural(missing, 'block')}")
     if not result.closed:
         print("  the recording was not finished: what was not yet on the disk at its end is not counted")
     for warning in result.warnings:

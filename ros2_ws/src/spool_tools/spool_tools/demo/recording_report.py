@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from spool_bag.reading.reader import BagReader
 from spool_stream.block_gate import malformed
+from spool_stream.text.sentence import plural
 from spool_stream.uncertainty import LEGEND, PLUS_MINUS, Z_95, Shown, interval
 
 from spool_tools.report import page as html
@@ -41,7 +42,8 @@ def write_report(folder: Path, reader: BagReader, analysis: dict[str, Any]) -> P
         sections += _section(name, valve, image)
     lost = sum(valve["lost_blocks"] for valve in analysis["valves"].values())
     summary = (
-        f"{len(analysis['valves'])} valves, {analysis['duration_s'] or 0.0:.0f} s, {lost} blocks lost. "
+        f"{plural(len(analysis['valves']), 'valve')}, {analysis['duration_s'] or 0.0:.0f} s, "
+        f"{plural(lost, 'block')} lost. "
         f"{LEGEND}; bands around curves are the same intervals. Shaded stretches are events."
     )
     text = html.page(

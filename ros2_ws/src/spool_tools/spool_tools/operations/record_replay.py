@@ -24,6 +24,7 @@ from spool_sim.valve.description import Valve
 from spool_stream.block_run import BlockRun
 from spool_stream.errors import InputError
 from spool_stream.format.cdr import OilTemperature
+from spool_stream.text.sentence import plural
 
 from spool_tools.console.outputs import write_file
 from spool_tools.console.progress import progress
@@ -152,7 +153,7 @@ def _warnings(reader: Source, times: Mapping[str, Timeline]) -> list[str]:
         told += [step_text(name, step) for step in timeline.steps[:MOST_STEPS]]
     left_out = {} if isinstance(reader, TableSource) else reader.undecodable
     told += [
-        f"{topic}: {count} messages are not what their type says and are left out: "
+        f"{topic}: {plural(count, 'message')} left out: the bytes do not fit the type; "
         "`./spool recover` makes a bag without them"
         for topic, count in left_out.items()
     ]

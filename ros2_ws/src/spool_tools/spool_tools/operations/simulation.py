@@ -14,6 +14,7 @@ from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
 from spool_stream.errors import InputError
 from spool_stream.format.cdr import OilTemperature, encode_block, encode_temperature
+from spool_stream.text.sentence import plural
 
 from spool_tools.console.outputs import making_room
 from spool_tools.console.progress import progress
@@ -92,7 +93,7 @@ def simulate(
             writer.write(channel, block.stamp, encode_block(block, valve_id), sequence=block.sequence)
             count += 1
             advance(block.body.size * block.sample_period)
-    print(f"{out}: {count} blocks of {valve_id} in /{name}, {seconds:g} s at {sample_rate:g} Hz")
+    print(f"{out}: {plural(count, 'block')} of {valve_id} in /{name}, {seconds:g} s at {sample_rate:g} Hz")
 
 
 def _temperatures(text: str | None) -> tuple[float, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from spool_stream.text.sentence import plural
 from spool_stream.uncertainty import LEGEND, with_interval
 
 from . import page as html
@@ -55,7 +56,7 @@ def replay_page(
 def _verdict(name: str, valve: Mapping[str, Any]) -> str:
     raised = [event for event in valve["events"] if event["state"] == "raised"]
     count = f"{len(raised)} event{'' if len(raised) == 1 else 's'}"
-    lost = f"; {valve['lost_blocks']} blocks lost" if valve["lost_blocks"] else ""
+    lost = f"; {plural(valve['lost_blocks'], 'block')} lost" if valve["lost_blocks"] else ""
     return f"{name} at the end: {valve['health']['summary']}; {count} in the record{lost}."
 
 
