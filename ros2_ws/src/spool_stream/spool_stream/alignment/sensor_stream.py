@@ -14,7 +14,7 @@ from spool_stream.block_gate import LARGEST_SAMPLE, LONGEST_PERIOD
 from spool_stream.stamps import Rhythm, Stamps, judge_stamps, repeated
 
 from .sample_clock import Array, SampleClock
-from .step_watch import LEAST_STEP, Change, Line, Step, StepWatch
+from .step_watch import CERTAIN, LEAST_STEP, Change, Line, Step, StepWatch
 
 #: Hz, rates that a sensor may have: the lowest is that of blocks, the highest far above what single messages
 #: can bring.
@@ -108,6 +108,7 @@ class SensorStream:
     _held: list[tuple[int, float, float]] = field(default_factory=list)
     _floor: int = 0
     _reach: float = 0.0
+    _same_lag: float = math.inf
     _wanted: float = 0.0
     _window: tuple[int, int, int] = (0, 0, 0)
     _ring: Array = field(init=False)
@@ -396,7 +397,7 @@ class SensorStream:
             time = float(clock.times(index, clock.base))
             watch.take(float(residual), lag, float(stamp - clock.base), Line(int(index), time, clock.period))
         change = watch.lag - lags
-        if abs(change) > max(SAME_LAG * 1e9, SURE * watch.lag_deviation):  # false where either is unknown
+        if abs(change) > self._same_lag:  # false where either is unknown
             self.stepped += round(change)
             self.steps += 1
             watch.lag = lags
@@ -415,6 +416,9 @@ class SensorStream:
         self._first, self._held = self._held, []
         self.clock = None
         self.restarts += 1
+        silent = bool(self._first) and self._first[0][0] - self.newest > LONGEST_GAP * 1e9
+        scale = self.watch.lag_scale if self.watch is not None else math.inf
+        self._same_lag = max(SAME_LAG * 1e9 if silent else 2.0 * LEAST_STEP, CERTAIN * scale)
         self.newest = self._first[-1][0] if self._first else self.newest
 
     def _drop_held(self) -> None:
