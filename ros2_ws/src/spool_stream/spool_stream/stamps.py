@@ -192,7 +192,7 @@ def unpaired(names: tuple[str, str], found: tuple[Stamps, Stamps], stamps: tuple
         begin = max(int(one[0]) for one in stamps)
         end = min(int(one[-1]) for one in stamps)
         inside = [one[(one >= begin) & (one <= end)] for one in stamps]
-        if inside[0].size < PACKET or not np.array_equal(*inside):
+        if inside[0].size < PACKET or not np.array_equal(inside[0], inside[1]):
             size = f"{largest:.3g} samples"
             return (
                 f"stamps of {names[0]} and {names[1]} are those of packets of {size}, which differ: {advice}"
