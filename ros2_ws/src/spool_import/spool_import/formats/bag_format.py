@@ -84,7 +84,7 @@ class BagTable(Table):
             message = next(self._messages(reader, connection.topic), None)
             size = np.size(message[1].data) if message else 0
             return (stamp, *(Channel(str(at)) for at in range(size)))
-        return (stamp, log, *(Channel(axis, "m/s^2") for axis in _AXES))
+        return (stamp, *(Channel(axis, "m/s^2") for axis in _AXES), log)
 
     def read(self, group: Group, names: Sequence[str], _single: Sequence[str] = ()) -> dict[str, Values]:
         """Return stamps (ns) and values by name."""

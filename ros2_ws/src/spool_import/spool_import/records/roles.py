@@ -267,7 +267,7 @@ def _of_topic(tables: Sequence[Table], sources: Sequence[Source], topic: str, ax
         raise InputError(f"{tables[0].path}: no topic {printable(topic, 60)} of accelerations; it has {held}")
     found = [one for one in fitting if one.channel.name == axis]
     if not found:
-        axes = ", ".join(one.channel.name for one in fitting if not one.channel.time)
+        axes = ", ".join(one.channel.name for one in fitting if one.channel.unit != STAMP)
         raise InputError(
             f"{tables[0].path}: {printable(topic, 60)} has no axis {printable(axis, 20)!r}: name one "
             f"of {axes}"
