@@ -131,6 +131,7 @@ def _reading(lines: Sequence[str], delimiter: str, decimal: str) -> tuple[tuple[
     layout = layout_of(rows, marks, kinds, width)
     # A channel may begin late, as an oil temperature does.
     kinds = tuple(Kind.NUMBER if kind is Kind.EMPTY and not layout.numbered else kind for kind in kinds)
+    every = sum(any(row) for row in rows)
     filled = [at for at in range(layout.first, len(rows)) if any(rows[at])]
     samples = [at for at in filled if len(rows[at]) == width]
     numeric = sum(mark not in (Kind.TEXT, Kind.EMPTY) for at in samples for mark in marks[at])
@@ -147,7 +148,7 @@ def _reading(lines: Sequence[str], delimiter: str, decimal: str) -> tuple[tuple[
         if kind is Kind.NUMBER and not grouped and not is_proven(column, decimal)
     )
     score = (
-        round(len(samples) / max(1, len(filled)), 2),
+        round(len(samples) / every, 2),
         round(numeric / max(1, sum(len(kinds) for _ in samples)), 2),
         float(not layout.numbered or layout.first == 0),
         float(not grouped or any(decimal in cell for column in columns for cell in column)),
