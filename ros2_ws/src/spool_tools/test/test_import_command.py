@@ -123,3 +123,60 @@ def test_other_commands_read_units_too_and_say_where_they_are_told(
     bare = table(tmp_path, "bare.csv", "time [s],body,spool", practice, 1.0)
     assert main(["fit", str(bare), "--valve", "4weh10_soft"]) == 2
     assert "these are options of ./spool import" in capsys.readouterr().err
+
+
+def test_columns_and_conversions_are_stated_wherever_the_record_is_shown(
+    tmp_path: Path, practice: tuple[np.ndarray, np.ndarray], capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = table(tmp_path, "logger.csv", "time [s],Gehäuse [g],acc 2", practice, 1.0 / GRAVITY)
+    options = ["--columns", "spool=#2", "--unit", "spool=g", "--unit", "time=s"]
+    lines = [
+        "time: column #0 'time [s]' in s (--unit time=s)",
+        "body: column #1 'Gehäuse [g]', 1 g = 9.80665 m/s^2",
+        "spool: column #2 'acc 2', 1 g = 9.80665 m/s^2 (--unit spool=g)",
+    ]
+    page, told = tmp_path / "look.html", tmp_path / "look.json"
+    assert main(["import", str(path), "--look", *options, "--json", str(told), "--report", str(page)]) == 0
+    shown = capsys.readouterr().out
+    found = json.loads(told.read_text())
+    assert found["columns"][1] == {
+        "role": "body_m_s2", "file": "logger.csv", "column": "Gehäuse [g]", "number": 1, "unit": "g",
+        "factor": GRAVITY, "option": None,
+    }  # fmt: skip
+    assert main(["import", str(path), "--out", str(tmp_path / "bag"), *options]) == 0
+    made = capsys.readouterr().out
+    main(["check", str(tmp_path / "bag")])
+    checked = capsys.readouterr().out
+    html = page.read_text().replace("&#39;", "'")
+    for line in lines:
+        assert line in shown
+        assert line in made
+        assert line in checked
+        assert line in html
+        assert line in found["notes"]
+
+
+@pytest.mark.parametrize(("bag", "at_most"), [("practice_01", False), ("practice_03", True)])
+def test_the_noise_of_the_spool_is_an_upper_bound_where_friction_reaches_up(
+    bag: str, at_most: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Both sensors of these records have 0.03 m/s^2; practice_03 has dry friction, practice_01 has none."""
+    assert main(["check", str(BAG.with_name(bag)), "--json", str(tmp_path / "check.json")]) == 0
+    channels = json.loads((tmp_path / "check.json").read_text())["channels"]
+    assert channels["spool"]["noise_is_upper_bound"] is at_most
+    assert channels["body"]["noise_is_upper_bound"] is False
+    assert (channels["spool"]["noise_rms"] > 0.06) is at_most
+    assert ("at most" in capsys.readouterr().out) is at_most
+
+
+def test_a_column_can_be_left_out(
+    tmp_path: Path, practice: tuple[np.ndarray, np.ndarray], capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = table(tmp_path, "two.csv", "time [s],body [m/s2],spool [m/s2]", practice, 1.0)
+    text = path.read_text().replace("\n", ",1\n").replace("[m/s2],1\n", "[m/s2],body 2 [m/s2]\n", 1)
+    path.write_text(text)
+    assert main(["import", str(path), "--out", str(tmp_path / "bag")]) == 2
+    assert "could be body_m_s2" in capsys.readouterr().err
+    assert main(["import", str(path), "--exclude", "body 2", "--out", str(tmp_path / "bag")]) == 0
+    assert main(["import", str(path), "--exclude", "body 7", "--out", str(tmp_path / "bag_2")]) == 2
+    assert "--exclude" in capsys.readouterr().err

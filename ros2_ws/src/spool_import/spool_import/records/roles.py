@@ -147,7 +147,7 @@ def chosen(tables: Sequence[Table], kind: str, asked: Choices) -> dict[str, Sour
             f"{tables[0].path}: {found[doubled[0]].label} is named for {' and '.join(doubled)}: "
             f"name a column for each{', e.g. ' if ways else ''}{', or '.join(ways)}"
         )
-    return found
+    return {role: found[role] for role in roles if role in found}
 
 
 def time_of(table: Table, group: Group, asked: Choices, taken: Sequence[Source] = ()) -> Channel | None:

@@ -39,7 +39,9 @@ def look(files: Sequence[Path], how: Choices, json: Path | None, report: Path | 
         return False
     found = quality_of(stretches_of_table(record), record.path.name, record.warnings)
     notes = [*record.notes]
-    _show(found, notes)
+    shown = {f"{table.path.name}: {note}" for table in tables for note in table.notes}
+    shown |= {note for table in tables for note in table.notes}
+    _show(found, [note for note in notes if note not in shown])
     if json is not None:
         write_json(json, _dictionary(tables, record, found))
     if report is not None:
