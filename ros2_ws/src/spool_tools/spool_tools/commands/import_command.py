@@ -71,7 +71,7 @@ def import_(
 
     Example: ./spool import logger.csv --look
     Example: ./spool import logger.csv --unit body=g,spool=g --out record_bag
-    Example: ./spool import logger.csv --columns body=#3,spool=#5 --exclude #4 --out record_bag
+    Example: ./spool import logger.csv --columns body=#3,spool=#5 --exclude '#4' --out record_bag
     Example: ./spool import body.wav spool.tdms --scale body=50g/FS --out record_bag
     """
     from spool_import.bag_import import import_record  # noqa: PLC0415 - slow to load, as below
