@@ -373,6 +373,18 @@ def tektronix(path: Path) -> None:
     path.write_text("\n".join([*top, *volts()]) + "\n")
 
 
+def tektronix_old(path: Path) -> None:
+    """Settings stand beside the first samples."""
+    top = [
+        ("Record Length", "6.0e+02"),
+        ("Sample Interval", "5.0e-04"),
+        ("Source", "CH1"),
+        ("Vertical Units", "V"),
+    ]
+    beside = [f"{key},{value}" for key, value in top] + [","] * (COUNT - len(top))
+    path.write_text("\n".join(f"{one},,{row}" for one, row in zip(beside, volts(), strict=True)) + "\n")
+
+
 def rigol(path: Path) -> None:
     rows = [f"{at},{0.1 * b:.6e},{0.1 * s:.6e},," for at, (b, s) in enumerate(zip(BODY, SPOOL, strict=True))]
     top = ["X,CH1,CH2,Start,Increment,", "Sequence,Volt,Volt,-6.000000e-02,5.000000e-04"]

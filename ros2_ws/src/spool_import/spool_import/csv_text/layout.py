@@ -92,7 +92,8 @@ def layout_of(
     Raises:
         InputError: settings above the samples contradict each other.
     """
-    states = [_state(row, kinds, width) for row in marks]
+    firm = _filled(marks, kinds)
+    states = [_state(row, firm, width) for row in marks]
     first = _first_sample(rows, states)
     named = _header(rows, states, first, len(kinds), width)
     if named is None and _numeric_names(rows, states, kinds, first):
@@ -106,6 +107,15 @@ def layout_of(
         numbered = False
     rate, rate_from = _stated(rows, first, above)
     return Layout(first, unique(names), tuple(names), tuple(units), numbered, rate, rate_from)
+
+
+def _filled(marks: Sequence[Sequence[Kind]], kinds: Sequence[Kind]) -> list[Kind]:
+    """Return the kinds of columns, ``TEXT`` for a mostly empty one: settings may stand beside samples."""
+    rows = [row for row in marks if len(row) >= len(kinds)]
+    return [
+        kind if 2 * sum(row[at] is not Kind.EMPTY for row in rows) >= len(rows) else Kind.TEXT
+        for at, kind in enumerate(kinds)
+    ]
 
 
 def _state(row: Sequence[Kind], kinds: Sequence[Kind], width: int) -> _Row:
