@@ -231,6 +231,16 @@ def test_an_unknown_source_is_refused_with_those_that_there_are(
     assert "Traceback" not in said
 
 
+def test_a_parameter_for_all_nodes_that_none_of_them_has_is_refused(
+    host: Callable[..., subprocess.Popen[bytes]], tmp_path: Path
+) -> None:
+    (tmp_path / "my.yaml").write_text("/**: {ros__parameters: {memry: 3.0}}\n")
+    process = host(PLAIN, params_file=str(tmp_path / "my.yaml"))
+    assert process.wait(60) == 2
+    said = (tmp_path / "host.log").read_text().splitlines()
+    assert any(line.startswith("/valve_0/estimator: parameter memry is unknown") for line in said)
+
+
 @pytest.mark.parametrize(
     "fault", [pytest.param(one, marks=() if one == "raises" else pytest.mark.slow) for one in FAULTS]
 )

@@ -157,6 +157,9 @@ class HostProcess:
         return code
 
     def _begin(self) -> None:
+        # A section for nodes of every name holds parameters of some of them. What none of them has is refused
+        # by the hosted nodes, when it is known which there are.
+        shared = ManagedNode.of_others = names_for_all(self.arguments)
         self._node = HostNode(node_name(self.number))
         self._executor = new_executor()
         self._executor.add_node(self._node)
@@ -175,9 +178,8 @@ class HostProcess:
         source = load_source(self._node.value("source"))
         kinds = (EstimatorNode, MonitorNode, *((source,) if source is not None else ()))
         mine = share(valves, self.number, self._node.value("processes"))
-        # A section for nodes of every name holds parameters of some of them.
         tables = (parameter for kind in (HostNode, *kinds) for parameter in kind.PARAMETERS)
-        ManagedNode.of_others = names_for_all(self.arguments) & {parameter.name for parameter in tables}
+        ManagedNode.of_others = shared & {parameter.name for parameter in tables}
         autostart = self._node.value("autostart")
         if autostart:
             self._node.trigger_configure()
