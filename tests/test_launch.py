@@ -303,6 +303,19 @@ def test_a_missing_file_is_refused(description: LaunchDescription, tmp_path: Pat
         nodes(description, Path(missing.pop("valves_file", PACKAGE / "config" / "valves.yaml")), **missing)
 
 
+def test_files_given_in_place_of_each_other_are_recognised(
+    description: LaunchDescription, tmp_path: Path
+) -> None:
+    valve = write(tmp_path / "my_valve.yaml", {"id": "a", "moving_mass": 0.18, "spring_stiffness": 1632.0})
+    shipped = PACKAGE / "config"
+    with pytest.raises(ValueError, match=r"^params_file: .*my_valve.yaml: this is a valve description: "):
+        nodes(description, shipped / "valves.yaml", params_file=str(valve))
+    with pytest.raises(ValueError, match=r"^params_file: .*valves.yaml: this is a list of valves: "):
+        nodes(description, shipped / "valves.yaml", params_file=str(shipped / "valves.yaml"))
+    with pytest.raises(ValueError, match=r"/valve.yaml: this is a parameter file of nodes: "):
+        nodes(description, shipped / "valve.yaml")
+
+
 def test_the_monitors_keep_their_state_where_it_is_said(description: LaunchDescription) -> None:
     made = nodes(description, PACKAGE / "config" / "valves.yaml", state_folder="/var/lib/spool")
     folder = ParameterValue(LaunchConfiguration("state_folder"), str)

@@ -163,3 +163,18 @@ def test_commands_of_running_nodes_work_on_them(system: System, folder: Path) ->
     for one in page:
         if one.command == "trend":
             assert ask(*one.words).returncode == 0
+
+
+def test_a_files_name_means_one_kind_of_file_in_all_texts() -> None:
+    """``my_valve.yaml`` is a valve description, ``limits.yaml`` and ``nodes.yaml`` are parameter files."""
+    folders = (ROOT / "docs", ROOT / "ros2_ws" / "src", ROOT / "setup")
+    texts = [
+        path for folder in folders for path in folder.rglob("*") if path.suffix in {".md", ".py", ".yaml"}
+    ]
+    assert len(texts) > 500
+    files = r"(params[-_]file(:=|[ =])|--model )\S*my_valve\.yaml"
+    wrong = re.compile(files + r"|(--valve|valve_file:=?|--model) ?(limits|nodes)\.yaml")
+    found = [
+        f"{path}: {one[0]}" for path in (*PAGES, *texts) for one in wrong.finditer(path.read_text("utf-8"))
+    ]
+    assert found == []

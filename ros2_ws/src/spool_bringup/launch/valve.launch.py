@@ -13,7 +13,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import LifecycleNode, Node
 from launch_ros.parameter_descriptions import ParameterValue
 from spool_bringup.host.valve_list import read_valves
-from spool_node.parameters import rule
+from spool_node.parameters import refuse_other_files, rule
 from spool_stream.errors import InputError
 
 SHARE = Path(get_package_share_directory("spool_bringup"))
@@ -209,6 +209,10 @@ def _existing(argument: str, path: str) -> str:
         raise ValueError(
             f"{argument}: {path} is no file: name the YAML file, e.g. a copy of config/valve.yaml"
         )
+    try:
+        refuse_other_files(["--params-file", path])
+    except InputError as error:
+        raise ValueError(f"{argument}: {error}") from None
     return path
 
 

@@ -22,11 +22,20 @@ class HealthLevel(enum.IntEnum):
 
 
 class BaselineState(enum.IntEnum):
-    """State of the baseline; the numbers are those of ``spool_msgs/msg/ValveHealth``."""
+    """State of the baseline; the numbers are those of ``spool_msgs/msg/ValveHealth``.
+
+    FROZEN means that the start values are learned and fixed. Whether somebody confirmed them is the stage of
+    the kept :class:`~.history.baseline_record.BaselineRecord`, and the text does not claim it.
+    """
 
     UNKNOWN = 0
     LEARNING = 1
     FROZEN = 2
+
+    @property
+    def text(self) -> str:
+        """What people read: unknown, learning or learned."""
+        return "learned" if self is BaselineState.FROZEN else self.name.lower()
 
 
 @dataclass(frozen=True, slots=True)

@@ -201,7 +201,7 @@ class Monitor:
         if self.estimate is None:
             return "waiting for estimates"
         state = self.estimate.state.name.lower().replace("_", " ")
-        return f"{state}, baseline {baseline.name.lower()}"
+        return f"{state}, baseline {baseline.text}"
 
 
 def _namur(level: HealthLevel, baseline: BaselineState, active: list[Condition]) -> Namur:

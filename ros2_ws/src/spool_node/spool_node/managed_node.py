@@ -217,12 +217,14 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
             if ManagedNode.beat is not None:
                 ManagedNode.beat()
             if not told and time.monotonic() - begin > COMPILES:
-                self.get_logger().info("compiling the numerical kernels: about a minute, once")
+                self.get_logger().info(
+                    "compiling the numerical kernels, which a first start does: it may take a minute"
+                )
                 told = True
         STOP.phase = phase if STOP.phase is Phase.STARTING else STOP.phase
         self.compiling = False
         if told:
-            self.get_logger().info(f"kernels compiled in {time.monotonic() - begin:.0f} s")
+            self.get_logger().info(f"kernels ready after {time.monotonic() - begin:.0f} s")
         if failure:
             raise failure[0]
         _COMPILED.add(kernels)

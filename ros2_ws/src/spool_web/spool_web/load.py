@@ -146,7 +146,7 @@ def _quantity(name: str, unit: str, value: float) -> Quantity:
 
 def _health(number: int) -> ValveHealth:
     return ValveHealth(
-        level=1, baseline=2, summary=f"tracking, baseline frozen {number}",
+        level=1, baseline=2, summary=f"tracking, baseline learned {number}",
         judgements=[f"{one}: judged" for one in (*DRIFT, "resonance", "stuck_spool", "sensor_dead")],
         dominant_frequency=_quantity("dominant_frequency", "Hz", 21.0),
         amplification=_quantity("amplification", "1", 2.0),

@@ -47,7 +47,7 @@ def quantity(
     return Quantity(name=name, unit=unit, value=value, standard_deviation=deviation, validity=validity)
 
 
-def good_health(summary: str = "tracking, baseline frozen", shakes: float = 21.0) -> ValveHealth:
+def good_health(summary: str = "tracking, baseline learned", shakes: float = 21.0) -> ValveHealth:
     return ValveHealth(
         level=ValveHealth.LEVEL_OK,
         baseline=ValveHealth.BASELINE_FROZEN,

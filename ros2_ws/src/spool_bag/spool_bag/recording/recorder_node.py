@@ -348,7 +348,8 @@ class RecorderNode(ManagedNode):
         refused = self._snapshots.keeper.ask(f"/{valve}", now)
         if refused:
             raise InputError(f"{valve}: {refused}")
-        text = f"snapshot of {valve} asked for by {request.who.strip()}: {request.comment.strip()}"
+        comment = request.comment.strip()
+        text = f"snapshot of {valve} requested by {request.who.strip()}{comment and f': {comment}'}"
         self.get_logger().info(printable(text, 300))
         response.success = True
         return response

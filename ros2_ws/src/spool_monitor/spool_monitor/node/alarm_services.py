@@ -217,7 +217,7 @@ class AlarmServices:
                 request.FREEZE: "frozen",
                 request.RESTORE: f"version {request.version} restored",
             }[request.action]
-            comment = f" ({request.comment})" if request.comment else ""
+            comment = f" ({request.comment.strip()})" if request.comment.strip() else ""
             self._node.get_logger().info(f"baseline changed by {operator.who}: {done}{comment}")
         elif request.action != request.SHOW:
             raise AlarmRefusedError(f"action: {request.action} is not one of 0 to {request.RESTORE}")

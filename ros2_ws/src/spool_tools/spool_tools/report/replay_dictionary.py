@@ -108,7 +108,7 @@ def _health(health: Health) -> dict[str, Any]:
     """Return the last judgement; what could not be judged is said by detector."""
     return {
         "level": health.level.name.lower(),
-        "baseline": health.baseline.name.lower(),
+        "baseline": health.baseline.text,
         "summary": health.summary,
         "judgements": {name: JUDGEMENT_TEXTS[judgement] for name, judgement in health.judgements},
     }
