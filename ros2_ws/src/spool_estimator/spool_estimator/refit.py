@@ -19,6 +19,7 @@ from spool_sim.model import Model
 from spool_sim.valve.description import Valve
 from spool_stream.block import Block, Samples
 from spool_stream.block_gate import BlockGate, Verdict
+from spool_stream.kernels.outliers import OutlierFilter
 from spool_stream.quantity import Quantity, Validity
 
 from .estimate import Estimate, State
@@ -92,6 +93,7 @@ class WindowRefits:
 
     settings: RefitSettings
     gate: BlockGate = field(default_factory=BlockGate)
+    outliers: OutlierFilter = field(default_factory=OutlierFilter)
     _kept: deque[tuple[Samples, Samples]] = field(default_factory=deque, init=False)
     _held: int = field(default=0, init=False)
     _count: int = field(default=0, init=False)
@@ -103,6 +105,7 @@ class WindowRefits:
         self._estimates.extend(estimates)
         if verdict is Verdict.REFUSED:
             return []
+        block = self.outliers.cleaned(block, restarts=verdict is Verdict.RESTARTS)
         if verdict is Verdict.RESTARTS:
             self._kept.clear()
             self._estimates.clear()

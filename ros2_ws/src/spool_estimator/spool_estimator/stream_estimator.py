@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from spool_identification.oil import OilLaw, OilReference
 from spool_stream.block import Block, Samples
 from spool_stream.block_gate import BlockGate, Fault, Verdict
+from spool_stream.kernels.outliers import OutlierFilter
 from spool_stream.kernels.standing import StandingWatch
 from spool_stream.quantity import Quantity, Validity
 
@@ -113,6 +114,7 @@ class StreamEstimator(ABC):
 
     settings: EstimatorSettings
     gate: BlockGate = field(default_factory=BlockGate)
+    outliers: OutlierFilter = field(default_factory=OutlierFilter, init=False)
     oil: OilReference = field(init=False)
     latest: Estimate | None = field(default=None, init=False)
     _samples: int = field(default=0, init=False)
@@ -190,6 +192,7 @@ class StreamEstimator(ABC):
                 self._go_back(max(self.gate.rate.began, block.stamp - round(LATE * 1e9)))
             return []
         self._gone_back = False
+        block = self.outliers.cleaned(block, restarts=verdict is Verdict.RESTARTS)
         if verdict is Verdict.RESTARTS or not self._missing[0]:
             self._restart(block.sample_period)
         estimates = []

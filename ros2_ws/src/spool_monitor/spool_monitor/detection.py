@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, replace
 from spool_estimator.estimate import Estimate
 from spool_stream.block import Block
 
-from spool_monitor.detectors import ESTIMATE, LINE, SIGNALS, Detector, Judgement, Moment, detectors
+from spool_monitor.detectors import CHANNELS, ESTIMATE, LINE, SIGNALS, Detector, Judgement, Moment, detectors
+from spool_monitor.detectors.not_judged import BLIND, NotJudged
 from spool_monitor.detectors.settings import (
     BASELINE_TIME,
     FALSE_ALARM_HOURS,
@@ -21,6 +22,7 @@ from spool_monitor.drift.parameter_drift import ParameterDrift
 from spool_monitor.events.condition import Condition
 from spool_monitor.events.event import Event
 from spool_monitor.signals.channel_signals import Signals, look
+from spool_monitor.signals.channel_watch import ChannelLook, ChannelWatch
 from spool_monitor.signals.response import ResponseTracker, ValveResponse
 from spool_monitor.signals.spectrum import Line, find_line
 from spool_monitor.signals.window import WindowTracker
@@ -36,6 +38,12 @@ STICKING = 0.5
 
 #: Dry friction over rms inertia force from which a spool sticks too much to tell its stiffness.
 STICKS = 0.55
+
+#: What a detector that can judge says; a machine at rest and a healthy valve that is learned are judged, too.
+JUDGES = (Judgement.JUDGED, Judgement.LEARNING, Judgement.NOT_EXCITED)
+
+#: s of blocks without a whole window among them from which gaps keep every detector from judging.
+NO_WINDOW = 2.0
 
 #: Rank of what judges parameters.
 PARAMETERS = 9
@@ -60,6 +68,7 @@ class Detection:
     settings: MonitorSettings
     windows: WindowTracker = field(default_factory=WindowTracker)
     response: ResponseTracker = field(default_factory=ResponseTracker)
+    channels: ChannelWatch = field(default_factory=ChannelWatch)
     reference: ValveResponse = field(init=False)
     detectors: tuple[Detector, ...] = field(init=False)
     parameters: dict[str, ParameterDrift] = field(init=False)
@@ -67,6 +76,9 @@ class Detection:
     units: dict[str, str] = field(init=False)
     conditions: dict[str, Condition] = field(init=False)
     doubt: str = ""
+    _unjudged: tuple[float, str] = field(default=(0.0, ""), init=False)
+    _judged_at: int | None = field(default=None, init=False)
+    _windowed_at: int = field(default=0, init=False)
     line: Line | None = field(default=None, init=False)
     _suspicions: dict[str, tuple[int, int, str]] = field(default_factory=dict, init=False)
     _memory: float = field(default=4.0, init=False)
@@ -127,6 +139,7 @@ class Detection:
         """Take note that samples are missing, or of the first ones, ``period`` s apart."""
         self.windows.restart(period)
         self.response.restart()
+        self.channels.restart(period)
         for one in self.detectors:
             one.restart()
 
@@ -135,19 +148,60 @@ class Detection:
         events: list[Event] = []
         for window in self.windows.update(block):
             self._stamp = window.stamp
+            seen = self.channels.update(window, self.windows.fresh)
+            if seen is not None:
+                moment = self._moment(window.stamp, natural_frequency, channels=seen)
+                events += self._show(CHANNELS, moment)
             # Levels are looked at in every other window: what they tell takes seconds to be believed.
             if window.number % 2 == 0:
                 events += self._show_signals(look(window), natural_frequency)
             self.line = find_line(window)
+            self._windowed_at = window.stamp
+            self._look_for_judges(window.stamp)
             events += self._show(
                 LINE, self._moment(window.stamp, natural_frequency, line=self.line, silent=self.line is None)
             )
         self._stamp = block.end
+        if not 0 <= block.end - self._windowed_at < NO_WINDOW * 1e9:
+            self._windowed_at = self._windowed_at or block.end
+            events += self._without_windows(block.end, natural_frequency)
         return events
+
+    @property
+    def blind(self) -> str:
+        """Why no detector has been able to judge the valve for ``BLIND`` s, empty where one has."""
+        seconds, reason = self._unjudged
+        return reason if seconds > BLIND else ""
+
+    def _look_for_judges(self, stamp: int, reason: str = "") -> None:
+        """Note at ``stamp`` (ns) for how long no detector of the valve's condition has judged, and why."""
+        condition = [one for one in self.detectors if one.kind.task == "condition"]
+        judged = not reason and any(one.judgement in JUDGES for one in condition)
+        if judged or self._judged_at is None or stamp < self._judged_at:
+            self._judged_at = stamp
+        if not reason:
+            reason = self._distrust(stamp, PARAMETERS)
+            if not reason and self.reference.natural_frequency == 0.0:
+                reason = "the valve's natural frequency is not known"
+        seconds = 1e-9 * (stamp - self._judged_at)
+        self._unjudged = (0.0, "") if judged else (seconds, reason or "no detector has enough data")
+
+    def _without_windows(self, stamp: int, natural_frequency: float) -> list[Event]:
+        """Show the time without windows to the detector of blindness alone; there is nothing else to see."""
+        self._look_for_judges(stamp, "the data have gaps: no second without one")
+        moment = self._moment(stamp, natural_frequency)
+        found = [(one, one.update(moment)) for one in self.detectors if isinstance(one, NotJudged)]
+        return [
+            event
+            for one, finding in found
+            if finding is not None
+            for event in self.conditions[one.name].judge(finding)
+        ]
 
     def update_estimate(self, estimate: Estimate, natural_frequency: float) -> list[Event]:
         """Take an estimate; return what began or ended with it."""
         self._memory = estimate.memory
+        self.channels.take_residual(estimate.residual.value)
         if self.reference.natural_frequency == 0.0 and estimate.natural_frequency.known:
             self.reference = configured(estimate.natural_frequency.value)
         self._stamp = max(self._stamp, estimate.stamp)
@@ -199,11 +253,22 @@ class Detection:
         signals: Signals | None = None,
         response: ValveResponse | None = None,
         estimate: Estimate | None = None,
+        channels: ChannelLook | None = None,
     ) -> Moment:
         return Moment(
             stamp, natural_frequency, self.reference, self.parameters, self.learned,
             line, silent, signals, response, estimate, self._velocity,
+            unjudged=self._unjudged, explained=self._explained, channels=channels,
         )  # fmt: skip
+
+    @property
+    def _explained(self) -> bool:
+        """Whether a fault of a sensor or of the data is raised that says why nothing is judged."""
+        return any(
+            condition.active is not None
+            for name, condition in self.conditions.items()
+            if condition.declared.task == "data" and name != NotJudged.name
+        )
 
     def _show(self, what: str, moment: Moment) -> list[Event]:
         """Show a moment with something new of ``what`` to those who look at that."""

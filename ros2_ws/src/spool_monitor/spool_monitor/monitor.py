@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from spool_estimator.estimate import Estimate, State
 from spool_stream.block import Block
 from spool_stream.block_gate import BlockGate, Fault, Verdict
+from spool_stream.kernels.outliers import OutlierFilter
 from spool_stream.quantity import Quantity, Validity
 
 from spool_monitor.detectors import check_settings
@@ -42,6 +43,7 @@ class Monitor:
 
     settings: MonitorSettings = field(default_factory=MonitorSettings)
     gate: BlockGate = field(default_factory=BlockGate)
+    outliers: OutlierFilter = field(default_factory=OutlierFilter, init=False)
     detection: Detection = field(init=False)
     estimate: Estimate | None = field(default=None, init=False)
     _stale: StaleWatch = field(default_factory=StaleWatch, init=False)
@@ -65,6 +67,8 @@ class Monitor:
             silent, patience = ((block.stamp - before[1]) * 1e-9, self.settings[STALE_AFTER])
             if silent > patience:
                 events += self._stale.silent("acceleration", before[1] + round(patience * 1e9), silent)
+        block = self.outliers.cleaned(block, restarts=verdict is Verdict.RESTARTS)
+        events += self._data_faults.judge_outliers(self.outliers, block.stamp)
         self._stamp = block.end
         events += self._stale.arrived("acceleration", block.stamp, "acceleration arrives again")
         if verdict is Verdict.RESTARTS:
@@ -175,7 +179,8 @@ class Monitor:
         if active:
             worst = max(condition.active for condition in active if condition.active is not None)
             return HealthLevel.ALARM if worst is Severity.ALARM else HealthLevel.WARNING
-        return HealthLevel.UNKNOWN if self.estimate is None and self.line is None else HealthLevel.OK
+        nothing = self.estimate is None and self.line is None
+        return HealthLevel.UNKNOWN if nothing or self.detection.blind else HealthLevel.OK
 
     @property
     def _natural_frequency(self) -> Quantity:
@@ -198,6 +203,8 @@ class Monitor:
             )
         if self.gate.accepted == 0:
             return "waiting for data"
+        if self.detection.blind:
+            return f"not judged: {self.detection.blind}"
         if self.estimate is None:
             return "waiting for estimates"
         state = self.estimate.state.name.lower().replace("_", " ")

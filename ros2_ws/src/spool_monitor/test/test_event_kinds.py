@@ -21,9 +21,11 @@ def test_numbers_are_stable() -> None:
         "friction_drift/oil_viscosity": 203, "friction_drift/unknown": 204,
         "spring_change/softer": 301, "spring_change/stiffer": 302,
         "sensor_fault/dead": 601, "sensor_fault/clipping": 602, "sensor_fault/offset": 603,
-        "sensor_fault/swapped": 604, "sensor_fault/scale": 605,
+        "sensor_fault/swapped": 604, "sensor_fault/scale": 605, "sensor_fault/same_channel": 606,
+        "sensor_fault/wrap_around": 607, "sensor_fault/sensitivity": 608, "sensor_fault/ac_coupling": 609,
         "data_fault/rate": 701, "data_fault/source": 702, "data_fault/lost": 703, "data_fault/malformed": 704,
-        "data_fault/clock_step": 707,
+        "data_fault/outliers": 705, "data_fault/repeats": 706, "data_fault/clock_step": 707,
+        "data_fault/not_judged": 710,
         "stale/acceleration": 801, "stale/estimate": 802, "stale/never_seen": 803,
     }  # fmt: skip
     for name, number in promised.items():

@@ -205,12 +205,14 @@ def test_a_channel_that_does_not_move_is_constant_and_has_no_flat_top() -> None:
 def test_what_is_due_is_what_numpy_makes_of_the_response(natural: float, damping: float, seed: int) -> None:
     frequency = np.arange(3.0, 200.0)
     body, spool = np.random.default_rng(seed).exponential(1.0, (2, frequency.size))
+    cross = np.sqrt(body * spool) * np.exp(1j * np.random.default_rng(seed).uniform(0.0, 7.0, frequency.size))
     square = (2.0 * math.pi * natural) ** 2
     answer = answers(frequency, square, damping)
+    coherence = abs(np.sum(cross * answer.conj())) ** 2 / (body @ np.abs(answer) ** 2) / spool.sum()
     power = np.abs(answer) ** 2
     follows = power > FOLLOWS**2
-    assert due_powers(frequency, body, spool, square, damping) == pytest.approx(
-        (body @ power, (spool[follows] / power[follows]).sum(), body[follows].sum()), rel=1e-9
+    assert due_powers(frequency, body, spool, cross, square, damping) == pytest.approx(
+        (body @ power, (spool[follows] / power[follows]).sum(), body[follows].sum(), coherence), rel=1e-9
     )
     relative = np.abs(answer - 1.0) ** 2
     assert due_power(frequency, body, square, damping) == pytest.approx(body @ relative, rel=1e-9)

@@ -20,8 +20,8 @@ from spool_estimator.estimate import Estimate, State
 MODEL_GAP, MODEL_GAP_CODE = "model_gap", 500
 #: What to do about it.
 REMEDY = "record a minute of it, and let ./spool gap name what is missing"
-#: Kind of the events that explain whatever the model leaves over.
-SENSOR_FAULT = "sensor_fault"
+#: Kinds of the events that explain whatever the model leaves over.
+FAULTS = ("sensor_fault", "data_fault")
 #: Estimates from which the median is learned.
 LEARNED = 20
 #: Estimates in a row that close the gap, and the least that open it.
@@ -150,8 +150,8 @@ class GapWatch:
             self._kept -= _length(self._recent.popleft())
 
     def hear(self, kind: str, source: str, *, raised: bool) -> None:
-        """Take an event of the valve's monitor: no gap opens while a sensor is known to be at fault."""
-        if kind == SENSOR_FAULT:
+        """Take an event of the monitor: no gap opens while sensors or data are known to be at fault."""
+        if kind in FAULTS:
             (self._faults.add if raised else self._faults.discard)(source)
 
     def update(self, estimate: Estimate) -> GapChange | None:

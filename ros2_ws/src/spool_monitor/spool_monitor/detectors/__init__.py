@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from .base import ESTIMATE, JUDGEMENT_TEXTS, LINE, SIGNALS, Detector, Judgement, Moment
+from .base import CHANNELS, ESTIMATE, JUDGEMENT_TEXTS, LINE, SIGNALS, Detector, Judgement, Moment
 from .registry import DETECTORS, KINDS, LIMITS, check_settings, detectors, event_kind, latching_kinds
 from .settings import MonitorLimit, MonitorSettings
 
 __all__ = [
+    "CHANNELS",
     "DETECTORS",
     "ESTIMATE",
     "JUDGEMENT_TEXTS",

@@ -17,13 +17,14 @@ from spool_monitor.drift.parameter_drift import ParameterDrift
 from spool_monitor.events.condition import Finding
 from spool_monitor.events.event_kind import EventKind
 from spool_monitor.signals.channel_signals import Signals
+from spool_monitor.signals.channel_watch import ChannelLook
 from spool_monitor.signals.response import ValveResponse
 from spool_monitor.signals.spectrum import Line
 
 from .settings import MonitorLimit, MonitorSettings
 
 #: What a moment may show anew.
-SIGNALS, LINE, ESTIMATE = "signals", "line", "estimate"
+SIGNALS, LINE, ESTIMATE, CHANNELS = "signals", "line", "estimate", "channels"
 
 
 class Judgement(enum.IntEnum):
@@ -71,6 +72,9 @@ class Moment(NamedTuple):
         natural_frequency: Hz, as estimated or as configured.
         velocity: of the spool in the body, m/s rms, last seen.
         distrust: why parameters can't be judged now, empty where they can.
+        unjudged: for how long (s) no detector has been able to judge the valve's condition, and why.
+        channels: what a look at the channels showed.
+        explained: whether a fault of a sensor or of the data is raised, which says why.
         parameters: tests of the parameters, by name.
         learned: start values of what the channels show, by name.
 
@@ -88,6 +92,9 @@ class Moment(NamedTuple):
     estimate: Estimate | None = None
     velocity: float = math.nan
     distrust: str = ""
+    unjudged: tuple[float, str] = (0.0, "")
+    explained: bool = False
+    channels: ChannelLook | None = None
 
     @property
     def described(self) -> bool:

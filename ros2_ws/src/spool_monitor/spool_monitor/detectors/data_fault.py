@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 
 from spool_stream.block_gate import BlockGate, Fault
+from spool_stream.kernels.outliers import OutlierFilter
 from spool_stream.quantity import Quantity, Validity
 from spool_stream.text.sentence import plural
+from spool_stream.uncertainty import number
 
 from spool_monitor.events.condition import Condition, Finding
 from spool_monitor.events.event import Event, Severity
@@ -18,6 +20,7 @@ KIND = EventKind(
     Namur.OUT_OF_SPECIFICATION,
     "Blocks were lost or could not be used.",
     "check network and measuring computer",
+    task="data",
     causes=(
         EventCause(
             "rate",
@@ -51,14 +54,36 @@ KIND = EventKind(
             "synchronise the clocks of both sensors, then restart the adapter",
             Namur.FAILURE,
         ),
+        EventCause(
+            "outliers",
+            705,
+            "Single samples are impossible; they are left out, the others are used.",
+            "check plugs and cables, interference, and what the driver sends where it has no reading",
+        ),
+        EventCause(
+            "repeats",
+            706,
+            "A channel repeats its samples: the sensor is polled faster than it samples.",
+            "poll the sensor at its own rate, or send the rate at which it samples",
+            Namur.FAILURE,
+        ),
+        EventCause(
+            "not_judged",
+            710,
+            "Blocks arrive, but no detector has been able to judge the valve for a minute.",
+            "remove the cause that the message names; until then nothing is known of the valve",
+            Namur.FAILURE,
+        ),
     ),
 )
 
 #: Causes with a condition of their own, and those that make what is seen worthless.
 SEPARATE, WORTHLESS = ("rate", "source", "clock_step"), ("rate", "clock_step")
+#: Cause that does not come from the gate's judgement of a block.
+OUTLIERS = "outliers"
 
-#: s without a fault after which it is over.
-OFF_DELAY = 5.0
+#: s without a fault after which it is over; without an outlier, so that one every few seconds is one event.
+OFF_DELAY, OUTLIERS_OFF = 5.0, 30.0
 
 
 class DataFaultWatch:
@@ -66,6 +91,8 @@ class DataFaultWatch:
 
     def __init__(self) -> None:
         self.conditions = {source: Condition(KIND, 0.0, OFF_DELAY, source) for source in ("", *SEPARATE)}
+        self._gate_conditions = dict(self.conditions)
+        self.conditions[OUTLIERS] = Condition(KIND, 0.0, OUTLIERS_OFF, OUTLIERS)
 
     def judge(self, gate: BlockGate, stamp: int) -> list[Event]:
         """Return what follows from what ``gate`` found wrong with the newest block, at ``stamp`` (ns)."""
@@ -73,7 +100,7 @@ class DataFaultWatch:
         cause = "" if fault is None else fault.cause
         severity = Severity.ALARM if cause in WORTHLESS else Severity.WARNING
         events: list[Event] = []
-        for source, condition in self.conditions.items():
+        for source, condition in self._gate_conditions.items():
             new = cause != "" and source == (cause if cause in SEPARATE else "")
             if new or condition.active is not None:
                 count = float(_faulty(gate, cause or condition.cause))
@@ -88,6 +115,29 @@ class DataFaultWatch:
                     )
                 )
         return events
+
+    def judge_outliers(self, outliers: OutlierFilter, stamp: int) -> list[Event]:
+        """Return what follows from the samples that were left out of the newest block, at ``stamp`` (ns)."""
+        condition, found = self.conditions[OUTLIERS], outliers.first
+        if found is None and condition.active is None:
+            return []
+        count = Quantity("outliers", "1", float(outliers.count), validity=Validity.VALID)
+        severity = None if found is None else Severity.WARNING
+        text = (
+            f"{outliers.body} samples of the body and {outliers.spool} of the spool left out since the start"
+        )
+        if found is not None:
+            span = (
+                f"within +-{number(found.half_span, 2)} m/s^2"
+                if math.isfinite(found.half_span)
+                else "unknown"
+            )
+            text = (
+                f"{found.channel}: a single sample of {number(found.value, 4)} m/s^2 while the signal's span "
+                f"is {span}; {text}"
+            )
+        at = stamp if found is None else found.stamp
+        return condition.judge(Finding(at, severity, found is None, OUTLIERS, count, text))
 
 
 def _faulty(gate: BlockGate, cause: str) -> int:

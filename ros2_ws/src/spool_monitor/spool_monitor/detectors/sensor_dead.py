@@ -15,7 +15,7 @@ from spool_monitor.events.event import Severity
 from spool_monitor.events.event_kind import EventCause
 from spool_monitor.signals.channel_signals import Channel, Signals
 from spool_monitor.signals.response import transfer
-from spool_monitor.signals.window import Array
+from spool_monitor.signals.window import Array, Complex
 
 from .base import SIGNALS, Detector, Judgement, Moment
 from .sensor_fault import sensor_fault
@@ -37,6 +37,10 @@ DEAD, ALIVE = 0.12, 0.25
 #: Response below which a line of the spool says nothing of the body, and share of the reference damping
 #: from which both channels have something in common: then neither is dead.
 FOLLOWS, COMMON = 0.3, 0.4
+
+#: Squared coherence with what is due, from which a channel follows the other one, and share of what is due
+#: below which it is dead all the same: so much crosses over between the cables of two channels.
+COHERENT, DEAF = 0.5, 0.04
 
 #: s without a change from which a channel stands still, and from which it is suspicious; with the delay of
 #: the condition and a look every half second the fault is raised 1.25 s to 1.75 s after the last change.
@@ -118,10 +122,11 @@ class SensorDead(Detector):
         shares: dict[str, float] = {}
         due = seen = dict.fromkeys(("spool", "body"), math.nan)
         if moment.described and not moment.distrust:
-            due_spool, due_body, seen_body = due_powers(
+            due_spool, due_body, seen_body, common = due_powers(
                 signals.frequency,
                 signals.body_power,
                 signals.spool_power,
+                signals.cross,
                 reference.square,
                 reference.damping,
             )
@@ -133,7 +138,9 @@ class SensorDead(Detector):
             shares = {
                 name: seen[name] / due[name] for name in due if due[name] >= self.settings[MINIMUM_BODY]
             }
-            if abs(signals.dissipation) > COMMON * reference.damping:
+            # A channel that follows the other, however little it shows, has a wrong sensitivity.
+            follows = common > COHERENT and min(shares.values(), default=0.0) > DEAF
+            if follows or abs(signals.dissipation) > COMMON * reference.damping:
                 shares = dict.fromkeys(shares, 1.0)
         self.judgement = Judgement.JUDGED if shares else Judgement.NOT_EXCITED
         if moment.distrust or not moment.described:
@@ -168,17 +175,23 @@ def _least(old: float, new: float) -> float:
 
 @compiled
 def due_powers(
-    frequency: Array, body: Array, spool: Array, square: float, damping: float
-) -> tuple[float, float, float]:
+    frequency: Array, body: Array, spool: Array, cross: Complex, square: float, damping: float
+) -> tuple[float, float, float, float]:
     """Return what the reference response makes of the powers per line: due of the spool and of the body.
 
-    And the body's as seen where the spool follows; elsewhere the spool's noise says nothing of the body.
+    And the body's as seen where the spool follows; elsewhere the spool's noise says nothing of the body. The
+    last one is the squared coherence of the spool with what is due of it, over all lines.
     """
-    due_spool = due_body = seen_body = 0.0
+    due_spool = due_body = seen_body = seen_spool = 0.0
+    together = 0.0j
     for i in range(frequency.size):
-        power = abs(transfer(frequency[i], square, damping)) ** 2
+        response = transfer(frequency[i], square, damping)
+        power = abs(response) ** 2
+        together += cross[i] * response.conjugate()
+        seen_spool += spool[i]
         due_spool += body[i] * power
         if power > FOLLOWS**2:
             due_body += spool[i] / power
             seen_body += body[i]
-    return due_spool, due_body, seen_body
+    both = due_spool * seen_spool
+    return due_spool, due_body, seen_body, abs(together) ** 2 / both if both > 0.0 else 0.0

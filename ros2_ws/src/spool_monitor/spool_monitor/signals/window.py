@@ -48,6 +48,11 @@ class WindowTracker:
     _fresh: int = field(default=0, init=False)
     _number: int = field(default=0, init=False)
 
+    @property
+    def fresh(self) -> int:
+        """Samples of a window that the one before it has not."""
+        return self._hop
+
     def restart(self, period: float) -> None:
         """Forget all samples; the next ones are ``period`` s apart."""
         if period != self._period:

@@ -14,7 +14,15 @@ from spool_identification.record import Record
 from spool_sim.valve.description import Valve
 from spool_stream.errors import InputError
 
-from .record_loading import Recording, Selection, load_recording, load_recordings, stretches_of
+from .record_loading import (
+    Recording,
+    Selection,
+    channel_faults,
+    load_recording,
+    load_recordings,
+    outliers_text,
+    stretches_of,
+)
 
 Array = NDArray[np.float64]
 
@@ -77,7 +85,7 @@ def load_data(
             check_rate(str(recording.path), stretch.sample_rate, described)
     records = stretches_of(recordings)
     name = ", ".join(path.name for path in paths)
-    doubts = tuple(check_records(described, records))
+    doubts = (*channel_doubts(recordings), *check_records(described, records))
     if not held_out:
         return FitData(name, tuple(paths), described, *divided(records), doubts=doubts)
     others: list[Record] = []
@@ -105,6 +113,28 @@ def check(recording: Recording) -> None:
             f"{recording.path}: nothing but noise in both accelerations: without excitation there is nothing "
             "to fit; shake the body at 10 to 100 Hz"
         )
+
+
+#: Causes without which no number of a fit means anything.
+REFUSED = ("same_channel", "wrap_around", "repeats", "sensitivity", "clock_step")
+
+
+def channel_doubts(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Return what the samples show of sensors and clocks that a fit can bear, a sentence each.
+
+    Raises:
+        InputError: no fit can bear it; record, cause and remedy are named.
+    """
+    doubts = []
+    for recording in recordings:
+        name = recording.path.name
+        if recording.left_out:
+            doubts.append(f"{name}: {outliers_text(recording.left_out)}")
+        for fault in channel_faults(recording.stretches):
+            if fault.cause in REFUSED:
+                raise InputError(f"{recording.path}: {fault.sentence}")
+            doubts.append(f"{name}: {fault.sentence}")
+    return tuple(doubts)
 
 
 def excited(record: Record) -> bool:

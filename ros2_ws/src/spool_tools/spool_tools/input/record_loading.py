@@ -15,6 +15,7 @@ from spool_bag.reading.span import Span
 from spool_bag.tables.column_names import BODY, OIL_TEMPERATURE, SPOOL
 from spool_identification.record import Record, records_from_blocks
 from spool_identification.record_parts import PartKeeper
+from spool_identification.signals.channel_faults import ChannelFault, faults_of, without_outliers
 from spool_import.bag_import import import_notes
 from spool_import.records.blocks import start_of
 from spool_import.records.choices import columns_of
@@ -34,6 +35,9 @@ Source = BagReader | TableSource
 
 Array = NDArray[np.float64]
 
+#: Stretches of a record that are looked at for faults of its channels.
+MOST_STRETCHES = 8
+
 
 @dataclass(frozen=True, slots=True)
 class Recording:
@@ -44,12 +48,14 @@ class Recording:
         stretches: without gaps each, in order of time.
         described: the valve's description in the bag, ``None`` without one.
         notes: how the file was understood, or that of which the bag was imported: columns and conversions.
+        left_out: single impossible samples of either channel, which lines between their neighbours replace.
     """
 
     path: Path
     stretches: tuple[Record, ...]
     described: Valve | None
     notes: tuple[str, ...] = ()
+    left_out: int = 0
 
     @property
     def duration(self) -> float:
@@ -142,7 +148,37 @@ def load_recording(path: Path, selection: Selection | None = None) -> Recording:
         last = stretches[-1]
         ends = (last.start - stretches[0].start) * 1e-9 + last.duration
         raise InputError(f"{path}: no sample from --start {chosen.start:g} s on: it is {ends:.1f} s long")
-    return Recording(path, tuple(kept), described, notes)
+    cleaned, left_out = cleaned_stretches(kept)
+    return Recording(path, cleaned, described, notes, left_out)
+
+
+def cleaned_stretches(stretches: Sequence[Record]) -> tuple[tuple[Record, ...], int]:
+    """Return ``stretches`` without single impossible samples, and how many samples that were."""
+    cleaned, count = [], 0
+    for one in stretches:
+        body, of_body = without_outliers(one.body, one.sample_period)
+        spool, of_spool = without_outliers(one.spool, one.sample_period)
+        count += of_body + of_spool
+        cleaned.append(replace(one, body=body, spool=spool) if of_body + of_spool else one)
+    return tuple(cleaned), count
+
+
+def outliers_text(count: int) -> str:
+    """Return in words that ``count`` single impossible samples were left out."""
+    return (
+        f"outliers: {count} impossible sample{'s are' if count > 1 else ' is'} left out and replaced by "
+        "lines between the neighbours: check plugs, cables and what the logger writes where it has no reading"
+    )
+
+
+def channel_faults(stretches: Sequence[Record]) -> list[ChannelFault]:
+    """Return what the samples of the longest stretches show of sensors and clocks, each cause once."""
+    longest = sorted(stretches, key=lambda one: -one.body.size)[:MOST_STRETCHES]
+    found: dict[str, ChannelFault] = {}
+    for one in longest:
+        for fault in faults_of(one.body, one.spool, one.sample_period):
+            found.setdefault(fault.cause, fault)
+    return list(found.values())
 
 
 def load_recordings(

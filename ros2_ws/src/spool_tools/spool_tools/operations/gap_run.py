@@ -30,7 +30,7 @@ from spool_tools.console.outputs import write_file, write_json
 from spool_tools.console.progress import progress
 from spool_tools.console.result_files import ResultFiles
 from spool_tools.console.terminal import warn
-from spool_tools.input.fit_data import check
+from spool_tools.input.fit_data import channel_doubts, check
 from spool_tools.input.record_loading import Selection, load_recordings, stretches_of
 from spool_tools.input.table_record import is_table, record_of_table
 from spool_tools.report.model_file import LONGEST_NAME, save_model
@@ -137,7 +137,9 @@ def _of_accelerations(
     for recording in held:
         check(recording)
     fitted, others = stretches_of(recordings), stretches_of(held)
+    doubts = channel_doubts([*recordings, *held])
     result = analyse(fitted, described, model, holdout=others, settings=settings, progress=tell)
+    result = replace(result, warnings=(*doubts, *result.warnings))
     return doubted(result, check_records(described, fitted)), described, [*fitted, *others]
 
 

@@ -52,7 +52,7 @@ def look(files: Sequence[Path], how: Choices, json: Path | None, report: Path | 
 def check(record: Path, selection: Selection, json: Path | None, report: Path | None) -> bool:
     """Show the quality of a record; return whether nothing speaks against an estimate from it."""
     recording = load_recording(record, replace(selection, longest=LARGEST, described=False))
-    found = quality_of(recording.stretches, str(record))
+    found = quality_of(recording.stretches, str(record), left_out=recording.left_out)
     _show(found, recording.notes)
     if json is not None:
         write_json(json, {**found.dictionary(), "notes": list(recording.notes)})

@@ -14,6 +14,8 @@ from spool_identification.record import Record
 from spool_identification.signals.channel_noise import noise_of
 from spool_identification.signals.clipping import at_rail
 
+from spool_tools.input.record_loading import channel_faults, cleaned_stretches, outliers_text
+
 #: Squared coherence from which the spool follows the body, as the noise estimate has it.
 COHERENT = 0.5
 #: s of the pieces that spectra are averaged over: lines 0.5 Hz apart.
@@ -112,8 +114,15 @@ class RecordQuality:
         }
 
 
-def quality_of(stretches: Sequence[Record], name: str, warnings: Sequence[str] = ()) -> RecordQuality:
-    """Return the quality of a record, its stretches in order of time; ``warnings`` of its reading join."""
+def quality_of(
+    stretches: Sequence[Record], name: str, warnings: Sequence[str] = (), left_out: int = 0
+) -> RecordQuality:
+    """Return the quality of a record, its stretches in order of time; ``warnings`` of its reading join.
+
+    ``left_out`` are impossible samples that are left out already; those in ``stretches`` are left out here.
+    """
+    stretches, more = cleaned_stretches(stretches)
+    left_out += more
     longest = max(stretches, key=lambda one: one.body.size)
     rate = longest.sample_rate
     noise = noise_of(longest.body, longest.spool, rate)
@@ -143,7 +152,9 @@ def quality_of(stretches: Sequence[Record], name: str, warnings: Sequence[str] =
         response,
         longest,
     )
-    found.doubts = [*warnings, *_doubts(found)]
+    outliers = [outliers_text(left_out)] if left_out else []
+    faults = [one.sentence for one in channel_faults(stretches)]
+    found.doubts = [*warnings, *outliers, *faults, *_doubts(found)]
     return found
 
 

@@ -1,0 +1,205 @@
+"""Channel faults: what the samples show of sensors, converters and clocks; a detector for each cause."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from typing import ClassVar
+
+from spool_identification.signals.channel_faults import ChannelFault
+from spool_stream.quantity import Quantity, Validity
+from spool_stream.text.sentence import Account
+
+from spool_monitor.events.condition import Finding
+from spool_monitor.events.event import Severity
+from spool_monitor.events.event_kind import EventCause
+from spool_monitor.signals.channel_watch import ChannelLook
+
+from .base import CHANNELS, Detector, Judgement, Moment
+from .data_fault import KIND as DATA_FAULT
+from .sensor_fault import sensor_fault
+from .settings import MonitorSettings
+
+SAME_CHANNEL = sensor_fault(
+    EventCause(
+        "same_channel",
+        606,
+        "Both channels carry the readings of one sensor.",
+        "check the wiring and which channel of the acquisition each topic carries",
+    )
+)
+WRAP_AROUND = sensor_fault(
+    EventCause(
+        "wrap_around",
+        607,
+        "The integers of a channel wrap around: beyond its range it jumps to the other end.",
+        "choose a larger range, or read the counts with the width and sign that the converter has",
+    )
+)
+SENSITIVITY = sensor_fault(
+    EventCause(
+        "sensitivity",
+        608,
+        "The sensitivity of one channel is wrong: the spool follows its body with a factor.",
+        "check sensitivity, range and unit of both accelerometers, calibrate them side by side",
+    )
+)
+AC_COUPLING = sensor_fault(
+    EventCause(
+        "ac_coupling",
+        609,
+        "One channel is coupled through a high-pass, the other is not; this biases the damping.",
+        "set both channels to DC coupling, or both to the same lower limit",
+    )
+)
+#: Relative difference of two sizes in a row that are one fault.
+AGREE = 0.25
+
+
+class RowFault(Detector):
+    """Fault that the samples themselves show; one look is enough, and one without it ends it."""
+
+    looks_at = (CHANNELS,)
+    rank = -1
+    off_delay: ClassVar[float] = 5.0
+
+    @property
+    @abstractmethod
+    def cause(self) -> str:
+        """Cause of its event, which is that of the fault."""
+
+    def __init__(self, settings: MonitorSettings) -> None:
+        super().__init__(settings)
+        self._last: ChannelFault | None = None
+        self._agreed = False
+
+    def restart(self) -> None:
+        """Keep what is suspected: a gap in the data mends no sensor."""
+
+    def update(self, moment: Moment) -> Finding | None:
+        """Judge a look at the channels, where there is a new one."""
+        look = moment.channels
+        if look is None:
+            return None
+        if moment.distrust:
+            self.judgement = Judgement.NOT_JUDGED
+            return None
+        self.judgement = Judgement.JUDGED
+        found = look.fault(self.cause)
+        self._agreed = found is not None
+        return self._finding(moment.stamp, found)
+
+    def _finding(self, stamp: int, found: ChannelFault | None) -> Finding:
+        self._last = found if found is not None else self._last
+        self.suspicious = found.text if found is not None else ""
+        told = found or self._last
+        return Finding(
+            stamp,
+            Severity.ALARM if found is not None and self._agreed else None,
+            found is None,
+            self.cause,
+            Quantity(
+                self.cause,
+                "1" if told is None else told.unit,
+                math.nan if found is None else found.value,
+                validity=Validity.UNKNOWN if found is None else Validity.VALID,
+            ),
+            Account(found.text) if found is not None else "it is not seen any more",
+        )
+
+
+class SameChannel(RowFault):
+    """Same channel: both channels read one sensor."""
+
+    name = "sensor_same_channel"
+    kind = SAME_CHANNEL
+    cause = "same_channel"
+
+
+class WrapAround(RowFault):
+    """Wrap-around: a channel jumps from one end of its range to the other."""
+
+    name = "sensor_wrap_around"
+    kind = WRAP_AROUND
+    cause = "wrap_around"
+
+
+class Repeats(RowFault):
+    """Repeats: a channel repeats its samples."""
+
+    name = "data_repeats"
+    kind = DATA_FAULT
+    cause = "repeats"
+
+
+class PairFault(RowFault):
+    """Fault that both channels show of each other; two looks in a row that agree are needed to raise it."""
+
+    rank = 2
+    off_delay: ClassVar[float] = 3.0
+
+    def update(self, moment: Moment) -> Finding | None:
+        """Judge a look at the pair, where there is a new one."""
+        look = moment.channels
+        if look is None or not look.paired:
+            return None
+        if moment.distrust or look.pair is None:
+            self.judgement = Judgement.NOT_JUDGED if moment.distrust else Judgement.NOT_EXCITED
+            return None
+        self.judgement = Judgement.JUDGED
+        return self._judge(moment, look)
+
+    def _judge(self, moment: Moment, look: ChannelLook) -> Finding:
+        found, last = look.fault(self.cause), self._last
+        self._agreed = (
+            found is not None and last is not None and abs(found.value - last.value) < AGREE * abs(last.value)
+        )
+        if found is None:
+            self._last = None
+        return self._finding(moment.stamp, found)
+
+
+class Sensitivity(PairFault):
+    """Sensitivity: below its resonance the spool follows its body, with the ratio of both sensitivities."""
+
+    name = "sensor_sensitivity"
+    kind = SENSITIVITY
+    cause = "sensitivity"
+
+
+class AcCoupling(PairFault):
+    """AC coupling: the slow part of one channel is ahead of the other's."""
+
+    name = "sensor_ac_coupling"
+    kind = AC_COUPLING
+    cause = "ac_coupling"
+
+
+class ClockStepped(PairFault):
+    """Clock step: from some moment on one channel comes later or earlier than it did.
+
+    Neither stamps nor levels show it. It lasts until the delay is again what it was before the step.
+    """
+
+    name = "data_clock_step"
+    kind = DATA_FAULT
+    cause = "clock_step"
+
+    def __init__(self, settings: MonitorSettings) -> None:
+        super().__init__(settings)
+        self._usual = math.nan
+        self._step: ChannelFault | None = None
+
+    def _judge(self, moment: Moment, look: ChannelLook) -> Finding:
+        assert look.pair is not None
+        found, delay = look.fault(self.cause), look.pair.delay
+        if found is not None:
+            self._step = self._step or found
+        elif self._step is None and math.isfinite(delay):
+            self._usual = delay
+        elif self._step is not None and math.isfinite(delay):
+            moved = delay - (self._usual if math.isfinite(self._usual) else 0.0)
+            if abs(moved) < 0.5 * abs(self._step.value):
+                self._step = None
+        self._agreed = True
+        return self._finding(moment.stamp, self._step)

@@ -1,0 +1,78 @@
+"""Records whose channels lie are refused by fits, or used with a warning, and `check` names the cause."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from spool_sim.excitation.kinds import from_mapping
+from spool_sim.sensors import Sensor
+from spool_sim.simulator import Simulator
+from spool_sim.valve.description import find_valve
+from spool_stream.errors import InputError
+from spool_tools.input.fit_data import load_data
+from spool_tools.input.record_loading import Selection, load_recording
+from spool_tools.quality.record_quality import quality_of
+
+Array = NDArray[np.float64]
+
+MACHINE = {
+    "kind": "machine_orders", "speed_profile": [[0.0, 700.0], [12.0, 1300.0]],
+    "orders": [[1.0, 8.0], [2.0, 2.0]], "broadband_rms": 1.5,
+}  # fmt: skip
+SENSOR = Sensor(noise=0.03)
+BLOCKS = list(
+    Simulator(
+        find_valve("4weh10_soft"), from_mapping(MACHINE), coulomb_force=0.1, sample_rate=1000.0,
+        body_sensor=SENSOR, spool_sensor=SENSOR,
+    ).records(12.0)
+)  # fmt: skip
+BODY, SPOOL = (
+    np.concatenate([getattr(one, name) for one in BLOCKS]).astype(np.float64) for name in ("body", "spool")
+)
+
+
+def written(folder: Path, body: Array, spool: Array) -> Path:
+    path = folder / "record.csv"
+    rows = np.c_[np.arange(body.size) * 1e-3, body, spool]
+    np.savetxt(
+        path, rows, fmt="%.3f", delimiter=",", header="time_s,body_m_s2,spool_m_s2", comments=""
+    )  # fmt: skip
+    return path
+
+
+@pytest.mark.parametrize(
+    ("spool", "text"),
+    [
+        (7.0 * SPOOL, "sensitivity: spool reads "),
+        (np.repeat(SPOOL[::2], 2), "repeats: spool repeats its samples"),
+        (BODY, "same_channel: both channels read the same numbers"),
+        (np.concatenate([SPOOL[:6000], SPOOL[5997:-3]]), "clock_step: from "),
+    ],
+    ids=["sensitivity", "repeats", "same channel", "clock step"],
+)
+def test_a_fit_refuses_in_one_line_what_check_names(tmp_path: Path, spool: Array, text: str) -> None:
+    path = written(tmp_path, BODY, spool)
+    with pytest.raises(InputError) as refused:
+        load_data([path], "4weh10_soft", Selection())
+    assert str(refused.value).startswith(f"{path}: {text}")
+    assert "\n" not in str(refused.value)
+    doubts = quality_of(load_recording(path).stretches, "record").doubts
+    assert doubts[0].startswith(text)
+
+
+def test_impossible_samples_are_counted_left_out_and_the_rest_is_used(tmp_path: Path) -> None:
+    spoiled = SPOOL.copy()
+    spoiled[[0, 5000, 9000]] = -9999.0
+    path = written(tmp_path, BODY, spoiled)
+    data = load_data([path], "4weh10_soft", Selection())
+    assert any("outliers: 3 impossible samples are left out" in doubt for doubt in data.doubts)
+    whole = np.concatenate([one.spool for one in load_recording(path).stretches])
+    assert np.abs(whole - SPOOL).max() < 1.5
+
+
+def test_a_sound_record_has_no_doubt_about_its_channels(tmp_path: Path) -> None:
+    path = written(tmp_path, BODY, SPOOL)
+    assert load_data([path], "4weh10_soft", Selection()).doubts == ()
