@@ -71,7 +71,7 @@ FROM_PIP |= {"starlette", "playwright"}
 # What fleets need.
 FROM_PIP |= {"duckdb", "distributed"}
 # What formats of data loggers need.
-FROM_PIP |= {"charset_normalizer", "pint", "nptdms", "asammdf", "pyuff"}
+FROM_PIP |= {"charset_normalizer", "pint", "nptdms", "asammdf", "pyuff", "matio"}
 RUNTIME = {"depend", "exec_depend", "build_depend", "build_export_depend"}
 TEST = {*RUNTIME, "test_depend"}
 
