@@ -20,6 +20,7 @@ from spool_sim.terms import Parameter
 from spool_sim.valve.description import Valve
 from spool_stream.errors import InputError
 from spool_stream.quantity import Quantity, Validity
+from spool_stream.uncertainty import rate_power
 
 from spool_identification.least_squares.descent import Descent, Stopping, descend
 from spool_identification.least_squares.observability import (
@@ -228,6 +229,10 @@ def _result(
 ) -> Fit:
     free = residuals.unknowns
     names = [unknown.name for unknown in unknowns]
+    rate_std = max(entry.rate_std for entry in run.records)
+    if rate_std > 0.0:
+        powers = np.array([rate_power(unknown.unit) for unknown in free])
+        doubts = [*doubts, rate_std * powers * best.point]
     covariance = fit_covariance(residuals, best.point, sizes_of(free, best.point), settings, doubts)
     shown = np.isfinite(np.diag(covariance))
     effect = input_noise_effect(residuals, best.point, shown, settings.noise_seconds) if shown.any() else None

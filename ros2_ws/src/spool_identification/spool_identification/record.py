@@ -28,6 +28,7 @@ class Record:
         origin: time at which t = 0 for laws that depend on time, ns; ``start`` unless given. Stretches of one
             recording share it.
         cut: it begins where something longer was cut, not after a gap.
+        rate_std: relative standard deviation of the sampling rate; 0 where stamps show it to a millionth.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Record:
     oil_temperature: Array | None = None
     origin: int | None = None
     cut: bool = False
+    rate_std: float = 0.0
 
     def __post_init__(self) -> None:
         """Check shapes and numbers.

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import Valve, find_valve
 from spool_stream.errors import InputError
+from spool_stream.uncertainty import rate_power
 
 SWEEP = SweptSine(start_frequency=8.0, stop_frequency=100.0, duration=5.0, amplitude=10.0, soft_start=0.2)
 #: The simulated sensors sample at one instant.
@@ -221,3 +223,20 @@ def test_a_record_that_cannot_be_fitted_gives_a_reason(valve: Valve) -> None:
     assert "check the sensor" in silent.reason
     with pytest.raises(InputError, match="sample 7 is not a number"):
         Record("broken", 1, 1e-3, np.zeros(10), np.where(np.arange(10) == 7, np.nan, 0.0))
+
+
+def test_what_is_not_known_of_the_rate_enters_each_parameter_by_its_power(valve: Valve) -> None:
+    truth = {"viscous_coefficient": 6.0, "coulomb_force": 0.4}
+    whole = record(valve, "coulomb", truth, seconds=8.0)
+    exact = {one.name: one for one in fit([whole], MODELS["coulomb"], valve, EXACT).parameters}
+    slower = replace(whole, sample_period=whole.sample_period / 0.99)
+    moved = {one.name: one for one in fit([slower], MODELS["coulomb"], valve, EXACT).parameters}
+    unsure = replace(whole, rate_std=0.01)
+    wide = {one.name: one for one in fit([unsure], MODELS["coulomb"], valve, EXACT).parameters}
+    for name, power in (("spring_stiffness", 2), ("viscous_coefficient", 1), ("coulomb_force", 0)):
+        one = exact[name]
+        assert rate_power(one.unit) == power
+        assert moved[name].value == pytest.approx(one.value * 0.99**power, rel=0.01)
+        added = math.sqrt(wide[name].standard_deviation ** 2 - one.standard_deviation**2)
+        assert wide[name].value == one.value
+        assert added == pytest.approx(0.01 * power * one.value, abs=0.05 * one.standard_deviation)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE
+from spool_bag.format.metadata import RATE_STD
 from spool_bag.format.metadata import custom_data as kept_data
 from spool_bag.names import check_valve
 from spool_bag.recording.writer import BagWriter
@@ -108,6 +109,8 @@ def import_notes(bag: Path) -> tuple[str, ...]:
 def custom_data(record: LoggerRecord) -> dict[str, str]:
     """Return what a bag keeps of how its record was understood, by key."""
     found = {"imported_from": record.path.name}
+    if record.rate_std > 0.0:
+        found[RATE_STD] = f"{record.rate_std:.3g}"
     found |= {f"{_COLUMN}{use.role}": str(use) for use in record.uses}
     found |= {f"import_{name}": str(count) for name, count in record.repairs.items()}
     if record.clocks is not None:

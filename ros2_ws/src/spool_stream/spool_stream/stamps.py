@@ -216,7 +216,7 @@ def repeated(time: Array, rows: Sequence[NDArray[np.floating]]) -> tuple[NDArray
     """
     same = np.diff(time) == 0.0
     marked = np.zeros(time.size, dtype=np.bool_)
-    if not rows or not same.any():
+    if len(rows) == 0 or not same.any():
         return marked, True
     equal = np.ones(same.size, dtype=np.bool_)
     for row in rows:
@@ -348,8 +348,8 @@ def _even(time: Array) -> Stamps | None:
     if missing.size and float(missing.min()) < 1.0:
         return None
     lost = int(np.sum(missing[missing <= time.size]))
-    # Each step is off by the rounding of two stamps.
-    std = (high - low) * math.sqrt(1.0 / 3.0 + gaps.size / 6.0) / (regular * mean)
+    # Gaps of one length may all be rounded the same way.
+    std = (high - low) * (1.0 / math.sqrt(3.0) + gaps.size / math.sqrt(12.0)) / (regular * mean)
     return Stamps(Rhythm.EVEN, 1.0 / period, std, low if high == low else 0.0, lost, gaps.astype(np.int64))
 
 
@@ -515,6 +515,8 @@ def _bursts(time: Array, even: Stamps | None) -> Stamps | None:
     spread, off, level, slope = best
     if slope <= 0.0 or spread > max(2.0, 0.5 * size) * slope or off > OFF_LINE * slope:
         return None
+    if even is None and _is_recording(time[ends[0] + 1 : ends[1] + 1], slope):
+        return None
     digit = float(np.min(between)) if not inside.any() else 0.0
     std = 3.0 * max(off, 1e-9) / (float(ends[-1] - ends[0]) * slope)
     if std > LEAST_CERTAIN:
@@ -532,6 +534,19 @@ def _bursts(time: Array, even: Stamps | None) -> Stamps | None:
         deviation=float(np.sqrt(np.mean(np.square(time - line)))),
         burst=size,
         literal=even,
+    )
+
+
+def _is_recording(time: Array, period: float) -> bool:
+    """Return whether the stamps of one burst may be those of a faster, coarse clock that then paused."""
+    if np.unique(time).size < FEWEST_STEPS:
+        return False
+    noise = 2.0 * float(np.spacing(np.abs(time[[0, -1]]).max()))
+    mean = float(time[-1] - time[0]) / (time.size - 1)
+    number = np.arange(time.size, dtype=np.float64)
+    return (
+        GAP * mean < period
+        and _rounded(number, time, ticks(time, noise), noise, mean, jitters=True) is not None
     )
 
 

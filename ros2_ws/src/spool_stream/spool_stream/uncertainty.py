@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import ROUND_CEILING, ROUND_HALF_EVEN, ROUND_HALF_UP, Decimal
+
+from .quantity import Quantity
 
 #: Quantile of the standard normal distribution for a two-sided 95 % interval (NIST handbook 1.3.6.7.1).
 #: Not Student's t: what is shown comes from hundreds of samples and more, and t of 60 degrees of freedom
 #: is 2.00, which the two digits shown hardly tell from 1.96.
 Z_95 = 1.96
 
+#: Powers of the sampling rate in units of what two accelerometers show: a velocity is an acceleration over
+#: the rate, a displacement over its square; forces are measured as accelerations of a known mass. A viscosity
+#: is a drag over known lengths.
+_RATE_POWERS = {"m": -2, "s": -1, "Hz": 1, "Pa s": 1}
 #: Heading of a column of half widths, and what it means.
 PLUS_MINUS = "± 95 %"
 LEGEND = "± 95 %: half width of the 95 % interval, 1.96 standard deviations"
@@ -150,3 +156,24 @@ def _written(value: Decimal, power: int, last: int) -> str:
 
 def _finite(value: float) -> float:
     return value if math.isfinite(value) else 0.0
+
+
+def rate_power(unit: str) -> int:
+    """Return with which power of the sampling rate a parameter of ``unit`` grows, e.g. 2 for `N/m`."""
+    if unit in _RATE_POWERS:
+        return _RATE_POWERS[unit]
+    power = 0
+    for sign, part in zip((1, -1), unit.split("/"), strict=False):
+        for factor in part.strip("() ").split():
+            base, _, exponent = factor.partition("^")
+            power += sign * _RATE_POWERS.get(base, 0) * int(exponent or 1)
+    return power
+
+
+def at_uncertain_rate(quantity: Quantity, rate_std: float) -> Quantity:
+    """Return a parameter whose deviation includes that of the sampling rate, ``rate_std`` (relative)."""
+    power = rate_power(quantity.unit)
+    if rate_std <= 0.0 or power == 0 or not math.isfinite(quantity.standard_deviation):
+        return quantity
+    deviation = math.hypot(quantity.standard_deviation, rate_std * power * quantity.value)
+    return replace(quantity, standard_deviation=deviation)

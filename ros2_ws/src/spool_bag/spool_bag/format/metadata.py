@@ -27,6 +27,8 @@ COMPRESSED = ".zstd"
 MOST_MISSING = 10
 #: What ``custom_data`` says of a recording under way, or of one that was never finished.
 UNFINISHED = {"recording": "not finished"}
+#: Key of ``custom_data`` that holds the relative standard deviation of the sampling rate.
+RATE_STD = "import_rate_std"
 #: Key of ``custom_data`` that names the machine of which a bag was recorded.
 MACHINE = "machine"
 
@@ -224,6 +226,15 @@ def _parts_of(folder: Path, names: Sequence[str]) -> set[str]:
     return {
         name for name in beside if name.rpartition("_")[0] in stems and name[:-5].rpartition("_")[2].isdigit()
     }
+
+
+def rate_std(path: Path) -> float:
+    """Return the relative standard deviation of the sampling rate that a bag states, else 0."""
+    try:
+        found = float(custom_data(path).get(RATE_STD, "0"))
+    except ValueError:
+        return 0.0
+    return found if 0.0 < found < 1.0 else 0.0
 
 
 def custom_data(path: Path) -> dict[str, str]:

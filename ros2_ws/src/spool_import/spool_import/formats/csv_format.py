@@ -12,7 +12,16 @@ from numpy.typing import NDArray
 from spool_stream.errors import InputError
 from spool_stream.text.printable import printable
 
-from spool_import.csv_text.cells import GROUP_MARKS, HOLES, Kind, clocks, is_grouped, moments, shape_of
+from spool_import.csv_text.cells import (
+    GROUP_MARKS,
+    HOLES,
+    Kind,
+    clocks,
+    date_order,
+    is_grouped,
+    moments,
+    shape_of,
+)
 from spool_import.csv_text.dialect import BLANKS, Dialect, cells_of, dialect, is_proven
 from spool_import.csv_text.pieces import TextPiece, pieces
 from spool_import.tables.growing import GrowingColumns
@@ -53,6 +62,7 @@ class CsvTable(Table):
             raise (error if str(path) in str(error) else InputError(f"{path}: {error}")) from error
         self.notes = (*((encoding,) if encoding else ()), *self.dialect.notes)
         self._dates = _dates(self.dialect)
+        self._shown = ""
         self._unproven = set(self.dialect.unproven)
         self._whole: dict[str, str] = {}
         layout = self.dialect.layout
@@ -63,6 +73,7 @@ class CsvTable(Table):
                 time=kind in _TIMES,
                 number=number,
                 own="" if header == name else header,
+                dated=kind is not Kind.CLOCK or self.dialect.names[number] in self._dates,
             )
             for number, (name, header, unit, kind) in enumerate(
                 zip(layout.names, layout.headers, layout.units, self.dialect.kinds, strict=True)
@@ -220,16 +231,37 @@ class CsvTable(Table):
         call: Any = compute
         try:
             if kind is Kind.MOMENT:
-                return moments(table.column(name))
+                return moments(table.column(name), self._order(table.column(name)))
             if name in self._dates:
-                text = call.binary_join_element_wise(table.column(self._dates[name]), table.column(name), " ")
-                return moments(text)
+                dates = table.column(self._dates[name])
+                text = call.binary_join_element_wise(dates, table.column(name), " ")
+                return moments(text, self._order(dates))
             return clocks(table.column(name))
         except pa.ArrowInvalid as error:
             raise InputError(
                 f"{self.path}: below line {piece.line}: {printable(name, 40)} is no time: "
                 f"{printable(error, 100)}"
             ) from error
+
+    def _order(self, dates: pa.ChunkedArray) -> str:
+        """Return the order of day and month, as the user states it or the dates show it.
+
+        Raises:
+            InputError: a date could be two.
+        """
+        from pyarrow import compute  # noqa: PLC0415
+
+        call: Any = compute
+        days = call.unique(call.utf8_slice_codeunits(call.utf8_trim_whitespace(dates), 0, 10)).to_pylist()
+        found = date_order(one for one in days if one)
+        order = self.dates or self._shown or found
+        self._shown = found if found in ("dmy", "mdy") else self._shown
+        if not order:
+            raise InputError(
+                f"{self.path}: the date {printable(days[0], 20)} could begin with the day or the month: type "
+                "--dates dmy, or --dates mdy"
+            )
+        return order
 
 
 def _dates(found: Dialect) -> dict[str, str]:

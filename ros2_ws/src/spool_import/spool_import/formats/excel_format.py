@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import date, datetime, time, timezone
 from pathlib import Path
 from typing import Any
@@ -90,9 +91,28 @@ def _table(
             ) from None
         name, header = layout.names[at], layout.headers[at]
         unit = STAMP if stamped else layout.units[at]
-        channels.append(Channel(name, unit, time=stamped, number=at, own="" if name == header else header))
+        own = "" if name == header else header
+        clock = stamped and all(isinstance(cell, time) for cell in cells if cell is not None)
+        channels.append(Channel(name, unit, time=stamped, number=at, own=own, dated=not clock))
         columns.append(column.astype("datetime64[ns]") if stamped else column)
+    _date_clocks(channels, columns)
     return (channels, columns, layout) if channels else None
+
+
+def _date_clocks(channels: list[Channel], columns: list[Any]) -> None:
+    """Join a column of dates and one of times of day, which some loggers write apart."""
+    day = np.timedelta64(86_400_000_000_000, "ns")
+    clocks = [at for at, one in enumerate(channels) if one.time and not one.dated]
+    dates = [
+        at
+        for at, one in enumerate(channels)
+        if one.time and one.dated and not np.any((columns[at] - np.datetime64(0, "ns")) % day)
+    ]
+    if len(clocks) == len(dates) == 1:
+        (clock,), (date_at,) = clocks, dates
+        columns[clock] = columns[clock] + (columns[date_at] - np.datetime64(0, "ns"))
+        channels[clock] = replace(channels[clock], dated=True)
+        del channels[date_at], columns[date_at]
 
 
 def _text(cell: Any) -> str:

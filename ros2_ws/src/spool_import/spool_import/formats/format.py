@@ -12,6 +12,7 @@ from pathlib import Path
 
 from spool_stream.errors import InputError
 from spool_stream.libraries import how_to_install
+from spool_stream.text.printable import printable
 
 from spool_import.tables.table import Group, Table, Values, numbered
 
@@ -90,7 +91,15 @@ def read_channels(
 ) -> dict[str, Values]:
     """Return channels of a table, as :meth:`Table.read` does; whatever its library meets is an InputError."""
     with _understood(table.path, format_of(table.path)):
-        return table.read(group, names, single)
+        found = table.read(group, names, single)
+    sizes = {name: row.size for name, row in found.items()}
+    short, long = min(sizes, key=lambda name: sizes[name]), max(sizes, key=lambda name: sizes[name])
+    if sizes[short] != sizes[long]:
+        raise InputError(
+            f"{table.path}: {printable(short, 40)} has {sizes[short]} samples and {printable(long, 40)} "
+            f"{sizes[long]}: name channels of one length with --columns"
+        )
+    return found
 
 
 @contextmanager

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from spool_import.tables.arrays import array_table, stated_rate
+from spool_import.tables.arrays import array_table
 from spool_import.tables.table import MOST_CHANNELS, ArrayTable, check_size
 
 from .format import Format
@@ -28,7 +27,7 @@ def opened(path: Path) -> ArrayTable:
 
     def visit(name: str, entry: Any) -> None:
         nonlocal size, tables
-        settings.update(entry.attrs)
+        settings.update({f"{name}/{key}": value for key, value in entry.attrs.items()})
         matlab = _text(entry.attrs.get("MATLAB_class", ""))
         tables = tables or matlab in ("table", "timetable")
         if not isinstance(entry, h5py.Dataset) or matlab in ("char", "cell", "table", "timetable"):
@@ -56,8 +55,7 @@ def opened(path: Path) -> ArrayTable:
         columns, stated = tables_of(path)
         arrays |= columns
         units |= stated
-    rate = stated_rate(settings)
-    return array_table(path, arrays, units, {} if math.isnan(rate) else {"rate": rate})
+    return array_table(path, arrays, units, settings)
 
 
 def _text(value: Any) -> str:

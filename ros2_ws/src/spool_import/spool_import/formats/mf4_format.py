@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -19,7 +20,9 @@ _TIME = "time of the group"
 
 
 class Mf4Table(Table):
-    """MDF file: each of its channel groups has a clock of its own."""
+    """MDF file: each of its channel groups has its own clock; values that it marks as invalid are NaN."""
+
+    holes_are_gaps = True
 
     def __init__(self, path: Path) -> None:
         check_size(path)
@@ -49,8 +52,12 @@ class Mf4Table(Table):
             for name in names:
                 if name == _TIME:
                     found[name] = np.asarray(file.get_master(at), dtype=np.float64)
-                else:
-                    found[name] = as_numbers(self.path, name, file.get(name, group=at).samples)
+                    continue
+                signal = file.get(name, group=at, ignore_invalidation_bits=True)
+                found[name] = as_numbers(self.path, name, signal.samples)
+                if signal.invalidation_bits is not None and np.any(signal.invalidation_bits):
+                    bits = np.asarray(signal.invalidation_bits, dtype=np.bool_)
+                    found[name] = np.where(bits, math.nan, found[name].astype(np.float64))
         return found
 
 

@@ -14,6 +14,7 @@ from spool_stream.text.printable import printable
 
 from spool_import.tables.table import STAMP, Channel, Group, Table, Values, as_numbers
 from spool_import.units.header import split_header
+from spool_import.units.units import factor, quantity_of
 
 from .format import Format
 
@@ -28,7 +29,7 @@ class TdmsTable(Table):
 
         self.path = path
         self._channels: dict[tuple[str, str], Any] = {}
-        clocks: dict[tuple[float, int | None, int], list[Channel]] = {}
+        clocks: dict[tuple[float, int | None, float, int], list[Channel]] = {}
         self._shortest = 0
         _quiet()
         with TdmsFile.read_metadata(path) as file:
@@ -36,21 +37,38 @@ class TdmsTable(Table):
             held = [channel for channel in every if len(channel)]
             if file.file_status.incomplete_final_segment:
                 self._cut(held, [channel for channel in every if not len(channel)])
+        placed = False
         for channel in held:
-            unit = next((str(channel.properties[key]) for key in _UNITS if channel.properties.get(key)), "")
+            found = channel.properties
+            unit = next((str(found[key]) for key in _UNITS if found.get(key)), "")
             unit = unit or split_header(channel.name)[1]
-            step = float(channel.properties.get("wf_increment", math.nan) or math.nan)
-            start = channel.properties.get("wf_start_time")
+            step = float(found.get("wf_increment", math.nan) or math.nan)
+            axis = str(found.get("wf_xunit_string") or "").strip()
+            if axis and step > 0.0:  # a waveform may be over degrees or hertz
+                step = step * factor(axis, "time") if quantity_of(axis) == "time" else math.nan
+            start = found.get("wf_start_time")
             begun = None if start is None else int(np.datetime64(start, "ns").astype(np.int64))
+            delay = float(found.get("wf_start_offset", 0.0) or 0.0)
+            placed |= (begun or 0) > 0 or delay != 0.0
             dated = channel.dtype.kind == "M"
             name = f"{channel.group_name}/{channel.name}"
-            clock = (step if step > 0.0 else -1.0, begun, self._shortest or len(channel))
+            clock = (step if step > 0.0 else -1.0, begun, delay, self._shortest or len(channel))
             clocks.setdefault(clock, []).append(Channel(name, STAMP if dated else unit, time=dated))
         groups = []
-        for at, ((step, begun, _), channels) in enumerate(clocks.items()):
+        for at, ((step, begun, delay, _), channels) in enumerate(clocks.items()):
             name = "" if len(clocks) == 1 else f"clock {at + 1}"
-            rate = 1.0 / step if step > 0.0 else math.nan
-            groups.append(Group(name, tuple(channels), rate, begun if begun and begun > 0 else None))
+            rate, source = (1.0 / step, "wf_increment") if step > 0.0 else (math.nan, "")
+            groups.append(
+                Group(
+                    name,
+                    tuple(channels),
+                    rate,
+                    begun if begun and begun > 0 else None,
+                    stamped=placed and step > 0.0 and len({one[1] is None for one in clocks}) == 1,
+                    source=source,
+                    delay=delay,
+                )
+            )
         self.groups = tuple(groups)
 
     def _cut(self, held: Sequence[Any], missing: Sequence[Any]) -> None:

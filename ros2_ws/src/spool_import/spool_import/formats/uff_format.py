@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from spool_stream.errors import InputError
+from spool_stream.text.printable import printable
 
 from spool_import.tables.table import ArrayTable, Channel, Group, check_size
 from spool_import.units.header import split_header
+from spool_import.units.units import factor, quantity_of
 
 from .format import Format
 
-#: Abscissa that is time, and ordinate that is acceleration, by the codes of dataset 58, records 8 and 9.
-_TIME, _ACCELERATION = 17, 12
+#: Abscissa that is time, by the codes of dataset 58, record 8; and what an unevenly spaced one is called.
+_TIME, _ABSCISSA = 17, "abscissa"
 
 
 def opened(path: Path) -> ArrayTable:
@@ -30,32 +33,55 @@ def opened(path: Path) -> ArrayTable:
     file = pyuff.UFF(str(path))
     kinds = [int(kind) for kind in file.get_set_types()]
     sets = [file.read_sets(at) for at, kind in enumerate(kinds) if kind == 58]
-    clocks: dict[tuple[float, int], list[tuple[Channel, Any]]] = {}
+    clocks: dict[tuple[float, float, int, bytes], list[tuple[Channel, Any]]] = {}
+    times: dict[tuple[float, float, int, bytes], Any] = {}
+    other: list[str] = []
     for number, one in enumerate(sets):
-        if int(one.get("abscissa_spec_data_type", _TIME)) not in (0, _TIME) or np.iscomplexobj(one["data"]):
+        if np.iscomplexobj(one["data"]):
             continue
-        name = str(one.get("id1", "")).strip()
-        name = name if name and name.upper() != "NONE" else f"node {one.get('rsp_node', number)}"
-        unit = str(one.get("ordinate_axis_units_lab", "")).strip()
-        unit = "" if unit.upper() == "NONE" else unit
-        step = float(one.get("abscissa_inc", 0.0) or 0.0)
-        if step <= 0.0:
-            step = float(np.median(np.diff(one["x"]))) if np.size(one["x"]) > 1 else math.nan
-        held = clocks.setdefault((step, np.size(one["data"])), [])
+        name = _text(one, "id1") or f"node {one.get('rsp_node', number)}"
+        axis, code = _text(one, "abscissa_axis_units_lab"), int(one.get("abscissa_spec_data_type", _TIME))
+        if code not in (0, _TIME) or (axis and quantity_of(axis) != "time"):
+            other.append(f"{name} over {axis or f'data of type {code}'}")
+            continue
+        size = factor(axis, "time") if axis else 1.0
+        step = size * float(one.get("abscissa_inc", 0.0) or 0.0)
+        uneven = int(one.get("abscissa_spacing", 1)) == 0 or step <= 0.0
+        x = size * np.asarray(one["x"], dtype=np.float64) if uneven else np.empty(0)
+        begin = 0.0 if uneven else size * float(one.get("abscissa_min", 0.0) or 0.0)
+        clock = (0.0 if uneven else step, begin, np.size(one["data"]), x.tobytes())
+        times[clock] = x
+        held = clocks.setdefault(clock, [])
         taken = {channel.name for channel, _ in held}
         unique = name if name not in taken else f"{name} {number}"
-        held.append((Channel(unique, unit or split_header(name)[1]), np.asarray(one["data"])))
+        unit = _text(one, "ordinate_axis_units_lab") or split_header(name)[1]
+        held.append((Channel(unique, unit), np.asarray(one["data"])))
     if not clocks:
+        held_sets = ", ".join(other[:6]) or f"datasets {sorted(set(kinds))}"
         raise InputError(
-            f"{path}: no function over time (dataset 58) in it; it has datasets {sorted(set(kinds))}"
+            f"{path}: no function over time (dataset 58) in it; it has {printable(held_sets, 200)}: export "
+            "time signals"
         )
     groups: list[Group] = []
     arrays: dict[tuple[str, str], Any] = {}
-    for at, ((step, _), held) in enumerate(clocks.items()):
+    for at, (clock, held) in enumerate(clocks.items()):
+        step, begin, _, _ = clock
         name = "" if len(clocks) == 1 else f"clock {at + 1}"
-        groups.append(Group(name, tuple(channel for channel, _ in held), 1.0 / step))
+        channels = tuple(channel for channel, _ in held)
+        if step <= 0.0:
+            channels = (Channel(_ABSCISSA, "s", time=True), *channels)
+            arrays[name, _ABSCISSA] = times[clock]
+        rate, source = (1.0 / step, "abscissa increment") if step > 0.0 else (math.nan, "")
+        # Abscissas of one file count from one moment.
+        groups.append(Group(name, channels, rate, stamped=True, source=source, delay=begin))
         arrays |= {(name, channel.name): values for channel, values in held}
     return ArrayTable(path, tuple(groups), arrays)
+
+
+def _text(one: Mapping[str, Any], key: str) -> str:
+    """Return a text of a dataset, "" for none, which the format writes as NONE."""
+    text = str(one.get(key, "")).strip()
+    return "" if text.upper() == "NONE" else text
 
 
 FORMAT = Format(

@@ -45,6 +45,7 @@ class Choices:
     ``scales``: sensitivities. ``topics``: topic and axis. ``rate``: Hz, of samples without a time.
     ``align``: whether two clocks may be brought together. ``exclude``: columns to leave out.
     ``stamps``: which time of a bag's messages counts, one of ``STAMPS``; ``None``: that of the header.
+    ``dates``: order of day and month, ``dmy`` or ``mdy``, in dates like 05/04/2026.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -55,6 +56,7 @@ class Choices:
     align: bool = True
     exclude: tuple[str, ...] = ()
     stamps: str | None = None
+    dates: str = ""
 
     def states_unit(self, role: str) -> bool:
         """Return whether ``--columns`` names a column by the role with its unit, e.g. ``body_m_s2``."""
@@ -78,6 +80,7 @@ def choices(
     align: str = "auto",
     exclude: Given = None,
     stamps: str | None = None,
+    dates: str = "",
 ) -> Choices:
     """Return what the options of the same names say.
 
@@ -109,7 +112,9 @@ def choices(
         raise InputError(
             f"--stamps {printable(stamps, 20)!r}: write {', '.join(STAMPS[:-1])} or {STAMPS[-1]}"
         )
-    return Choices(named, units, scales, topics, rate, align == "auto", left_out, stamps)
+    if dates not in ("", "dmy", "mdy"):
+        raise InputError(f"--dates {printable(dates, 20)!r}: write dmy or mdy")
+    return Choices(named, units, scales, topics, rate, align == "auto", left_out, stamps, dates)
 
 
 def role_of(name: str, option: str = "--columns") -> str:

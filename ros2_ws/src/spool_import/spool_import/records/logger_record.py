@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -21,14 +21,15 @@ from spool_import.tables.table import STAMP, Channel, Group, Table, Values
 from .choices import Choices, choices
 from .clocks import ClockOffset
 from .roles import REQUIRED, Source, chosen, counter_of, exclude, reference, time_of
+from .time_axis import counted, finite, fraction_of, other_times, period_check, read_axis
 from .time_base import SAME, TimeBase, loose_time_base, time_base
-from .time_unit import period_check, time_in_seconds
 from .topic_clocks import TopicTimes, check_one_time
 from .two_clocks import Series, merged
 from .unit_choice import ChannelUse, use_of_time, uses_of
 
-#: Beyond any acceleration, force, displacement or time in ns since 1970.
-LARGEST_NUMBER = 1e19
+#: Relative deviation of a rate below which it is not stated: stamps do not show the error of their own clock,
+#: which is 1e-5 to 1e-4 of a quartz.
+CLOCKS_OWN = 1e-6
 #: m/s^2, standard gravity (ISO 80000-3).
 GRAVITY = 9.80665
 #: m/s^2, some 200 g: hardly any machine shakes a valve like that.
@@ -105,6 +106,8 @@ def read_record(
         asked = replace(asked, columns=columns)
     tables = [open_table(path) for path in files]
     exclude(tables, asked.exclude)
+    for table in tables:
+        table.dates = asked.dates
     sources = chosen(tables, kind, asked)
     uses_of(sources, asked)  # all that is wrong with units, before anything is read
     first, second = (sources[role] for role in REQUIRED[kind])
@@ -153,51 +156,55 @@ def _of_group(
     if axis is None and stated is None:
         held = ", ".join(printable(one.name, 40) for one in group.channels[:12])
         raise InputError(
-            f"{path}: no column {TIME} and no sampling rate in it; it has {held}: name the column of times, "
-            f"or "
-            "give the rate, e.g. --rate 2000 for 2000 Hz"
+            f"{path}: no column {TIME} and no sampling rate in it; it has {held}: "
+            + (group.doubt or "name the column of times, or give the rate, e.g. --rate 2000 for 2000 Hz")
         )
-    clock = axis or counter
-    names = [one.channel.name for one in sources.values()]
+    taken = [one.channel for one in sources.values()]
+    others = [] if axis is None else other_times(group, axis, taken)
+    part = None if axis is None else fraction_of(group, axis, taken)
+    clocks = [one.name for one in (axis or counter, part, *others) if one is not None]
+    names = [one.name for one in taken]
     small = [one.channel.name for role, one in sources.items() if single and role in (BODY, SPOOL)]
-    wanted = list(dict.fromkeys([*([clock.name] if clock else []), *names]))
-    values = _read(table, group, wanted, small, sources)
-    stamps = values.pop(clock.name) if clock else None
-    found: dict[str, Array] = {}
+    values = _read(table, group, list(dict.fromkeys([*clocks, *names])), small, sources)
     notes: list[str] = []
+    warnings: list[str] = []
+    if table.holes_are_gaps:
+        warnings += _without_holes(
+            values, [one.channel.name for role, one in sources.items() if role in REQUIRED[kind]]
+        )
+    if axis is not None:
+        clock = read_axis(table, group, axis, others, values, asked)
+    else:
+        number = None if counter is None else values[counter.name]
+        clock = counted(values[names[0]].size, number, stated or math.nan, group.delay)
+    notes += clock.notes
+    found: dict[str, Array] = {}
     uses = uses_of(sources, asked)
     for role, one in sources.items():
         numbers = uses[role].applied(np.asarray(values[one.channel.name]))
-        found[role] = _numbers(path, one.channel.name, numbers, where, holes=role == OIL_TEMPERATURE)
+        found[role] = finite(path, one.channel.name, numbers, where, holes=role == OIL_TEMPERATURE)
     values.clear()
     timed = use_of_time(path.name, axis, asked) if axis is not None else None
-    size = next(iter(found.values())).size
-    start = group.start
-    if stamps is None or counter is not None:
-        assert stated is not None
-        index = np.arange(size, dtype=np.float64) if stamps is None else np.asarray(stamps, dtype=np.float64)
-        time, label = (index - index[:1]) / stated, "the sample index"
-    else:
-        assert axis is not None
-        time, start, note = _seconds(path, axis, stamps, where, asked, start)
-        notes += [note] if note else []
-        label = axis.name
-    name = printable(label, 40)
     rows = [row for role, row in found.items() if role != OIL_TEMPERATURE]
     try:
         if regular:
-            base = time_base(str(path), name, time, rows, where, asked.rate if axis is not None else None)
+            given = asked.rate if axis is not None else None
+            base = time_base(str(path), clock.label, clock.time, rows, where, given)
         else:
-            base = loose_time_base(str(path), name, time, where)
+            base = loose_time_base(str(path), clock.label, clock.time, where)
     except InputError as error:
         if axis is None or axis.unit != STAMP or group.name not in table.clocks:
             raise
         raise InputError(f"{error}; or type --stamps log to use the times of reception") from error
     if base.kept is not None:
         found = {role: row[base.kept] for role, row in found.items()}
-    warnings = [*base.warnings]
+    warnings += base.warnings
+    if axis is None and asked.rate and abs(group.rate / asked.rate - 1.0) > SAME:
+        warnings.append(
+            f"--rate {asked.rate:g} is used, and {group.source or 'the file'} states {group.rate:g} Hz"
+        )
     notes.append(_rate_note(path, axis, group, asked, base))
-    doubt = period_check(path, label, base.period, kind)
+    doubt = period_check(path, clock.label, base.period, kind)
     warnings += [doubt] if doubt else []
     return LoggerRecord(
         path,
@@ -205,13 +212,24 @@ def _of_group(
         found,
         base.period,
         base.gaps,
-        start,
+        group.start if clock.start is None else clock.start,
         tuple(warnings),
         tuple(notes),
         base.repairs,
         uses=(*([timed] if timed else []), *uses.values()),
-        rate_std=base.rate_std,
+        rate_std=base.rate_std if base.rate_std > CLOCKS_OWN else 0.0,
     )
+
+
+def _without_holes(values: dict[str, Values], required: Sequence[str]) -> list[str]:
+    """Leave out the rows without a value in a required channel, and return a line about them."""
+    whole = np.logical_and.reduce([np.isfinite(values[name]) for name in required])
+    missing = int(np.count_nonzero(~whole))
+    if not missing:
+        return []
+    for name, row in values.items():
+        values[name] = row[whole]
+    return [f"{missing} rows with values that the file marks as invalid are left out"]
 
 
 def _rate_note(path: Path, axis: Channel | None, group: Group, asked: Choices, base: TimeBase) -> str:
@@ -248,23 +266,6 @@ def _read(
         raise InputError(
             f"{error}: correct it, or leave the column out with --exclude {shlex.quote(ways)}"
         ) from error
-
-
-def _seconds(
-    path: Path, axis: Channel, stamps: Values, where: Callable[[int], str], asked: Choices, start: int | None
-) -> tuple[NDArray[np.float64], int | None, str]:
-    """Return times in s, the acquisition time (ns) at 0 where it is known, and how they were understood."""
-    if axis.unit == STAMP:
-        whole = np.asarray(stamps, dtype=np.int64)
-        if whole.size == 0:
-            raise InputError(f"{path}: 0 samples are too few for a record")
-        time = np.empty(whole.size)
-        for at in range(0, whole.size, _PIECE):
-            time[at : at + _PIECE] = (whole[at : at + _PIECE] - whole[0]) * 1e-9
-        return time, int(whole[0]) if whole[0] > 0 else None, ""
-    numbers = _numbers(path, axis.name, np.asarray(stamps, dtype=np.float64), where, holes=False)
-    seconds, note = time_in_seconds(path, axis, numbers, asked)
-    return seconds, start, note
 
 
 def _together(sides: Sequence[LoggerRecord], first: Source, second: Source, asked: Choices) -> LoggerRecord:
@@ -308,28 +309,6 @@ def _together(sides: Sequence[LoggerRecord], first: Source, second: Source, aske
         (*body.uses, *spool.uses),
         rate_std=max(one.rate_std for one in sides),
     )
-
-
-def _numbers(path: Path, name: str, values: Array, where: Callable[[int], str], *, holes: bool) -> Array:
-    """Return ``values``; with ``holes`` empty cells are NaN, else they are an error."""
-    name = printable(name, 40)
-    low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
-    if math.isfinite(low) and math.isfinite(high) and max(-low, high) <= LARGEST_NUMBER:
-        return values  # nothing is to be looked for, and no memory is taken for it
-    bad = np.isinf(values) if holes else ~np.isfinite(values)
-    if bad.any():
-        raise InputError(
-            f"{path}: {where(int(np.argmax(bad)))}: {name} is empty, NaN or infinite "
-            f"({int(np.count_nonzero(bad))} such cells)"
-        )
-    huge = np.abs(values) > LARGEST_NUMBER
-    if huge.any():
-        at = int(np.argmax(huge))
-        raise InputError(
-            f"{path}: {where(at)}: {name} is {values[at]:g}, which nothing measures "
-            f"({int(np.count_nonzero(huge))} such cells)"
-        )
-    return values
 
 
 def _rms(row: Array) -> float:

@@ -160,7 +160,7 @@ def time_of(table: Table, group: Group, asked: Choices, taken: Sequence[Source] 
         taken: channels that are something else.
 
     Raises:
-        InputError: a column that is named is not there, or several could be it.
+        InputError: a column that is named is not there.
     """
     if asked.stamps in ("log", "arrival"):
         log = next((one for one in group.channels if one.name == LOG_TIME), None)
@@ -194,15 +194,7 @@ def time_of(table: Table, group: Group, asked: Choices, taken: Sequence[Source] 
         ]
     fitting = fitting or (in_time if len(in_time) == 1 else [])
     exact = [one for one in fitting if one.header == TIME] or fitting
-    if len(exact) > 1:
-        ways = [
-            typed("--columns", {"time": reference([table], Source(table, group, one))}) for one in exact[:2]
-        ]
-        raise InputError(
-            f"{table.path}: {listed([one.header for one in exact])} could be the time: name it with "
-            f"{', or '.join(ways)}"
-        )
-    return exact[0] if exact else None
+    return exact[0] if exact else None  # the others are compared with it
 
 
 def counter_of(group: Group) -> Channel | None:

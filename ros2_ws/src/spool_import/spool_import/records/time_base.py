@@ -164,20 +164,21 @@ def _paused(gaps: Indices, rows: Sequence[NDArray[np.floating]]) -> bool | None:
     """Return whether the values show pauses at ``gaps``; ``None`` where they cannot.
 
     Samples differ the more the further they are apart. Without a pause they differ across a gap as they do
-    inside of bursts (lag 1); with one as much as those a whole burst apart, or more. The mean square of m
-    differences is known to sqrt(2 / m): both have to be 3 of these deviations from their geometric mean.
+    inside of bursts (lag 1); with one as much as those a whole burst apart, or more. The median square of m
+    normal differences, which a few losses do not move, is known to sqrt(5.4 / m): both have to be 3 of these
+    deviations from their geometric mean.
     """
     if gaps.size < 4:
         return None
     size = int(np.median(np.diff(gaps)))
     best: tuple[float, bool | None] = 0.0, None
-    least = (1.0 + 3.0 * math.sqrt(2.0 / gaps.size)) ** 2
+    least = (1.0 + 3.0 * math.sqrt(5.4 / gaps.size)) ** 2
     for row in rows:
         values = row.astype(np.float64, copy=False)
-        across = float(np.mean(np.square(values[gaps] - values[gaps - 1])))
+        across = float(np.median(np.square(values[gaps] - values[gaps - 1])))
         starts = gaps[:-1][np.diff(gaps) >= size]
-        near = float(np.mean(np.square(np.delete(np.diff(values), gaps - 1))))
-        far = float(np.mean(np.square(values[starts + size - 1] - values[starts]))) if size > 2 else 0.0
+        near = float(np.median(np.square(np.delete(np.diff(values), gaps - 1))))
+        far = float(np.median(np.square(values[starts + size - 1] - values[starts]))) if size > 2 else 0.0
         if near > 0.0 and far / near >= max(least, best[0]):
             best = far / near, across > math.sqrt(far * near)
     return best[1]
@@ -216,11 +217,16 @@ def _of_stamps(name: str, time: Array, found: Stamps, where: Where) -> TimeBase:
 def loose_time_base(label: str, name: str, time: Array, where: Where) -> TimeBase:
     """Return the time base of samples that may be spaced as they like: median step, gaps ten times that.
 
+    Coarse stamps of a regular clock are placed on its line.
+
     Raises:
         InputError: too few samples, or time that goes back.
     """
     if time.size < 3 or first_step(time, lambda steps: steps <= 0.0) is not None:
         return time_base(label, name, time, (), where)  # says what is wrong
+    found = judge(time)
+    if found.rhythm is Rhythm.COARSE:
+        return _of_stamps(name, time, found, where)
     steps = np.diff(time)
     period = float(np.median(steps))
     gaps = np.flatnonzero(steps > 10.0 * period) + 1

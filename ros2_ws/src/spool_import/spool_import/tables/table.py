@@ -21,10 +21,8 @@ MOST_SAMPLES = 30_000_000
 MOST_CHANNELS = 4096
 #: B that a file may hold, or unpack to, where its library takes it into memory as a whole.
 MOST_BYTES = 1 << 31
-#: Unit of a channel whose values are whole ns since 1970 (int64), and of one that counts from midnight of a
-#: day that the file does not name.
+#: Unit of a channel whose values are whole ns (int64) since 1970, or since midnight of an unknown day.
 STAMP = "stamp"
-CLOCK = "time of day"
 
 #: Channel of a bag's messages: when the recorder received them.
 LOG_TIME = "log_time"
@@ -36,16 +34,17 @@ Values = NDArray[np.float64] | NDArray[np.int64]
 class Channel:
     """Channel of a file: its ``name`` there, and ``unit`` as the file has it, "" where it names none.
 
-    ``time`` marks a time axis by the format itself. ``role``: contract name where the format fixes what the
-    channel is. ``number``: of its column in the file, from 0. ``own``: its name in the file where ``name``
-    has
-    an index, since several channels have that name there.
+    ``time`` marks a time axis by the format itself; ``dated`` is False for a time of day without a date.
+    ``role``: contract name where the format fixes what the channel is. ``number``: of its column in the file,
+    from 0. ``own``: its name in the file where ``name`` has an index, since several channels have that name
+    there.
     """
 
     name: str
     unit: str = ""
     time: bool = False
     role: str = ""
+    dated: bool = True
     number: int = -1
     own: str = ""
 
@@ -84,7 +83,8 @@ class Table(ABC):
 
     ``notes``: how it was understood, ``warnings``: what is wrong with it, one line each; ``warnings`` are
     complete only after :meth:`read`. ``clocks``: of bags, header stamps and times of reception (ns, int64,
-    shape (n,)) of each group that was read.
+    shape (n,)) of each group that was read. ``holes_are_gaps``: rows without a value are missing samples by
+    the format. ``dates``: order of day and month, ``dmy`` or ``mdy``, where the user states it.
     """
 
     path: Path
@@ -92,6 +92,8 @@ class Table(ABC):
     clocks: Mapping[str, tuple[NDArray[np.int64], NDArray[np.int64]]] = MappingProxyType({})
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    holes_are_gaps: bool = False
+    dates: str = ""
 
     @abstractmethod
     def read(self, group: Group, names: Sequence[str], _single: Sequence[str] = ()) -> dict[str, Values]:

@@ -39,7 +39,12 @@ def import_(
         list[str] | None,
         typer.Option(help="Sensitivities: body=100mV/g,spool=50g/FS; raw counts: body=1.25e-6g/count"),
     ] = None,
-    rate: Annotated[float | None, typer.Option(help="Hz, where the file holds no time.")] = None,
+    rate: Annotated[
+        float | None, typer.Option(help="Sample rate in Hz, for files without a time or with a poor one.")
+    ] = None,
+    dates: Annotated[
+        str, typer.Option(help="Order of dates like 05/04/2026: dmy or mdy; needed where both fit.")
+    ] = "",
     topic: Annotated[
         list[str] | None, typer.Option(help="Topics and axes of a bag: body=/imu_1:z,spool=/imu_2:z")
     ] = None,
@@ -79,7 +84,7 @@ def import_(
 
     from spool_tools.console.progress import progress  # noqa: PLC0415
 
-    how = choices(columns, unit, scale, topic, rate, align, exclude, stamps)
+    how = choices(columns, unit, scale, topic, rate, align, exclude, stamps, dates)
     if len(files) > 2:
         raise InputError(f"{files[2]}: two files at most, body and spool; import each record by itself")
     if look:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_bag.format.metadata import rate_std
 from spool_bag.reading.reader import BagReader
 from spool_bag.reading.span import Span
 from spool_bag.tables.column_names import BODY, OIL_TEMPERATURE, SPOOL
@@ -140,6 +141,7 @@ def load_recording(path: Path, selection: Selection | None = None) -> Recording:
             for block in _blocks_between(reader.blocks(name), chosen.start, chosen.stop):
                 keeper.take(block)
             stretches = keeper.records(str(path), reader.temperatures(name))
+        stretches = [replace(one, rate_std=rate_std(path)) for one in stretches]
         described = recorded_valve(reader, name) if chosen.described else None
     if not stretches:
         raise InputError(f"{path}: no sample in it that can be used")
@@ -276,6 +278,7 @@ def stretches_of_table(record: LoggerRecord, name: str | None = None) -> list[Re
             record.columns[SPOOL][begin:end],
             None if oil is None else oil[begin:end],
             origin,
+            rate_std=record.rate_std,
         )
         for begin, end in pairwise([0, *record.gaps.tolist(), record.time.size])
     ]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from spool_bag.format.metadata import rate_std
 from spool_bag.reading.information import MOST_STEPS
 from spool_bag.reading.timeline import Timeline, duration_of, step_text
 from spool_estimator.plausibility import ValveCheck, check_rate
@@ -110,11 +111,12 @@ def replay_bag(
             refits=refits, timeline=times[name], parts=parts.get(name), state=state,
         )  # fmt: skip
     first = min((timeline.spans[0].first for timeline in times.values() if timeline.spans), default=0)
+    uncertain = reader.record.rate_std if isinstance(reader, TableSource) else rate_std(reader.path)
     for name, one in result["valves"].items():
         doubts = [] if one.check is None else one.check.doubts()
         warnings = [text for text in (valves[name].warning(name), *doubts) if text]
         result["valves"][name] = valve_dictionary(
-            one, times[name], first, valves[name], settings[name].to_dict(), warnings
+            one, times[name], first, valves[name], settings[name].to_dict(), warnings, uncertain
         )
     result["duration_s"] = duration_of(list(times.values()))
     result["warnings"] = _warnings(reader, times)

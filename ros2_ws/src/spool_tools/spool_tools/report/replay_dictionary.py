@@ -14,6 +14,7 @@ from spool_monitor.detectors import JUDGEMENT_TEXTS
 from spool_monitor.events.event import Event
 from spool_monitor.health import Health
 from spool_monitor.replay import Replay
+from spool_stream.uncertainty import at_uncertain_rate
 
 from spool_tools.input.valve_choice import ChosenValve
 
@@ -50,6 +51,7 @@ def valve_dictionary(
     chosen: ChosenValve,
     limits: Mapping[str, Any],
     warnings: Sequence[str],
+    rate_std: float = 0.0,
 ) -> dict[str, Any]:
     """Return the entry of one valve in ``replay --json``.
 
@@ -60,6 +62,7 @@ def valve_dictionary(
         chosen: its description and where that came from.
         limits: that the monitor judged by, and where they came from.
         warnings: about it.
+        rate_std: relative standard deviation of the record's sampling rate, which enters those of parameters.
     """
     gate = one.estimator.gate
     events, refits = Clock(timeline, first), Clock(timeline, first)
@@ -67,7 +70,7 @@ def valve_dictionary(
         "blocks": gate.accepted,
         "lost_blocks": gate.lost,
         "samples": one.samples,
-        "estimate": _estimate(one.estimator.latest),
+        "estimate": _estimate(one.estimator.latest, rate_std),
         "health": _health(one.monitor.health),
         "events": [_event(event, events) for event in one.events],
         **({} if one.refits is None else {"refits": [_refit(found, refits) for found in one.refitted]}),
@@ -114,14 +117,16 @@ def _health(health: Health) -> dict[str, Any]:
     }
 
 
-def _estimate(estimate: Estimate | None) -> dict[str, Any]:
+def _estimate(estimate: Estimate | None, rate_std: float) -> dict[str, Any]:
     if estimate is None:
         nothing = dict.fromkeys(("model", "state", "natural_frequency_Hz", "damping_ratio", "nrmse"))
         return {**nothing, "parameters": {}}
     return {
         "model": estimate.model,
         "state": estimate.state.name.lower(),
-        "parameters": {quantity.name: quantity.to_dict() for quantity in estimate.parameters},
+        "parameters": {
+            quantity.name: at_uncertain_rate(quantity, rate_std).to_dict() for quantity in estimate.parameters
+        },
         "natural_frequency_Hz": estimate.natural_frequency.value,
         "damping_ratio": estimate.damping_ratio.value,
         "nrmse": estimate.residual.value,
