@@ -24,6 +24,9 @@ def study(
     cases: Annotated[int, typer.Option(help="How many.", min=1)] = 200,
     seed: Annotated[int, typer.Option(help="Of the first; below 1000 is for development.", min=0)] = 1000,
     workers: Annotated[int | None, typer.Option(help="Processes; default: as many as cores.", min=1)] = None,
+    diagnose: Annotated[
+        bool, typer.Option("--diagnose", help="State why each wrong verdict is wrong (field only).")
+    ] = False,
 ) -> None:
     """Count over many blind records how often the suite is right.
 
@@ -31,7 +34,7 @@ def study(
     """
     from spool_evaluation.study import run_study  # noqa: PLC0415 - slow to load
 
-    run_study(what, cases, seed, out, workers)
+    run_study(what, cases, seed, out, workers, diagnosing=diagnose)
 
 
 COMMAND = Command(study, place=130, line="how often the suite is right, over many blind records")

@@ -25,6 +25,8 @@ from .fluid_laws import EVENTS, MASS, given, next_level, remembered, rest, slidi
 Array = NDArray[np.float64]
 Numbers = tuple[float, ...]
 LARGEST_EVENT_COUNT = 40
+#: Displacement (m) and speed (m/s) beyond which a prediction has diverged and starts again from rest.
+FARTHEST, FASTEST = 1.0, 100.0
 
 
 @inlined
@@ -357,3 +359,117 @@ def force_kernel(
             if s != 0.0:
                 force += s * sliding(z[n], s * v[n], s, q)
             out[number, n] = force
+
+
+@compiled
+def predict_kernel(
+    state: Array,
+    body: Array,
+    measured: Array,
+    heard: Array,
+    h: float,
+    substeps: int,
+    parameters: Array,
+    correction_z: float,
+    correction_v: float,
+    largest: float,
+    means: bool,
+    out_error: Array,
+    out_z: Array,
+    out_v: Array,
+) -> None:
+    """Fill measured minus predicted spool acceleration; each error corrects the state before the next sample.
+
+    ``measured`` holds the acceleration at the samples or, with ``means``, its mean from each sample to the
+    next. ``heard`` is 0 where a sample is missing, else 1. ``correction_z`` and ``correction_v`` multiply the
+    error, limited to ``largest`` (m/s^2), to correct displacement (m) and velocity (m/s). A spool that sticks
+    is not corrected: its acceleration does not show where it is.
+    """
+    z, v, s = state[0], state[1], state[2]
+    x = start_memory(state)
+    q = given(parameters, 0)
+    for n in range(out_error.size):
+        i = 2 * substeps * n
+        if v != 0.0:
+            s = math.copysign(1.0, v)
+        stuck = False
+        if EVENTS and s == 0.0:
+            low, high = rest(z, q)
+            stuck = low < high
+        out_z[n] = z
+        out_v[n] = v
+        if not means:
+            if stuck:
+                error = measured[n] - body[i]
+            else:
+                error = measured[n] - acceleration(z, v, n * substeps * h, s if EVENTS else 0.0, 0.0, z, x, q)
+            error *= heard[n]
+            out_error[n] = error
+            if not stuck:
+                error = min(max(error, -largest), largest)
+                z += correction_z * error
+                v += correction_v * error
+                if EVENTS and v != 0.0:
+                    s = math.copysign(1.0, v)
+        before = v
+        mean = 0.0
+        for j in range(substeps):
+            t = (n * substeps + j) * h
+            a0, am, a1 = body[i], body[i + 1], body[i + 2]
+            mean += (a0 + 4.0 * am + a1) / 6.0
+            if EVENTS:
+                z, v, s, x = step_with_events(z, v, s, x, t, h, a0, am, a1, q)
+            else:
+                b, d = -3.0 * a0 + 4.0 * am - a1, 2.0 * (a0 - 2.0 * am + a1)
+                k1 = acceleration(z, v, t, 0.0, a0, z, x, q)
+                z, v = slip(z, v, 0.0, x, h, k1, 0.0, t, h, a0, b, d, q)
+            i += 2
+        if not (abs(z) < FARTHEST and abs(v) < FASTEST):
+            z, v, s = 0.0, 0.0, 0.0
+        if means:
+            error = (measured[n] - (v - before) / (h * substeps) - mean / substeps) * heard[n]
+            out_error[n] = error
+            if v != 0.0 or not EVENTS:
+                error = min(max(error, -largest), largest)
+                z += correction_z * error
+                v += correction_v * error
+    state[0], state[1], state[2] = z, v, s
+
+
+@compiled
+def predict_batch_kernel(
+    states: Array,
+    body: Array,
+    body_rows: NDArray[np.int64],
+    measured: Array,
+    measured_rows: NDArray[np.int64],
+    heard: Array,
+    h: float,
+    substeps: int,
+    parameters: Array,
+    correction_z: float,
+    correction_v: float,
+    largest: float,
+    means: bool,
+    out_error: Array,
+    out_z: Array,
+    out_v: Array,
+) -> None:
+    """Do the same for several sets of parameters; the first axis counts them."""
+    for number in range(states.shape[0]):
+        predict_kernel(
+            states[number],
+            body[body_rows[number]],
+            measured[measured_rows[number]],
+            heard,
+            h,
+            substeps,
+            parameters[number],
+            correction_z,
+            correction_v,
+            largest,
+            means,
+            out_error[number],
+            out_z[number],
+            out_v[number],
+        )

@@ -24,6 +24,7 @@ from spool_evaluation.studies.gap import BASE, CATALOGUE_NAMES
 from spool_evaluation.studies.workers import spread
 
 from .calibration import confidence_rule
+from .diagnosis import diagnose
 from .page import write_field_page
 from .summary import FAILED, REFUSED, ChainFault, FieldVerdict, HiddenShare, field_targets, verdict_from
 
@@ -34,10 +35,13 @@ RULE, CALIBRATION = "confidence_rule.json", "calibration"
 LONGEST = 600.0
 
 
-def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[FieldVerdict]:
+def run(
+    cases: int, seed: int, out: Path, workers: int | None = None, *, diagnosing: bool = False
+) -> list[FieldVerdict]:
     """Analyse ``cases`` field cases from ``seed`` on; write rows, page and diagram into ``out``.
 
-    What the rows in ``out`` hold already is not analysed again.
+    What the rows in ``out`` hold already is not analysed again. With ``diagnosing`` a second page states why
+    each wrong verdict is wrong.
     """
     out.mkdir(parents=True, exist_ok=True)
     seeds = range(seed, seed + cases)
@@ -55,6 +59,8 @@ def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[Fi
     page = write_field_page(rows, out, study_command("field", cases, seed))
     _show(rows)
     print(f"{page}: every number, what went wrong and how to make it again")
+    if diagnosing:
+        diagnose(rows, out, f"{study_command('field', cases, seed)} --diagnose", workers)
     return rows
 
 

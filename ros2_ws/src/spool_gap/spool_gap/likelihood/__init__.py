@@ -1,0 +1,1 @@
+"""Likelihood of a structure: prediction errors of a record, and the fit of a structure by them."""

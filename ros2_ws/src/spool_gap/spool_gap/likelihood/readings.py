@@ -1,0 +1,112 @@
+"""Readings of one record as a likelihood takes them: both channels, what is missing, noise and excitation.
+
+Samples that clip, spike or are missing are missing in both roles: the spool's do not correct the model
+and do not count, and after a missing sample of the body nothing counts until the correction has made up
+for it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_identification.record import Record
+from spool_identification.signals.channel_noise import ChannelNoise, noise_of
+from spool_identification.signals.clipping import at_rail, restored
+from spool_identification.signals.denoised_excitation import quiet
+from spool_identification.signals.zero_phase import ZeroPhase
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Hz, below which no excitation of a valve is looked for.
+LOWEST = 1.0
+#: s after a missing sample of the body, and after a longer gap (of ``LONG`` s), that do not count.
+AFTER, AFTER_LONG, LONG = 0.008, 0.15, 0.005
+
+
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """Readings; every array has shape (n,).
+
+    Attributes:
+        period: s between samples.
+        time: of the first sample since the record's origin, s.
+        body: excitation, m/s^2: restored where it clips, freed of noise, nothing below ``low_cut``.
+        spool: m/s^2, nothing below ``low_cut``.
+        heard: samples of the spool that are there.
+        counted: samples whose prediction errors count.
+        noise: of both channels, with the excitation's band.
+        low_cut: Hz, above which the channels are used.
+        body_limit, spool_limit: m/s^2, where the channel clips, else 0.
+    """
+
+    period: float
+    time: float
+    body: Array
+    spool: Array
+    heard: Mask
+    counted: Mask
+    noise: ChannelNoise
+    low_cut: float
+    body_limit: float
+    spool_limit: float
+
+
+def readings_of(record: Record, *, missing: tuple[Mask, Mask] | None = None) -> Readings:
+    """Return the readings of ``record``.
+
+    Args:
+        record: as measured.
+        missing: samples of body and spool that are known to be wrong, as spikes, shape (n,) each.
+    """
+    rows, masks, limits = [], [], []
+    for number, row in enumerate((record.body, record.spool)):
+        gone = np.zeros(row.size, dtype=np.bool_) if missing is None else missing[number].copy()
+        rail = at_rail(row)
+        limits.append(0.0 if rail is None else float(np.median(np.abs(row[rail]))))
+        if rail is not None:
+            gone |= np.convolve(rail.astype(np.float64), np.ones(3), mode="same") > 0.0
+        rows.append(_filled(row, gone, clipped=rail is not None))
+        masks.append(gone)
+    noise = noise_of(rows[0], rows[1], record.sample_rate)
+    low_cut = max(LOWEST, 0.4 * noise.low)
+    conditioning = ZeroPhase(record.sample_period, low_cut)
+    body, spool = conditioning.apply(rows[0]), conditioning.apply(rows[1])
+    return Readings(
+        record.sample_period,
+        record.first_sample * record.sample_period,
+        quiet(body, noise.body, record.sample_rate).apply(body),
+        spool,
+        ~masks[1],
+        ~masks[1] & ~_disturbed(masks[0], record.sample_period),
+        noise,
+        low_cut,
+        *limits,
+    )
+
+
+def _filled(row: Array, gone: Mask, *, clipped: bool) -> Array:
+    """Return ``row`` with the samples ``gone`` filled in: clipped tops by the band of the others."""
+    if not gone.any():
+        return row
+    if clipped:
+        return restored(row, gone)
+    place = np.arange(row.size)
+    return np.asarray(np.interp(place, place[~gone], row[~gone]))
+
+
+def _disturbed(gone: Mask, period: float) -> Mask:
+    """Return which samples follow missing samples of the body too closely."""
+    found = _extended(gone, round(AFTER / period) + 1)
+    long = max(1, round(LONG / period))
+    if gone.any():
+        runs = np.convolve(gone.astype(np.float64), np.ones(long), mode="full")[: gone.size] >= long - 0.5
+        found |= _extended(runs, round(AFTER_LONG / period) + 1)
+    return found
+
+
+def _extended(mask: Mask, length: int) -> Mask:
+    near = np.convolve(mask.astype(np.float64), np.ones(length), mode="full")[: mask.size]
+    return np.asarray(near > 0.0)
