@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from spool_gap.force import force_analyse
 from spool_gap.force.force_analyse import analyse_forces
 from spool_gap.force.force_balance import ForceBalance, ForceFit
@@ -17,6 +18,8 @@ from spool_gap.registry import EFFECTS
 from spool_gap.result import RankedHypothesis
 from spool_sim.model import MODELS, Model
 from spool_sim.terms import term
+
+Array = NDArray[np.float64]
 
 PERIOD, MASS, DRAG = 1e-3, 50.0, 120.0
 TIME = PERIOD * np.arange(24_000)
@@ -56,6 +59,39 @@ def test_coulomb_friction_and_a_constant_force_are_named_and_the_position_is_fol
     assert numbers["push"] == pytest.approx(-4.0, rel=0.05)
     assert "spring_stiffness" not in numbers
     assert result.after.position_rmse < 0.02 * result.before.position_rmse
+
+
+def hardening(force: Array, seed: int) -> ForceRecord:
+    """Return the record of a light mass on a hardening spring (68.6 Hz, 4.7 % of critical damping)."""
+    period = 1.0 / 610.35
+    values = {
+        "mass": 5.38e-3,
+        "viscous_coefficient": 0.218,
+        "spring_stiffness": 1e3,
+        "cubic_coefficient": 4e9,
+    }
+    terms = [term(name) for name in ("inertia", "viscous_friction", "spring", "cubic_stiffness")]
+    still = ForceRecord("box", 0.0, period, np.zeros(force.size), force)
+    place = position_run(still, (0.0, 0.0), Model("box", tuple(terms), values), 0.0)
+    noise = np.random.default_rng(seed).standard_normal((2, force.size))
+    return ForceRecord("box", 0.0, period, place + 1e-7 * noise[0], force + 1e-4 * noise[1])
+
+
+def test_a_hardening_spring_fitted_to_small_motion_closes_the_gap_of_growing_motion() -> None:
+    generator = np.random.default_rng(1)
+    lines = np.zeros(3001, dtype=np.complex128)
+    lines[1:1960:2] = np.exp(2j * np.pi * generator.uniform(size=980))
+    multisine = np.fft.irfft(lines)
+    noise = np.zeros(1501, dtype=np.complex128)
+    noise[:490] = generator.standard_normal(490) + 1j * generator.standard_normal(490)
+    arrow = np.fft.irfft(noise) * np.linspace(0.0, 1.0, 3000)
+    fitted, held = (
+        hardening(size * row / row.std(), 2) for size, row in ((0.0223, multisine), (0.02, arrow))
+    )
+    result = analyse_forces([fitted], MODELS["fluid"], "driven", holdout=[held])
+    assert "constant_force" not in result.verdict
+    assert result.verdict.startswith("cubic_stiffness")
+    assert result.after.nrmse < 0.5 * result.before.nrmse
 
 
 def fitted_axis() -> tuple[ForceBalance, ForceFit]:
