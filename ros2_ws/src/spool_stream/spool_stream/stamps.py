@@ -366,9 +366,10 @@ def _judged(time: Array, even: Stamps, noise: float) -> Stamps:
         if stretches.size >= BURSTS and float(stretches.std()) < ALIKE * float(stretches.mean()):
             reason = f"gaps after every {stretches.mean():.3g} samples are pauses between bursts, or losses"
             return Stamps(Rhythm.UNEVEN, literal=even, reason=reason, at=at)
-    share = even.gaps.size / time.size
+    single = np.rint((time[even.gaps] - time[even.gaps - 1]) / even.period) == 2.0
+    share = int(np.count_nonzero(single)) / time.size
     random = stretches.size >= REGULAR_STEPS and float(stretches.std()) >= RANDOM * float(stretches.mean())
-    if even.gaps.size < REGULAR_STEPS or random or float(ticks(time, noise).max()) < HIDING * even.period:
+    if share == 0.0 or random or float(ticks(time, noise).max()) < HIDING * even.period:
         return even
     std = math.hypot(even.rate_std, 0.5 * share)
     if std > LEAST_CERTAIN:
@@ -501,6 +502,8 @@ def _bursts(time: Array, even: Stamps | None) -> Stamps | None:
     if float(np.quantile(between, 0.05)) < PAUSE * float(np.quantile(inside, 0.95)):
         return None
     size = time.size / (ends.size + 1)
+    if even is not None and size >= FEW and size * even.period >= PAUSED:
+        return None  # recordings with pauses: no read of a buffer takes so long
     # A last sample is at most a period before it is read; a first one at most a period after its tick.
     best: tuple[float, float, float, float] | None = None
     for place in (ends, ends + 1):

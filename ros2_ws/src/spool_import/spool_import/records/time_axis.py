@@ -71,9 +71,11 @@ class TimeAxis:
 
 def other_times(group: Group, axis: Channel, taken: Sequence[Channel]) -> list[Channel]:
     """Return the other channels of a group that may hold a time: by format, unit or name (`T2`, `Time_1`)."""
+    if any(one.name == LOG_TIME for one in group.channels):
+        return []  # of a bag, whose times of sending and of reception are a choice of the user
     found = []
     for one in group.channels:
-        if one == axis or one in taken or one.role or one.name == LOG_TIME:
+        if one == axis or one in taken or one.role:
             continue
         if one == fraction_of(group, axis, taken):
             continue

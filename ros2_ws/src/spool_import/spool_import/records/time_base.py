@@ -165,23 +165,23 @@ def _paused(gaps: Indices, rows: Sequence[NDArray[np.floating]]) -> bool | None:
 
     Samples differ the more the further they are apart. Without a pause they differ across a gap as they do
     inside of bursts (lag 1); with one as much as those a whole burst apart, or more. The median square of m
-    normal differences, which a few losses do not move, is known to sqrt(5.4 / m): both have to be 3 of these
-    deviations from their geometric mean.
+    normal differences, which a few losses do not move, is known to sqrt(5.4 / m): it has to be within 3 of
+    these deviations of one, where both are further apart than that, and channels must not contradict.
     """
     if gaps.size < 4:
         return None
     size = int(np.median(np.diff(gaps)))
-    best: tuple[float, bool | None] = 0.0, None
-    least = (1.0 + 3.0 * math.sqrt(5.4 / gaps.size)) ** 2
+    sure = 1.0 + 3.0 * math.sqrt(5.4 / gaps.size)
+    verdicts = set()
     for row in rows:
         values = row.astype(np.float64, copy=False)
         across = float(np.median(np.square(values[gaps] - values[gaps - 1])))
         starts = gaps[:-1][np.diff(gaps) >= size]
         near = float(np.median(np.square(np.delete(np.diff(values), gaps - 1))))
         far = float(np.median(np.square(values[starts + size - 1] - values[starts]))) if size > 2 else 0.0
-        if near > 0.0 and far / near >= max(least, best[0]):
-            best = far / near, across > math.sqrt(far * near)
-    return best[1]
+        if near > 0.0 and far >= sure**2 * near:
+            verdicts.add(True if across >= far / sure else False if across <= near * sure else None)
+    return verdicts.pop() if len(verdicts) == 1 else None
 
 
 def _of_stamps(name: str, time: Array, found: Stamps, where: Where) -> TimeBase:
