@@ -43,7 +43,7 @@ ROUND_RANGE = 2e-7
 MANY_STEPS = 30
 #: Stretches between gaps: samples and s from which they are recordings with pauses and no bursts; standard
 #: deviation over mean below which they are alike, and above which gaps come at random (1 for random losses).
-FEW, PAUSED, ALIKE, RANDOM = 100, 0.25, 0.5, 0.7
+FEW, PAUSED, ALIKE, RANDOM = 100, 0.25, 0.5, 0.85
 #: Stamps that are judged at least, and distinct stamps of a clock that counts in several samples: three
 #: complete steps show whether they hold equally many.
 FEWEST, FEWEST_STEPS = 3, 5
@@ -368,7 +368,7 @@ def _judged(time: Array, even: Stamps, noise: float) -> Stamps:
             return Stamps(Rhythm.UNEVEN, literal=even, reason=reason, at=at)
     single = np.rint((time[even.gaps] - time[even.gaps - 1]) / even.period) == 2.0
     share = int(np.count_nonzero(single)) / time.size
-    random = stretches.size >= REGULAR_STEPS and float(stretches.std()) >= RANDOM * float(stretches.mean())
+    random = stretches.size >= MANY_STEPS and float(stretches.std()) >= RANDOM * float(stretches.mean())
     if share == 0.0 or random or float(ticks(time, noise).max()) < HIDING * even.period:
         return even
     std = math.hypot(even.rate_std, 0.5 * share)
