@@ -22,6 +22,7 @@ LOCAL_BY_DEFAULT = (
     "test",
     "bench",
     "run",
+    "python",
     "alarm",
     "analyse",
     "baseline",

@@ -1,0 +1,442 @@
+"""Reference values of every effect, computed by hand from its equation at points away from special ones.
+
+Forces: the signature along a motion of five samples, and the parameters that follow from coefficients.
+Measuring chain: gain and phase of a sine that a channel reads. Comments put the numbers into the equations.
+A new effect needs a row. `./spool python tests/law_mutants.py` changes the effects one operation at a time
+and checks that these tests notice.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from spool_gap.chain_effect import ChainEffect
+from spool_gap.effect import Motion, scan
+from spool_gap.registry import EFFECTS
+from spool_gap.sensor_effect import SensorEffect
+from spool_identification.record import Record
+from spool_identification.signals.zero_phase import ZeroPhase, interval_mean_response, relative_motion
+
+Array = NDArray[np.float64]
+
+#: Relative; values are given with seven digits.
+EXACT = 1e-6
+#: Of a record's middle: what mirror images at its ends leave there.
+MIDDLE = 2e-3
+MOTION = Motion(
+    displacement=np.array([1.2e-3, -0.7e-3, 0.3e-3, -1.5e-3, 0.5e-3]),
+    velocity=np.array([0.05, -0.03, 4e-4, -0.12, -1e-4]),
+    acceleration=np.array([2.0, -3.0, -4.0, 5.0, 0.1]),
+    time=np.array([0.3, 0.9, 1.4, 2.2, 2.9]),
+    period=5e-4,
+    velocity_noise=1e-4,
+    mass=0.18,
+    stiffness=1500.0,
+    damping=4.0,
+    peaks=(13.0,),
+)
+#: Over half a sample's acceleration, 0.00025 |a|, or twice the noise: 0.0004 / 0.001 and -0.0001 / 0.0002.
+SIGN = [1.0, -1.0, 0.4, -1.0, -0.5]
+
+#: Effect, the numbers in which it is not linear, and its columns along MOTION.
+SIGNATURES: tuple[tuple[str, Mapping[str, float], list[list[float]]], ...] = (
+    ("asymmetric_friction", {}, [SIGN, [1.0, 1.0, 0.4, 1.0, 0.5]]),
+    ("constant_force", {}, [[-1.0] * 5]),
+    ("coulomb_friction", {}, [SIGN]),
+    # z^3
+    ("cubic_stiffness", {}, [[1.728e-9, -3.43e-10, 2.7e-11, -3.375e-9, 1.25e-10]]),
+    # T (1 - e^(-t / T)) v: 40 (1 - e^-0.0075) * 0.05 ...
+    (
+        "damping_drift",
+        {"damping_drift_time": 40.0},
+        [[0.01494389, -0.02669852, 5.503133e-4, -0.2568713, -2.797370e-4]],
+    ),
+    # sgn z max(0, |z| - 0.6 mm)
+    ("end_stop", {"stop_gap": 6e-4}, [[6e-4, -1e-4, 0.0, -9e-4, 0.0]]),
+    # sign sqrt |v|; sign / (|v| + 0.01)
+    (
+        "mixed_friction",
+        {"mixed_velocity": 0.01},
+        [
+            [0.2236068, -0.1732051, 0.008, -0.3464102, -0.005],
+            [16.66667, -25.0, 38.46154, -7.692308, -49.50495],
+        ],
+    ),
+    # -sin(2 pi 13 t); -cos(2 pi 13 t): 3.9, 11.7, 18.2, 28.6 and 37.7 turns
+    (
+        "periodic_force",
+        {"force_frequency": 13.0},
+        [
+            [0.5877853, 0.9510565, -0.9510565, 0.5877853, 0.9510565],
+            [-0.8090170, 0.3090170, -0.3090170, 0.8090170, 0.3090170],
+        ],
+    ),
+    # d + (s - d) e^(-|dz| / 1 mm), d the direction: -1 + e^-1.9; 1 - 1.850431 e^-1; -1 + 1.319264 e^-1.8; ...
+    ("presliding_friction", {"travel": 1e-3}, [[0.0, -0.8504314, 0.3192643, -0.7819271, 0.7588424]]),
+    # v |v|
+    ("quadratic_damping", {}, [[2.5e-3, -9e-4, 1.6e-7, -0.0144, -1e-8]]),
+    ("spring_backlash", {"backlash": 6e-4}, [[6e-4, -6e-4, 3e-4, -6e-4, 5e-4]]),
+    # z / 0.8 mm within +-1
+    ("spring_preload", {"preload_travel": 8e-4}, [[1.0, -0.875, 0.375, -1.0, 0.625]]),
+    # sign; sign e^(-(|v| / 0.04)^1.5): e^-1.397542, e^-0.6495191, ...
+    (
+        "stribeck_friction",
+        {"stribeck_velocity": 0.04, "stribeck_exponent": 1.5},
+        [SIGN, [0.2472037, -0.5222969, 0.3996002, -0.005537831, -0.4999375]],
+    ),
+)
+
+#: Effect, coefficients of its columns, numbers in which it is not linear, and the parameters that follow.
+VALUES: tuple[tuple[str, list[float], Mapping[str, float], Mapping[str, float] | None], ...] = (
+    ("asymmetric_friction", [0.5, 0.1], {}, {"forward_force": 0.6, "backward_force": 0.4}),
+    ("asymmetric_friction", [0.05, 0.01], {}, {"forward_force": 0.06, "backward_force": 0.04}),
+    # At most nine tenths of the mean.
+    ("asymmetric_friction", [0.5, 0.8], {}, {"forward_force": 0.95, "backward_force": 0.05}),
+    ("asymmetric_friction", [0.5, -0.8], {}, {"forward_force": 0.05, "backward_force": 0.95}),
+    ("asymmetric_friction", [-0.5, 0.1], {}, None),
+    ("constant_force", [-0.7], {}, {"push": -0.7}),
+    ("coulomb_friction", [0.05], {}, {"coulomb_force": 0.05}),
+    ("coulomb_friction", [-0.5], {}, None),
+    ("cubic_stiffness", [-5e7], {}, {"cubic_coefficient": -5e7}),
+    # over the drag: -0.2 / 4
+    (
+        "damping_drift",
+        [-0.2],
+        {"damping_drift_time": 40.0},
+        {"damping_drift_rate": -0.05, "damping_drift_time": 40.0},
+    ),
+    (
+        "end_stop",
+        [0.05],
+        {"stop_gap": 6e-4},
+        {"stop_gap": 6e-4, "stop_stiffness": 0.05, "stop_dissipation": 0.3, "stop_damping": 1.0},
+    ),
+    ("end_stop", [-2e5], {"stop_gap": 6e-4}, None),
+    # over the normal load 1.687 N; a root part below 0 is none, unless it outweighs the contact
+    (
+        "mixed_friction",
+        [0.3, 0.02],
+        {"mixed_velocity": 0.01},
+        {
+            "mixed_root_coefficient": 0.1778305,
+            "mixed_inverse_coefficient": 0.01185537,
+            "mixed_velocity": 0.01,
+        },
+    ),
+    (
+        "mixed_friction",
+        [-0.94, 0.02],
+        {"mixed_velocity": 0.01},
+        {"mixed_root_coefficient": 0.0, "mixed_inverse_coefficient": 0.01185537, "mixed_velocity": 0.01},
+    ),
+    ("mixed_friction", [-1.06, 0.02], {"mixed_velocity": 0.01}, None),
+    ("mixed_friction", [0.3, -0.02], {"mixed_velocity": 0.01}, None),
+    # hypot(0.3, 0.4); atan2(0.4, 0.3)
+    (
+        "periodic_force",
+        [0.3, 0.4],
+        {"force_frequency": 13.0},
+        {"force_frequency": 13.0, "force_amplitude": 0.5, "force_phase": 0.9272952},
+    ),
+    # F / travel
+    ("presliding_friction", [0.05], {"travel": 4e-4}, {"dahl_force": 0.05, "dahl_stiffness": 125.0}),
+    ("presliding_friction", [-0.5], {"travel": 4e-4}, None),
+    ("quadratic_damping", [18.0], {}, {"quadratic_coefficient": 18.0}),
+    ("quadratic_damping", [-18.0], {}, None),
+    # 1200 of the spring's 1500 N/m: 0.8 of the dead zone; 1.5 of it at most; too little below a tenth
+    ("spring_backlash", [-1200.0], {"backlash": 6e-4}, {"backlash": 4.8e-4}),
+    ("spring_backlash", [-3000.0], {"backlash": 6e-4}, {"backlash": 9e-4}),
+    ("spring_backlash", [-143.0], {"backlash": 6e-4}, None),
+    ("spring_backlash", [-157.0], {"backlash": 6e-4}, {"backlash": 6.28e-5}),
+    ("spring_preload", [0.4], {"preload_travel": 8e-4}, {"preload_force": 0.4, "preload_travel": 8e-4}),
+    (
+        "stribeck_friction",
+        [0.3, 0.2],
+        {"stribeck_velocity": 0.04, "stribeck_exponent": 1.5},
+        {
+            "coulomb_force": 0.3,
+            "static_force": 0.5,
+            "stribeck_velocity": 0.04,
+            "stribeck_exponent": 1.5,
+        },
+    ),
+    # A fiftieth of the excess at least.
+    ("stribeck_friction", [-0.1, 0.2], {}, {"coulomb_force": 0.004, "static_force": 0.204}),
+    ("stribeck_friction", [0.3, 0.05], {}, {"coulomb_force": 0.3, "static_force": 0.35}),
+    ("stribeck_friction", [0.3, -0.2], {}, None),
+    ("stribeck_friction", [-0.3, 0.2], {}, None),
+    # A sensor's numbers within their bounds, a corner within nine tenths of them, beside a small common one
+    ("gain_drift", [0.02], {}, {"gain_drift_rate": 0.02}),
+    ("gain_drift", [-0.2], {}, {"gain_drift_rate": -0.05}),
+    ("anti_alias", [0.02], {}, {"filter_time": 8e-3}),
+    ("ac_coupling", [0.7], {}, {"corner_difference": 0.7, "corner_common": 0.1}),
+    ("ac_coupling", [-9.0], {}, {"corner_difference": -3.6, "corner_common": 0.1}),
+    ("ac_coupling", [9.0], {}, {"corner_difference": 3.6, "corner_common": 0.1}),
+    ("ac_coupling", [], {}, None),
+    ("gain_drift", [], {}, None),
+    ("extra_mode", [0.3], {"mode_frequency": 30.0}, {"mode_frequency": 30.0, "mode_share": 0.3}),
+    ("extra_mode", [-3.0], {"mode_frequency": 30.0}, {"mode_frequency": 30.0, "mode_share": -1.9}),
+    ("extra_mode", [3.0], {"mode_frequency": 30.0}, {"mode_frequency": 30.0, "mode_share": 1.9}),
+)
+
+#: Effect of the measuring chain, its numbers, and gain (1) and phase (rad) of the reading of a sine, by Hz.
+CHAINS: tuple[tuple[str, Mapping[str, float], dict[float, tuple[float, float]]], ...] = (
+    # 2 pi 12 * 3.7 ms late
+    ("spool_delay", {"spool_delay": 3.7e-3}, {12.0: (1.0, -0.2789734)}),
+    ("spool_gain_error", {"spool_gain_error": 0.15}, {12.0: (1.15, 0.0)}),
+    # (i f + f_body) / (i f + f_spool): (2 i + 0.1) / (2 i + 0.6); the other way round
+    ("ac_coupling", {"corner_difference": 0.5, "corner_common": 0.1}, {2.0: (0.9590228, 0.2414984)}),
+    ("ac_coupling", {"corner_difference": -0.5, "corner_common": 0.1}, {2.0: (1.042728, -0.2414984)}),
+    # 1 / (1 + sqrt 2 i x - x^2), x = 12 * 0.004; its inverse; which at 300 Hz, x = 3.6, is 10 at most
+    ("anti_alias", {"filter_time": 4e-3}, {12.0: (0.9999973, -0.06793431)}),
+    ("anti_alias", {"filter_time": -4e-3}, {12.0: (1.0000027, 0.06793431)}),
+    # 1 - 12.96 + 5.091169 i: 13.00 at 2.739144 rad
+    ("anti_alias", {"filter_time": -12e-3}, {300.0: (10.0, 2.739144)}),
+    # 1 + 0.3 * 144 / (900 - 144 + 36 i)
+    (
+        "extra_mode",
+        {"mode_share": 0.3, "mode_frequency": 30.0, "mode_damping": 0.05},
+        {12.0: (1.057017, -0.002568485)},
+    ),
+    # 1 - 1.5 * 144 / (217 + 9.12 i) = 0.006363 + 0.041760 i is less than a tenth and becomes one
+    (
+        "extra_mode",
+        {"mode_share": -1.5, "mode_frequency": 19.0, "mode_damping": 0.02},
+        {12.0: (0.1, 1.419581)},
+    ),
+)
+RATE, COUNT = 1000.0, 4001
+TIME = np.arange(COUNT) / RATE
+
+
+def wave(hertz: float, gain: float = 1.0, phase: float = 0.0) -> Array:
+    """Return a cosine whose mirror images at both ends are itself."""
+    return cast(Array, gain * np.cos(2.0 * np.pi * hertz * TIME + phase))
+
+
+def middle(row: Array) -> Array:
+    return row[1500:2500]
+
+
+@pytest.mark.parametrize(("name", "shape", "by_hand"), SIGNATURES)
+def test_signature_is_the_one_worked_out_by_hand(
+    name: str, shape: Mapping[str, float], by_hand: list[list[float]]
+) -> None:
+    found = EFFECTS[name].signature(MOTION, shape)
+    assert found.shape == (len(by_hand), 5)
+    for row, expected in zip(found, by_hand, strict=True):
+        assert row == pytest.approx(expected, rel=EXACT, abs=1e-15)
+
+
+@pytest.mark.parametrize(("name", "coefficients", "shape", "by_hand"), VALUES)
+def test_parameters_are_those_worked_out_by_hand(
+    name: str, coefficients: list[float], shape: Mapping[str, float], by_hand: Mapping[str, float] | None
+) -> None:
+    found = EFFECTS[name].values(np.array(coefficients), shape, MOTION)
+    if by_hand is None:
+        assert found is None
+    else:
+        assert found == pytest.approx(
+            {**shape, **by_hand} if name != "presliding_friction" else by_hand, rel=EXACT
+        )
+
+
+def test_every_effect_has_values_worked_out_by_hand() -> None:
+    """An effect without a row fails here: add its signature or its reading, and its parameters."""
+    alone = {"gain_drift", "sensor_saturation"}
+    shown = {row[0] for row in SIGNATURES} | {row[0] for row in CHAINS} | alone
+    assert shown == set(EFFECTS)
+    searched = {name for name, entry in EFFECTS.items() if entry.searched or entry.terms}
+    assert {row[0] for row in VALUES} == searched
+
+
+def test_sizes_of_a_motion_are_those_worked_out_by_hand() -> None:
+    # 3.996 steps into 0.3, 0.5, 0.7, 1.2, 1.5 mm: 1.2 + 0.996 * 0.3
+    assert MOTION.largest_displacement == pytest.approx(1.4988e-3, rel=EXACT)
+    # 3.96 steps into 0.0001, 0.0004, 0.03, 0.05, 0.12 m/s: 0.05 + 0.96 * 0.07
+    assert MOTION.largest_velocity == pytest.approx(0.1172, rel=EXACT)
+    assert MOTION.sign == pytest.approx(SIGN, rel=EXACT)
+    # Equal ratios of 10 from 0.002 to 2; none where there is no room
+    assert scan(2e-3, 2.0, 4) == pytest.approx([2e-3, 2e-2, 0.2, 2.0], rel=EXACT)
+    assert scan(2.0, 2e-3, 4) == scan(0.0, 2e-3, 4) == []
+
+
+@pytest.mark.parametrize(("name", "values", "by_hand"), CHAINS)
+def test_channel_reads_a_sine_as_worked_out_by_hand(
+    name: str, values: Mapping[str, float], by_hand: dict[float, tuple[float, float]]
+) -> None:
+    entry = cast(SensorEffect, EFFECTS[name])
+    for hertz, (gain, phase) in by_hand.items():
+        rows = np.array([wave(hertz), wave(hertz, 3.0)])
+        one, other = entry.reading(rows, 1.0 / RATE, values, TIME)
+        assert one.shape == other.shape == TIME.shape
+        assert middle(one) == pytest.approx(middle(wave(hertz, gain, phase)), abs=MIDDLE * gain)
+        assert other == pytest.approx(3.0 * one, abs=1e-9)
+        assert entry.reading(rows[0], 1.0 / RATE, values, TIME) == pytest.approx(one, abs=1e-9)
+
+
+def test_slow_sines_and_constants_pass_a_high_pass_as_worked_out_by_hand() -> None:
+    entry, values = (
+        cast(SensorEffect, EFFECTS["ac_coupling"]),
+        {"corner_difference": 0.5, "corner_common": 0.1},
+    )
+    # Sampled at 50 Hz the same row has 0.05 Hz: (0.05 i + 0.1) / (0.05 i + 0.6)
+    found = entry.reading(wave(1.0), 0.02, values, TIME)
+    assert middle(found) == pytest.approx(middle(wave(1.0, 0.1856953, 0.3805064)), abs=MIDDLE)
+    # The ratio of two high-passes is left open at 0 Hz, where no accelerometer sees a motion: 1.
+    assert middle(entry.reading(np.full(COUNT, 3.0), 1.0 / RATE, values, TIME)).mean() == pytest.approx(
+        3.0, rel=0.02
+    )
+
+
+def test_clipped_and_drifting_channels_read_what_was_worked_out_by_hand() -> None:
+    clipped, drifting = (cast(SensorEffect, EFFECTS[name]) for name in ("sensor_saturation", "gain_drift"))
+    row, time = np.array([3.0, -20.0, 17.0]), np.array([1.0, 4.0, 10.0])
+    found = clipped.reading(row, 1e-3, {"saturation_limit": 15.0}, time)
+    assert found.tolist() == [3.0, -15.0, 15.0]
+    # (1 + 0.02 t) a: 3 * 1.02; -20 * 1.08; 17 * 1.2
+    found = drifting.reading(row, 1e-3, {"gain_drift_rate": 0.02}, time)
+    assert found == pytest.approx([3.06, -21.6, 20.4], rel=EXACT)
+
+
+def corrected(name: str, values: Mapping[str, float], record: Record) -> tuple[Array, Array]:
+    found = cast(ChainEffect, EFFECTS[name]).corrected(record, values)
+    return middle(found.body), middle(found.spool)
+
+
+def record_of(hertz: float, spool: float = 1.0) -> Record:
+    return Record("by hand", 0, 1.0 / RATE, wave(hertz), wave(hertz, spool))
+
+
+def test_a_record_is_corrected_as_worked_out_by_hand() -> None:
+    # Divided by 1 + 0.02 t, t from the origin on: the record begins 5 s after it.
+    late = replace(record_of(12.0), start=7_000_000_000, origin=2_000_000_000)
+    body, spool = corrected("gain_drift", {"gain_drift_rate": 0.02}, late)
+    assert body == pytest.approx(middle(wave(12.0)))
+    assert spool == pytest.approx(middle(wave(12.0) / (1.0 + 0.02 * (5.0 + TIME))), rel=EXACT, abs=1e-12)
+    # The other channel is filtered alike: 1 / (1 + sqrt 2 i x - x^2), x = 12 * 0.004
+    alike = middle(wave(12.0, 0.9999973, -0.06793431))
+    body, spool = corrected("anti_alias", {"filter_time": 4e-3}, record_of(12.0))
+    assert (body, spool) == (pytest.approx(alike, abs=MIDDLE), pytest.approx(middle(wave(12.0))))
+    body, spool = corrected("anti_alias", {"filter_time": -4e-3}, record_of(12.0))
+    assert (body, spool) == (pytest.approx(middle(wave(12.0))), pytest.approx(alike, abs=MIDDLE))
+    # The mode is taken out of the spool: 1 / 1.057017, 0.002568485 ahead
+    mode = {"mode_share": 0.3, "mode_frequency": 30.0, "mode_damping": 0.05}
+    body, spool = corrected("extra_mode", mode, record_of(12.0))
+    assert body == pytest.approx(middle(wave(12.0)))
+    assert spool == pytest.approx(middle(wave(12.0, 0.9460585, 0.002568485)), abs=MIDDLE)
+    # Each channel through the inverse of its high-pass: (i f + f_c) / (i f), f_c 0.1 and 0.6 Hz at 2 Hz
+    body, spool = corrected("ac_coupling", {"corner_difference": 0.5, "corner_common": 0.1}, record_of(2.0))
+    assert body == pytest.approx(middle(wave(2.0, 1.001249, -0.04995840)), abs=0.01)
+    assert spool == pytest.approx(middle(wave(2.0, 1.044031, -0.2914568)), abs=0.01)
+    # ... and its mean and what is slower than 0.5 Hz left out
+    for slow, left in ((np.full(COUNT, 3.0), 1e-6), (wave(0.25), 0.02)):
+        shifted = replace(record_of(2.0), spool=record_of(2.0).spool + slow)
+        again = corrected("ac_coupling", {"corner_difference": 0.5, "corner_common": 0.1}, shifted)
+        assert again[1] == pytest.approx(spool, abs=left)
+
+
+def shaken(hertz: float) -> Motion:
+    """Return a motion whose spool's channel reads a sine."""
+    none = np.zeros(COUNT)
+    return Motion(none, none, none, TIME, 1.0 / RATE, 0.0, 0.18, 1500.0, 4.0, (), wave(hertz), 3.0)
+
+
+#: -(m + c / (i w) + k / (i w)^2) at 12 Hz, w = 75.39822: -(0.18 - 0.2638576 - 0.0530517 i)
+BALANCE = 0.0838576 + 0.0530517j
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        # (1 / (1 + sqrt 2 i x - x^2) - 1) / 0.001 s at x = 0.012: -0.144002 - 16.97056 i
+        ("anti_alias", -0.144002 - 16.97056j),
+        # (12 i / (12 i + 0.5) - 1) / 0.5 Hz
+        ("ac_coupling", -0.003466204 + 0.08318891j),
+    ],
+)
+def test_force_that_a_filter_feigns_is_the_one_worked_out_by_hand(name: str, change: complex) -> None:
+    (found,) = EFFECTS[name].signature(shaken(12.0), {})
+    size, phase = cmath.polar(BALANCE * change)
+    assert middle(found) == pytest.approx(middle(wave(12.0, size, phase)), abs=MIDDLE * size)
+
+
+def test_force_that_a_mode_feigns_is_the_one_worked_out_by_hand() -> None:
+    trials = list(EFFECTS["extra_mode"].trials(shaken(12.0)))
+    # From 4 * 3 Hz to twice the 12 Hz and a little more that hold the power, twelve to an octave.
+    tried = [trial.shape["mode_frequency"] for trial in trials]
+    assert tried[0] == pytest.approx(12.0)
+    assert 24.0 < tried[-1] < 28.0
+    assert np.diff(np.log2(tried)) == pytest.approx([1.0 / 12.0] * (len(tried) - 1), rel=0.1)
+    trial = trials[-1]
+    place = trial.shape["mode_frequency"]
+    # f^2 / (f0^2 - f^2 + 2 i 0.05 f0 f)
+    size, phase = cmath.polar(BALANCE * 144.0 / (place**2 - 144.0 + 1.2j * place))
+    (found,) = trial.columns
+    assert middle(found) == pytest.approx(middle(wave(12.0, size, phase)), abs=0.02 * size)
+
+
+def test_a_channel_without_a_reading_feigns_no_force() -> None:
+    silent = replace(shaken(12.0), reading=np.empty(0))
+    for name in ("anti_alias", "ac_coupling", "gain_drift"):
+        assert EFFECTS[name].signature(silent, {}).shape == (0, COUNT)
+    assert list(EFFECTS["extra_mode"].trials(silent)) == []
+    for name in ("spool_gain_error", "spool_delay", "sensor_saturation"):
+        assert EFFECTS[name].signature(shaken(12.0), {}).shape == (0, COUNT)
+
+
+def test_zero_phase_band_has_the_gain_worked_out_by_hand() -> None:
+    band = ZeroPhase(1.0 / RATE, 3.0, 40.0)
+    # 0.5 - 0.5 cos(pi (f / 3 - 1)) to 6 Hz; 0.5 + 0.5 cos(4 pi (f / 40 - 1)) from 40 Hz to 50 Hz
+    found = band.gain(np.array([2.9, 3.9, 5.4, 12.0, 42.0, 47.0, 50.5]))
+    assert found == pytest.approx([0.0, 0.2061074, 0.9045085, 1.0, 0.9045085, 0.2061074, 0.0], rel=EXACT)
+    assert ZeroPhase(1.0 / RATE, 0.0).gain(np.array([0.0, 0.1])).tolist() == [1.0, 1.0]
+    assert ZeroPhase(1.0 / RATE, 0.06).gain(np.array([0.078]))[0] == pytest.approx(0.2061074, rel=EXACT)
+    # 1 / (3 Hz * 1 ms)
+    settling = [ZeroPhase(1.0 / RATE, low_cut).settling for low_cut in (3.0, 0.06, 0.0)]
+    assert settling == [333, 16667, 0]
+    # All passes where no band is set, down to one sample.
+    assert ZeroPhase(1.0 / RATE, 0.0).apply(np.full(50, 3.0)) == pytest.approx(np.full(50, 3.0))
+    assert ZeroPhase(1.0 / RATE, 0.0).apply(np.array([3.0])) == pytest.approx(np.array([3.0]))
+
+
+def test_integrals_of_a_sine_are_those_worked_out_by_hand() -> None:
+    band = ZeroPhase(1.0 / RATE, 3.0)
+    # Over 2 pi 12 = 75.39822 a quarter turn later, each time
+    for times, (gain, phase) in enumerate(((1.0, 0.0), (0.01326291, -1.570796), (1.759048e-4, -3.141593))):
+        assert middle(band.apply(wave(12.0), times)) == pytest.approx(
+            middle(wave(12.0, gain, phase)), abs=MIDDLE * gain
+        )
+    # Mean over the sample that follows: sin(0.012 pi) / (0.012 pi), half a sample ahead
+    response = interval_mean_response(np.array([12.0, 300.0]), 1.0 / RATE)
+    assert np.abs(response) == pytest.approx([0.9997632, 0.8583937], rel=EXACT)
+    assert np.angle(response) == pytest.approx([0.03769911, 0.9424778], rel=EXACT)
+    means = middle(band.apply(wave(12.0), interval_means=True))
+    assert means == pytest.approx(middle(wave(12.0, 0.9997632, 0.03769911)), abs=MIDDLE)
+
+
+def test_relative_motion_is_the_one_worked_out_by_hand() -> None:
+    # Spool 2.5 and body 1 in phase: relative 1.5; a bias does not pass the band
+    found = relative_motion(wave(12.0), wave(12.0, 2.5) + 3.0, ZeroPhase(1.0 / RATE, 3.0))
+    for row, (gain, phase) in (
+        (found.acceleration, (1.5, 0.0)),
+        (found.velocity, (0.01989437, -1.570796)),
+        (found.displacement, (2.638572e-4, -3.141593)),
+        (found.spool, (2.5, 0.0)),
+    ):
+        assert row.shape == TIME.shape
+        assert middle(row) == pytest.approx(middle(wave(12.0, gain, phase)), abs=MIDDLE * gain)
+    assert found.settling == 333
+
+
+def test_numbers_used_in_these_comments_add_up() -> None:
+    """The balance and the changes of a filter, from their parts."""
+    turn = 2j * math.pi * 12.0
+    assert pytest.approx(-(0.18 + 4.0 / turn + 1500.0 / turn**2), rel=1e-5) == BALANCE

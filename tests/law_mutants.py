@@ -1,0 +1,548 @@
+"""Mutation check of the laws: change one operation of a law at a time and check that a reference value fails.
+
+    ./spool python tests/law_mutants.py [--only TEXT] [--every N] [--markdown FILE]
+
+Each law, effect, excitation, sensor and oil is changed in every way that a typing error could: its result by
+10 % or in sign, a term or a factor left out, an operator, an exponent, a number, a comparison, or a parameter
+exchanged for another. The tests of the reference values run against each mutant. A mutant that no test
+notices is a gap in those tests: exit 1. Changes without effect are listed with reasons in law_mutants.yaml.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ["NUMBA_DISABLE_JIT"] = "1"  # before anything is imported: mutants are interpreted
+
+import argparse
+import ast
+import copy
+import functools
+import importlib
+import importlib.util
+import inspect
+import itertools
+import sys
+import types
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).resolve().parent.parent
+SOURCE = ROOT / "ros2_ws" / "src"
+SIMULATION = "spool_sim/test/test_reference_values.py"
+EFFECTS = "spool_gap/test/test_reference_values.py"
+#: Functions that hold no law: texts, checks of settings, what a search tries, the optimiser of phases, and
+#: how far a record is mirrored at its ends.
+NOT_LAWS = {
+    "_low_crest_phases", "_samples", "shapes", "starts", "sensible", "trifling", "unknowns", "acting_like",
+    "speeds_to_try", "Recorded.highest_frequency", "laws", "slides", "jumps", "uncompiled", "start_for",
+    "check", "term", "channel", "found", "load_sensors", "trials", "on_the_machine", "to_check", "law",
+    "numbers", "is_friction", "__init_subclass__", "_lengths",
+}  # fmt: skip
+#: Functions that only convert or make room: dropping them changes no number.
+NO_ARITHMETIC = {
+    "float", "int", "asarray", "array", "zeros", "empty", "ones", "full", "len", "range", "zip", "astype",
+    "enumerate", "concatenate", "tolist", "list", "isfinite",
+}  # fmt: skip
+ROOM = {"zeros", "empty", "ones"}
+#: Constants up to this size guard against rounding.
+GUARD = 1e-6
+#: Modules with laws, and the file of tests that holds their values.
+MODULES: dict[str, str] = {
+    **{
+        f"spool_sim.terms.{path.stem}": SIMULATION
+        for path in sorted((SOURCE / "spool_sim/spool_sim/terms").glob("*.py"))
+        if path.stem not in ("__init__", "registry")
+    },
+    "spool_sim.valve.viscosity": SIMULATION,
+    "spool_sim.valve.lubrication": SIMULATION,
+    "spool_sim.valve.oil_table": SIMULATION,
+    "spool_sim.valve.description": SIMULATION,
+    "spool_sim.sensors": SIMULATION,
+    "spool_sim.excitation.base": SIMULATION,
+    "spool_sim.excitation.sines": SIMULATION,
+    "spool_sim.excitation.broadband": SIMULATION,
+    "spool_sim.excitation.recorded": SIMULATION,
+    "spool_sim.excitation.kinds": SIMULATION,
+    **{
+        f"spool_gap.{folder}.{path.stem}": EFFECTS
+        for folder in ("catalogue", "nuisances")
+        for path in sorted((SOURCE / "spool_gap/spool_gap" / folder).glob("*.py"))
+        if path.stem != "__init__"
+    },
+    "spool_gap.effect": EFFECTS,
+    "spool_gap.sensor_effect": EFFECTS,
+    "spool_gap.chain_effect": EFFECTS,
+    "spool_identification.signals.zero_phase": EFFECTS,
+}
+#: Of a module only these functions are laws; all but NOT_LAWS elsewhere.
+ONLY = {
+    "spool_sim.valve.description": {
+        "viscous_coefficient", "likely_viscous_coefficient", "likely_spool_mass", "dynamic_viscosity_at",
+        "viscous_coefficient_at", "at", "_drag_of", "natural_frequency", "damping_ratio",
+    },
+    "spool_sim.valve.lubrication": {"fluid_friction_coefficient", "film_parameter"},
+    "spool_sim.excitation.kinds": {"_steady", "_ramp", "duration"},
+}  # fmt: skip
+
+
+def _equivalent() -> dict[str, dict[str, str]]:
+    """Return the reasons of the mutants that no test can notice, by place and by the line that they write."""
+    listed = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8"))
+    found: dict[str, dict[str, str]] = {}
+    for entry in listed:
+        found.setdefault(entry["where"], {}).update(dict.fromkeys(entry["lines"], entry["why"]))
+    return found
+
+
+EQUIVALENT = _equivalent()
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A function of a module with one change.
+
+    Attributes:
+        module, function: where.
+        before, after: the line that is changed.
+        code: compiles what it runs instead.
+        target: the function itself.
+    """
+
+    module: str
+    function: str
+    before: str
+    after: str
+    code: Callable[[], types.CodeType]
+    target: types.FunctionType
+
+    @property
+    def place(self) -> str:
+        """Module and function, without the package."""
+        return f"{self.module.rpartition('.')[2]}.{self.function}"
+
+    @property
+    def line(self) -> str:
+        """What it writes; of a condition that is always or never met the one before it as well."""
+        always = self.after in ("if True:", "if False:")
+        return f"{self.before} -> {self.after}" if always else self.after
+
+
+# How a line can be wrong.
+
+
+def _number(node: ast.expr, value: float) -> ast.expr:
+    return ast.copy_location(ast.Constant(value), node)
+
+
+def _call(node: ast.expr, operator: ast.operator, value: float) -> ast.expr:
+    return ast.copy_location(ast.BinOp(node, operator, ast.Constant(value)), node)
+
+
+def _of_operation(node: ast.BinOp) -> Iterator[ast.expr]:
+    """Yield each operand alone, other operators, and other exponents."""
+    if _guards(node.left) or _guards(node.right):
+        return
+    yield node.left
+    yield node.right
+    others: dict[type[ast.operator], tuple[type[ast.operator], ...]] = {
+        ast.Add: (ast.Sub,),
+        ast.Sub: (ast.Add,),
+        ast.Mult: (ast.Div,),
+        ast.Div: (ast.Mult,),
+        ast.Pow: (ast.Mult,),
+    }
+    for other in others.get(type(node.op), ()):
+        yield ast.BinOp(node.left, other(), node.right)
+    if isinstance(node.op, ast.Pow):
+        yield ast.BinOp(node.left, ast.Pow(), _call(node.right, ast.Add(), 1.0))
+        yield ast.BinOp(node.left, ast.Pow(), _call(node.right, ast.Sub(), 0.5))
+
+
+def _guards(node: ast.expr) -> bool:
+    """Whether it is a constant so small that it only guards against rounding."""
+    number = node.value if isinstance(node, ast.Constant) else None
+    return isinstance(number, float) and 0.0 < number <= GUARD
+
+
+def _name_of(node: ast.AST) -> str:
+    """Return the name of the function that is called."""
+    function = node.func if isinstance(node, ast.Call) else None
+    return function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
+
+
+def _of_call(node: ast.Call) -> Iterator[ast.expr]:
+    """Yield each argument alone, and the function's opposite."""
+    name = _name_of(node)
+    if name in NO_ARITHMETIC or any(map(_guards, node.args)):
+        return
+    for argument in node.args:
+        if not isinstance(argument, ast.Starred):
+            yield argument
+    opposite = {
+        "min": "max", "max": "min", "sin": "cos", "cos": "sin", "minimum": "maximum", "maximum": "minimum",
+        "floor": "ceil", "ceil": "floor", "arctan2": "hypot", "hypot": "arctan2",
+    }.get(name)  # fmt: skip
+    if opposite:
+        function = copy.deepcopy(node.func)
+        if isinstance(function, ast.Attribute):
+            function.attr = opposite
+        elif isinstance(function, ast.Name):
+            function.id = opposite
+        yield ast.Call(function, node.args, node.keywords)
+
+
+def _of_constant(node: ast.Constant) -> Iterator[ast.expr]:
+    if isinstance(node.value, bool) or not isinstance(node.value, (int, float)) or _guards(node):
+        return
+    if isinstance(node.value, int):
+        yield _number(node, node.value + 1)
+    else:
+        yield _number(node, 0.9 * node.value if node.value else 0.1)
+        if node.value:
+            yield _number(node, -node.value)
+
+
+def _of_comparison(node: ast.Compare) -> Iterator[ast.expr]:
+    opposite: dict[type[ast.cmpop], type[ast.cmpop]] = {
+        ast.Lt: ast.Gt,
+        ast.LtE: ast.Gt,
+        ast.Gt: ast.Lt,
+        ast.GtE: ast.Lt,
+        ast.Eq: ast.NotEq,
+        ast.NotEq: ast.Eq,
+        ast.Is: ast.IsNot,
+        ast.IsNot: ast.Is,
+    }
+    other = opposite.get(type(node.ops[0]))
+    if other is not None and len(node.ops) == 1:
+        yield ast.Compare(node.left, [other()], node.comparators)
+
+
+def _others(node: ast.expr, parameters: list[str]) -> Iterator[ast.expr]:
+    """Yield what may stand in place of one expression of a law."""
+    if isinstance(node, ast.BinOp):
+        yield from _of_operation(node)
+    elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
+        yield node.operand
+    elif isinstance(node, ast.Call):
+        yield from _of_call(node)
+    elif isinstance(node, ast.Constant):
+        yield from _of_constant(node)
+    elif isinstance(node, ast.Compare):
+        yield from _of_comparison(node)
+    elif isinstance(node, ast.IfExp):
+        yield node.body
+        yield node.orelse
+    elif isinstance(node, ast.Name) and node.id in parameters:
+        yield from (ast.Name(other, ast.Load()) for other in parameters if other != node.id)
+
+
+def _changed(function: ast.FunctionDef) -> Iterator[ast.FunctionDef]:
+    """Yield the function with one change each."""
+    arguments = function.args
+    named = [*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs]
+    parameters = [argument.arg for argument in named if argument.arg not in ("self", "cls")]
+    refusals = {id(part) for node in ast.walk(function) for part in _refusal(node)}
+    for number, node in enumerate(ast.walk(function)):
+        if id(node) in refusals:
+            continue
+        for field, other in _of_statement(node):
+            yield _with(function, number, field, None, other)
+        if isinstance(node, (ast.arguments, ast.AnnAssign, ast.Subscript)) or _is_text(node):
+            continue
+        for field, value in ast.iter_fields(node):
+            if field in ("annotation", "returns", "decorator_list", "args", "func", "slice") and not (
+                field == "args" and isinstance(node, ast.Call)
+            ):
+                continue
+            for place, child in enumerate(value) if isinstance(value, list) else [(None, value)]:
+                if isinstance(child, ast.expr):
+                    for other in _others(child, parameters):
+                        yield _with(function, number, field, place, other)
+
+
+def _refusal(node: ast.AST) -> Iterator[ast.AST]:
+    """Yield the parts of an error, of the guard before it, and of what only makes room."""
+    if isinstance(node, ast.Raise) or _name_of(node) in ROOM:
+        yield from ast.walk(node)
+    elif isinstance(node, ast.If) and isinstance(node.body[-1], ast.Raise):
+        yield node
+        yield from ast.walk(node.test)
+
+
+def _of_statement(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:
+    """Yield another result, condition or operator of a statement, by its field."""
+    if isinstance(node, ast.Return) and node.value is not None:
+        yield from (("value", scaled) for scaled in _results(node.value))
+    elif isinstance(node, ast.If):
+        yield from (("test", ast.Constant(truth)) for truth in (True, False))
+    elif isinstance(node, ast.AugAssign):
+        opposite = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult}
+        if type(node.op) in opposite:
+            yield "op", opposite[type(node.op)]()
+
+
+def _results(value: ast.expr) -> Iterator[ast.expr]:
+    """Yield a result 10 % smaller, and with the other sign; of a tuple each of its numbers."""
+    if isinstance(value, ast.Tuple):
+        for place, element in enumerate(value.elts):
+            for scaled in _results(element):
+                yield ast.Tuple([*value.elts[:place], scaled, *value.elts[place + 1 :]], ast.Load())
+        return
+    nothing = isinstance(value, ast.Constant) and value.value == 0.0
+    if nothing or _name_of(value) in ROOM:
+        return
+    for factor in (0.9, -1.0):
+        yield ast.BinOp(ast.Constant(factor), ast.Mult(), value)
+
+
+def _is_text(node: ast.AST) -> bool:
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+
+
+def _with(
+    function: ast.FunctionDef, number: int, field: str, place: int | None, other: Any
+) -> ast.FunctionDef:
+    """Return the function with ``other`` in a field of its ``number``-th node."""
+    changed = copy.deepcopy(function)
+    node = next(itertools.islice(ast.walk(changed), number, None))
+    if place is None:
+        setattr(node, field, copy.deepcopy(other))
+    else:
+        getattr(node, field)[place] = copy.deepcopy(other)
+    return ast.fix_missing_locations(changed)
+
+
+# From source to mutants, and whether a test notices.
+
+
+def mutants_of(name: str) -> Iterator[Mutant]:
+    """Yield the mutants of a module, each once."""
+    module = importlib.import_module(name)
+    tree = ast.parse(inspect.getsource(module))
+    chosen = ONLY.get(name)
+    for owner, definition in _functions(tree):
+        place = definition.name if owner is None else f"{owner}.{definition.name}"
+        if {definition.name, place} & NOT_LAWS or (chosen is not None and definition.name not in chosen):
+            continue
+        target = _function(module, owner, definition.name)
+        if target is None:
+            continue
+        seen = {ast.unparse(definition)}
+        for changed in _changed(definition):
+            text = ast.unparse(changed)
+            if text in seen:
+                continue
+            seen.add(text)
+            code = functools.partial(_compiled, tree, definition, changed, target)
+            yield Mutant(name, place, *_difference(ast.unparse(definition), text), code, target)
+
+
+def _functions(tree: ast.Module) -> Iterator[tuple[str | None, ast.FunctionDef]]:
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef):
+            yield None, node
+        elif isinstance(node, ast.ClassDef):
+            for member in node.body:
+                abstract = isinstance(member, ast.FunctionDef) and "abstractmethod" in ast.unparse(member)
+                if isinstance(member, ast.FunctionDef) and not abstract and not _checks(member):
+                    yield node.name, member
+
+
+def _checks(function: ast.FunctionDef) -> bool:
+    """Return whether a method only checks the settings of its class."""
+    return any("validator" in ast.unparse(one) for one in function.decorator_list)
+
+
+def _function(module: types.ModuleType, owner: str | None, name: str) -> types.FunctionType | None:
+    """Return the plain function behind a name, whatever decorates it."""
+    found: Any = vars(module if owner is None else getattr(module, owner)).get(name)
+    if isinstance(found, property):
+        found = found.fget
+    elif isinstance(found, functools.cached_property):
+        found = found.func
+    elif isinstance(found, (staticmethod, classmethod)):
+        found = found.__func__
+    found = inspect.unwrap(found) if callable(found) else None
+    return found if isinstance(found, types.FunctionType) else None
+
+
+def _compiled(
+    tree: ast.Module, definition: ast.FunctionDef, changed: ast.FunctionDef, target: types.FunctionType
+) -> types.CodeType:
+    """Return the code of the changed function, compiled where it stands in its module."""
+    place = next(
+        (body, body.index(definition))
+        for body in (tree.body, *(node.body for node in tree.body if isinstance(node, ast.ClassDef)))
+        if definition in body
+    )
+    body, index = place
+    body[index] = changed
+    try:
+        whole = compile(tree, target.__code__.co_filename, "exec")
+    finally:
+        body[index] = definition
+    found = _code(whole, target.__code__.co_name, definition.lineno)
+    assert found is not None
+    return found
+
+
+def _code(code: types.CodeType, name: str, line: int) -> types.CodeType | None:
+    for constant in code.co_consts:
+        if isinstance(constant, types.CodeType):
+            if constant.co_name == name and constant.co_firstlineno <= line + 1 and _holds(constant, line):
+                return constant
+            inner = _code(constant, name, line)
+            if inner is not None:
+                return inner
+    return None
+
+
+def _holds(code: types.CodeType, line: int) -> bool:
+    """Whether a code begins at ``line``, or at a decorator above it."""
+    return line - 8 <= code.co_firstlineno <= line
+
+
+def _difference(before: str, after: str) -> tuple[str, str]:
+    """Return the line that differs, before and after."""
+    pairs = itertools.zip_longest(before.splitlines(), after.splitlines(), fillvalue="")
+    one, other = next(pair for pair in pairs if pair[0] != pair[1])
+    return one.strip(), other.strip()
+
+
+def load_tests(path: str) -> list[Callable[[], None]]:
+    """Return the tests of a file as functions without arguments, parametrised ones once for each set."""
+    name = path.replace("/", "_").removesuffix(".py")
+    spec = importlib.util.spec_from_file_location(name, SOURCE / path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    tests: list[Callable[[], None]] = []
+    for label, function in vars(module).items():
+        if label.startswith("test_"):
+            tests += [functools.partial(function, **given) for given in _given(function)]
+    return tests
+
+
+def _given(function: Any) -> Iterator[dict[str, Any]]:
+    marks = [mark for mark in getattr(function, "pytestmark", []) if mark.name == "parametrize"]
+    sets = []
+    for mark in marks:
+        names = mark.args[0] if isinstance(mark.args[0], (list, tuple)) else mark.args[0].split(",")
+        one = len(names) == 1
+        sets.append([dict(zip(names, (row,) if one else row, strict=True)) for row in mark.args[1]])
+    for combination in itertools.product(*sets):
+        yield {name: value for part in combination for name, value in part.items()}
+
+
+def survives(mutant: Mutant, tests: list[Callable[[], None]]) -> bool:
+    """Return whether all ``tests`` pass with the mutant; the one that fails comes first next time."""
+    original = mutant.target.__code__
+    mutant.target.__code__ = mutant.code()
+    try:
+        for place, test in enumerate(tests):
+            try:
+                test()
+            except (Exception, pytest.fail.Exception):  # whatever the change breaks
+                tests.insert(0, tests.pop(place))
+                return False
+    finally:
+        mutant.target.__code__ = original
+    return True
+
+
+@dataclass
+class Count:
+    """Mutants of one module, and the lines of those that are listed as equivalent."""
+
+    made: int = 0
+    noticed: int = 0
+    equivalent: int = 0
+
+
+def run(only: str, every: int) -> tuple[dict[str, Count], list[str]]:
+    """Return the counts by module, and complaints: unnoticed mutants, and listed ones that are noticed."""
+    suites = {path: load_tests(path) for path in sorted(set(MODULES.values()))}
+    for test in itertools.chain.from_iterable(suites.values()):
+        test()
+    counts: dict[str, Count] = {}
+    wrong = []
+    unused = {(place, line) for place, lines in EQUIVALENT.items() for line in lines}
+    number = 0
+    for name, path in MODULES.items():
+        if only not in name:
+            continue
+        count = counts.setdefault(name, Count())
+        for mutant in mutants_of(name):
+            number += 1
+            if number % every:
+                continue
+            listed = mutant.line in EQUIVALENT.get(mutant.place, {})
+            alive = survives(mutant, suites[path])
+            unused.discard((mutant.place, mutant.line))
+            count.made += 1
+            count.equivalent += listed
+            count.noticed += not alive
+            if alive != listed:
+                state = "listed as equivalent, but a test notices it" if listed else "no test notices it"
+                wrong.append(f"{mutant.place}: {mutant.before} -> {mutant.after}: {state}")
+    if not only and every == 1:
+        wrong += [f"{place}: {line}: listed as equivalent, but no such mutant" for place, line in unused]
+    return counts, wrong
+
+
+def table(counts: dict[str, Count]) -> str:
+    """Return the counts as a table."""
+    rows = ["| module | mutants | noticed | equivalent |", "|---|---|---|---|"]
+    for name, count in counts.items():
+        rows.append(f"| `{name}` | {count.made} | {count.noticed} | {count.equivalent} |")
+    totals = [
+        sum(getattr(count, what) for count in counts.values()) for what in ("made", "noticed", "equivalent")
+    ]
+    return "\n".join([*rows, "| all | " + " | ".join(map(str, totals)) + " |"])
+
+
+def write(page: Path, counts: dict[str, Count]) -> None:
+    """Write the result page: the table, and why nothing can notice the equivalent mutants."""
+    from spool_evaluation.results.page import write_page  # noqa: PLC0415 - loads most of the suite
+
+    intro = (
+        "Each law, effect, excitation, sensor and oil is changed one operation at a time: its result by 10 % "
+        "or in sign, a term or factor left out, an operator, exponent, number, comparison or parameter "
+        "exchanged. "
+        "Noticed: a test of the reference values fails (`test_reference_values.py` of "
+        "[spool_sim](../../ros2_ws/src/spool_sim/test) and [spool_gap](../../ros2_ws/src/spool_gap/test)). "
+        "Equivalent: the change has no effect; each is listed with its reason in "
+        "[tests/law_mutants.yaml](../../tests/law_mutants.yaml)."
+    )
+    write_page(page, "Mutants of the laws", "./spool python tests/law_mutants.py", [intro, table(counts)])
+
+
+def main() -> int:
+    """Run the command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--only", default="", help="modules whose name contains this text")
+    parser.add_argument("--every", type=int, default=1, help="every N-th mutant only")
+    parser.add_argument("--markdown", type=Path, help="write the counts to this page as well")
+    given = parser.parse_args()
+    counts, wrong = run(given.only, given.every)
+    print(table(counts))
+    for line in wrong:
+        print(line, file=sys.stderr)
+    if given.markdown:
+        write(given.markdown, counts)
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
