@@ -28,8 +28,8 @@ RESULTS = DOCS / "results"
 HEADER = re.compile(r"^\|(.+)\|\n\| *:?-", re.M)
 LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
 MADE = re.compile(
-    r"# .+\n\nMade on \d{4}-\d\d-\d\d by `(\./spool (bench|study|python) [^`]+|SPOOL_FAULTS=\d+ \.ci/nightly)`,"
-    r" version .+\.\n"
+    r"# .+\n\nMade on \d{4}-\d\d-\d\d by "
+    r"`(\./spool (bench|study|python) [^`]+|SPOOL_FAULTS=\d+ \.ci/nightly)`, version .+\.\n"
 )
 PAGES = [
     ROOT / "README.md",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,14 +51,68 @@ def free_run_agreement(
         InputError: no record is long enough.
     """
     run = FreeRun(records, model, valve, run_in=run_in, low_cut=low_cut, compensate_oil=compensate_oil)
+    return agreement(run, _responses(run, values, sensor))
+
+
+@dataclass(frozen=True, slots=True)
+class Waveform:
+    """Measured motion of one record, and the free run of a model over it; every array has shape (n,).
+
+    Attributes:
+        time: s since the start of the recording.
+        measured, simulated: acceleration of the spool, m/s^2.
+        displacement, velocity: of the free run, relative to the body, m, m/s.
+    """
+
+    time: Array
+    measured: Array
+    simulated: Array
+    displacement: Array
+    velocity: Array
+
+
+def waveforms(
+    records: Sequence[Record],
+    model: Model,
+    valve: Valve,
+    values: Mapping[str, float],
+    *,
+    sensor: Mapping[str, float] | None = None,
+    run_in: float = 0.5,
+) -> list[Waveform]:
+    """Return the free run of ``model`` with ``values`` next to what was measured, one for each record.
+
+    Records too short for it have none. Arguments as of :func:`free_run_agreement`; the first ``run_in`` s of
+    each record are left out.
+
+    Raises:
+        InputError: no record is long enough.
+    """
+    run = FreeRun(records, model, valve, run_in=run_in)
+    found = []
+    for window, response in zip(run.windows, _responses(run, values, sensor), strict=True):
+        record = run.records[window.record]
+        first = record.first_sample + window.start
+        found.append(
+            Waveform(
+                (first + np.arange(window.measured.size)) * record.sample_period,
+                window.measured,
+                response.acceleration[0],
+                response.displacement[0],
+                response.velocity[0],
+            )
+        )
+    return found
+
+
+def _responses(
+    run: FreeRun, values: Mapping[str, float], sensor: Mapping[str, float] | None
+) -> Sequence[Response]:
+    """Return the responses to one set of parameters, with gain error and delay of the spool's sensor."""
     run.choose_substeps(values)
     errors = sensor or {}
-    responses = run.responses(
-        run.sets(values),
-        np.array([errors.get(SPOOL_GAIN, 0.0)]),
-        np.array([errors.get(SPOOL_DELAY, 0.0)]),
-    )
-    return agreement(run, responses)
+    gain, delay = errors.get(SPOOL_GAIN, 0.0), errors.get(SPOOL_DELAY, 0.0)
+    return run.responses(run.sets(values), np.array([gain]), np.array([delay]))
 
 
 def agreement(run: FreeRun, responses: Sequence[Response]) -> Agreement:

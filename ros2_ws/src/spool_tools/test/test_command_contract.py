@@ -34,9 +34,9 @@ def test_help_shows_examples_that_are_parsed(name: str, group: Any) -> None:
 
 @pytest.mark.parametrize("name", command_modules())
 def test_nonsense_is_one_line_on_stderr_and_2(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    # Options behind a node's name are the node's: there nonsense is a package.
-    nonsense = ["no_such_package", "node"] if name == "run" else ["--no-such-option"]
-    assert main([name, *nonsense]) == 2
+    # What follows a node or a script is passed on: there the node or the script is the nonsense.
+    passed_on = {"run": ["no_such_package", "node"], "python": ["no_such_script.py"]}
+    assert main([name, *passed_on.get(name, ["--no-such-option"])]) == 2
     said = capsys.readouterr()
     assert said.out == ""
     assert said.err.startswith("spool: ")

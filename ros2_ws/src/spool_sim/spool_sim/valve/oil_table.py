@@ -11,7 +11,8 @@ from spool_stream.errors import InputError
 from .description import Valve
 from .viscosity import HIGHEST_TEMPERATURE, LOWEST_TEMPERATURE
 
-#: deg C between the points; interpolated linearly the ratio is up to 1.4e-5 too large above 0 deg C, 6e-5 at -40.
+#: deg C between the points. Interpolated linearly, the ratio is up to 1.4e-5 too large above 0 deg C, 6e-5 at
+#: -40 deg C.
 STEP = 0.1
 
 
