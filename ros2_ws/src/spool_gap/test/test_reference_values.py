@@ -232,7 +232,7 @@ def test_signature_is_the_one_worked_out_by_hand(
     found = EFFECTS[name].signature(MOTION, shape)
     assert found.shape == (len(by_hand), 5)
     for row, expected in zip(found, by_hand, strict=True):
-        assert row == pytest.approx(expected, rel=EXACT, abs=1e-15)
+        assert row == pytest.approx(expected, rel=EXACT, abs=1e-30)
 
 
 @pytest.mark.parametrize(("name", "coefficients", "shape", "by_hand"), VALUES)

@@ -2,8 +2,10 @@ from __future__ import annotations
 
 import math
 import re
+from functools import cache
 
 import numpy as np
+import pint
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -21,29 +23,21 @@ from spool_stream.errors import InputError
 FRICTION = [entry for entry in TERMS.values() if entry.dissipates]
 SLIDING = [entry for entry in TERMS.values() if "sliding_law" in entry.laws]
 ODD = [entry for entry in TERMS.values() if entry.odd and "memory_law" not in entry.laws]
-# Exponents of kg, m, s in each unit that a parameter may have.
-UNITS = {
-    "1": (0, 0, 0),
-    "kg": (1, 0, 0),
-    "m": (0, 1, 0),
-    "rad": (0, 0, 0),
-    "Hz": (0, 0, -1),
-    "s": (0, 0, 1),
-    "1/s": (0, 0, -1),
-    "m/s": (0, 1, -1),
-    "s/m": (0, -1, 1),
-    "sqrt(s/m)": (0, -0.5, 0.5),
-    "N": (1, 1, -2),
-    "N/m": (1, 0, -2),
-    "N/m^3": (1, -2, -2),
-    "N s/m": (1, 0, -1),
-    "N s/m^3": (1, -2, -1),
-    "N s^2/m^2": (1, -1, 0),
-    "Pa": (1, -1, -2),
-    "Pa s": (1, -1, -1),
-}
+UNITS = pint.UnitRegistry()
 # Printed as they stand, these do not have the unit of a force: that is what is wrong with them.
 WRONG_UNITS = {"coulomb_hydrodynamic_friction_printed", "microwedge_friction_printed"}
+
+
+@cache
+def exponents(unit: str) -> tuple[float, float, float]:
+    """Return the exponents of kg, m and s in a unit that a parameter may have."""
+    if unit.startswith("sqrt("):
+        mass, length, time = exponents(unit[5:-1])
+        return 0.5 * mass, 0.5 * length, 0.5 * time
+    dimensions = UNITS.parse_expression(unit).dimensionality if unit != "1" else {}
+    assert set(dimensions) <= {"[mass]", "[length]", "[time]"}
+    mass, length, time = (float(dimensions.get(name, 0)) for name in ("[mass]", "[length]", "[time]"))
+    return mass, length, time
 
 
 def value_of(draw: st.DrawFn, parameter: Parameter) -> float:
@@ -147,7 +141,7 @@ def test_every_law_gives_newtons_whatever_the_units_of_length_time_and_mass(
     kilogram, metre, second = units
 
     def scaled(value: float, unit: str) -> float:
-        mass, length, time = UNITS[unit]
+        mass, length, time = exponents(unit)
         return float(value * kilogram**mass * metre**length * second**time)
 
     other = {p.name: scaled(values[p.name], p.unit) for p in entry.parameters}
@@ -168,7 +162,7 @@ def test_every_law_gives_newtons_whatever_the_units_of_length_time_and_mass(
 def test_every_term_says_what_to_check_and_refuses_what_is_out_of_range(entry: Term, valve: Valve) -> None:
     assert entry.check.strip()
     for parameter in entry.parameters:
-        assert parameter.unit in UNITS
+        assert exponents(parameter.unit)
         assert parameter.low <= parameter.start_for(valve) <= parameter.high
         names = ["inertia", "spring", *({entry.name} - {"inertia", "spring"})]
         for value in (parameter.low - max(1.0, abs(parameter.low)), 2.0 * parameter.high + 1.0):
