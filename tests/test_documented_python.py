@@ -6,15 +6,18 @@ import importlib
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
+from spool_tools.demo.processes import find_executable
 from std_msgs.msg import Float64
 
-from .conftest import Process, System
+if TYPE_CHECKING:
+    from .conftest import System
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ROOT / "ros2_ws" / "src"
@@ -45,6 +48,37 @@ def run(arguments: list[str], folder: Path, **environment: str) -> subprocess.Co
     )
 
 
+def spool_python(*arguments: str, entered: str = "") -> subprocess.CompletedProcess[str]:
+    program = str(find_executable("spool_bringup", "spool"))
+    return subprocess.run(
+        [program, "python", *arguments], input=entered, capture_output=True, text=True, check=False
+    )
+
+
+def test_spool_python_passes_all_arguments_to_python(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text("import sys, spool_gap\nprint(sys.argv[1:])\nsys.exit(3)\n")
+    done = spool_python(str(script), "--help", "-x", "record")
+    assert (done.returncode, done.stdout) == (3, "['--help', '-x', 'record']\n")
+    assert spool_python("-c", "import sys; print(sys.argv[1:])", "--json").stdout == "['--json']\n"
+    assert spool_python("-m", "json.tool", "--compact", entered='{"a": 1}').stdout == '{"a":1}\n'
+    assert spool_python(entered="print(6 * 7)").stdout == "42\n"
+
+
+def test_spool_python_refuses_a_script_that_does_not_exist_in_one_line() -> None:
+    done = spool_python("no_such.py")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert re.fullmatch(r"spool: no_such\.py: no such script; pass a file, .*\n", done.stderr)
+
+
+def test_no_page_asks_for_another_interpreter() -> None:
+    pages = [CONTRIBUTING, *(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md"), *PACKAGES.glob("*/README.md")]
+    found = [
+        str(page) for page in pages if re.search(r"\.venv/bin/python|PYTHONPATH=", page.read_text("utf-8"))
+    ]
+    assert found == []
+
+
 @pytest.mark.parametrize("page", [page for page in PAGES if page != NODE], ids=lambda page: page.parent.name)
 def test_the_blocks_of_a_page_run_in_order_as_one_script(page: Path, tmp_path: Path) -> None:
     (tmp_path / "bags").symlink_to(ROOT / "bags")
@@ -61,20 +95,18 @@ def test_the_node_of_the_page_publishes_once_it_is_active(system: System, tmp_pa
     (block,) = blocks(NODE)
     script = tmp_path / "thermometer.py"
     script.write_text(block, encoding="utf-8")
-    log = tmp_path / "thermometer.log"
-    with log.open("wb") as output:
-        popen = subprocess.Popen(
-            [sys.executable, str(script), "--ros-args", "-r", "__ns:=/machine"],
-            env={**os.environ, "ROS_DOMAIN_ID": str(system.domain_id)},
-            stdout=output,
-            stderr=subprocess.STDOUT,
-        )
-    system.processes.append(Process("/machine/thermometer", popen, log))
-    readings = system.listen(Float64, "/machine/reading", latched=True)
-    system.change("/machine/thermometer", "configure", "activate")
-    system.until(lambda: readings.heard, "a reading")
-    assert readings.heard[0].message.data == 21.5
-    assert system.state("/machine/thermometer") == "active"
+    node = subprocess.Popen(
+        [sys.executable, str(script), "--ros-args", "-r", "__ns:=/machine"],
+        env={**os.environ, "ROS_DOMAIN_ID": str(system.domain_id)},
+    )
+    try:
+        readings = system.listen(Float64, "/machine/reading", latched=True)
+        system.change("/machine/thermometer", "configure", "activate")
+        system.until(lambda: readings.heard, "a reading")
+        assert readings.heard[0].message.data == 21.5
+    finally:
+        node.send_signal(signal.SIGINT)
+        assert node.wait(timeout=30) == 0
 
 
 def names_of_tables() -> list[tuple[str, str, str | None]]:
