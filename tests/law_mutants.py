@@ -36,6 +36,7 @@ ROOT = Path(__file__).resolve().parent.parent
 SOURCE = ROOT / "ros2_ws" / "src"
 SIMULATION = "spool_sim/test/test_reference_values.py"
 EFFECTS = "spool_gap/test/test_reference_values.py"
+ESTIMATES = "spool_estimator/test/test_reference_values.py"
 #: Functions that hold no law: texts, checks of settings, what a search tries, the optimiser of phases, and
 #: how far a record is mirrored at its ends.
 NOT_LAWS = {
@@ -79,6 +80,7 @@ MODULES: dict[str, str] = {
     "spool_gap.sensor_effect": EFFECTS,
     "spool_gap.chain_effect": EFFECTS,
     "spool_identification.signals.zero_phase": EFFECTS,
+    "spool_estimator.stream_estimator": ESTIMATES,
 }
 #: Of a module only these functions are laws; all but NOT_LAWS elsewhere.
 ONLY = {
@@ -88,6 +90,7 @@ ONLY = {
     },
     "spool_sim.valve.lubrication": {"fluid_friction_coefficient", "film_parameter"},
     "spool_sim.excitation.kinds": {"_steady", "_ramp", "duration"},
+    "spool_estimator.stream_estimator": {"_derived"},
 }  # fmt: skip
 
 
@@ -519,7 +522,8 @@ def write(page: Path, counts: dict[str, Count]) -> None:
         "or in sign, a term or factor left out, an operator, exponent, number, comparison or parameter "
         "exchanged. "
         "Noticed: a test of the reference values fails (`test_reference_values.py` of "
-        "[spool_sim](../../ros2_ws/src/spool_sim/test) and [spool_gap](../../ros2_ws/src/spool_gap/test)). "
+        "[spool_sim](../../ros2_ws/src/spool_sim/test), [spool_gap](../../ros2_ws/src/spool_gap/test) and "
+        "[spool_estimator](../../ros2_ws/src/spool_estimator/test)). "
         "Equivalent: the change has no effect; each is listed with its reason in "
         "[tests/law_mutants.yaml](../../tests/law_mutants.yaml)."
     )
