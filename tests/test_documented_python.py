@@ -101,7 +101,6 @@ def test_the_node_of_the_page_publishes_once_it_is_active(system: System, tmp_pa
     )
     try:
         readings = system.listen(Float64, "/machine/reading", latched=True)
-        system.change("/machine/thermometer", "configure", "activate")
         system.until(lambda: readings.heard, "a reading")
         assert readings.heard[0].message.data == 21.5
     finally:
@@ -113,10 +112,11 @@ def names_of_tables() -> list[tuple[str, str, str | None]]:
     """Return package, name and the module that the name before it in its cell stands in."""
     found: list[tuple[str, str, str | None]] = []
     for readme in sorted(PACKAGES.glob("spool_*/README.md")):
-        section = ""
+        section, api = "", False
         for line in readme.read_text(encoding="utf-8").splitlines():
             section = line if line.startswith("## ") else section
-            if section != "## API" or not line.startswith("| `"):
+            api = line.startswith("| name |") or (api and line.startswith("|"))
+            if section != "## API" or not api or not line.startswith("| `"):
                 continue
             module = None
             for written in re.findall(r"`([^`]+)`", line.split(" | ")[0]):
