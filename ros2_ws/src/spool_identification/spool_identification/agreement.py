@@ -95,7 +95,9 @@ def waveforms(
         first = record.first_sample + window.start
         found.append(
             Waveform(
-                (first + np.arange(window.measured.size)) * record.sample_period,
+                np.asarray(
+                    (first + np.arange(window.measured.size)) * record.sample_period, dtype=np.float64
+                ),
                 window.measured,
                 response.acceleration[0],
                 response.displacement[0],
