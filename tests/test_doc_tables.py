@@ -47,6 +47,7 @@ EXPLAINING = {
     "gap.md": [("verdict",), ("matter", "what happens"), ("nuisance", "how it is known")],
     "measure.md": [("matter", "what to choose"), ("question", "excitation")],
     "glossary.md": [("term", "meaning")],
+    "python.md": [("question", "where")],
     "watch.md": [("state", "what is known")],
     "methods/estimation.md": [("question", "answer")],
     "methods/gap.md": [("threshold", "value")],
