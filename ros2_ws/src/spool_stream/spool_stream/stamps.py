@@ -130,12 +130,12 @@ def judge(time: Array, noise: float | None = None) -> Stamps:
     """
     if time.size < FEWEST:
         return Stamps(Rhythm.UNEVEN, reason=f"{time.size} stamps show no rate")
-    noise = 2.0 * float(np.spacing(np.abs(time[[0, -1]]).max())) if noise is None else noise
+    noise = number_error(time) if noise is None else noise
     backwards = first_step(time, lambda steps: steps < 0.0)
     equal = first_step(time, lambda steps: steps == 0.0)
     even = _even(time) if backwards is None and equal is None else None
     if even is not None and not even.gaps.size:
-        return even
+        return _refined(time, even, noise)
     if backwards is None:
         coarse = _coarse(time, noise, even)
         if coarse is not None:
@@ -284,6 +284,11 @@ def sampling_period(mean: float, spread: float, count: int) -> float:
     return round_period(mean - tolerance, mean + tolerance)
 
 
+def number_error(time: Array) -> float:
+    """Return the error (s) of float64 numbers of the size of ``time``, after a few operations."""
+    return 4.0 * float(np.spacing(np.abs(time[[0, -1]]).max()))
+
+
 def resolution(time: Array) -> float:
     """Return the last digit (s) in which ``time`` was printed, or that its numbers can hold."""
     probe = time[: min(time.size, 200)]
@@ -351,6 +356,21 @@ def _even(time: Array) -> Stamps | None:
     # Gaps of one length may all be rounded the same way.
     std = (high - low) * (1.0 / math.sqrt(3.0) + gaps.size / math.sqrt(12.0)) / (regular * mean)
     return Stamps(Rhythm.EVEN, 1.0 / period, std, low if high == low else 0.0, lost, gaps.astype(np.int64))
+
+
+def _refined(time: Array, even: Stamps, noise: float) -> Stamps:
+    """Return even stamps of few digits with the rate that fits them all, where the first choice does not."""
+    if even.rate_std < 1e-5:  # less than quartz clocks differ by
+        return even
+    tick = ticks(time, noise)
+    mean = float(time[-1] - time[0]) / (time.size - 1)
+    found = _rounded(np.arange(time.size, dtype=np.float64), time, tick, noise, mean, jitters=False)
+    if found is None:
+        return replace(even, rate_std=3.0 * even.rate_std)  # of the mean, and of the round rate near it
+    low, high = found
+    period = even.period if low <= even.period <= high else round_period(low, high)
+    std = (high - low) / (math.sqrt(3.0) * (low + high))
+    return replace(even, rate=1.0 / period, rate_std=std, resolution=float(tick.max()))
 
 
 def _judged(time: Array, even: Stamps, noise: float) -> Stamps:
@@ -544,7 +564,7 @@ def _is_recording(time: Array, period: float) -> bool:
     """Return whether the stamps of one burst may be those of a faster, coarse clock that then paused."""
     if np.unique(time).size < FEWEST_STEPS:
         return False
-    noise = 2.0 * float(np.spacing(np.abs(time[[0, -1]]).max()))
+    noise = number_error(time)
     mean = float(time[-1] - time[0]) / (time.size - 1)
     number = np.arange(time.size, dtype=np.float64)
     return (

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from spool_bag.tables.column_names import TIME
 from spool_stream.block_gate import SHORTEST_PERIOD
 from spool_stream.errors import InputError
-from spool_stream.stamps import JITTER, ticks
+from spool_stream.stamps import JITTER, number_error, ticks
 from spool_stream.text.printable import printable
 
 from spool_import.tables.table import LOG_TIME, STAMP, Channel, Group, Table, Values
@@ -179,7 +179,7 @@ def _any_unit(asked: Choices) -> Choices:
 def _allowed(first: Array, second: Array) -> float:
     """Return by how much (s) two columns of one clock may differ: their rounding, or a part of a period."""
     period = float(first[-1] - first[0]) / max(first.size - 1, 1)
-    noise = [2.0 * float(np.spacing(np.abs(time[[0, -1]]).max())) for time in (first, second)]
+    noise = [number_error(time) for time in (first, second)]
     tick = max(float(ticks(time, one).max()) for time, one in zip((first, second), noise, strict=True))
     return 1.01 * tick if tick > 1.01 * period else JITTER * period
 
