@@ -86,7 +86,9 @@ class Fabricated:
                 f"shakes at 15.2 Hz, amplified 4.2 times {EVIL}",
             ]
             found = {"parameters": rows, "events": [raised] * events}
-            self.manifest.keep(path, "k", [("valve_1", StoredResult("monitor", "ok", "", found))])
+            self.manifest.keep(
+                path, {"monitor": "k"}, [("valve_1", StoredResult("monitor", "ok", "", found))]
+            )
         return path
 
     def valve(self, machine: str, valve: str, weeks: range = range(WEEKS), **rates: float) -> None:

@@ -293,9 +293,12 @@ def test_no_block_holds_samples_that_do_not_belong_together(
         assert fault is not None
         assert fault.cause == CLOCK_STEP
         assert found.reported < 5.5
-    else:
+    elif lumps == 0.0:
         assert fault is None
         assert len(found.blocks) > 200
+    else:
+        # Delivery in lumps may hide which samples belong together: then the blocks stop, with the reason.
+        assert fault is None or fault.cause == CLOCK_STEP
 
 
 def test_the_notice_of_a_step_is_refused_by_everyone_and_names_the_step() -> None:
