@@ -107,7 +107,7 @@ def test_a_faulty_channel_is_named_and_nothing_is_said_of_friction(fault: Channe
 
 @pytest.mark.parametrize("gain", [0.6, 1.5])
 def test_what_the_estimator_still_remembers_of_a_fault_that_is_over_is_no_drift(gain: float) -> None:
-    case = short(90.0)
+    case = short(150.0)
     valve = case.drawn_valve
     monitor = Monitor(MonitorSettings(natural_frequency=valve.natural_frequency))
     one = Replay(Estimator(settings_for(valve)), monitor)
