@@ -1,4 +1,4 @@
-"""Settings of every test: all processors, a free ROS domain for each worker, and no process left behind."""
+"""Settings of every test: order, processors, a free ROS domain for each worker, no process left behind."""
 
 from __future__ import annotations
 
@@ -13,9 +13,50 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-settings.register_profile("untimed", deadline=None)
-settings.load_profile("untimed")
+# A run says the same as the next one; ``--hypothesis-profile=random`` searches for new examples.
+settings.register_profile("repeatable", deadline=None, derandomize=True)
+settings.register_profile("random", deadline=None, print_blob=True)
+settings.load_profile("repeatable")
+# One thread of linear algebra in each worker and in what it starts: more of them wait for each other.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+#: Folders whose tests mostly wait, for live nodes or a browser; the others compute.
+WAITING = ("tests", "spool_web", "spool_node")
+#: Files that take longest, in this order: begun late, they leave the other workers idle at the end. A file that
+#: is missing here costs time only.
+LONGEST = (
+    "test_browser.py",
+    "test_killed_nodes.py",
+    "test_host.py",
+    "test_setup.py",
+    "test_fuzz_commands.py",
+    "test_pasted_pages.py",
+    "test_command_line.py",
+    "test_lifecycle.py",
+    "test_faults.py",
+    "test_documented_python.py",
+    "test_alarms.py",
+    "test_recording.py",
+    "test_gap_live.py",
+    "test_monitor.py",
+    "test_analyse.py",
+    "test_replay_report.py",
+    "test_alignment.py",
+    "test_replaying.py",
+    "test_sensor_clocks.py",
+    "test_replay_runs.py",
+    "test_composition.py",
+    "test_evidence.py",
+    "test_case.py",
+    "test_nuisances.py",
+    "test_fit_command.py",
+    "test_drift_oil.py",
+    "test_scenario.py",
+    "test_field_case.py",
+    "test_position.py",
+)
+
+ROOT = Path(__file__).resolve().parent
 #: Environment variable with the names of the test runs that a process belongs to: of the runner, and of its
 #: worker. A process inherits it from whatever started it.
 RUN = "SPOOL_TEST_RUN"
@@ -74,6 +115,21 @@ def pytest_configure(config: pytest.Config) -> None:
         start_new_session=True,
     )
     os.environ[RUN] = f"{os.environ.get(RUN, '')} {name}".strip()
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put long files first, and mix those that wait with those that compute, so that no processor idles."""
+    files: dict[Path, list[pytest.Item]] = {}
+    for item in items:
+        files.setdefault(item.path, []).append(item)
+    long = {name: place for place, name in enumerate(LONGEST)}
+    order: list[tuple[float, Path]] = []
+    for waits in (True, False):
+        kind = [path for path in files if waits is not set(WAITING).isdisjoint(path.parts[len(ROOT.parts) :])]
+        kind.sort(key=lambda path: long.get(path.name, len(long)))
+        order += [(place / len(kind), path) for place, path in enumerate(kind)]
+    items[:] = [item for _, path in sorted(order, key=lambda one: one[0]) for item in files[path]]
 
 
 @pytest.hookimpl(optionalhook=True)  # pytest-xdist is not on every machine that has ROS 2

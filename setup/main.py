@@ -40,7 +40,7 @@ Example: ./spool demo --seconds 60 --out demo_output
 """
 #: What is asked for without a command, once the project is set up.
 OPTIONS = ("--version", "--install-completion", "--show-completion")
-#: The tests of a file stay together; the files of live nodes, which wait most, come first.
+#: The tests of a file stay together, in the order of conftest.py.
 SPREAD = ("-n", "auto", "--dist", "loadfile", "--no-loadscope-reorder")
 #: Set by a shell that completes a command line.
 COMPLETION = "_SPOOL_COMPLETE"

@@ -14,6 +14,7 @@ from rosbags.highlevel import AnyReader
 from spool_bag.format.definitions import ACCELERATION_BLOCK
 from spool_bag.reading.reader import BagReader
 from spool_bag.recording import recording as recording_module
+from spool_bag.recording import thinning as thinning_module
 from spool_bag.recording.mcap_part import Output
 from spool_bag.recording.message_queue import Recorded
 from spool_bag.recording.recording import Recording, RecordingSettings
@@ -387,7 +388,11 @@ def test_a_part_that_cannot_be_begun_costs_nothing_and_nothing_comes_twice(
     assert one.lost == {}
 
 
-def test_old_parts_keep_what_they_tell_without_accelerations(tmp_path: Path, block: MakeBlock) -> None:
+def test_old_parts_keep_what_they_tell_without_accelerations(
+    tmp_path: Path, block: MakeBlock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(thinning_module, "LOOK", 0.0)
+    monkeypatch.setattr(recording_module, "LOOK", 0.01)
     private, public = make_keys(tmp_path / "keys")
     log, sign = Quiet(), signer(str(private))
     settings = RecordingSettings(TEN_SECONDS, sign=sign, thin_after=1.0)  # recorded in 2023

@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE
 from spool_bag.reading.reader import BagReader
 from spool_bag.reading.timeline import Timeline
@@ -95,19 +93,14 @@ def outcome(path: Path) -> list[str]:
     return [json.dumps(replay_bag(path, [VALVE.id])), *map(repr, told)]
 
 
-@settings(max_examples=16, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(
-    fault=st.sampled_from(["none", *FAULTS]),
-    place=st.integers(20, 380),
-    warm=st.sampled_from([13, 50, 1000]),
-    cut=st.sampled_from([0, 0, 1, 2]),
+@pytest.mark.parametrize(
+    ("fault", "place", "warm"),
+    [("none", 0, 50), ("recut", 0, 13), *zip(FAULTS, range(20, 400, 50), (13, 50, 1000) * 3, strict=False)],
 )
-def test_runs_give_what_single_blocks_give(
-    tmp_path_factory: pytest.TempPathFactory, fault: str, place: int, warm: int, cut: int
-) -> None:
-    path = tmp_path_factory.mktemp("bags") / "bag"
-    blocks = SOUND if fault == "none" else spoiled(fault, place)
-    write(path, recut(SOUND, cut) if cut and fault == "none" else blocks, warm)
+def test_runs_give_what_single_blocks_give(tmp_path: Path, fault: str, place: int, warm: int) -> None:
+    path = tmp_path / "bag"
+    whole = {"none": SOUND, "recut": recut(SOUND, 1)}
+    write(path, whole[fault] if fault in whole else spoiled(fault, place), warm)
     in_runs = outcome(path)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(BagReader, "runs", BagReader.stream)
