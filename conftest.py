@@ -22,8 +22,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 #: Folders whose tests mostly wait, for live nodes or a browser; the others compute.
 WAITING = ("tests", "spool_web", "spool_node")
-#: Files that take longest, in this order: begun late, they leave the other workers idle at the end. A file that
-#: is missing here costs time only.
+#: Files that take longest, in this order: begun late, they leave the other workers idle at the end. A file
+#: that is missing here costs time only.
 LONGEST = (
     "test_browser.py",
     "test_killed_nodes.py",
