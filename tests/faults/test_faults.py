@@ -16,7 +16,7 @@ from .rig import run
 #: Faults to inject, which seed chooses them, and how many recorders run at a time.
 COUNT, SEED, AT_A_TIME = (
     int(os.environ.get(name, default))
-    for name, default in (("SPOOL_FAULTS", "40"), ("SPOOL_FAULTS_SEED", "1"), ("SPOOL_FAULTS_AT_A_TIME", "4"))
+    for name, default in (("SPOOL_FAULTS", "25"), ("SPOOL_FAULTS_SEED", "1"), ("SPOOL_FAULTS_AT_A_TIME", "2"))
 )
 HEAD = """# Faults injected into recordings
 
