@@ -28,6 +28,9 @@ MOST_RATIO = 8.0
 #: that nobody synchronises drift apart by up to 0.2 ms a second. Times its noise that it must exceed.
 WANDERS, APART, CERTAIN = 0.001, 0.004, 8.0
 
+#: s: moves of both sensors' stamps that are so near are one; a lasting step is seen four chunks later.
+TOGETHER = 0.5
+
 #: Cause of a fault: one sensor's clock was set, or has run away from the other's.
 CLOCK_STEP = "clock_step"
 
@@ -227,6 +230,7 @@ class Aligner:
         other.met = other.heard
         alive = 0 <= stamp - stream.met <= other.silence
         stream.update(stamp, value, other.heard - other.stepped if alive else 0)
+        self._compare_moves()
         if stream.newest == before or not self.settled or self.fault is not None:
             return None
         grid = self._grid
@@ -245,6 +249,26 @@ class Aligner:
         period = 1.0 / rate if rate > 0.0 else 1.0 / self.settings.block_rate
         body, spool = np.zeros(1, np.float32), np.empty(0, np.float32)
         return Block(stamp, self._sequence, period, body, spool, self.settings.source)
+
+    def _compare_moves(self) -> None:
+        """Settle moves that the stamps of both sensors show together: no clock was set against the other.
+
+        The stamps against each other are surer than the order of arrival, by which each was judged alone.
+        """
+        body, spool = self.streams.values()
+        first, second = body.move, spool.move
+        if first is None or second is None:
+            return
+        if (
+            abs(first.at - second.at) <= TOGETHER * 1e9
+            and abs(first.by - second.by) <= max(LEAST_STEP, first.error + second.error)
+        ):
+            off = second.stepped - first.stepped
+            spool.settle_move(first.stepped)
+            body.settle_move(first.stepped)
+            for stream, by in ((body, -off), (spool, off)):
+                if stream.watch is not None:
+                    stream.watch.lag += by
 
     @property
     def _generations(self) -> tuple[int, int]:

@@ -6,6 +6,7 @@ import enum
 import math
 from collections import Counter
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from spool_stream.block_gate import LARGEST_SAMPLE, LONGEST_PERIOD
 from spool_stream.stamps import Rhythm, Stamps, judge_stamps, repeated
 
 from .sample_clock import Array, SampleClock
-from .step_watch import CERTAIN, LEAST_STEP, Change, Line, Step, StepWatch
+from .step_watch import LEAST_STEP, Change, Line, Step, StepWatch
 
 #: Hz, rates that a sensor may have: the lowest is that of blocks, the highest far above what single messages
 #: can bring.
@@ -45,6 +46,12 @@ QUIET = 0.02
 #: set: a driver that starts again delivers as before to within that.
 SAME_LAG = 0.004
 
+#: Relative change of the rate up to which a clock made again continues the one before.
+SAME_RATE = 1e-3
+
+#: Wrong stamps that are the reason for which there is no clock.
+MANY_WRONG = 500
+
 #: Losses in a window of ``settle`` that are looked at: more lost than received is another rate.
 MANY_LOSSES = 8
 
@@ -58,6 +65,19 @@ class Refusal(enum.Enum):
     STRAY = "stamp that the next ones do not confirm"
     RATE = "sampled slower than 4 Hz or faster than 100 kHz"
     RHYTHM = "stamps that show no sample rate"
+
+
+class Move(NamedTuple):
+    """Move: stamps that went on elsewhere.
+
+    ``at`` (ns): the last stamp before. ``by`` (ns, with its ``error``): from where the next one was due.
+    ``stepped`` (ns): what of it counts as a clock that was set; the rest are samples that were lost.
+    """
+
+    at: int
+    by: float
+    error: float
+    stepped: int
 
 
 @dataclass(slots=True)
@@ -75,10 +95,11 @@ class SensorStream:
         clock: ``None`` before it is made.
         found: what the stamps showed when the clock was made; ``None`` before.
         opening: ns, the stamps that made the clock.
-        doubt: why the newest stamps make no clock; empty where they do.
+        doubt: why the newest stamps make no clock; empty where they do, and while the first ones come.
         generation: counts the clocks made and the steps: with a new one earlier samples are forgotten.
         restarts: how often the stamps went on elsewhere: a clock was set, or silence above ``LONGEST_GAP``.
         stepped: ns by which the clock was set against the other sensor's, in all. steps: how often.
+        move: the newest one; ``None`` before the first, and once it is settled.
         received: messages so far. lost: samples that never came. refused: how many were, by reason.
         newest: ns, stamp of the newest sample taken; 0 before the first. heard: of the newest message.
         met: ns, ``heard`` when the other sensor sent its newest message.
@@ -97,6 +118,7 @@ class SensorStream:
     restarts: int = 0
     stepped: int = 0
     steps: int = 0
+    move: Move | None = None
     received: int = 0
     lost: int = 0
     refused: Counter[Refusal] = field(default_factory=Counter)
@@ -108,7 +130,7 @@ class SensorStream:
     _held: list[tuple[int, float, float]] = field(default_factory=list)
     _floor: int = 0
     _reach: float = 0.0
-    _same_lag: float = math.inf
+    _before: SampleClock | None = None
     _wanted: float = 0.0
     _window: tuple[int, int, int] = (0, 0, 0)
     _ring: Array = field(init=False)
@@ -147,6 +169,7 @@ class SensorStream:
         self.received += 1
         if stamp <= 0:
             self.refused[Refusal.NO_TIME] += 1
+            self._doubt_stamps(self.refused[Refusal.NO_TIME], Refusal.NO_TIME.value)
             return
         if not abs(value) <= LARGEST_SAMPLE:
             self.refused[Refusal.NOT_FINITE] += 1
@@ -215,23 +238,27 @@ class SensorStream:
         if len(off) < PROVE_LOSS or not self._even or self._held[0][0] - self.newest > LONGEST_GAP * 1e9:
             return False
         steps = np.rint(np.array(off) / clock.period)
-        exact = np.abs(np.array(off) - steps * clock.period) <= near
-        return bool(exact.all() and steps[0] >= 1.0 and (np.diff(steps) >= 0.0).all())
+        left = np.array(off) - steps * clock.period
+        # Together they are nearer to whole periods than each alone.
+        exact = abs(float(left.mean())) <= LEAST_STEP + SURE * clock.jitter / math.sqrt(left.size)
+        exact = exact and bool((np.abs(left) <= near).all())
+        return exact and bool(steps[0] >= 1.0 and (np.diff(steps) >= 0.0).all())
 
     def _judged(self, step: float) -> Change | None:
         """Return what a step of the held stamps is, ``None`` while more of them can show it."""
         clock, watch = self.clock, self.watch
         assert clock is not None
         assert watch is not None
-        found = watch.judge(step, [lag for _, _, lag in self._held])
-        waits = max(CONFIRM, round(HOLD * clock.rate))
-        return None if found is Change.UNCERTAIN and len(self._held) < waits else found
+        last = len(self._held) >= max(CONFIRM, round(HOLD * clock.rate))
+        found = watch.judge(step, [lag for _, _, lag in self._held], last=last)
+        return None if found is Change.UNCERTAIN and not last else found
 
     def _go_on(self) -> None:
         """Take the samples that were held, after a loss."""
         held, self._held = self._held, []
         clock = self.clock
         assert clock is not None
+        self._note((clock.ahead(held[-1][0]) - self._recent) - (len(held) - 1) * clock.period, 0.0, self._near)
         for stamp, value, lag in held:
             steps = max(1, 1 + round((clock.ahead(stamp) - self._recent) / clock.period))
             self.lost += steps - 1
@@ -255,6 +282,8 @@ class SensorStream:
         elif self._even and abs(step + clock.period) <= self._near:
             held, self._held = self._held, []  # one message too many
             self.refused[Refusal.STRAY] += 1
+            self._note(step, 0.0, self._near)
+            self._renew(0.0)  # or both clocks were set back by a period: no block may reach across
             for one in held[1:]:
                 self._accept(*one)
         else:
@@ -266,8 +295,7 @@ class SensorStream:
         clock, watch = self.clock, self.watch
         assert clock is not None
         assert watch is not None
-        self.stepped += round(step)
-        self.steps += 1
+        self._note(step, step, LEAST_STEP + SURE * clock.jitter / math.sqrt(min(len(held), CONFIRM)))
         self._renew(step)
         for stamp, value, lag in held:
             self._accept(stamp, value, lag - step)
@@ -304,17 +332,16 @@ class SensorStream:
         assert clock is not None
         assert watch is not None
         index, time, period = step.line
+        if not self._even:  # only a clock made again is as good as the one before
+            clock.time, clock.period = time + (clock.index - index) * period, period
+            self._restart()
+            return
         lost = round(step.by / period)
-        whole = lost >= 1 and abs(step.by - lost * period) <= 0.25 * period
+        whole = lost >= 1 and abs(step.by - lost * period) <= max(LEAST_STEP, clock.jitter)
         change = watch.judge_chunks(step.by)
         if whole and change is not Change.CLOCK:
             self.lost += lost
-        elif change is not Change.COUNT:
-            self.stepped += round(step.by)
-            self.steps += 1
-        if not self._even:  # only a clock made again is as good as the one before
-            self._restart()
-            return
+        self._note(step.by, step.by if change is Change.CLOCK or not (whole or change is Change.COUNT) else 0.0, watch.limit)
         clock.time, clock.period = time + (clock.index - index) * period + step.by, period
         clock.index += lost if whole and change is not Change.CLOCK else 0
         watch.recent = 0.0
@@ -347,6 +374,8 @@ class SensorStream:
                 self.newest = stamp
             return
         self._drop_held()
+        if self._first and stamp == self._first[0][0]:
+            self._doubt_stamps(len(self._first), "all stamps are equal")
         self._first.append((stamp, value, lag))
         self.newest = stamp
         span = 1e-9 * (stamp - self._first[0][0])
@@ -371,6 +400,7 @@ class SensorStream:
         if found.rhythm is not Rhythm.EVEN and found.gaps.size:
             self.lost += found.lost
             self._first = first[int(found.gaps[-1]) :]  # a clock that is seen through its errors wants all
+            self.doubt = f"samples are lost in each {self._wanted:g} s, and stamps are not even"
             return
         if left_out is not None:
             self.refused[Refusal.STRAY] += 1
@@ -382,25 +412,71 @@ class SensorStream:
             clock.turn(1e9 / found.rate, indices)
         if not LOWEST_RATE <= clock.rate <= HIGHEST_RATE:
             self.refused[Refusal.RATE] += len(first)
+            self.doubt = f"{clock.rate:.3g} Hz: {Refusal.RATE.value}"
             return
         self.lost += int(indices[-1]) + 1 - indices.size
-        lags = self.watch.lag if self.watch is not None else math.nan
+        before = self.watch
         self.clock, self.found, self.opening, self.doubt = clock, found, stamps, ""
         self.generation += 1
         self._floor, self._window = 0, (0, 0, 0)
         off = (stamps - stamps[0]) - clock.times(indices, int(stamps[0]))
         self._reach = 1.5 * float(np.abs(off).max()) + HALF * clock.period
         self._ring[:] = np.nan
-        watch = self.watch = StepWatch(clock.rate)
+        watch = self.watch = StepWatch(clock.rate, float(off.std()))
         for (stamp, value, lag), index, residual in zip(first, indices, off, strict=True):
             self._ring[index % self.capacity] = value
             time = float(clock.times(index, clock.base))
             watch.take(float(residual), lag, float(stamp - clock.base), Line(int(index), time, clock.period))
-        change = watch.lag - lags
-        if abs(change) > self._same_lag:  # false where either is unknown
-            self.stepped += round(change)
+        newest = np.array([lag for _, _, lag in first[len(first) // 2 :] if math.isfinite(lag)])
+        if before is None or math.isnan(before.lag) or not newest.size:
+            return
+        lag = float(newest.mean())
+        before.lag_deviation = max(before.lag_deviation, float(newest.std()))
+        error = before.lag_error(newest.size) + before.lag_error(max(FEWEST, round(before.rate)))
+        watch.lag = lag - self._stepped_by(lag - before.lag, error)
+
+    def _note(self, by: float, step: float, error: float, at: int | None = None) -> None:
+        """Note stamps that moved by ``by`` (ns), of which ``step`` is that of a clock that was set."""
+        self.move = Move(self.newest if at is None else at, by, error, round(step))
+        if step:
+            self.stepped += round(step)
             self.steps += 1
-            watch.lag = lags
+
+    def settle_move(self, step: int) -> None:
+        """Take ``step`` (ns) for what of the newest move is a clock that was set."""
+        assert self.move is not None
+        self.steps += bool(step) - bool(self.move.stepped)
+        self.stepped += step - self.move.stepped
+        self.move = None
+
+    def _stepped_by(self, change: float, error: float) -> float:
+        """Return by how much (ns) the clock was set since the one before it; 0 where it was not.
+
+        The stamps show a step to whole periods. How many of these are in it shows the ``change`` (ns) of the
+        lag, whose ``error`` is known: arrivals alone make no step.
+        """
+        clock, old = self.clock, self._before
+        assert clock is not None
+        assert old is not None
+        first = np.array([clock.index - self.opening.size + 1])
+        by = (float(old.indices(clock.times(first, clock.base), clock.base)[0]) - old.index - 1.0) * old.period
+        step = by - round(by / old.period) * old.period
+        noise = max(LEAST_STEP, 2.0 * SURE * (clock.jitter + old.jitter) / math.sqrt(self.opening.size))
+        goes_on = by <= LONGEST_GAP * 1e9 and abs(clock.period / old.period - 1.0) <= SAME_RATE
+        if noise > 0.5 * HALF * old.period or not goes_on:
+            step = change if abs(change) > max(SAME_LAG * 1e9, error) else 0.0
+        else:
+            if abs(change - step) > error:
+                step += round((change - step) / old.period) * old.period
+            together = abs(change) < abs(change - step) and error <= 0.5 * abs(step)
+            step = 0.0 if together or abs(step) <= noise else step
+        self._note(by, step, noise, at=round(old.base + old.time))
+        return step
+
+    def _doubt_stamps(self, count: int, why: str) -> None:
+        """Give the reason for which there is no clock once ``count`` stamps are wrong."""
+        if self.clock is None and count >= MANY_WRONG:
+            self.doubt = why
 
     def _leave_out_repeats(self) -> None:
         """Leave out messages that came twice: stamp and value are those of the one before."""
@@ -413,16 +489,19 @@ class SensorStream:
 
     def _restart(self) -> None:
         """Make a clock again, from the samples that are held."""
+        clock = self.clock
+        assert clock is not None
+        lasted = 1e-9 * (self.newest - int(self.opening[-1]))
+        if lasted < PATIENCE * self.settle:
+            self.doubt = f"the next stamps contradict the rate found, {clock.rate:.6g} Hz, after {lasted:.1f} s"
         self._first, self._held = self._held, []
-        self.clock = None
+        self._before, self.clock = clock, None
         self.restarts += 1
-        silent = bool(self._first) and self._first[0][0] - self.newest > LONGEST_GAP * 1e9
-        scale = self.watch.lag_scale if self.watch is not None else math.inf
-        self._same_lag = max(SAME_LAG * 1e9 if silent else 2.0 * LEAST_STEP, CERTAIN * scale)
         self.newest = self._first[-1][0] if self._first else self.newest
 
     def _drop_held(self) -> None:
         self.refused[Refusal.STRAY] += len(self._held)
+        self._doubt_stamps(self.refused[Refusal.STRAY], Refusal.STRAY.value)
         self._held.clear()
 
 

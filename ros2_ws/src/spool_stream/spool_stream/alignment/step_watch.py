@@ -29,6 +29,10 @@ SPAN = 4
 LAG_MEMORY, LAG_CERTAIN = 1.0, 4.0
 #: Standard deviations with which a single lag counts at most.
 LAG_CLIP = 5.0
+#: Error of the mean of lags over a time T (s) where messages come in lumps, and of stamps in bursts: they rise evenly over a lump of
+#: L s and fall back, with the standard deviation L / sqrt(12). Over a part of a lump their sum is off by
+#: L^2 / 8 at most, that is 1.5 times the variance.
+LUMP = 1.5
 #: Standard deviations in a median absolute deviation of normal errors.
 MEDIAN_TO_DEVIATION = 1.4826
 
@@ -61,17 +65,21 @@ class StepWatch:
     """Step watch of one sensor of ``rate`` (Hz): averages of residuals and lags (ns), and their usual change.
 
     Attributes:
+        spread: ns, standard deviation of the residuals of the stamps that made the clock.
         lag: ns, average of the lag, NaN before the first. lag_deviation: its standard deviation.
         lag_scale: ns, usual change of the lag from one chunk to the next, as a standard deviation.
         recent: ns, average of the newest residuals: what the clock has not followed yet while it is slewed.
+        limit: ns, step of the averages that is certain, when one was looked for last.
 
     """
 
     rate: float
+    spread: float = 0.0
     lag: float = math.nan
     lag_deviation: float = 0.0
     lag_scale: float = math.inf
     recent: float = 0.0
+    limit: float = math.inf
     size: int = field(init=False)
     period: float = field(init=False)
     _lag_count: int = 0
@@ -126,26 +134,43 @@ class StepWatch:
         self._count, self._sums = 0, (0.0, 0.0, 0, 0.0)
         return self._step()
 
-    def judge(self, step: float, lags: list[float]) -> Change:
-        """Return what a ``step`` (ns) of the newest samples, whose lags are given, is."""
+    def lag_error(self, count: int) -> float:
+        """Return by how much (ns) the mean lag of ``count`` samples in a row may be off."""
+        seconds = count / self.rate
+        scale = self.lag_deviation
+        if count >= self.size and len(self._lags) > SCALED:
+            scale = min(scale, self.lag_scale / math.sqrt(2.0 * count / self.size))
+        return math.hypot(LAG_CERTAIN * scale, LUMP * 1e-9 * self.lag_deviation**2 / seconds)
+
+    def judge(self, step: float, lags: list[float], *, last: bool = False) -> Change:
+        """Return what a ``step`` (ns) of the newest samples, whose lags are given, is.
+
+        ``last``: no more lags are awaited: one of both explanations is excluded if its lag is off.
+        """
         if math.isnan(self.lag):
             return Change.COUNT
-        newest = [lag for lag in lags[len(lags) // 2 :] if math.isfinite(lag)]
+        first = min(len(lags) // 2, self.size)  # the other clock may have been set as well, and be seen later
+        newest = [lag for lag in lags[first:] if math.isfinite(lag)]
         if not newest:
             return Change.UNCERTAIN
         change = float(np.median(newest)) - self.lag
-        noise = self.lag_deviation
+        error = LAG_CERTAIN * self.lag_deviation
         if len(newest) >= self.size and len(self._lags) > SCALED:
             # Messages that are delivered in lumps: an average over a chunk changes by less than single lags.
             change = float(np.mean(newest)) - self.lag
-            noise = min(noise, self.lag_scale)
-        return _nearer(change, step, noise)
+            error = min(error, math.hypot(self.lag_error(len(newest)), self.lag_error(self._lag_count)))
+        if last and abs(change) > error >= abs(change - step):
+            return Change.CLOCK
+        if last and abs(change) <= error < abs(change - step):
+            return Change.COUNT
+        return _nearer(change, step, error)
 
     def judge_chunks(self, step: float) -> Change:
         """Return what a ``step`` (ns) found by ``take`` is."""
         lags = list(self._lags)
         change = 0.5 * (lags[-1] + lags[-2]) - lags[-SPAN]
-        return _nearer(change, step, self.lag_scale) if math.isfinite(change) else Change.UNCERTAIN
+        error = LAG_CERTAIN * self.lag_scale + LUMP * 1e-9 * self.lag_deviation**2 / CHUNK
+        return _nearer(change, step, error) if math.isfinite(change) else Change.UNCERTAIN
 
     def restart(self) -> None:
         """Begin the averages again, after a step."""
@@ -159,9 +184,10 @@ class StepWatch:
         means = self._residuals
         if len(means) < SCALED + SPAN:
             return None
-        limit = max(
+        limit = self.limit = max(
             LEAST_STEP + 2.0 * SLEW * 1e9 * self.size / self.rate,
             CERTAIN * _scale(list(means)[: -SPAN + 1]),
+            LUMP * 1e-9 * self.spread**2 / CHUNK,  # chunks that hold parts of bursts
         )
         moved = means[-2] - means[-SPAN], means[-1] - means[-SPAN]
         if not (min(moved) > limit or max(moved) < -limit):
@@ -170,8 +196,9 @@ class StepWatch:
         line, before = self._lines[0]
         behind = 0.5 * (self._lines[-2][1] + self._lines[-1][1])
         chunks = 0.5 * ((SPAN - 2) + (SPAN - 1))
-        turned = chunks * self.size * (line.period - self.period)
-        return Step(behind - before - turned, line)
+        by = behind - before - chunks * self.size * (line.period - self.period)
+        # Where the line alone has turned, no stamp has stepped.
+        return Step(by, line) if abs(by) > LEAST_STEP else None
 
 
 def _scale(means: list[float] | deque[float]) -> float:
@@ -181,7 +208,7 @@ def _scale(means: list[float] | deque[float]) -> float:
     return MEDIAN_TO_DEVIATION * float(np.median(changes)) if changes.size else math.inf
 
 
-def _nearer(change: float, step: float, noise: float) -> Change:
-    if LAG_CERTAIN * noise > 0.5 * abs(step):
+def _nearer(change: float, step: float, error: float) -> Change:
+    if error > 0.5 * abs(step):
         return Change.UNCERTAIN
     return Change.CLOCK if abs(change - step) < abs(change) else Change.COUNT
