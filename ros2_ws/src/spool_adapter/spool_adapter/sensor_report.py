@@ -117,6 +117,7 @@ class SensorReport:
             values |= {
                 key(f"{name}_rate", "Hz"): clock.rate if clock else math.nan,
                 key(f"{name}_jitter", "s"): 1e-9 * clock.jitter if clock else math.nan,
+                key(f"{name}_step_limit", "s"): 1e-9 * stream.step_limit,
                 f"{name}_received": stream.received,
                 f"{name}_lost": stream.lost,
                 f"{name}_restarts": stream.restarts,

@@ -259,9 +259,8 @@ class Aligner:
         first, second = body.move, spool.move
         if first is None or second is None:
             return
-        if (
-            abs(first.at - second.at) <= TOGETHER * 1e9
-            and abs(first.by - second.by) <= max(LEAST_STEP, first.error + second.error)
+        if abs(first.at - second.at) <= TOGETHER * 1e9 and abs(first.by - second.by) <= max(
+            LEAST_STEP, first.error + second.error
         ):
             off = second.stepped - first.stepped
             spool.settle_move(first.stepped)

@@ -64,6 +64,11 @@ class SampleClock:
         self.period = period
 
     @property
+    def phase_count(self) -> int:
+        """Stamps that the phase is averaged over."""
+        return self._phase_count
+
+    @property
     def rate(self) -> float:
         """Samples a second."""
         return 1e9 / self.period

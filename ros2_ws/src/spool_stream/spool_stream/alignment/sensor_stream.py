@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import math
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -45,6 +45,9 @@ QUIET = 0.02
 #: s by which the lag behind the other sensor may change over a silence before it counts as a clock that was
 #: set: a driver that starts again delivers as before to within that.
 SAME_LAG = 0.004
+
+#: Least steps that single stamps of little jitter show. With more jitter samples wait until averages show it.
+SHOWN = 4.0
 
 #: Relative change of the rate up to which a clock made again continues the one before.
 SAME_RATE = 1e-3
@@ -154,7 +157,13 @@ class SensorStream:
         """Number of the newest sample whose number a step of the clock can no longer change."""
         if self.clock is None or self.watch is None:
             return -1
-        return self.clock.index - (0 if self._even else self.watch.unsure)
+        steps_show = self._even and SURE * self.watch.spread <= SHOWN * LEAST_STEP
+        return self.clock.index - (0 if steps_show else self.watch.unsure)
+
+    @property
+    def step_limit(self) -> float:
+        """Least step (ns) of the clock that the stamps show through their jitter; NaN before it is known."""
+        return self.watch.limit if self.watch is not None and math.isfinite(self.watch.limit) else math.nan
 
     @property
     def _even(self) -> bool:
@@ -258,7 +267,9 @@ class SensorStream:
         held, self._held = self._held, []
         clock = self.clock
         assert clock is not None
-        self._note((clock.ahead(held[-1][0]) - self._recent) - (len(held) - 1) * clock.period, 0.0, self._near)
+        self._note(
+            (clock.ahead(held[-1][0]) - self._recent) - (len(held) - 1) * clock.period, 0.0, self._near
+        )
         for stamp, value, lag in held:
             steps = max(1, 1 + round((clock.ahead(stamp) - self._recent) / clock.period))
             self.lost += steps - 1
@@ -332,17 +343,17 @@ class SensorStream:
         assert clock is not None
         assert watch is not None
         index, time, period = step.line
-        if not self._even:  # only a clock made again is as good as the one before
-            clock.time, clock.period = time + (clock.index - index) * period, period
-            self._restart()
-            return
         lost = round(step.by / period)
         whole = lost >= 1 and abs(step.by - lost * period) <= max(LEAST_STEP, clock.jitter)
         change = watch.judge_chunks(step.by)
+        count = change is Change.COUNT or (whole and change is Change.UNCERTAIN)
+        self._note(step.by, 0.0 if count else step.by, watch.limit)
+        clock.time, clock.period = time + (clock.index - index) * period + step.by, period
+        if not self._even:  # only a clock made again is as good as the one before
+            self._restart()
+            return
         if whole and change is not Change.CLOCK:
             self.lost += lost
-        self._note(step.by, step.by if change is Change.CLOCK or not (whole or change is Change.COUNT) else 0.0, watch.limit)
-        clock.time, clock.period = time + (clock.index - index) * period + step.by, period
         clock.index += lost if whole and change is not Change.CLOCK else 0
         watch.recent = 0.0
         self._renew(0.0)
@@ -388,6 +399,8 @@ class SensorStream:
         first = self._first
         stamps = np.array([stamp for stamp, _, _ in first], dtype=np.int64)
         found, left_out = _without_a_stray(stamps)
+        if found.rhythm is Rhythm.EVEN and SURE * _scatter(stamps, found) > HALF * found.period:
+            found = replace(found, rhythm=Rhythm.JITTER)  # a late stamp looks like a lost sample
         if found.rhythm is Rhythm.UNEVEN:
             self.doubt = found.reason
             if self._wanted < PATIENCE * self.settle and len(first) < MOST:
@@ -459,18 +472,25 @@ class SensorStream:
         assert clock is not None
         assert old is not None
         first = np.array([clock.index - self.opening.size + 1])
-        by = (float(old.indices(clock.times(first, clock.base), clock.base)[0]) - old.index - 1.0) * old.period
+        by = (
+            float(old.indices(clock.times(first, clock.base), clock.base)[0]) - old.index - 1.0
+        ) * old.period
         step = by - round(by / old.period) * old.period
-        noise = max(LEAST_STEP, 2.0 * SURE * (clock.jitter + old.jitter) / math.sqrt(self.opening.size))
+        # Twice the standard error of a line's mean is that of its end.
+        ends = clock.jitter / math.sqrt(self.opening.size), old.jitter / math.sqrt(old.phase_count)
+        noise = max(LEAST_STEP, 2.0 * SURE * math.hypot(*ends))
         goes_on = by <= LONGEST_GAP * 1e9 and abs(clock.period / old.period - 1.0) <= SAME_RATE
         if noise > 0.5 * HALF * old.period or not goes_on:
-            step = change if abs(change) > max(SAME_LAG * 1e9, error) else 0.0
+            # Lumps that beat with the samples shift the mean lag by up to a period, for seconds.
+            least = max(2.0 * LEAST_STEP, old.period) if goes_on else SAME_LAG * 1e9
+            step = change if abs(change) > max(least, error) else 0.0
         else:
             if abs(change - step) > error:
                 step += round((change - step) / old.period) * old.period
             together = abs(change) < abs(change - step) and error <= 0.5 * abs(step)
             step = 0.0 if together or abs(step) <= noise else step
-        self._note(by, step, noise, at=round(old.base + old.time))
+        if step or abs(by) > noise:
+            self._note(by, step, noise, at=round(old.base + old.time))
         return step
 
     def _doubt_stamps(self, count: int, why: str) -> None:
@@ -493,7 +513,9 @@ class SensorStream:
         assert clock is not None
         lasted = 1e-9 * (self.newest - int(self.opening[-1]))
         if lasted < PATIENCE * self.settle:
-            self.doubt = f"the next stamps contradict the rate found, {clock.rate:.6g} Hz, after {lasted:.1f} s"
+            self.doubt = (
+                f"the next stamps contradict the rate found, {clock.rate:.6g} Hz, after {lasted:.1f} s"
+            )
         self._first, self._held = self._held, []
         self._before, self.clock = clock, None
         self.restarts += 1
@@ -514,6 +536,13 @@ def _without_a_stray(stamps: NDArray[np.int64]) -> tuple[Stamps, int | None]:
             if rest.rhythm is Rhythm.EVEN:
                 return rest, place
     return found, None
+
+
+def _scatter(stamps: NDArray[np.int64], found: Stamps) -> float:
+    """Return the standard deviation (s) of even stamps about the line of their clock."""
+    indices = _numbers(stamps, found)
+    off = 1e-9 * (stamps - stamps[0]) - found.period * indices
+    return float(np.std(off - np.polyval(np.polyfit(indices, off, 1), indices)))
 
 
 def _numbers(stamps: NDArray[np.int64], found: Stamps) -> NDArray[np.int64]:

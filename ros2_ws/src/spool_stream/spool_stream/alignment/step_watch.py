@@ -29,9 +29,9 @@ SPAN = 4
 LAG_MEMORY, LAG_CERTAIN = 1.0, 4.0
 #: Standard deviations with which a single lag counts at most.
 LAG_CLIP = 5.0
-#: Error of the mean of lags over a time T (s) where messages come in lumps, and of stamps in bursts: they rise evenly over a lump of
-#: L s and fall back, with the standard deviation L / sqrt(12). Over a part of a lump their sum is off by
-#: L^2 / 8 at most, that is 1.5 times the variance.
+#: Error of a mean over a time T (s) of what rises evenly over L s and then falls back: lags of messages that
+#: come in lumps, stamps of bursts. Over a part of L the sum is off by L^2 / 8 at most. That is 1.5 times the
+#: variance, L^2 / 12.
 LUMP = 1.5
 #: Standard deviations in a median absolute deviation of normal errors.
 MEDIAN_TO_DEVIATION = 1.4826
