@@ -399,8 +399,8 @@ class SensorStream:
         first = self._first
         stamps = np.array([stamp for stamp, _, _ in first], dtype=np.int64)
         found, left_out = _without_a_stray(stamps)
-        if found.rhythm is Rhythm.EVEN and SURE * _scatter(stamps, found) > HALF * found.period:
-            found = replace(found, rhythm=Rhythm.JITTER)  # a late stamp looks like a lost sample
+        if found.rhythm is Rhythm.EVEN:
+            found = _without_late_ones(stamps, found)
         if found.rhythm is Rhythm.UNEVEN:
             self.doubt = found.reason
             if self._wanted < PATIENCE * self.settle and len(first) < MOST:
@@ -538,11 +538,19 @@ def _without_a_stray(stamps: NDArray[np.int64]) -> tuple[Stamps, int | None]:
     return found, None
 
 
-def _scatter(stamps: NDArray[np.int64], found: Stamps) -> float:
-    """Return the standard deviation (s) of even stamps about the line of their clock."""
-    indices = _numbers(stamps, found)
-    off = 1e-9 * (stamps - stamps[0]) - found.period * indices
-    return float(np.std(off - np.polyval(np.polyfit(indices, off, 1), indices)))
+def _without_late_ones(stamps: NDArray[np.int64], even: Stamps) -> Stamps:
+    """Return even stamps as jittering ones where a late stamp looks like a lost sample."""
+    times = 1e-9 * (stamps - stamps[0])
+    fits = []
+    for indices in (_numbers(stamps, even), np.arange(stamps.size)):
+        period, start = np.polyfit(indices, times, 1)
+        fits.append((float(np.std(times - period * indices - start)), float(period)))
+    (scatter, _), (alone, period) = fits
+    if SURE * scatter <= HALF * even.period:
+        return even
+    if even.gaps.size and alone <= scatter:  # nothing was lost
+        return replace(even, rhythm=Rhythm.JITTER, rate=1.0 / period, lost=0, gaps=even.gaps[:0])
+    return replace(even, rhythm=Rhythm.JITTER)
 
 
 def _numbers(stamps: NDArray[np.int64], found: Stamps) -> NDArray[np.int64]:
