@@ -288,6 +288,31 @@ def test_jitter_of_a_fifth_of_a_period_never_looks_like_lost_samples(seed: int) 
     assert len(found.blocks) > 250
 
 
+@pytest.mark.parametrize(("rate", "by", "resolution"), [(1427.5, 0.51e-3, 0.0), (833.0, 0.84e-3, 1e-3)])
+def test_a_step_of_most_of_a_period_is_no_lost_sample_where_lumps_hide_the_arrivals(
+    rate: float, by: float, resolution: float
+) -> None:
+    """0.7 of a period, by stamps off by up to 0.2 ms, of messages that come every 20 ms."""
+    rng = np.random.default_rng(4)
+
+    def jittering(times: Times) -> Times:
+        shown = times + 0.2e-3 * rng.uniform(-1.0, 1.0, times.size)
+        return np.floor(shown / resolution) * resolution if resolution else shown
+
+    found = run(
+        8.0,
+        lambda times: jittering(step(by, 4.0)(times)),
+        jittering,
+        rate=rate,
+        delivered=lambda times: np.ceil(times / 0.02) * 0.02,
+    )
+    fault = found.aligner.fault
+    assert fault is not None
+    assert fault.cause == CLOCK_STEP
+    assert found.blocks[-1][0] < 4.5
+    assert [stream.lost for stream in found.aligner.streams.values()] == [0, 0]
+
+
 @settings(max_examples=25, deadline=None)
 @given(
     rate=st.sampled_from([250.0, 400.0, 500.0, 833.0, 1000.0]),

@@ -344,7 +344,9 @@ class SensorStream:
         assert watch is not None
         index, time, period = step.line
         lost = round(step.by / period)
-        whole = lost >= 1 and abs(step.by - lost * period) <= max(LEAST_STEP, clock.jitter)
+        # The step is one of averages over a chunk, which jitter moves less than single stamps.
+        near = max(LEAST_STEP, SURE * clock.jitter / math.sqrt(watch.size))
+        whole = lost >= 1 and abs(step.by - lost * period) <= near
         change = watch.judge_chunks(step.by)
         count = change is Change.COUNT or (whole and change is Change.UNCERTAIN)
         self._note(step.by, 0.0 if count else step.by, watch.limit)
