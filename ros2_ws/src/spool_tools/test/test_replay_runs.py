@@ -95,7 +95,11 @@ def outcome(path: Path) -> list[str]:
 
 @pytest.mark.parametrize(
     ("fault", "place", "warm"),
-    [("none", 0, 50), ("recut", 0, 13), *zip(FAULTS, range(20, 400, 50), (13, 50, 1000) * 3, strict=False)],
+    [
+        ("none", 0, 50),
+        ("recut", 0, 13),
+        *((fault, 20 + 360 * n // len(FAULTS), (13, 50, 1000)[n % 3]) for n, fault in enumerate(FAULTS)),
+    ],
 )
 def test_runs_give_what_single_blocks_give(tmp_path: Path, fault: str, place: int, warm: int) -> None:
     path = tmp_path / "bag"
