@@ -17,13 +17,13 @@ def mutate(*options: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_a_reference_value_notices_every_mutant_of_a_sample() -> None:
-    done = mutate("--every", "37")
+    done = mutate("--every", "111")
     assert (done.returncode, done.stderr) == (0, "")
     counted = re.search(r"\| all \| (\d+) \| (\d+) \| (\d+) \|", done.stdout)
     assert counted
     made, noticed, equivalent = map(int, counted.groups())
     assert made == noticed + equivalent
-    assert made > 100
+    assert made > 40
 
 
 def test_a_law_that_is_ten_per_cent_wrong_is_among_the_mutants() -> None:

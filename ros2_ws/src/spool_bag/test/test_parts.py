@@ -388,6 +388,26 @@ def test_a_part_that_cannot_be_begun_costs_nothing_and_nothing_comes_twice(
     assert one.lost == {}
 
 
+def test_a_removal_that_a_failure_shows_first_is_told_as_a_removal(
+    tmp_path: Path, block: MakeBlock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recording_module, "LOOK", 1e9)  # it never looks by itself before the next part
+    log = Quiet()
+    one = Recording(tmp_path / "bag", RecordingSettings(TEN_SECONDS, flush_interval=0.0), log)
+    for sequence in range(100):
+        one.put(message(block, sequence))
+    wait_for(lambda: one.state.messages == 100)
+    shutil.rmtree(tmp_path / "bag")
+    for sequence in range(100, 700):
+        one.put(message(block, sequence))
+    wait_for(lambda: (tmp_path / "bag").exists() and one.state.paused == "" and one.state.waiting == 0)
+    assert one.close(60.0)
+    assert any("bag_0.mcap was removed while it was recorded" in said for said in log.said)
+    kept = sequences(tmp_path / "bag")
+    assert kept == list(range(700 - len(kept), 700))
+    assert one.lost == {"removed files": 700 - len(kept)}
+
+
 def test_old_parts_keep_what_they_tell_without_accelerations(
     tmp_path: Path, block: MakeBlock, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -67,10 +67,10 @@ class MessageQueue:
         with self._changed:
             self._changed.notify()
 
-    def wait(self, timeout: float) -> None:
-        """Wait until there is something, at most ``timeout`` s."""
+    def wait(self, timeout: float, *, more: bool = False) -> None:
+        """Wait until there is something, or ``more`` than there is, at most ``timeout`` s."""
         with self._changed:
-            if not self._ahead:
+            if more or not self._ahead:
                 self._changed.wait(timeout)
 
     def take(self) -> Recorded | None:

@@ -168,7 +168,7 @@ class Recording:
     def _run(self) -> None:
         looked = -math.inf
         while not self._ending:
-            self._queue.wait(LOOK)
+            self._queue.wait(LOOK if self._writer is not None else RETRY, more=self._writer is None)
             with self._kept_alive():
                 self._empty()
                 if time.monotonic() - looked >= (RETRY if self._writer is None else LOOK):
@@ -198,7 +198,7 @@ class Recording:
             writer = self._writer
             if writer is not None:
                 writer.abandon()
-                self._pause(because, writer)
+                self._fail(because, writer)
             elif because != self._paused:
                 self._log.error(f"recording pauses: {because}")
                 with self._lock:
@@ -243,7 +243,7 @@ class Recording:
         try:
             action(writer)
         except RecordingError as error:
-            self._pause(str(error), writer)
+            self._fail(str(error), writer)
         else:
             self._confirm(writer)
 
@@ -293,6 +293,16 @@ class Recording:
             return
         self._attempt(self._thinning.look)
 
+    def _fail(self, because: str, writer: BagWriter) -> None:
+        """Pause after a failure; where the file was removed, its removal is the cause and is told."""
+        gone = False
+        with contextlib.suppress(OSError):
+            gone = _is_gone(writer.file)
+        if gone:
+            self._begin_anew(writer)
+        else:
+            self._pause(because, writer)
+
     def _begin_anew(self, writer: BagWriter) -> None:
         """Tell what a removed file took with it, and pause, to begin another."""
         gone = writer.messages
@@ -303,6 +313,7 @@ class Recording:
         with contextlib.suppress(OSError):
             writer.close()
         self._queue.uncertain(writer.written - self._confirmed)
+        self._queue.take_back()
         self._lose("removed files", gone, "the file was removed")
         with self._lock:
             self._writer, self._paused = None, "the recording was removed"
@@ -369,13 +380,11 @@ class Recording:
 
 
 def _is_gone(path: Path) -> bool:
-    """Return whether a file was removed; one that cannot be looked at is not."""
+    """Return whether a file was removed."""
     try:
         path.stat()
     except (FileNotFoundError, NotADirectoryError):
         return True
-    except OSError:
-        return False
     return False
 
 
