@@ -388,7 +388,7 @@ def test_a_part_that_cannot_be_begun_costs_nothing_and_nothing_comes_twice(
     assert one.lost == {}
 
 
-def test_a_removal_that_a_failure_shows_first_is_told_as_a_removal(
+def test_a_removal_that_a_failed_write_shows_first_is_reported_as_a_removal(
     tmp_path: Path, block: MakeBlock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(recording_module, "LOOK", 1e9)  # it never looks by itself before the next part
@@ -406,6 +406,36 @@ def test_a_removal_that_a_failure_shows_first_is_told_as_a_removal(
     kept = sequences(tmp_path / "bag")
     assert kept == list(range(700 - len(kept), 700))
     assert one.lost == {"removed files": 700 - len(kept)}
+
+
+def test_a_recording_that_pauses_rests_between_its_tries(
+    tmp_path: Path, block: MakeBlock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    free, looks, turns, empty = [10**12], [0], [0], Recording._empty
+
+    def look(_: Path) -> int:
+        looks[0] += 1
+        return free[0]
+
+    def turn(recording: Recording) -> None:
+        turns[0] += 1
+        empty(recording)
+
+    monkeypatch.setattr(recording_module, "_free", look)
+    monkeypatch.setattr(recording_module, "RETRY", 0.05)
+    monkeypatch.setattr(Recording, "_empty", turn)
+    one = Recording(tmp_path / "bag", RecordingSettings(TEN_SECONDS, 10**9), Quiet())
+    free[0] = 10**6
+    wait_for(lambda: "minimum_free_space" in one.state.paused)
+    for sequence in range(50):
+        one.put(message(block, sequence))
+    looks[0] = turns[0] = 0
+    wait_for(lambda: looks[0] >= 5)
+    assert turns[0] <= 3 * looks[0]  # it takes thousands where it does not rest
+    free[0] = 10**12
+    wait_for(lambda: one.state.paused == "")
+    assert one.close(60.0)
+    assert sequences(tmp_path / "bag") == list(range(50))
 
 
 def test_old_parts_keep_what_they_tell_without_accelerations(

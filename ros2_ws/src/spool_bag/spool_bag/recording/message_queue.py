@@ -68,7 +68,7 @@ class MessageQueue:
             self._changed.notify()
 
     def wait(self, timeout: float, *, more: bool = False) -> None:
-        """Wait until there is something, or ``more`` than there is, at most ``timeout`` s."""
+        """Wait at most ``timeout`` s until there is a message, or with ``more`` until one is added."""
         with self._changed:
             if more or not self._ahead:
                 self._changed.wait(timeout)
