@@ -294,7 +294,7 @@ class Recording:
         self._attempt(self._thinning.look)
 
     def _fail(self, because: str, writer: BagWriter) -> None:
-        """Pause after a failure, or begin anew where the removal of the file is its cause."""
+        """Pause after a failure, or begin another file where the removal of this one is its cause."""
         gone = False
         with contextlib.suppress(OSError):
             gone = _is_gone(writer.file)
