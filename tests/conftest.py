@@ -34,9 +34,9 @@ PACKAGES = {
     "estimator": "spool_estimator",
     "monitor": "spool_monitor",
     "recorder": "spool_bag",
-    "plots": "spool_bridge",
-    "opcua": "spool_bridge",
-    "adapter": "spool_stream",
+    "plots": "spool_view",
+    "opcua": "spool_view",
+    "adapter": "spool_bag",
 }
 TRANSITIONS = {
     "configure": Transition.TRANSITION_CONFIGURE,

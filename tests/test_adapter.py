@@ -13,6 +13,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import AccelStamped
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu
+from spool_core.block import Block, joined
+from spool_core.node.messages import to_block, to_time
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import phase_of, settings_for
 from spool_estimator.estimators import make_estimator
@@ -20,11 +22,9 @@ from spool_estimator.messages import from_message
 from spool_monitor.monitor import Monitor
 from spool_monitor.replay import Replay
 from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate, ValveHealth
-from spool_node.messages import to_block, to_time
 from spool_sim.excitation.kinds import load_excitation
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
-from spool_stream.block import Block, joined
 from std_msgs.msg import Float64MultiArray
 
 if TYPE_CHECKING:

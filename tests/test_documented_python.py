@@ -25,7 +25,7 @@ BLOCK = re.compile(r"^```python\n(.*?)^```$", re.M | re.S)
 #: Blocks on this page are files; its recipes have tests of their own below.
 CONTRIBUTING = ROOT / "CONTRIBUTING.md"
 #: Its block is a node, which runs until it is ended.
-NODE = PACKAGES / "spool_node" / "README.md"
+NODE = PACKAGES / "spool_core" / "spool_core" / "node" / "README.md"
 PAGES = [
     page
     for page in sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *PACKAGES.glob("*/README.md")])
@@ -209,7 +209,7 @@ def test_each_recipe_is_found_by_its_file(copy: Path) -> None:
             "-c",
             "from spool_sim.terms import TERMS\n"
             "from spool_gap.registry import EFFECTS\n"
-            "from spool_import.formats.format import formats\n"
+            "from spool_bag.importing.formats.format import formats\n"
             "from spool_monitor.detectors import KINDS\n"
             "from spool_tools.console.command_group import command_modules\n"
             "name = 'progressive_stiffness'\n"

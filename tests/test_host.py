@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING
 
 import pytest
 import yaml
+from spool_core.block import Block
+from spool_core.node import qos
+from spool_core.node.messages import from_block, to_block
+from spool_core.node.parameters import rule
 from spool_msgs.msg import AccelerationBlock, ModelEstimate, ValveHealth
-from spool_node import qos
-from spool_node.messages import from_block, to_block
-from spool_node.parameters import rule
 from spool_sim.excitation.presets import PRESETS
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
-from spool_stream.block import Block
 
 if TYPE_CHECKING:
     from .conftest import System, Topic

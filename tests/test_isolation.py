@@ -15,9 +15,9 @@ import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
+from spool_core.errors import InputError
+from spool_core.node import free_domain
 from spool_msgs.msg import AccelerationBlock
-from spool_node import free_domain
-from spool_stream.errors import InputError
 
 if TYPE_CHECKING:
     from .conftest import System

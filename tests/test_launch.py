@@ -221,11 +221,11 @@ def test_two_valves_have_a_namespace_and_nodes_of_their_own_and_share_a_recorder
         ("spool_estimator", "estimator", "estimator", "left"),
         ("spool_monitor", "monitor", "monitor", "left"),
         ("spool_sim", "simulator", "simulator", "left"),
-        ("spool_stream", "adapter", "adapter", "left"),
+        ("spool_bag", "adapter", "adapter", "left"),
         ("spool_estimator", "estimator", "estimator", "plant/right"),
         ("spool_monitor", "monitor", "monitor", "plant/right"),
         ("spool_sim", "simulator", "simulator", "plant/right"),
-        ("spool_stream", "adapter", "adapter", "plant/right"),
+        ("spool_bag", "adapter", "adapter", "plant/right"),
         ("spool_bag", "recorder", "recorder", ""),
     ]
     conditions = [one.condition.predicate.name if one.condition else None for one in made]

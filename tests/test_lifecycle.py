@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from rosgraph_msgs.msg import Clock
+from spool_core.node.messages import nanoseconds, to_time
 from spool_msgs.msg import AccelerationBlock, ModelEstimate, ValveHealth
-from spool_node.messages import nanoseconds, to_time
 
 if TYPE_CHECKING:
     from pathlib import Path

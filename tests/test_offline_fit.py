@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 from spool_bag.reading.reader import BagReader
+from spool_estimator.identification.fit import fit
+from spool_estimator.identification.fit_result import FitSettings
+from spool_estimator.identification.record import records_from_blocks
 from spool_evaluation.studies.estimation import run
 from spool_gap.workflow.analyse import analyse
-from spool_identification.fit import fit
-from spool_identification.fit_result import FitSettings
-from spool_identification.record import records_from_blocks
 from spool_sim.model import MODELS
 from spool_sim.valve.description import find_valve
 

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 from spool_bag.reading.reader import BagReader
+from spool_core.quantity import Validity
 from spool_estimator.estimate import State
 from spool_estimator.estimator import Estimator
 from spool_estimator.stream_estimator import EstimatorSettings
-from spool_stream.quantity import Validity
 
 BAGS = Path(__file__).resolve().parent.parent / "bags"
 ROW = re.compile(

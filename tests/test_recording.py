@@ -27,10 +27,10 @@ from sensor_msgs.msg import Temperature
 from spool_bag.reading.reader import BagReader
 from spool_bag.recording.recovery import recover
 from spool_bag.recording.verification import verify
+from spool_core.block import Block
+from spool_core.node import qos
+from spool_core.node.messages import from_block
 from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate, ValveDescription
-from spool_node import qos
-from spool_node.messages import from_block
-from spool_stream.block import Block
 
 PERIOD = 0.0005
 SIZE = 40

@@ -15,18 +15,18 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from spool_bag.reading.reader import BagReader
+from spool_core.block import Block
+from spool_core.block_gate import Fault
+from spool_core.node import qos
+from spool_core.node.messages import from_block, nanoseconds
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import phase_of
 from spool_estimator.messages import from_message
 from spool_monitor.replay import Replay
 from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate
-from spool_node import qos
-from spool_node.messages import from_block, nanoseconds
 from spool_sim.excitation.kinds import load_excitation
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
-from spool_stream.block import Block
-from spool_stream.block_gate import Fault
 from spool_tools.input.bag_valve import recorded_valve
 from spool_tools.operations.record_replay import replay_valve
 

@@ -17,10 +17,10 @@ from spool_bag.reading.reader import BagReader
 from spool_bag.recording.recovery import RecoveryResult, recover
 from spool_bag.recording.verification import verify
 from spool_bag.recording.writer import BagWriter, PartLimits
+from spool_core.block import Block
+from spool_core.errors import InputError
+from spool_core.format.cdr import encode_block
 from spool_monitor.history.state_file import StateFile
-from spool_stream.block import Block
-from spool_stream.errors import InputError
-from spool_stream.format.cdr import encode_block
 
 from .outcome import Outcome
 

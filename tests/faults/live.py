@@ -22,10 +22,10 @@ from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from spool_bag.reading.reader import BagReader
 from spool_bag.recording.existing_parts import numbered
+from spool_core.block import Block
+from spool_core.node import qos
+from spool_core.node.messages import from_block
 from spool_msgs.msg import AccelerationBlock
-from spool_node import qos
-from spool_node.messages import from_block
-from spool_stream.block import Block
 
 from . import disk
 from .disk import Disk

@@ -18,5 +18,11 @@ setup(
     maintainer_email="maintainers@spool-suite.org",
     description="Recording to MCAP, reading, import and export of records, and the recorder node.",
     license="Apache-2.0",
-    entry_points={"console_scripts": ["recorder = spool_bag.program:main"]},
+    entry_points={
+        "console_scripts": [
+            "recorder = spool_bag.program:main",
+            "adapter = spool_bag.adapter.program:main",
+        ],
+        "spool.sources": ["adapter = spool_bag.adapter.adapter_node:AdapterNode"],
+    },
 )

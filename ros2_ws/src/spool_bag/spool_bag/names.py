@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 

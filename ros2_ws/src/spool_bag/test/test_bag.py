@@ -23,9 +23,9 @@ from spool_bag.reading.information import describe
 from spool_bag.reading.reader import WINDOW, BagReader
 from spool_bag.recording.recovery import recover
 from spool_bag.recording.writer import BagWriter
-from spool_stream.block import Block
-from spool_stream.errors import InputError
-from spool_stream.format.cdr import OilTemperature, encode_block, encode_temperature
+from spool_core.block import Block
+from spool_core.errors import InputError
+from spool_core.format.cdr import OilTemperature, encode_block, encode_temperature
 
 TOPIC = "/valve_1/acceleration"
 MakeBlock = Callable[..., Block]
@@ -381,10 +381,10 @@ def test_information_counts_losses_and_refusals(tmp_path: Path, block: MakeBlock
 
 FILL = """
 import resource, sys
-from spool_stream.format.cdr import encode_block
+from spool_core.format.cdr import encode_block
 from spool_bag.format.definitions import ACCELERATION_BLOCK
 from spool_bag.recording.writer import BagWriter, RecordingError
-from spool_stream.block import Block
+from spool_core.block import Block
 import numpy as np
 resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
 writer = BagWriter(sys.argv[1], flush_interval=0.0)

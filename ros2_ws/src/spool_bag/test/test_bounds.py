@@ -23,9 +23,9 @@ from spool_bag.reading.reader import BagReader
 from spool_bag.recording.recovery import recover
 from spool_bag.recording.writer import BagWriter
 from spool_bag.tables.export import export_bag
-from spool_stream.block import Block
-from spool_stream.errors import InputError
-from spool_stream.format.cdr import encode_block
+from spool_core.block import Block
+from spool_core.errors import InputError
+from spool_core.format.cdr import encode_block
 
 MakeBlock = Callable[..., Block]
 

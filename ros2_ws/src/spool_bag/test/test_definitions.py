@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE, definition, starts_with_header
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 OURS = [
     f"spool_msgs/msg/{name}" for name in ("AccelerationBlock", "ModelEstimate", "ValveHealth", "HealthEvent")

@@ -22,9 +22,9 @@ from spool_bag.recording.signing import make_keys, signer
 from spool_bag.recording.thinning import older, thin
 from spool_bag.recording.verification import verify
 from spool_bag.recording.writer import BagWriter, PartLimits
-from spool_stream.block import Block
-from spool_stream.errors import InputError
-from spool_stream.format.cdr import encode_block
+from spool_core.block import Block
+from spool_core.errors import InputError
+from spool_core.format.cdr import encode_block
 
 MakeBlock = Callable[..., Block]
 KIND = "std_msgs/msg/String"

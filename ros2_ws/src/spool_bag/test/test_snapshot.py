@@ -20,8 +20,8 @@ from spool_bag.recording.snapshot import (
 )
 from spool_bag.recording.snapshot_writer import SnapshotWriter
 from spool_bag.recording.writer import BagWriter, PartLimits
-from spool_stream.block import Block
-from spool_stream.format.cdr import encode_block
+from spool_core.block import Block
+from spool_core.format.cdr import encode_block
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

@@ -13,15 +13,15 @@ import yaml
 from mcap.reader import make_reader
 from spool_bag.reading.reader import BagReader
 from spool_bag.recording.writer import BagWriter
-from spool_stream.errors import InputError
-from spool_stream.files.staging import leftovers, staged
+from spool_core.errors import InputError
+from spool_core.files.staging import leftovers, staged
 
 WRITE = """
 import sys
-from spool_stream.format.cdr import encode_block
+from spool_core.format.cdr import encode_block
 from spool_bag.format.definitions import ACCELERATION_BLOCK
 from spool_bag.recording.writer import BagWriter
-from spool_stream.block import Block
+from spool_core.block import Block
 import numpy as np
 samples = np.zeros(40, np.float32)
 try:

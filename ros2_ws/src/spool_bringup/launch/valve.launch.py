@@ -13,8 +13,8 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import LifecycleNode, Node
 from launch_ros.parameter_descriptions import ParameterValue
 from spool_bringup.host.valve_list import read_valves
-from spool_node.parameters import refuse_other_files, rule
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
+from spool_core.node.parameters import refuse_other_files, rule
 
 SHARE = Path(get_package_share_directory("spool_bringup"))
 
@@ -162,7 +162,7 @@ def _nodes(context) -> list:
             ("spool_estimator", "estimator", own, None),
             ("spool_monitor", "monitor", kept, None),
             ("spool_sim", "simulator", own, IfCondition(LaunchConfiguration("simulate"))),
-            ("spool_stream", "adapter", {}, IfCondition(LaunchConfiguration("adapt"))),
+            ("spool_bag", "adapter", {}, IfCondition(LaunchConfiguration("adapt"))),
         ):
             if executable in hosted:
                 continue

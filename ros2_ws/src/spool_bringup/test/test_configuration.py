@@ -13,11 +13,11 @@ from typing import Any
 
 import pytest
 import yaml
-from spool_adapter.adapter_node import AdapterNode
+from spool_bag.adapter.adapter_node import AdapterNode
 from spool_bag.recording.recorder_node import RecorderNode
+from spool_core.node.managed_node import AUTOSTART, ManagedNode
 from spool_estimator.node.estimator_node import EstimatorNode
 from spool_monitor.node.monitor_node import MonitorNode
-from spool_node.managed_node import AUTOSTART, ManagedNode
 from spool_sim.simulator_node import SimulatorNode
 from spool_sim.valve.description import find_valve
 
@@ -76,7 +76,7 @@ def test_the_manual_holds_these_nodes_and_no_others() -> None:
 START_NODES = """
 import json, sys
 import rclpy
-from spool_adapter.adapter_node import AdapterNode
+from spool_bag.adapter.adapter_node import AdapterNode
 from spool_bag.recording.recorder_node import RecorderNode
 from spool_estimator.node.estimator_node import EstimatorNode
 from spool_monitor.node.monitor_node import MonitorNode

@@ -17,7 +17,7 @@ EXECUTABLES = {
     "spool_bag": "recorder",
     "spool_bringup": "spool",
 }
-PACKAGES = (*EXECUTABLES, "spool_msgs", "spool_node", "spool_stream")
+PACKAGES = (*EXECUTABLES, "spool_core", "spool_gap", "spool_msgs", "spool_view")
 
 
 @pytest.mark.parametrize("package", PACKAGES)

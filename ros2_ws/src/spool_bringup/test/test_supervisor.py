@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from spool_bringup.host.first_list import FirstList
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 #: Each process says its number and its identifier, then beats until a signal ends it, or as its number says.
 PROGRAM = """

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_stream.block import Samples
-from spool_stream.kernels.standing import StandingWatch
-from spool_stream.quantity import Quantity
+from spool_core.block import Samples
+from spool_core.kernels.standing import StandingWatch
+from spool_core.quantity import Quantity
 
 from spool_estimator.recursion.conditioning import (
     BODY,

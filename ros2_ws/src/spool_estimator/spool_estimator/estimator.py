@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from spool_identification.oil import oil_law
+from spool_core.block import Samples
+from spool_core.kernels.standing import StandingWatch
+from spool_core.quantity import Quantity, Validity
 from spool_sim.valve.description import Valve
-from spool_stream.block import Samples
-from spool_stream.kernels.standing import StandingWatch
-from spool_stream.quantity import Quantity, Validity
 
+from spool_estimator.identification.oil import oil_law
 from spool_estimator.motion.prediction import DELAY
 from spool_estimator.recursion.recursive import RecursiveLeastSquares
 from spool_estimator.recursion.sliding import SlidingLeastSquares

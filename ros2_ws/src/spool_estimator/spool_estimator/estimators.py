@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 from .equation_estimator import EquationEstimator
 from .estimator import Estimator

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from spool_core.node.messages import from_quantity, nanoseconds, to_quantity, to_time
 from spool_msgs.msg import ModelEstimate, WindowRefit
-from spool_node.messages import from_quantity, nanoseconds, to_quantity, to_time
 
 from .estimate import Estimate, State
 from .refit import Refit

@@ -13,12 +13,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from spool_identification.record import Record
+from spool_core.block import Block
+from spool_core.errors import InputError
+from spool_core.uncertainty import Z_95, compared
 from spool_sim.valve.description import FILM, Valve
 from spool_sim.valve.viscosity import OILS
-from spool_stream.block import Block
-from spool_stream.errors import InputError
-from spool_stream.uncertainty import Z_95, compared
+
+from spool_estimator.identification.record import Record
 
 from .estimate import Estimate, State
 from .estimator import settings_for

@@ -13,14 +13,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from spool_identification.fit_result import Fit, FitSettings
-from spool_identification.record import Record
+from spool_core.block import Block, Samples
+from spool_core.block_gate import BlockGate, Verdict
+from spool_core.kernels.outliers import OutlierFilter
+from spool_core.quantity import Quantity, Validity
 from spool_sim.model import Model
 from spool_sim.valve.description import Valve
-from spool_stream.block import Block, Samples
-from spool_stream.block_gate import BlockGate, Verdict
-from spool_stream.kernels.outliers import OutlierFilter
-from spool_stream.quantity import Quantity, Validity
+
+from spool_estimator.identification.fit_result import Fit, FitSettings
+from spool_estimator.identification.record import Record
 
 from .estimate import Estimate, State
 
@@ -164,7 +165,7 @@ def refit(task: WindowTask) -> Refit:
     nothing = Refit(task.stamp, settings.model.name, RefitState.FAILED, task.idle, task.last_sequence, window)
     if task.idle:
         return nothing
-    from spool_identification.fit import fit  # noqa: PLC0415 - who only collects windows needs no scipy
+    from spool_estimator.identification.fit import fit  # noqa: PLC0415 - who only collects windows needs no scipy
 
     found = fit(
         [task.record], settings.model, settings.valve, FitSettings(start=task.start, window=window, starts=1)

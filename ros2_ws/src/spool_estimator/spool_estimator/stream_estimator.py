@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_identification.oil import OilLaw, OilReference
-from spool_stream.block import Block, Samples
-from spool_stream.block_gate import BlockGate, Fault, Verdict
-from spool_stream.kernels.outliers import OutlierFilter
-from spool_stream.kernels.standing import StandingWatch
-from spool_stream.quantity import Quantity, Validity
+from spool_core.block import Block, Samples
+from spool_core.block_gate import BlockGate, Fault, Verdict
+from spool_core.kernels.outliers import OutlierFilter
+from spool_core.kernels.standing import StandingWatch
+from spool_core.quantity import Quantity, Validity
+
+from spool_estimator.identification.oil import OilLaw, OilReference
 
 from .estimate import Estimate, State
 from .last_good import LATE, LastGood

@@ -8,13 +8,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from spool_core.block import joined
+from spool_core.kernels.standing import StandingWatch
 from spool_sim.excitation.presets import PRESETS
 from spool_sim.integration.composed_motion import ComposedMotion
 from spool_sim.model import load_model
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
-from spool_stream.block import joined
-from spool_stream.kernels.standing import StandingWatch
 
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.motion.prediction import Prediction

@@ -40,7 +40,7 @@ ROS = (
     "rcl_interfaces",
     "builtin_interfaces",
     "diagnostic_msgs",
-    "spool_node",
+    "spool_core.node",
 )
 
 

@@ -11,6 +11,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from spool_core.block import Block
+from spool_core.block_gate import Fault
+from spool_core.quantity import Validity
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.stream_estimator import EstimatorSettings
@@ -19,9 +22,6 @@ from spool_sim.excitation.presets import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
-from spool_stream.block import Block
-from spool_stream.block_gate import Fault
-from spool_stream.quantity import Validity
 
 NOISE = 0.03
 SETTINGS = EstimatorSettings(0.18)

@@ -16,6 +16,9 @@ import pytest
 import spool_estimator
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from spool_core.block import Block
+from spool_core.block_gate import STALE
+from spool_core.quantity import Validity
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimators import ESTIMATORS
 from spool_estimator.stream_estimator import EstimatorSettings, StreamEstimator
@@ -24,9 +27,6 @@ from spool_sim.excitation.presets import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
-from spool_stream.block import Block
-from spool_stream.block_gate import STALE
-from spool_stream.quantity import Validity
 
 Make = Callable[[EstimatorSettings], StreamEstimator]
 

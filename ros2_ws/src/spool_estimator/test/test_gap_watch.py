@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from spool_core.block import Block
+from spool_core.quantity import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.gap_requests.gap_watch import LEARNED, GapChange, GapWatch
 from spool_estimator.gap_requests.gap_worker import RecentBlocks
-from spool_stream.block import Block
-from spool_stream.quantity import Quantity, Validity
 
 SECOND = 1_000_000_000
 

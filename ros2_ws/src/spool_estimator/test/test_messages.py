@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
+from spool_core.errors import InputError
 from spool_estimator.estimate import State
 from spool_estimator.estimator import Estimator
 from spool_estimator.messages import from_message, to_message
@@ -11,7 +12,6 @@ from spool_msgs.msg import ModelEstimate, ValveDescription
 from spool_sim.excitation.presets import PRESETS
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
-from spool_stream.errors import InputError
 
 
 @pytest.mark.parametrize("state", State)

@@ -4,14 +4,14 @@ import math
 from dataclasses import replace
 
 import pytest
+from spool_core.quantity import Quantity, Validity
 from spool_estimator.estimate import Estimate
 from spool_estimator.estimator import Estimator, settings_for
-from spool_identification.oil import LAG, LONGEST_AGE, USUAL_DEVIATION, OilReference, oil_law
+from spool_estimator.identification.oil import LAG, LONGEST_AGE, USUAL_DEVIATION, OilReference, oil_law
 from spool_sim.excitation.presets import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import DEFAULT_START_STAMP, Simulator
 from spool_sim.valve.description import find_valve
-from spool_stream.quantity import Quantity, Validity
 
 VALVE = find_valve("4weh10_soft")
 VISCOUS = Quantity("viscous_coefficient", "N s/m", 4.0, 0.01, Validity.VALID)

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from spool_estimator.identification.record import Record
 from spool_estimator.plausibility import check_records
-from spool_identification.record import Record
 from spool_sim.excitation.broadband import Multisine
 from spool_sim.excitation.sines import Standstill
 from spool_sim.sensors import Sensor

@@ -10,6 +10,8 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from spool_core.block import Block
+from spool_core.quantity import Validity
 from spool_estimator.estimate import State
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.refit import Refit, RefitSettings, RefitState, WindowRefits, WindowTask, refit
@@ -21,8 +23,6 @@ from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
-from spool_stream.block import Block
-from spool_stream.quantity import Validity
 
 VALVE = find_valve("4weh10_soft")
 SETTINGS = RefitSettings(VALVE, MODELS["coulomb"], period=3.0)

@@ -9,9 +9,9 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
+from spool_core.errors import InputError
+from spool_core.kernels.processors import processors
 from spool_sim.valve.description import find_valve
-from spool_stream.errors import InputError
-from spool_stream.kernels.processors import processors
 from spool_tools.console.progress import progress
 from spool_tools.console.version import suite_version
 

@@ -22,7 +22,7 @@ from spool_fleet.trends.table import write_trends
 
 from .conftest import simulated_bag
 
-AXE = Path(__file__).parents[2] / "spool_web" / "test" / "vendor" / "axe.min.js.gz"
+AXE = Path(__file__).parents[2] / "spool_view" / "test" / "web" / "vendor" / "axe.min.js.gz"
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 #: Nothing that the browser asks for by itself may be found.
 FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--host-resolver-rules=MAP * ~NOTFOUND"]

@@ -14,8 +14,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
-from spool_identification.nuisances.nuisance import Nuisance
-from spool_identification.record import Record
+from spool_estimator.identification.nuisances.nuisance import Nuisance
+from spool_estimator.identification.record import Record
 
 from spool_gap.effect import Array
 from spool_gap.sensor_effect import SensorEffect

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from spool_identification.nuisances.record_nuisance import RecordNuisance
-from spool_stream.discovery import classes_in
-from spool_stream.errors import InputError
+from spool_core.discovery import classes_in
+from spool_core.errors import InputError
+from spool_estimator.identification.nuisances.record_nuisance import RecordNuisance
 
 from .chain_effect import ChainEffect
 from .effect import Effect
@@ -16,7 +16,7 @@ CHAIN: dict[str, ChainEffect] = {
 #: Nuisances that a record shows without a model, in the order in which they are looked for.
 RECORD_NUISANCES: tuple[RecordNuisance, ...] = tuple(
     sorted(
-        (entry() for entry in classes_in("spool_identification.nuisances", RecordNuisance)),
+        (entry() for entry in classes_in("spool_estimator.identification.nuisances", RecordNuisance)),
         key=lambda entry: entry.order,
     )
 )

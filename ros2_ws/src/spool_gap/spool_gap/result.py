@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_identification.nuisances.nuisance import Nuisance
+from spool_core.quantity import Quantity
+from spool_estimator.identification.nuisances.nuisance import Nuisance
 from spool_sim.model import Model
-from spool_stream.quantity import Quantity
 
 from spool_gap.profile_likelihood import ProfileLikelihood
 

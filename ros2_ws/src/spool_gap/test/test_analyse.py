@@ -7,17 +7,17 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from spool_core.errors import InputError
+from spool_estimator.identification.record import Record
 from spool_gap.report.serialisation import result_to_dict
 from spool_gap.result import GapResult, GapSettings
 from spool_gap.workflow.analyse import analyse
 from spool_gap.workflow.preparation import given_by
-from spool_identification.record import Record
 from spool_sim.excitation.kinds import SweptSine
 from spool_sim.model import MODELS, model_from_mapping
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
-from spool_stream.errors import InputError
 
 VALVE = find_valve("4weh10_soft").model_copy(update={"dynamic_viscosity": 0.03})
 SWEEP = SweptSine(start_frequency=6.0, stop_frequency=80.0, duration=8.0, amplitude=9.0)

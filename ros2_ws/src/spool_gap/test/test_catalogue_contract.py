@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from spool_core.errors import InputError
+from spool_estimator.identification.record import Record, records_from_blocks
 from spool_gap.effect import Effect, Motion
 from spool_gap.fitting.hypothesis import Fitting
 from spool_gap.registry import EFFECTS, effect
@@ -20,7 +22,6 @@ from spool_gap.simulation.shooting import pieces_of
 from spool_gap.simulation.simulate import Simulation
 from spool_gap.thresholds import THRESHOLDS
 from spool_gap.workflow.preparation import motions_for
-from spool_identification.record import Record, records_from_blocks
 from spool_sim.excitation.kinds import SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
 from spool_sim.model import MODELS, Model
@@ -28,7 +29,6 @@ from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.terms import Parameter, term
 from spool_sim.valve.description import find_valve
-from spool_stream.errors import InputError
 
 CONTRACT = {
     "coulomb_friction", "stribeck_friction", "mixed_friction", "asymmetric_friction", "presliding_friction",

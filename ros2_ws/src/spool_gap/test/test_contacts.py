@@ -6,6 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from spool_estimator.identification.record import Record
 from spool_gap.result import GapSettings
 from spool_gap.selection.windows import median_share
 from spool_gap.simulation.contact_free import bridged, contact_free_segments, without_hits
@@ -13,7 +14,6 @@ from spool_gap.simulation.contacts import Contacts, find_contacts
 from spool_gap.simulation.segments import Stretch, stretches_of
 from spool_gap.simulation.shooting import RUN_IN
 from spool_gap.workflow.analyse import analyse
-from spool_identification.record import Record
 from spool_sim.excitation.kinds import SweptSine
 from spool_sim.model import MODELS, Model
 from spool_sim.sensors import Sensor

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from spool_estimator.identification.record import records_from_blocks
 from spool_gap.fitting.hypothesis import Fitting
 from spool_gap.result import GapSettings
 from spool_gap.simulation.batches import steps_a_sample
@@ -13,7 +14,6 @@ from spool_gap.simulation.shooting import pieces_of
 from spool_gap.simulation.simulate import Simulation
 from spool_gap.simulation.switchable import SwitchableMotion
 from spool_gap.workflow.preparation import motions_for
-from spool_identification.record import records_from_blocks
 from spool_sim.excitation.kinds import SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
 from spool_sim.integration.step_size import half_step_times

@@ -5,12 +5,12 @@ import json
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from spool_core.errors import InputError
 from spool_gap.catalogue.presliding_friction import dahl_state
 from spool_gap.force.force_analyse import analyse_forces
 from spool_gap.force.force_record import ForceRecord
 from spool_gap.report.serialisation import result_to_dict
 from spool_sim.model import MODELS
-from spool_stream.errors import InputError
 
 PERIOD = 0.005
 Array = NDArray[np.float64]

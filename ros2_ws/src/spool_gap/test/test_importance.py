@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from spool_estimator.identification.record import Record
 from spool_gap.result import GapSettings
 from spool_gap.workflow.analyse import analyse
-from spool_identification.record import Record
 from spool_sim.excitation.kinds import SweptSine
 from spool_sim.model import MODELS, Model
 from spool_sim.sensors import Sensor

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from spool_estimator.identification.record import Record
 from spool_gap.result import GapResult
 from spool_gap.workflow.analyse import analyse
-from spool_identification.record import Record
 from spool_sim.excitation.kinds import SweptSine
 from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from spool_estimator.identification.record import Record
 from spool_gap.registry import CHAIN, RECORD_NUISANCES
 from spool_gap.result import GapResult
 from spool_gap.workflow.analyse import analyse
-from spool_identification.record import Record
 from spool_sim.excitation.kinds import SweptSine
 from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor

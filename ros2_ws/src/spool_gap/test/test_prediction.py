@@ -8,13 +8,13 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from spool_estimator.identification.record import Record
+from spool_estimator.identification.signals.zero_phase import delayed
 from spool_gap.likelihood.chain_part import CHAIN_PARTS, inverse
 from spool_gap.likelihood.prediction import Prediction, Structure, structure_of
 from spool_gap.likelihood.readings import readings_of
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
 from spool_gap.workflow.preparation import motions_for
-from spool_identification.record import Record
-from spool_identification.signals.zero_phase import delayed
 from spool_sim.excitation.kinds import SweptSine
 from spool_sim.model import MODELS, Model
 from spool_sim.sensors import Sensor

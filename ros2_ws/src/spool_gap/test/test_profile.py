@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from spool_estimator.identification.record import Record
 from spool_gap.force.force_analyse import analyse_forces
 from spool_gap.force.force_record import ForceRecord
 from spool_gap.profile_likelihood import RISE_95, verdict_of
 from spool_gap.result import GapSettings
 from spool_gap.workflow.analyse import analyse
-from spool_identification.record import Record
 from spool_sim.excitation.kinds import SweptSine
 from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor

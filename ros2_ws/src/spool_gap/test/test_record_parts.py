@@ -6,10 +6,10 @@ import tracemalloc
 from collections.abc import Iterator
 
 import numpy as np
+from spool_core.block import Block
+from spool_estimator.identification.record import records_from_blocks
+from spool_estimator.identification.record_parts import PART, PartKeeper
 from spool_gap.checks.conditions import usable
-from spool_identification.record import records_from_blocks
-from spool_identification.record_parts import PART, PartKeeper
-from spool_stream.block import Block
 
 PERIOD = 1e-3
 SIZE = 100

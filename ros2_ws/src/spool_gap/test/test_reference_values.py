@@ -17,12 +17,16 @@ from typing import cast
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from spool_estimator.identification.record import Record
+from spool_estimator.identification.signals.zero_phase import (
+    ZeroPhase,
+    interval_mean_response,
+    relative_motion,
+)
 from spool_gap.chain_effect import ChainEffect
 from spool_gap.effect import Motion, scan
 from spool_gap.registry import EFFECTS
 from spool_gap.sensor_effect import SensorEffect
-from spool_identification.record import Record
-from spool_identification.signals.zero_phase import ZeroPhase, interval_mean_response, relative_motion
 
 Array = NDArray[np.float64]
 

@@ -7,13 +7,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from spool_estimator.identification.record import records_from_blocks
 from spool_gap.screening.remainder import PredictableShares, remainder
 from spool_gap.simulation.point import Point
 from spool_gap.simulation.response import responses
 from spool_gap.simulation.segments import stretches_of
 from spool_gap.simulation.simulate import Simulation
 from spool_gap.workflow.preparation import motions_for
-from spool_identification.record import records_from_blocks
 from spool_sim.excitation.kinds import SweptSine
 from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from spool_estimator.identification.record import Record
 from spool_gap.registry import EFFECTS
 from spool_gap.selection.evidence import in_windows
 from spool_gap.selection.windows import trimmed_sum
 from spool_gap.simulation.segments import Stretch, span_of
 from spool_gap.stages.sliding_laws import too_far
 from spool_gap.thresholds import THRESHOLDS
-from spool_identification.record import Record
 
 FEWEST, BY_CHANCE = int(THRESHOLDS.fewest_windows), THRESHOLDS.by_chance
 WINDOWS = st.integers(FEWEST, 60)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from spool_estimator.identification.record import records_from_blocks
 from spool_gap.fitting.hypothesis import Fitting
 from spool_gap.fitting.synchronised import following, synchronised_simulation, synchronised_start
 from spool_gap.result import GapSettings
@@ -15,7 +16,6 @@ from spool_gap.simulation.segments import Stretch, stretches_of
 from spool_gap.simulation.shooting import pieces_of
 from spool_gap.simulation.simulate import Simulation
 from spool_gap.workflow.preparation import motions_for
-from spool_identification.record import records_from_blocks
 from spool_sim.excitation.kinds import SteppedSine
 from spool_sim.model import MODELS, model_from_mapping
 from spool_sim.sensors import Sensor

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 
+from spool_core.block import Block
 from spool_estimator.estimate import Estimate
-from spool_stream.block import Block
 
 from spool_monitor.detectors import CHANNELS, ESTIMATE, LINE, SIGNALS, Detector, Judgement, Moment, detectors
 from spool_monitor.detectors.not_judged import BLIND, NotJudged

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from spool_core.block import Block
+from spool_core.block_gate import BlockGate, Fault, Verdict
+from spool_core.kernels.outliers import OutlierFilter
+from spool_core.quantity import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
-from spool_stream.block import Block
-from spool_stream.block_gate import BlockGate, Fault, Verdict
-from spool_stream.kernels.outliers import OutlierFilter
-from spool_stream.quantity import Quantity, Validity
 
 from spool_monitor.detectors import check_settings
 from spool_monitor.detectors.data_fault import DataFaultWatch

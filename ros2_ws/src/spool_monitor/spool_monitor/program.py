@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from spool_node.program import start
+from spool_core.node.program import start
 
 
 def main() -> int:

@@ -6,14 +6,14 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
+from spool_core.block import Block
+from spool_core.block_gate import BlockGate, SharedGate
+from spool_core.block_run import BlockRun
 from spool_estimator.estimate import Estimate
 from spool_estimator.gap_requests.gap_watch import GapWatch
 from spool_estimator.plausibility import ValveCheck
 from spool_estimator.refit import Refit, WindowRefits, refit
 from spool_estimator.stream_estimator import StreamEstimator
-from spool_stream.block import Block
-from spool_stream.block_gate import BlockGate, SharedGate
-from spool_stream.block_run import BlockRun
 
 from spool_monitor.detectors.model_gap import gap_event
 from spool_monitor.events.event import Event, EventState

@@ -6,8 +6,8 @@ Run as ``python -m spool_monitor.warm_up``; the kernels of simulator and estimat
 from __future__ import annotations
 
 import numpy as np
+from spool_core.block import Block
 from spool_estimator.warm_up import warm_up
-from spool_stream.block import Block
 
 from spool_monitor.detectors import MonitorSettings
 from spool_monitor.detectors.stuck_spool import due_power

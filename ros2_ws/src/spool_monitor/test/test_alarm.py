@@ -9,6 +9,7 @@ from dataclasses import replace
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from spool_core.quantity import Quantity
 from spool_monitor.alarms.alarm import (
     Action,
     Alarm,
@@ -29,7 +30,6 @@ from spool_monitor.alarms.alarm import (
 from spool_monitor.detectors import event_kind
 from spool_monitor.events.event import Event, EventState, Severity
 from spool_monitor.events.event_kind import Namur
-from spool_stream.quantity import Quantity
 
 SECOND = 1_000_000_000
 NOW = 100 * SECOND

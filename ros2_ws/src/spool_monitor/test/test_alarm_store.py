@@ -7,14 +7,14 @@ from dataclasses import replace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from spool_core.errors import InputError
+from spool_core.quantity import Quantity
 from spool_monitor.alarms.alarm import AlarmRefusedError, AlarmState, Operator
 from spool_monitor.alarms.alarm_store import AlarmStore
 from spool_monitor.detectors import event_kind
 from spool_monitor.events.condition import Condition, Finding
 from spool_monitor.events.event import Event, EventState, Severity
 from spool_monitor.events.event_kind import Namur
-from spool_stream.errors import InputError
-from spool_stream.quantity import Quantity
 
 SECOND = 1_000_000_000
 CONDITIONS = (

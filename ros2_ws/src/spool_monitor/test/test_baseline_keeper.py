@@ -8,6 +8,8 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from spool_core.errors import InputError
+from spool_core.quantity import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 from spool_monitor.alarms.alarm import AlarmRefusedError, Operator
 from spool_monitor.detection import Detection
@@ -15,8 +17,6 @@ from spool_monitor.detectors import MonitorSettings
 from spool_monitor.drift.baseline import HealthyValue
 from spool_monitor.history.baseline_keeper import KEPT, BaselineKeeper, healthy_values, relearn, take_up
 from spool_monitor.history.baseline_record import BaselineRecord, BaselineStage
-from spool_stream.errors import InputError
-from spool_stream.quantity import Quantity, Validity
 
 SECOND = 1_000_000_000
 EVA = Operator("Eva", 5, "looks good")

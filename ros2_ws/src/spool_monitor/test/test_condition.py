@@ -5,12 +5,12 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from spool_core.quantity import Quantity
+from spool_core.text.sentence import Account
 from spool_monitor.detectors import KINDS, event_kind
 from spool_monitor.events.condition import Condition, Finding
 from spool_monitor.events.event import Event, EventState, Severity
 from spool_monitor.events.event_kind import EventCause, EventKind
-from spool_stream.quantity import Quantity
-from spool_stream.text.sentence import Account
 
 SECOND = 1_000_000_000
 NOTHING = Quantity("amplification", "1")

@@ -36,7 +36,7 @@ ROS = (
     "rcl_interfaces",
     "builtin_interfaces",
     "diagnostic_msgs",
-    "spool_node",
+    "spool_core.node",
 )
 
 

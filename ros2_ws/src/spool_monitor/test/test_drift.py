@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from spool_core.quantity import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 from spool_monitor.drift.baseline import Baseline
 from spool_monitor.drift.parameter_drift import ALLOWANCE, ParameterDrift
 from spool_monitor.events.event import Severity
-from spool_stream.quantity import Quantity, Validity
 
 SECOND = 1_000_000_000
 

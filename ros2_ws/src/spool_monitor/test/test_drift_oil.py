@@ -4,6 +4,7 @@ import math
 import re
 
 import pytest
+from spool_core.quantity import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.detectors import MonitorSettings
@@ -16,7 +17,6 @@ from spool_sim.excitation.presets import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
-from spool_stream.quantity import Quantity, Validity
 
 VALVE = find_valve("4weh10_soft")
 

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from spool_core.block import Block
+from spool_core.errors import InputError
 from spool_monitor.detectors import MonitorSettings
 from spool_monitor.detectors.settings import NATURAL_FREQUENCY
 from spool_monitor.events.event import EventState
 from spool_monitor.monitor import Monitor
-from spool_stream.block import Block
-from spool_stream.errors import InputError
 
 RATE, SIZE = 1000, 100
 

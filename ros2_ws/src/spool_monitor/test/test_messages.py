@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
+from spool_core.node.managed_node import AUTOSTART
+from spool_core.quantity import Quantity, Validity
 from spool_monitor.detectors import Judgement
 from spool_monitor.events.event import Event, EventState, Severity
 from spool_monitor.health import BaselineState, Health, HealthLevel
@@ -14,8 +16,6 @@ from spool_monitor.monitor import Monitor
 from spool_monitor.node.messages import to_event_message, to_health_message
 from spool_monitor.node.monitor_node import MonitorNode
 from spool_msgs.msg import HealthEvent, ValveHealth
-from spool_node.managed_node import AUTOSTART
-from spool_stream.quantity import Quantity, Validity
 
 
 def constants(message: type, prefix: str) -> dict[str, int]:

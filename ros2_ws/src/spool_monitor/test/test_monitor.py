@@ -10,6 +10,8 @@ from itertools import islice
 
 import numpy as np
 import pytest
+from spool_core.block import Block
+from spool_core.quantity import Validity
 from spool_estimator.estimate import State
 from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.detectors import Judgement, MonitorSettings
@@ -23,8 +25,6 @@ from spool_sim.excitation.presets import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
-from spool_stream.block import Block
-from spool_stream.quantity import Validity
 
 NOISY = Sensor(noise=0.05)
 START = 1_700_000_000_000_000_000

@@ -7,6 +7,8 @@ import re
 
 import numpy as np
 import pytest
+from spool_core.quantity import Quantity
+from spool_core.text.sentence import Account
 from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.detectors import KINDS, MonitorSettings
 from spool_monitor.drift.outlook import Outlook
@@ -19,8 +21,6 @@ from spool_sim.excitation.presets import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
-from spool_stream.quantity import Quantity
-from spool_stream.text.sentence import Account
 
 SECOND = 1_000_000_000
 MEMORY = 4.0

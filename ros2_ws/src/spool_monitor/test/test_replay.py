@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from spool_core.block import Block
+from spool_core.block_run import BlockRun
 from spool_estimator.estimate import Estimate
 from spool_estimator.estimator import settings_for
 from spool_estimator.estimators import ESTIMATORS, make_estimator
@@ -22,8 +24,6 @@ from spool_sim.model import model_from_mapping
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
-from spool_stream.block import Block
-from spool_stream.block_run import BlockRun
 
 VALVE = find_valve("4weh10_soft")
 SETTINGS = MonitorSettings(natural_frequency=VALVE.natural_frequency, baseline_time=2.0)

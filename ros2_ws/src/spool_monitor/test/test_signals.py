@@ -7,14 +7,14 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from spool_identification.signals.clipping import DEPTHS, FLATTER, flat_top
+from spool_core.block import Block
+from spool_estimator.identification.signals.clipping import DEPTHS, FLATTER, flat_top
 from spool_monitor.detection import configured
 from spool_monitor.detectors.sensor_dead import FOLLOWS, due_powers
 from spool_monitor.detectors.stuck_spool import due_power
 from spool_monitor.signals.channel_signals import Signals, levels, look, spectra
 from spool_monitor.signals.response import ResponseTracker, ValveResponse, descend, transfer
 from spool_monitor.signals.window import WindowTracker
-from spool_stream.block import Block
 
 RATE = 1000.0
 Array = NDArray[np.float64]

@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from spool_core.block import Block
+from spool_core.kernels.compiled import COMPILED
 from spool_monitor.signals.travel import TravelCounter, count_travel, integration_law
-from spool_stream.block import Block
-from spool_stream.kernels.compiled import COMPILED
 
 RATE = 2000.0
 NOTHING = np.zeros(40, np.float32)

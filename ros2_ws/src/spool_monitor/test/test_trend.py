@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from spool_core.errors import InputError
 from spool_monitor.history.trend import DAY, HOUR, KEPT, MINUTE, Sums, TrendStore, finest, own_file
 from spool_monitor.history.trend_writer import TrendWriter
-from spool_stream.errors import InputError
 
 SECOND = 1_000_000_000
 NOON = 1_735_732_800  # s, 2025-01-01 12:00 UTC

@@ -7,13 +7,13 @@ import subprocess
 import sys
 
 import pytest
-from spool_stream.kernels.compiled import COMPILED
+from spool_core.kernels.compiled import COMPILED
 
 #: Kernels with the types of the arguments that they are compiled for, before and after the warm-up and a use.
 CODE = """
 import array, importlib, pkgutil
 import numpy as np
-import spool_estimator, spool_monitor, spool_sim, spool_stream
+import spool_estimator, spool_monitor, spool_sim, spool_core
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.warm_up import warm_up
 from spool_monitor.monitor import Monitor
@@ -22,11 +22,11 @@ from spool_monitor.warm_up import warm_up_monitor
 from spool_sim.excitation.presets import PRESETS
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
-from spool_stream.block import Block
+from spool_core.block import Block
 
 def compiled():
     found = set()
-    for package in (spool_sim, spool_stream, spool_estimator, spool_monitor):
+    for package in (spool_sim, spool_core, spool_estimator, spool_monitor):
         for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
             if module.name.endswith(("_node", "messages", "_services", "_service", "_tasks", "__main__")):
                 continue

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from spool_core.block import Block
 from spool_monitor.signals.window import SignalWindow, WindowTracker, taper
-from spool_stream.block import Block
 
 START = 1_700_000_000_000_000_000
 

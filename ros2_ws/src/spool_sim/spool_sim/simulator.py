@@ -9,8 +9,8 @@ from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_stream.block import Block, Samples
-from spool_stream.errors import InputError
+from spool_core.block import Block, Samples
+from spool_core.errors import InputError
 
 from spool_sim.excitation.kinds import Excitation
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState

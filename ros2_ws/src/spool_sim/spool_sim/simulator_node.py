@@ -7,15 +7,15 @@ import time
 from typing import Any, ClassVar
 
 from sensor_msgs.msg import Temperature
-from spool_node import qos
-from spool_node.block_publisher import BlockPublisher
-from spool_node.diagnostics import DiagnosticPublisher, Level, Status, key
-from spool_node.managed_node import ManagedNode
-from spool_node.messages import to_time
-from spool_node.parameters import NodeParameter, Value
-from spool_node.running import run
-from spool_node.throttle import Throttle
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
+from spool_core.node import qos
+from spool_core.node.block_publisher import BlockPublisher
+from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, key
+from spool_core.node.managed_node import ManagedNode
+from spool_core.node.messages import to_time
+from spool_core.node.parameters import NodeParameter, Value
+from spool_core.node.running import run
+from spool_core.node.throttle import Throttle
 
 from spool_sim.excitation.kinds import load_excitation
 from spool_sim.valve.description import find_valve

@@ -11,6 +11,7 @@ import pytest
 import spool_sim
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from spool_core.errors import InputError
 from spool_sim.excitation.kinds import SteadySine, SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState, Trajectory
 from spool_sim.integration.composition import kernel_of, laws_source
@@ -26,7 +27,6 @@ from spool_sim.model import MODELS, model_from_mapping
 from spool_sim.simulator import Simulator
 from spool_sim.terms import TERMS, term
 from spool_sim.valve.description import Valve
-from spool_stream.errors import InputError
 
 SWEEP = SweptSine(start_frequency=8.0, stop_frequency=110.0, duration=3.0, amplitude=10.0, soft_start=0.0)
 # Several dry laws, memory, contacts and time together.
@@ -316,7 +316,7 @@ def test_a_cache_folder_that_cannot_be_written_costs_only_time(tmp_path: Path) -
 
 
 NEW_TERM = '''
-from spool_stream.kernels.compiled import compiled
+from spool_core.kernels.compiled import compiled
 from spool_sim.terms.base import Parameter, Term
 
 @compiled
@@ -339,7 +339,7 @@ def test_a_new_term_is_one_new_file_and_a_changed_law_is_never_served_stale(tmp_
 import spool_sim.terms as terms, importlib
 terms.__path__.append({str(folder)!r})
 from spool_sim.terms import registry
-from spool_stream.discovery import classes_in
+from spool_core.discovery import classes_in
 registry.TERMS.update((entry.name, entry()) for entry in classes_in(terms.__name__, terms.Term))
 from spool_sim.model import model_from_mapping
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState

@@ -9,7 +9,7 @@ import importlib.abc, os, sys, pkgutil
 
 class Blocker(importlib.abc.MetaPathFinder):
     def find_spec(self, name, path=None, target=None):
-        if name.split(".")[0] in {"rclpy", "spool_msgs", "spool_node", "std_msgs"} | set(BLOCKED):
+        if name.split(".")[0] in {"rclpy", "spool_msgs", "spool_core.node", "std_msgs"} | set(BLOCKED):
             raise ImportError(f"{name} is blocked")
         return None
 
@@ -43,7 +43,7 @@ def test_the_core_imports_no_ros() -> None:
 def test_without_numba_the_kernel_gives_the_same_and_says_what_it_costs() -> None:
     code = """
 import numpy as np
-from spool_stream.kernels.compiled import COMPILED, notice
+from spool_core.kernels.compiled import COMPILED, notice
 from spool_sim.excitation.kinds import SteadySine
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
 from spool_sim.integration.step_size import half_step_times

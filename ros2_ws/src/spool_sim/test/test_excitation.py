@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from spool_core.errors import InputError
 from spool_sim.excitation.base import Array
 from spool_sim.excitation.kinds import (
     Excitation,
@@ -20,7 +21,6 @@ from spool_sim.excitation.kinds import (
     load_excitation,
 )
 from spool_sim.excitation.presets import PRESETS
-from spool_stream.errors import InputError
 
 SEQUENCE: dict[str, Any] = {
     "kind": "sequence",

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from spool_core.errors import InputError
 from spool_sim.model import MODELS, load_model, model_from_mapping
 from spool_sim.terms import TERMS, Term
 from spool_sim.valve.description import Valve
-from spool_stream.errors import InputError
 
 
 def test_registry_finds_the_terms_of_the_folder() -> None:

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from spool_core.errors import InputError
 from spool_sim.excitation.kinds import SteadySine, SweptSine
 from spool_sim.integration.composed_motion import Array, ComposedMotion, MotionState, Trajectory
 from spool_sim.integration.energy import energy_balance
 from spool_sim.integration.step_size import half_step_times, halving_error, substeps_needed
 from spool_sim.model import load_model
-from spool_stream.errors import InputError
 
 MOTION = ComposedMotion(load_model("coulomb").terms)
 MASS = 0.18

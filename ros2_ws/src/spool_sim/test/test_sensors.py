@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from spool_core.errors import InputError
 from spool_sim.sensors import (
     PAPER_CHAIN,
     FractionalDelay,
@@ -17,7 +18,6 @@ from spool_sim.sensors import (
     SensorChannel,
     load_sensors,
 )
-from spool_stream.errors import InputError
 
 Array = NDArray[np.float64]
 SINE = 8.0 * np.sin(0.3 * np.arange(400))

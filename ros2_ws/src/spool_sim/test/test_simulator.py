@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from spool_core.block import Block
+from spool_core.block_gate import BlockGate, Verdict
+from spool_core.errors import InputError
 from spool_sim.excitation.kinds import SteadySine
 from spool_sim.excitation.presets import PRESETS
 from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor, SensorChannel
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import Valve
-from spool_stream.block import Block
-from spool_stream.block_gate import BlockGate, Verdict
-from spool_stream.errors import InputError
 
 NOISY = {"body_sensor": Sensor(noise=0.1), "spool_sensor": Sensor(gain_error=0.05, bias=0.2, noise=0.1)}
 

@@ -9,6 +9,7 @@ import pint
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from spool_core.errors import InputError
 from spool_sim.model import MODELS, model_from_mapping
 from spool_sim.terms import TERMS, Parameter, Term
 from spool_sim.valve.description import Valve
@@ -18,7 +19,6 @@ from spool_sim.valve.lubrication import (
     fluid_friction_coefficient,
     lubrication_regime,
 )
-from spool_stream.errors import InputError
 
 FRICTION = [entry for entry in TERMS.values() if entry.dissipates]
 SLIDING = [entry for entry in TERMS.values() if "sliding_law" in entry.laws]

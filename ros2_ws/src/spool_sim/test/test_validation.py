@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from spool_core.errors import InputError
 from spool_sim.valve.description import load_valve
-from spool_stream.errors import InputError
 
 
 @pytest.mark.parametrize("text", ["", "x", "- 1", "1: 2", "? [a]\n: 1", "id: [\n"])

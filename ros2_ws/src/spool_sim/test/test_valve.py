@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from spool_core.errors import InputError
 from spool_sim.excitation.presets import PRESETS
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import (
@@ -16,7 +17,6 @@ from spool_sim.valve.description import (
     shipped_valves,
     valve_from_mapping,
 )
-from spool_stream.errors import InputError
 
 
 def test_derived_quantities_are_those_of_the_paper(valve: Valve, valve_mapping: dict[str, Any]) -> None:

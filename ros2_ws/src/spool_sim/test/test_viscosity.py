@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from spool_core.errors import InputError
 from spool_sim.valve.description import Valve, valve_from_mapping
 from spool_sim.valve.viscosity import LOWEST_TEMPERATURE, OILS, VISCOSITY_INDEX
-from spool_stream.errors import InputError
 
 NAMES = st.sampled_from(sorted(OILS))
 #: deg C at which the thinnest grade, ISO VG 10, has the 2 mm^2/s down to which the law holds, less a margin.

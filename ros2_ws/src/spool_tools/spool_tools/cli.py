@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 from typer.exceptions import TyperException
 
 from spool_tools.console.command_group import CommandGroup

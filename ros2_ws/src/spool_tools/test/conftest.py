@@ -8,6 +8,7 @@ import pytest
 from rclpy.serialization import serialize_message
 from spool_bag.format.definitions import ACCELERATION_BLOCK
 from spool_bag.recording.writer import BagWriter
+from spool_core.format.cdr import encode_block
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.messages import to_message
 from spool_monitor.detectors import MonitorSettings
@@ -17,7 +18,6 @@ from spool_sim.excitation.presets import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
-from spool_stream.format.cdr import encode_block
 from spool_tools.input.bag_valve import VALVE_DESCRIPTION, encode_valve
 
 START = 1_735_689_600_000_000_000

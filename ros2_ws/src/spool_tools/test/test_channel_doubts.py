@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from spool_core.errors import InputError
 from spool_sim.excitation.kinds import from_mapping
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
-from spool_stream.errors import InputError
 from spool_tools.input.fit_data import load_data
 from spool_tools.input.record_loading import Selection, load_recording
 from spool_tools.quality.record_quality import quality_of

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 import pytest
 from spool_bag.format.definitions import typestore
+from spool_bag.importing.records.choices import columns_of
 from spool_bag.reading.reader import BagReader
-from spool_import.records.choices import columns_of
+from spool_core.block import Block
+from spool_core.errors import InputError
 from spool_sim.excitation.presets import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve, shipped_valves
-from spool_stream.block import Block
-from spool_stream.errors import InputError
 from spool_tools.cli import main
 from spool_tools.input.bag_valve import VALVE_DESCRIPTION, encode_valve, recorded_valve
 from spool_tools.operations.simulation import SIMULATION_START, simulate

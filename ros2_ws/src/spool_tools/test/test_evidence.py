@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from spool_identification.fit import fit
-from spool_identification.fit_result import FitSettings
-from spool_identification.record import Record
+from spool_estimator.identification.fit import fit
+from spool_estimator.identification.fit_result import FitSettings
+from spool_estimator.identification.record import Record
 from spool_sim.excitation.broadband import Multisine
 from spool_sim.model import load_model
 from spool_sim.sensors import Sensor

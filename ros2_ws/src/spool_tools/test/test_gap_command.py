@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from spool_core.quantity import Quantity, Validity
 from spool_gap.registry import EFFECTS
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
 from spool_sim.integration.step_size import half_step_times
 from spool_sim.model import MODELS, Model, load_model
 from spool_sim.terms import term
 from spool_sim.valve.description import find_valve
-from spool_stream.quantity import Quantity, Validity
 from spool_tools.cli import main
 from spool_tools.report.model_file import save_model
 

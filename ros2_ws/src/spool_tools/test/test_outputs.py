@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 from spool_tools.cli import main
 from spool_tools.console import outputs
 from spool_tools.console.command_group import command_modules

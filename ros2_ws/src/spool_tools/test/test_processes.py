@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 from spool_tools.demo.processes import Nodes, find_executable
 
 

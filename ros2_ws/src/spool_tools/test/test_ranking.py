@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from spool_identification.fit_result import Fit
-from spool_identification.record import Record
+from spool_estimator.identification.fit_result import Fit
+from spool_estimator.identification.record import Record
 from spool_sim.excitation.kinds import SteadySine
 from spool_sim.model import load_model
 from spool_sim.simulator import Simulator

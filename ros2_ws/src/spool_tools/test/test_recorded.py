@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from spool_bag.format.definitions import ACCELERATION_BLOCK
 from spool_bag.reading.reader import BagReader
 from spool_bag.recording.writer import BagWriter
+from spool_core.errors import InputError
+from spool_core.format.cdr import encode_block
 from spool_sim.excitation.kinds import Recorded
 from spool_sim.excitation.presets import PRESETS
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
-from spool_stream.errors import InputError
-from spool_stream.format.cdr import encode_block
 from spool_tools.cli import main
 from spool_tools.input.bag_valve import recorded_valve
 from spool_tools.input.recorded_excitation import find_excitation

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_identification.record import Record
+from spool_core.errors import InputError
+from spool_estimator.identification.record import Record
 from spool_sim.valve.description import find_valve
-from spool_stream.errors import InputError
 from spool_tools.cli import main
 from spool_tools.input.fit_data import check, divided, load_data
 from spool_tools.input.record_loading import Recording, Selection, load_recording, load_recordings, selection

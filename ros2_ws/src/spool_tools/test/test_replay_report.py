@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from spool_core.block import Block
 from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.detectors import MonitorSettings
 from spool_monitor.drift.drift_trace import DriftTrace
@@ -17,7 +18,6 @@ from spool_sim.excitation.presets import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
-from spool_stream.block import Block
 from spool_tools.cli import main
 
 VALVE = find_valve("4weh10_soft")

@@ -12,12 +12,12 @@ from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE
 from spool_bag.reading.reader import BagReader
 from spool_bag.reading.timeline import Timeline
 from spool_bag.recording.writer import BagWriter
-from spool_identification.record_parts import PartKeeper
+from spool_core.block import Block
+from spool_core.format.cdr import OilTemperature, encode_block, encode_temperature
+from spool_estimator.identification.record_parts import PartKeeper
 from spool_sim.excitation.presets import PRESETS
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
-from spool_stream.block import Block
-from spool_stream.format.cdr import OilTemperature, encode_block, encode_temperature
 from spool_tools.operations.record_replay import replay_bag, replay_valve
 from spool_tools.operations.replay_settings import SHIPPED
 

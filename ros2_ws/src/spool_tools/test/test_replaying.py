@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from spool_bag.reading.reader import BagReader
 from spool_bag.recording.writer import BagWriter
+from spool_core.errors import InputError
 from spool_sim.valve.description import find_valve
-from spool_stream.errors import InputError
 from spool_tools.cli import main
 from spool_tools.console.outputs import write_json
 from spool_tools.operations.record_replay import replay_bag, replay_valve

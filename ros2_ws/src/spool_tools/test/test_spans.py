@@ -9,9 +9,9 @@ import pytest
 from spool_bag.format.definitions import ACCELERATION_BLOCK, typestore
 from spool_bag.reading.reader import BagReader
 from spool_bag.recording.writer import BagWriter, PartLimits
-from spool_stream.block import Block
-from spool_stream.errors import InputError
-from spool_stream.format.cdr import encode_block
+from spool_core.block import Block
+from spool_core.errors import InputError
+from spool_core.format.cdr import encode_block
 from spool_tools.cli import main
 from spool_tools.input.record_span import span_of
 

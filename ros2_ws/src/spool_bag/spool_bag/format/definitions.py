@@ -10,7 +10,7 @@ from pathlib import Path
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 ACCELERATION_BLOCK = "spool_msgs/msg/AccelerationBlock"
 TEMPERATURE = "sensor_msgs/msg/Temperature"

@@ -12,7 +12,7 @@ from typing import BinaryIO, NamedTuple
 
 import zstandard
 from mcap.opcode import Opcode
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 from .mcap_definitions import Definitions, Topic, summary_counts
 from .mcap_record import FOOTER, FRAME, LARGEST_SUMMARY, MAGIC, MESSAGE

@@ -7,11 +7,11 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from spool_stream.block import Block
-from spool_stream.block_gate import BlockGate, Verdict
-from spool_stream.format.cdr import OilTemperature
-from spool_stream.text.printable import printable
-from spool_stream.text.sentence import plural
+from spool_core.block import Block
+from spool_core.block_gate import BlockGate, Verdict
+from spool_core.format.cdr import OilTemperature
+from spool_core.text.printable import printable
+from spool_core.text.sentence import plural
 
 from spool_bag.mcap.mcap_walk import Damage
 

@@ -6,7 +6,7 @@ import fcntl
 import os
 from pathlib import Path
 
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 
 class FolderClaim:

@@ -12,15 +12,15 @@ from typing import Any, ClassVar
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from spool_core.errors import InputError
+from spool_core.format.cdr import CdrError, header_stamp
+from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status
+from spool_core.node.managed_node import ManagedNode
+from spool_core.node.parameters import NodeParameter
+from spool_core.node.running import run
+from spool_core.text.printable import printable
+from spool_core.text.sentence import plural
 from spool_msgs.srv import TakeSnapshot
-from spool_node.diagnostics import DiagnosticPublisher, Level, Status
-from spool_node.managed_node import ManagedNode
-from spool_node.parameters import NodeParameter
-from spool_node.running import run
-from spool_stream.errors import InputError
-from spool_stream.format.cdr import CdrError, header_stamp
-from spool_stream.text.printable import printable
-from spool_stream.text.sentence import plural
 
 from spool_bag.format.definitions import ACCELERATION_BLOCK, starts_with_header
 from spool_bag.format.metadata import MACHINE

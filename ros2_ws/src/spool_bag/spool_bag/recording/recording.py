@@ -18,7 +18,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Protocol
 
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 from .existing_parts import numbered
 from .message_queue import MessageQueue, Recorded

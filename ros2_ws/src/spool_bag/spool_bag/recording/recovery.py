@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rosbags.rosbag2.metadata import parse_qos
-from spool_stream.block import Block
-from spool_stream.block_gate import BlockGate
-from spool_stream.errors import InputError
-from spool_stream.files.yaml_file import load_yaml
-from spool_stream.text.printable import printable
+from spool_core.block import Block
+from spool_core.block_gate import BlockGate
+from spool_core.errors import InputError
+from spool_core.files.yaml_file import load_yaml
+from spool_core.text.printable import printable
 
 from spool_bag.format.definitions import Definition
 from spool_bag.mcap.mcap_definitions import Topic

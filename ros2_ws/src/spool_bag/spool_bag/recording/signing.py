@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 
 def make_keys(folder: Path) -> tuple[Path, Path]:

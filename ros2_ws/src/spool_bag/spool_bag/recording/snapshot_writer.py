@@ -8,8 +8,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Protocol
 
-from spool_stream.errors import InputError
-from spool_stream.files.staging import remove
+from spool_core.errors import InputError
+from spool_core.files.staging import remove
 
 from spool_bag.mcap.part_chain import begin_of
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 from spool_bag.format.definitions import Definition
 from spool_bag.format.metadata import PartCount

@@ -11,8 +11,8 @@ from pathlib import Path
 from types import TracebackType
 
 from rosbags.interfaces import Qos
-from spool_stream.errors import InputError
-from spool_stream.files.staging import leftovers, partial_name, remove
+from spool_core.errors import InputError
+from spool_core.files.staging import leftovers, partial_name, remove
 
 from spool_bag.format.definitions import Definition, definition
 from spool_bag.format.metadata import (

@@ -12,12 +12,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pa_parquet
-from spool_stream.block import Block
-from spool_stream.block_gate import BlockGate, Verdict
-from spool_stream.errors import InputError
-from spool_stream.files.staging import staged
-from spool_stream.text.printable import printable
-from spool_stream.text.sentence import plural
+from spool_core.block import Block
+from spool_core.block_gate import BlockGate, Verdict
+from spool_core.errors import InputError
+from spool_core.files.staging import staged
+from spool_core.text.printable import printable
+from spool_core.text.sentence import plural
 
 from spool_bag.reading.reader import BagReader
 from spool_bag.reading.span import Span

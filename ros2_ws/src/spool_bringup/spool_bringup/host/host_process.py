@@ -17,19 +17,19 @@ import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
+from spool_core.errors import InputError
+from spool_core.node.block_hub import HUB
+from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status
+from spool_core.node.log_folder import ensure_log_folder
+from spool_core.node.managed_node import ManagedNode
+from spool_core.node.parameters import NodeParameter, refuse_other_files, rule
+from spool_core.node.running import REFUSED, new_executor, one_line
+from spool_core.node.stopping import STOP, Phase, StopRequested
+from spool_core.node.throttle import Throttle
+from spool_core.node.ticker import Ticker
+from spool_core.node.worker import Worker
 from spool_estimator.node.estimator_node import EstimatorNode
 from spool_monitor.node.monitor_node import MonitorNode
-from spool_node.block_hub import HUB
-from spool_node.diagnostics import DiagnosticPublisher, Level, Status
-from spool_node.log_folder import ensure_log_folder
-from spool_node.managed_node import ManagedNode
-from spool_node.parameters import NodeParameter, refuse_other_files, rule
-from spool_node.running import REFUSED, new_executor, one_line
-from spool_node.stopping import STOP, Phase, StopRequested
-from spool_node.throttle import Throttle
-from spool_node.ticker import Ticker
-from spool_node.worker import Worker
-from spool_stream.errors import InputError
 
 from .arguments import NAME, arguments_of_nodes, arguments_of_process, names_for_all, node_name
 from .first_list import FirstList

@@ -6,10 +6,10 @@ import argparse
 import sys
 from functools import partial
 
-from spool_stream.errors import InputError
-from spool_stream.libraries import libraries_reported
-from spool_stream.scheduling import run_before_others, use_processors
-from spool_stream.text.standard_streams import keep_standard_streams
+from spool_core.errors import InputError
+from spool_core.libraries import libraries_reported
+from spool_core.scheduling import run_before_others, use_processors
+from spool_core.text.standard_streams import keep_standard_streams
 
 from .first_list import FirstList
 from .supervisor import Run, Supervisor

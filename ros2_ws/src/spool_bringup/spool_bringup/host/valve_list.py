@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from spool_stream.errors import InputError
-from spool_stream.files.yaml_file import read_yaml
+from spool_core.errors import InputError
+from spool_core.files.yaml_file import read_yaml
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from spool_node.block_hub import TopicTimes
-from spool_node.diagnostics import Level, Status
+from spool_core.node.block_hub import TopicTimes
+from spool_core.node.diagnostics import Level, Status
 
 
 def valve_timings(times: Mapping[str, TopicTimes], elapsed: float, resident: int) -> list[Status]:

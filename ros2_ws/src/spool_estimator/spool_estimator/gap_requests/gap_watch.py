@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 from statistics import fmean, median
 
 import numpy as np
-from spool_identification.signals.clipping import flat_share
-from spool_stream.block import Block
-from spool_stream.quantity import Quantity
-from spool_stream.text.sentence import Account, over, raised, urgency
-from spool_stream.uncertainty import percent
+from spool_core.block import Block
+from spool_core.quantity import Quantity
+from spool_core.text.sentence import Account, over, raised, urgency
+from spool_core.uncertainty import percent
 
 from spool_estimator.estimate import Estimate, State
+from spool_estimator.identification.signals.clipping import flat_share
 
 #: Kind and code of the event.
 MODEL_GAP, MODEL_GAP_CODE = "model_gap", 500

@@ -9,12 +9,13 @@ from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 
-from spool_identification.record import Record, records_from_blocks
+from spool_core.block import Block, joined
+from spool_core.errors import InputError
+from spool_core.scheduling import give_way
 from spool_sim.model import Model
 from spool_sim.valve.description import Valve
-from spool_stream.block import Block, joined
-from spool_stream.errors import InputError
-from spool_stream.scheduling import give_way
+
+from spool_estimator.identification.record import Record, records_from_blocks
 
 #: s, length of the runs in which recent samples are held.
 RUN = 1.0

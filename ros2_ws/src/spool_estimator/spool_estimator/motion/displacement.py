@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_stream.kernels.compiled import compiled
+from spool_core.kernels.compiled import compiled
 
 Array = NDArray[np.float64]
 Samples = NDArray[np.float32]

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_stream.kernels.compiled import compiled
+from spool_core.kernels.compiled import compiled
 
 from spool_estimator.recursion.conditioning import COLUMNS, DIRECTION, SPOOL, Conditioning
 

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_stream.kernels.compiled import compiled
+from spool_core.kernels.compiled import compiled
 
 from .friction_motion import advance_sample
 from .slip_motion import slip, slip_matrix

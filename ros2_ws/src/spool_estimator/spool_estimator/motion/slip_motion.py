@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_stream.kernels.compiled import compiled
+from spool_core.kernels.compiled import compiled
 
 from .friction_motion import derived, displacement, rates, velocity
 

@@ -8,17 +8,17 @@ from collections.abc import Sequence
 from typing import Any, ClassVar
 
 from sensor_msgs.msg import Temperature
+from spool_core.block import Block
+from spool_core.block_gate import SharedGate
+from spool_core.node import qos
+from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, block_faults, block_values, key
+from spool_core.node.managed_node import ManagedNode
+from spool_core.node.messages import nanoseconds
+from spool_core.node.parameters import NodeParameter
+from spool_core.node.throttle import Throttle
 from spool_msgs.msg import ModelEstimate, ValveDescription, WindowRefit
-from spool_node import qos
-from spool_node.diagnostics import DiagnosticPublisher, Level, Status, block_faults, block_values, key
-from spool_node.managed_node import ManagedNode
-from spool_node.messages import nanoseconds
-from spool_node.parameters import NodeParameter
-from spool_node.throttle import Throttle
 from spool_sim.model import load_model
 from spool_sim.valve.description import Valve, find_valve
-from spool_stream.block import Block
-from spool_stream.block_gate import SharedGate
 
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import phase_of, settings_for

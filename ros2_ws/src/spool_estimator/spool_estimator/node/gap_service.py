@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from typing import Any
 
+from spool_core.block import Block
+from spool_core.node import qos
+from spool_core.node.messages import to_quantity, to_time
+from spool_core.quantity import Quantity, Validity
 from spool_msgs.msg import GapAnalysis, HealthEvent
-from spool_node import qos
-from spool_node.messages import to_quantity, to_time
 from spool_sim.model import Model
 from spool_sim.valve.description import Valve
-from spool_stream.block import Block
-from spool_stream.quantity import Quantity, Validity
 from std_srvs.srv import Trigger
 
 from spool_estimator.estimate import Estimate

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_stream.kernels.compiled import compiled
+from spool_core.kernels.compiled import compiled
 
 Array = NDArray[np.float64]
 

@@ -10,9 +10,9 @@ from pathlib import Path
 from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any
 
+from spool_core.errors import InputError
+from spool_core.text.suggestion import did_you_mean
 from spool_sim.valve.description import Valve
-from spool_stream.errors import InputError
-from spool_stream.text.suggestion import did_you_mean
 
 if TYPE_CHECKING:  # slow to load
     from spool_tools.operations.replay_settings import ReplaySettings

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
-from spool_identification.record import Record
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
+from spool_estimator.identification.record import Record
 from spool_tools.input.record_loading import Selection, load_recording
 
 from .base import Analysis, Rows, Subject, parameter

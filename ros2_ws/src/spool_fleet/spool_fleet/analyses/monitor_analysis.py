@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from spool_bag.reading.reader import BagReader
 from spool_bag.reading.timeline import Timeline
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 from spool_tools.input.valve_choice import choose_valves
 from spool_tools.operations.record_replay import replay_valve
 from spool_tools.operations.replay_settings import SHIPPED

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from datetime import date, datetime, timezone
 from pathlib import Path
 
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 FIELDS = ("machine", "date", "valve")
 #: What is written where nothing tells the machine.

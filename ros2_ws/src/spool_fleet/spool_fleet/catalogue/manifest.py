@@ -15,7 +15,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 FILE_NAME = "manifest.sqlite"
 #: Format of the file; another one is refused.

@@ -11,8 +11,8 @@ from pathlib import Path
 from spool_bag.format.metadata import MACHINE, custom_data
 from spool_bag.reading.information import BagInformation, ValveSummary, describe
 from spool_bag.reading.reader import BagReader
-from spool_stream.errors import InputError
-from spool_stream.text.sentence import plural
+from spool_core.errors import InputError
+from spool_core.text.sentence import plural
 
 OK, DAMAGED, DUPLICATE = "ok", "damaged", "duplicate"
 

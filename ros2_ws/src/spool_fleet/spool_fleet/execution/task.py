@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from spool_stream.errors import InputError
-from spool_stream.text.printable import printable
+from spool_core.errors import InputError
+from spool_core.text.printable import printable
 
 from spool_fleet.analyses.base import Rows, Subject, analyses
 

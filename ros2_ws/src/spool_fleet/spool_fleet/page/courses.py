@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_stream.uncertainty import Z_95
+from spool_core.uncertainty import Z_95
 
 from spool_fleet.tables.query import ask
 from spool_fleet.trends.judgement import AFFECTED

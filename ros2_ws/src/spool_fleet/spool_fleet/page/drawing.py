@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 
 from markupsafe import Markup
-from spool_stream.uncertainty import interval, number, unit_text
+from spool_core.uncertainty import interval, number, unit_text
 
 from spool_fleet.trends.observations import PARAMETERS
 

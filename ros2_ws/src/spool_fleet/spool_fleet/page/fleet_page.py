@@ -12,8 +12,8 @@ from urllib.parse import quote
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
-from spool_stream.text.sentence import plural
-from spool_stream.uncertainty import LEGEND, interval, number, with_interval
+from spool_core.text.sentence import plural
+from spool_core.uncertainty import LEGEND, interval, number, with_interval
 from spool_tools.report.provenance import provenance
 
 from spool_fleet.trends.judgement import MACHINE

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_stream.uncertainty import Z_95
+from spool_core.uncertainty import Z_95
 
 from spool_fleet.trends.change_test import LEAST_WEEKS
 from spool_fleet.trends.weekly import spread

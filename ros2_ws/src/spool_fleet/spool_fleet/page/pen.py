@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from markupsafe import Markup
-from spool_stream.uncertainty import Z_95
+from spool_core.uncertainty import Z_95
 
 from spool_fleet.trends.weekly import BIN
 

@@ -7,7 +7,7 @@ import re
 from datetime import datetime
 from pathlib import Path
 
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 from spool_tools.console.outputs import check_output
 from spool_tools.console.progress import progress
 from spool_tools.console.terminal import warn

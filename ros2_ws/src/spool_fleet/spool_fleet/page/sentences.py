@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from datetime import datetime, timedelta, timezone
 
+from spool_core.uncertainty import interval, number
 from spool_monitor.detectors import friction_drift, spring_change
 from spool_monitor.events.event_kind import EventCause
-from spool_stream.uncertainty import interval, number
 
 from spool_fleet.trends.change_test import MONTH
 from spool_fleet.trends.judgement import MACHINE

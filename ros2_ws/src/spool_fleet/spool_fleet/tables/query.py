@@ -11,7 +11,7 @@ from typing import Any
 
 import duckdb
 import pyarrow as pa
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 from .parquet import FOLDER
 from .schema import SCHEMAS

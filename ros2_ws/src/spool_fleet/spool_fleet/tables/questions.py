@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from spool_stream.errors import InputError
-from spool_stream.text.suggestion import did_you_mean
+from spool_core.errors import InputError
+from spool_core.text.suggestion import did_you_mean
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from spool_stream.kernels.compiled import compiled
+from spool_core.kernels.compiled import compiled
 
 from spool_gap.effect import Array, Effect, Motion, scan
 

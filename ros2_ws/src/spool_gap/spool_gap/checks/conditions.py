@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_identification.record import Record
-from spool_identification.signals.channel_noise import ChannelNoise, noise_of
+from spool_core.errors import InputError
+from spool_estimator.identification.record import Record
+from spool_estimator.identification.signals.channel_noise import ChannelNoise, noise_of
 from spool_sim.valve.description import Valve
-from spool_stream.errors import InputError
 
 from spool_gap.thresholds import THRESHOLDS
 

@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_core.errors import InputError
 from spool_sim.model import Model
-from spool_stream.errors import InputError
 
 from spool_gap.effect import Effect
 from spool_gap.registry import EFFECTS, FRICTIONS

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_stream.errors import InputError
-from spool_stream.uncertainty import percent
+from spool_core.errors import InputError
+from spool_core.uncertainty import percent
 
 from .force_balance import ForceBalance, ForceFit, white_power
 from .force_record import ForceRecord

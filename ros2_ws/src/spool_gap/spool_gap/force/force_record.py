@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 from scipy.ndimage import gaussian_filter1d
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 Array = NDArray[np.float64]
 

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 from scipy.special import expit
+from spool_core.errors import InputError
+from spool_core.quantity import Quantity, Validity
+from spool_core.uncertainty import PLUS_MINUS, percent, with_interval
 from spool_sim.model import Model
 from spool_sim.terms import term
-from spool_stream.errors import InputError
-from spool_stream.quantity import Quantity, Validity
-from spool_stream.uncertainty import PLUS_MINUS, percent, with_interval
 
 from spool_gap.effect import Effect
 from spool_gap.registry import EFFECTS, FRICTIONS

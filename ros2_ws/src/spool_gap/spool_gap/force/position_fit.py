@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from spool_core.errors import InputError
 from spool_sim.model import Model
-from spool_stream.errors import InputError
 
 from .force_balance import ForceBalance, ForceFit, correlation_of, independent_samples
 from .force_record import ForceRecord

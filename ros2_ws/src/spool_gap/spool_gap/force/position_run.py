@@ -8,11 +8,11 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_core.errors import InputError
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
 from spool_sim.integration.step_size import substeps_for
 from spool_sim.model import Model
 from spool_sim.terms import term
-from spool_stream.errors import InputError
 
 from .force_balance import white_power
 from .force_record import ForceRecord

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_identification.record import Record
+from spool_core.quantity import Quantity, Validity
+from spool_estimator.identification.record import Record
 from spool_sim.model import Model
 from spool_sim.terms import term
-from spool_stream.quantity import Quantity, Validity
 
 from spool_gap.fitting.descent import Fitted
 from spool_gap.fitting.hypothesis import Fitting, Hypothesis

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_stream.uncertainty import number
+from spool_core.uncertainty import number
 
 from spool_gap.result import Share, Surface, Where
 

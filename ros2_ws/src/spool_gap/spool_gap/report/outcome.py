@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from spool_identification.nuisances.hum import MAINS, STRAY, Hum
-from spool_identification.nuisances.nuisance import Nuisance
-from spool_stream.quantity import Quantity, Validity
+from spool_core.quantity import Quantity, Validity
+from spool_estimator.identification.nuisances.hum import MAINS, STRAY, Hum
+from spool_estimator.identification.nuisances.nuisance import Nuisance
 
 from spool_gap.checks.saturation import Saturation
 from spool_gap.fitting.descent import Fitted

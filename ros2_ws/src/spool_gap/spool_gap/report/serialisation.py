@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from spool_identification.nuisances.nuisance import Nuisance
-from spool_stream.quantity import Quantity
+from spool_core.quantity import Quantity
+from spool_estimator.identification.nuisances.nuisance import Nuisance
 
 from spool_gap.profile_likelihood import ProfileLikelihood
 from spool_gap.result import GapResult, HeldOutAgreement, RankedHypothesis, Remainder, Share, Where

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_identification.free_run import Window, half_steps, half_steps_of
+from spool_core.errors import InputError
+from spool_estimator.identification.free_run import Window, half_steps, half_steps_of
 from spool_sim.integration.composed_motion import MotionState
 from spool_sim.integration.step_size import substeps_for
 from spool_sim.terms import term
-from spool_stream.errors import InputError
 
 from .point import Point
 from .segments import Stretch

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
-from spool_identification.free_run import Window
-from spool_identification.record import Record
-from spool_identification.signals.zero_phase import ZeroPhase
+from spool_estimator.identification.free_run import Window
+from spool_estimator.identification.record import Record
+from spool_estimator.identification.signals.zero_phase import ZeroPhase
 
 from .contacts import Contacts, Mask
 from .segments import Stretch

@@ -7,14 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_identification.free_run import FreeRun, Window, excitation_limit
-from spool_identification.record import Record
-from spool_identification.signals.channel_noise import ChannelNoise, noise_of
-from spool_identification.signals.denoised_excitation import Quiet, quiet
-from spool_identification.signals.zero_phase import RelativeMotion, ZeroPhase, delayed, relative_motion
+from spool_core.errors import InputError
+from spool_estimator.identification.free_run import FreeRun, Window, excitation_limit
+from spool_estimator.identification.record import Record
+from spool_estimator.identification.signals.channel_noise import ChannelNoise, noise_of
+from spool_estimator.identification.signals.denoised_excitation import Quiet, quiet
+from spool_estimator.identification.signals.zero_phase import (
+    RelativeMotion,
+    ZeroPhase,
+    delayed,
+    relative_motion,
+)
 from spool_sim.model import Model
 from spool_sim.valve.description import Valve
-from spool_stream.errors import InputError
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
-from spool_identification.free_run import Window, limited
-from spool_identification.signals.zero_phase import ZeroPhase
+from spool_estimator.identification.free_run import Window, limited
+from spool_estimator.identification.signals.zero_phase import ZeroPhase
 
 from .segments import Stretch, thinned
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, signal
-from spool_identification.free_run import Window
-from spool_identification.signals.spectra import floor_of, smoothed
+from spool_estimator.identification.free_run import Window
+from spool_estimator.identification.signals.spectra import floor_of, smoothed
 
 from .batches import Batches, Run
 from .point import Point

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_identification.free_run import FreeRun, half_steps
+from spool_estimator.identification.free_run import FreeRun, half_steps
 from spool_sim.integration.composed_motion import MotionState
 from spool_sim.model import Model
 from spool_sim.valve.description import Valve

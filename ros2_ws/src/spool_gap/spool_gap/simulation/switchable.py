@@ -121,7 +121,7 @@ def laws_source(terms: Sequence[Term]) -> str:
     imports = [
         "import numpy as np",
         "from spool_sim.terms.base import Array",
-        "from spool_stream.kernels.compiled import inlined",
+        "from spool_core.kernels.compiled import inlined",
     ]
     smooth: list[str] = []
     pushing: list[str] = []

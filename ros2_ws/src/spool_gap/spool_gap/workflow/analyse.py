@@ -7,7 +7,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 
-from spool_identification.record import Record
+from spool_estimator.identification.record import Record
 from spool_sim.model import Model
 from spool_sim.valve.description import Valve
 

@@ -2,7 +2,7 @@
 
 A selection fits half of the data, whose other half judges it; its deviations count the noise of the
 samples alone. Once the effects are named, all data may say how large they are, by the least squares of
-:func:`spool_identification.fit.fit`, whose deviations count coloured residuals, jumps between samples and
+:func:`spool_estimator.identification.fit.fit`, whose deviations count coloured residuals, jumps between samples and
 noise of the excitation, too.
 """
 
@@ -14,13 +14,13 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_identification.agreement import free_run_agreement
-from spool_identification.fit import fit
-from spool_identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, Fit, FitSettings
-from spool_identification.record import Record
+from spool_core.errors import InputError
+from spool_core.quantity import Quantity
+from spool_estimator.identification.agreement import free_run_agreement
+from spool_estimator.identification.fit import fit
+from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, Fit, FitSettings
+from spool_estimator.identification.record import Record
 from spool_sim.model import Model
-from spool_stream.errors import InputError
-from spool_stream.quantity import Quantity
 
 from spool_gap.fitting.descent import Fitted
 from spool_gap.fitting.hypothesis import Hypothesis

@@ -6,8 +6,8 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-from spool_identification.nuisances.nuisance import Nuisance
-from spool_identification.record import Record
+from spool_estimator.identification.nuisances.nuisance import Nuisance
+from spool_estimator.identification.record import Record
 from spool_sim.valve.description import Valve
 
 from spool_gap.fitting.hypothesis import Hypothesis

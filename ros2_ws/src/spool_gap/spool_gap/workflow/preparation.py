@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from spool_identification.record import Record
+from spool_estimator.identification.record import Record
 from spool_sim.model import Model
 from spool_sim.terms import term
 from spool_sim.valve.description import Valve

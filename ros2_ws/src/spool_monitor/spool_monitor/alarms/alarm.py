@@ -6,7 +6,7 @@ import enum
 import math
 from dataclasses import dataclass, replace
 
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 from spool_monitor.detectors import event_kind
 from spool_monitor.events.event import Event, EventState, Severity, condition_name

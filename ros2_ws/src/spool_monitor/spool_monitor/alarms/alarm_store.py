@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 from spool_monitor.detectors import latching_kinds
 from spool_monitor.events.condition import Condition

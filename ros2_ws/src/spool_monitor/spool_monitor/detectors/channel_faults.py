@@ -6,9 +6,9 @@ import math
 from abc import abstractmethod
 from typing import ClassVar
 
-from spool_identification.signals.channel_faults import ChannelFault
-from spool_stream.quantity import Quantity, Validity
-from spool_stream.text.sentence import Account
+from spool_core.quantity import Quantity, Validity
+from spool_core.text.sentence import Account
+from spool_estimator.identification.signals.channel_faults import ChannelFault
 
 from spool_monitor.events.condition import Finding
 from spool_monitor.events.event import Severity

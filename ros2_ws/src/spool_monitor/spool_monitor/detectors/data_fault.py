@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
-from spool_stream.block_gate import BlockGate, Fault
-from spool_stream.kernels.outliers import OutlierFilter
-from spool_stream.quantity import Quantity, Validity
-from spool_stream.text.sentence import plural
-from spool_stream.uncertainty import number
+from spool_core.block_gate import BlockGate, Fault
+from spool_core.kernels.outliers import OutlierFilter
+from spool_core.quantity import Quantity, Validity
+from spool_core.text.sentence import plural
+from spool_core.uncertainty import number
 
 from spool_monitor.events.condition import Condition, Finding
 from spool_monitor.events.event import Event, Severity

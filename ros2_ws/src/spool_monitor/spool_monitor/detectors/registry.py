@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from spool_stream.discovery import classes_in, objects_in
-from spool_stream.errors import InputError
+from spool_core.discovery import classes_in, objects_in
+from spool_core.errors import InputError
 
 from spool_monitor.events.event_kind import EventKind, Namur
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import ClassVar
 
-from spool_stream.errors import InputError
-from spool_stream.quantity import Quantity, Validity
-from spool_stream.text.sentence import Account
+from spool_core.errors import InputError
+from spool_core.quantity import Quantity, Validity
+from spool_core.text.sentence import Account
 
 from spool_monitor.drift.parameter_drift import ALLOWANCE
 from spool_monitor.events.condition import Finding

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import ClassVar
 
-from spool_stream.kernels.compiled import compiled
-from spool_stream.quantity import Quantity, Validity
+from spool_core.kernels.compiled import compiled
+from spool_core.quantity import Quantity, Validity
 
 from spool_monitor.events.condition import Finding
 from spool_monitor.events.event import Severity

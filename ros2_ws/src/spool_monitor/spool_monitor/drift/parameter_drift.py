@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from spool_core.quantity import Quantity, Validity
+from spool_core.text.sentence import change, duration
 from spool_estimator.estimate import Estimate, State
-from spool_stream.quantity import Quantity, Validity
-from spool_stream.text.sentence import change, duration
 
 from spool_monitor.events.event import Severity
 from spool_monitor.signals.sequential import CumulativeSum, threshold_for

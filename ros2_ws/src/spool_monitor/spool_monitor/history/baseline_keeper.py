@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
+from spool_core.errors import InputError
 from spool_estimator.estimate import Estimate, State
-from spool_stream.errors import InputError
 
 from spool_monitor.alarms.alarm import AlarmRefusedError, Operator
 from spool_monitor.detection import Detection

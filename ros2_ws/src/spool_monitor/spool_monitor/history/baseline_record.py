@@ -6,7 +6,7 @@ import enum
 import math
 from dataclasses import dataclass, field
 
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 from spool_monitor.drift.baseline import HealthyValue
 

@@ -11,10 +11,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from spool_core.errors import InputError
+from spool_core.private import FILE_MODE, private_file, restrict
+from spool_core.quantity import Quantity, Validity
 from spool_estimator.estimate import Estimate
-from spool_stream.errors import InputError
-from spool_stream.private import FILE_MODE, private_file, restrict
-from spool_stream.quantity import Quantity, Validity
 
 MINUTE, HOUR, DAY = 60, 3600, 86400
 

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
+from spool_core.block import Block
+from spool_core.errors import InputError
 from spool_estimator.estimate import Estimate
-from spool_stream.block import Block
-from spool_stream.errors import InputError
 
 from spool_monitor.signals.travel import TravelCounter
 

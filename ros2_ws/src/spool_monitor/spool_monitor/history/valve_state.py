@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 from spool_monitor.alarms.alarm_store import AlarmStore
 from spool_monitor.monitor import Monitor

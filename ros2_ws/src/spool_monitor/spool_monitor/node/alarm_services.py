@@ -6,16 +6,16 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from spool_core.errors import InputError
+from spool_core.node import qos
+from spool_core.node.diagnostics import Level, Status
+from spool_core.node.managed_node import ManagedNode
+from spool_core.node.messages import to_quantity
+from spool_core.node.worker import waiting_for_disk
+from spool_core.quantity import Quantity, Validity
 from spool_estimator.estimate import Estimate
 from spool_msgs.msg import AlarmList
 from spool_msgs.srv import AcknowledgeAlarm, ManageBaseline, ResetAlarms, ShelveAlarm, SuppressAlarm
-from spool_node import qos
-from spool_node.diagnostics import Level, Status
-from spool_node.managed_node import ManagedNode
-from spool_node.messages import to_quantity
-from spool_node.worker import waiting_for_disk
-from spool_stream.errors import InputError
-from spool_stream.quantity import Quantity, Validity
 
 from spool_monitor.alarms.alarm import Action, Alarm, AlarmRefusedError, AlarmState, Operator, Transition
 from spool_monitor.events.event import Event, Severity

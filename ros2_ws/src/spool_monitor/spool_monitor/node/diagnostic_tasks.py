@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from spool_node.diagnostics import Level, Status, block_faults, block_values, key
-from spool_stream.block_gate import BlockGate
-from spool_stream.quantity import Quantity
+from spool_core.block_gate import BlockGate
+from spool_core.node.diagnostics import Level, Status, block_faults, block_values, key
+from spool_core.quantity import Quantity
 
 from spool_monitor.detection import Detection
 from spool_monitor.detectors import JUDGEMENT_TEXTS, Judgement

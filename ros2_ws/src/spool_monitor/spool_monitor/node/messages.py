@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from spool_core.node.messages import to_quantity, to_time
 from spool_msgs.msg import Alarm as AlarmMessage
 from spool_msgs.msg import AlarmList, HealthEvent, ValveHealth
-from spool_node.messages import to_quantity, to_time
 
 from spool_monitor.alarms.alarm import Alarm
 from spool_monitor.detectors import JUDGEMENT_TEXTS, event_kind

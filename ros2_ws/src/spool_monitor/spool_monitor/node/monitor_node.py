@@ -8,16 +8,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
 
+from spool_core.block import Block
+from spool_core.block_gate import SharedGate
+from spool_core.errors import InputError
+from spool_core.node import qos
+from spool_core.node.diagnostics import DiagnosticPublisher
+from spool_core.node.managed_node import ManagedNode
+from spool_core.node.parameters import NodeParameter, Value
 from spool_estimator.messages import from_message
 from spool_estimator.valve_messages import from_description
 from spool_msgs.msg import HealthEvent, ModelEstimate, ValveDescription, ValveHealth
-from spool_node import qos
-from spool_node.diagnostics import DiagnosticPublisher
-from spool_node.managed_node import ManagedNode
-from spool_node.parameters import NodeParameter, Value
-from spool_stream.block import Block
-from spool_stream.block_gate import SharedGate
-from spool_stream.errors import InputError
 
 from spool_monitor.alarms.alarm_store import AlarmStore
 from spool_monitor.detectors import KINDS, LIMITS, MonitorSettings, check_settings, latching_kinds

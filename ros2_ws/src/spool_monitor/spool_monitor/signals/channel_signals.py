@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from spool_identification.signals.clipping import flat_top
-from spool_stream.block import Samples
-from spool_stream.kernels.compiled import compiled
+from spool_core.block import Samples
+from spool_core.kernels.compiled import compiled
+from spool_estimator.identification.signals.clipping import flat_top
 
 from .window import Array, Complex, SignalWindow
 

@@ -1,6 +1,6 @@
 """Channel watch: the last seconds of both channels, looked at now and then for faults of the channels.
 
-The rules are those for records: :mod:`spool_identification.signals.channel_faults`.
+The rules are those for records: :mod:`spool_estimator.identification.signals.channel_faults`.
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from spool_identification.signals.channel_faults import (
+from spool_core.block import Samples
+from spool_estimator.identification.signals.channel_faults import (
     ChannelFault,
     PairLook,
     faults_of_rows,
     look_at_pair,
 )
-from spool_stream.block import Samples
 
 from .window import SignalWindow
 

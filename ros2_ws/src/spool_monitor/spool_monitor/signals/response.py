@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from spool_stream.kernels.compiled import compiled
+from spool_core.kernels.compiled import compiled
 
 from .channel_signals import Signals
 from .window import Array, Complex

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from spool_stream.kernels.compiled import compiled
+from spool_core.kernels.compiled import compiled
 
 from .window import Complex, SignalWindow
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_stream.block import Block, Samples
-from spool_stream.kernels.compiled import compiled
+from spool_core.block import Block, Samples
+from spool_core.kernels.compiled import compiled
 
 #: Hz, below it the displacement is not known from accelerations; at twice that 3 % are missing.
 LOW_CUT = 4.0

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
-from spool_stream.block import Block, Samples
-from spool_stream.kernels.compiled import compiled
+from spool_core.block import Block, Samples
+from spool_core.kernels.compiled import compiled
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

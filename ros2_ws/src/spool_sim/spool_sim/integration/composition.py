@@ -14,9 +14,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar, cast
 
-from spool_stream.errors import InputError
-from spool_stream.kernels import compiled as compiling
-from spool_stream.kernels.compiled import cache_folder
+from spool_core.errors import InputError
+from spool_core.kernels import compiled as compiling
+from spool_core.kernels.compiled import cache_folder
 
 from spool_sim.terms import Parameter, Term, term
 
@@ -199,9 +199,9 @@ def _from_disk(name: str, source: str) -> ModuleType:
 def _in_memory(name: str, source: str) -> ModuleType:
     module = ModuleType(name)
     text = source.replace(
-        "from spool_stream.kernels.compiled import compiled, inlined",
+        "from spool_core.kernels.compiled import compiled, inlined",
         "from spool_sim.integration.composition import compiled_in_memory as compiled\n"
-        "from spool_stream.kernels.compiled import inlined",
+        "from spool_core.kernels.compiled import inlined",
     )
     sys.modules[name] = module
     namespace: dict[str, Any] = module.__dict__

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from spool_stream.kernels.compiled import compiled
+from spool_core.kernels.compiled import compiled
 
 from spool_sim.terms.base import Array
 from spool_sim.terms.spring import force_law as force_law_1

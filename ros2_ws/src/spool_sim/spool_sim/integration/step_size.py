@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 
 import numpy as np
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 from spool_sim.terms import Term
 

@@ -18,7 +18,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_stream.kernels.compiled import compiled, inlined
+from spool_core.kernels.compiled import compiled, inlined
 
 from .fluid_laws import EVENTS, MASS, given, next_level, remembered, rest, sliding, smooth, start_memory
 

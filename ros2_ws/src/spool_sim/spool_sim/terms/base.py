@@ -1,7 +1,7 @@
 """Force term: what it tells about itself.
 
 A term's file holds the class and its laws: module-level functions of numbers that the project
-compiles (:mod:`spool_stream.kernels.compiled`). After the arguments named here come the term's parameters,
+compiles (:mod:`spool_core.kernels.compiled`). After the arguments named here come the term's parameters,
 in their order.
 
     force_law(z, v, t, ...) -> N                   a force that is continuous in the motion
@@ -26,7 +26,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 from spool_sim.valve.description import Valve
 

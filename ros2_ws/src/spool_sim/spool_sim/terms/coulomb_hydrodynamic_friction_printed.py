@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from spool_stream.kernels.compiled import compiled
+from spool_core.kernels.compiled import compiled
 
 from .base import Parameter, Term
 from .coulomb_hydrodynamic_friction import CoulombHydrodynamicFrictionTerm

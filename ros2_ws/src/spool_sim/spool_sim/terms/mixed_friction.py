@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from spool_stream.kernels.compiled import compiled
+from spool_core.kernels.compiled import compiled
 
 from spool_sim.valve.plausibility import GRAVITY
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from spool_stream.discovery import classes_in
-from spool_stream.errors import InputError
+from spool_core.discovery import classes_in
+from spool_core.errors import InputError
 
 from .base import Term
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
-from spool_stream.errors import InputError
-from spool_stream.text.suggestion import did_you_mean
+from spool_core.errors import InputError
+from spool_core.text.suggestion import did_you_mean
 
 from spool_sim.files.validation import Number, Positive, one_line, read_mapping
 

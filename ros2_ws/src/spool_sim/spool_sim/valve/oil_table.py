@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 from .description import Valve
 from .viscosity import HIGHEST_TEMPERATURE, LOWEST_TEMPERATURE

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 CELSIUS_ZERO = 273.15
 _OFFSET = 0.7

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 from spool_tools.console import cli_options as cli
 from spool_tools.console.command import Command

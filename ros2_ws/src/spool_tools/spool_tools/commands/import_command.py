@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from spool_stream.errors import InputError
-from spool_stream.text.sentence import plural
+from spool_core.errors import InputError
+from spool_core.text.sentence import plural
 
 from spool_tools.console.cli_options import Force, JsonFile, ReportFile
 from spool_tools.console.command import Command
@@ -79,8 +79,8 @@ def import_(
     Example: ./spool import logger.csv --columns body=#3,spool=#5 --exclude '#4' --out record_bag
     Example: ./spool import body.wav spool.tdms --scale body=50g/FS --out record_bag
     """
-    from spool_import.bag_import import import_record  # noqa: PLC0415 - slow to load, as below
-    from spool_import.records.choices import choices  # noqa: PLC0415
+    from spool_bag.importing.bag_import import import_record  # noqa: PLC0415 - slow to load, as below
+    from spool_bag.importing.records.choices import choices  # noqa: PLC0415
 
     from spool_tools.console.progress import progress  # noqa: PLC0415
 

@@ -48,7 +48,7 @@ def info(
 
     with progress("reading"):
         if is_table(record):
-            from spool_import.records.choices import columns_of  # noqa: PLC0415
+            from spool_bag.importing.records.choices import columns_of  # noqa: PLC0415
 
             from spool_tools.input.table_source import TableSource  # noqa: PLC0415
 

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import typer
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 from spool_tools.console.command import Command
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import typer
-from spool_stream.text.printable import printable
-from spool_stream.text.sentence import plural
+from spool_core.text.printable import printable
+from spool_core.text.sentence import plural
 
 from spool_tools.console.cli_options import BagArgument, Force, NewBag
 from spool_tools.console.command import Command

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import Console
-from spool_stream.uncertainty import LEGEND, with_interval
+from spool_core.uncertainty import LEGEND, with_interval
 
 from spool_tools.console import cli_options as cli
 from spool_tools.console.command import Command

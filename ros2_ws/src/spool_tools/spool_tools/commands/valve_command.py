@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 from spool_tools.console.cli_options import Force, JsonFile
 from spool_tools.console.command import Command

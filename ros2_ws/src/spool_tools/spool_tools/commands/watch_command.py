@@ -6,7 +6,7 @@ from importlib.metadata import entry_points
 from typing import Annotated
 
 import typer
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 from spool_tools.console.command import Command
 
@@ -40,7 +40,7 @@ def watch(
     if web:
         page = next(iter(entry_points(group=PAGES)), None)
         if page is None:
-            raise InputError("--web: the package spool_web is not installed here")
+            raise InputError("--web: the package spool_view is not installed here")
         page.load()(port=port, operator=operator, names=tuple(valves or ()))
         return
     if operator:

@@ -8,7 +8,7 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any
 
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 from typer import Typer
 from typer.core import TyperGroup
 from typer.main import get_group

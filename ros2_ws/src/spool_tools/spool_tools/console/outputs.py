@@ -18,8 +18,8 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, TextIO
 
-from spool_stream.errors import InputError
-from spool_stream.files.staging import remove, staged
+from spool_core.errors import InputError
+from spool_core.files.staging import remove, staged
 
 STANDARD_OUTPUT = Path("-")
 

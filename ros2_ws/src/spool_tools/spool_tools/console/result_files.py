@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 from .outputs import STANDARD_OUTPUT, check_output
 

@@ -6,7 +6,7 @@ import sys
 
 from rich.console import Console
 from rich.text import Text
-from spool_stream.text.printable import printable
+from spool_core.text.printable import printable
 
 
 def cell(text: object, style: str = "") -> Text:

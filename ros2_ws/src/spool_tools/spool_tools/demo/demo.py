@@ -17,11 +17,11 @@ from rclpy.parameter_client import AsyncParameterClient
 from rclpy.signals import SignalHandlerOptions
 from spool_bag.reading.information import BagInformation, describe
 from spool_bag.reading.reader import BagReader
+from spool_core.errors import InputError
+from spool_core.node import qos
+from spool_core.node.free_domain import isolate
+from spool_core.node.parameters import rule
 from spool_msgs.msg import HealthEvent, ModelEstimate, ValveHealth
-from spool_node import qos
-from spool_node.free_domain import isolate
-from spool_node.parameters import rule
-from spool_stream.errors import InputError
 
 from spool_tools.console.outputs import write_json
 from spool_tools.operations.record_replay import replay_bag

@@ -9,8 +9,8 @@ from rich.console import Console, Group
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
+from spool_core.uncertainty import LEGEND, with_interval
 from spool_msgs.msg import HealthEvent, ModelEstimate, Quantity, ValveHealth
-from spool_stream.uncertainty import LEGEND, with_interval
 
 _LEVELS = {
     ValveHealth.LEVEL_OK: ("OK", "bold green"),

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 
 def find_executable(package: str, executable: str) -> Path:

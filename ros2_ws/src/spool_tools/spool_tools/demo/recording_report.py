@@ -14,9 +14,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from spool_bag.reading.reader import BagReader
-from spool_stream.block_gate import malformed
-from spool_stream.text.sentence import plural
-from spool_stream.uncertainty import LEGEND, PLUS_MINUS, Z_95, Shown, interval
+from spool_core.block_gate import malformed
+from spool_core.text.sentence import plural
+from spool_core.uncertainty import LEGEND, PLUS_MINUS, Z_95, Shown, interval
 
 from spool_tools.report import page as html
 from spool_tools.report.provenance import sources

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
+from spool_core.errors import InputError
+from spool_estimator.identification.record import Record
 from spool_estimator.plausibility import check_rate, check_records
-from spool_identification.record import Record
 from spool_sim.valve.description import Valve
-from spool_stream.errors import InputError
 
 from .record_loading import (
     Recording,

@@ -11,19 +11,19 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from spool_bag.format.metadata import rate_std
+from spool_bag.importing.bag_import import import_notes
+from spool_bag.importing.records.blocks import start_of
+from spool_bag.importing.records.choices import columns_of
+from spool_bag.importing.records.logger_record import LoggerRecord
 from spool_bag.reading.reader import BagReader
 from spool_bag.reading.span import Span
 from spool_bag.tables.column_names import BODY, OIL_TEMPERATURE, SPOOL
-from spool_identification.record import Record, records_from_blocks
-from spool_identification.record_parts import PartKeeper
-from spool_identification.signals.channel_faults import ChannelFault, faults_of, without_outliers
-from spool_import.bag_import import import_notes
-from spool_import.records.blocks import start_of
-from spool_import.records.choices import columns_of
-from spool_import.records.logger_record import LoggerRecord
+from spool_core.block import Block
+from spool_core.errors import InputError
+from spool_estimator.identification.record import Record, records_from_blocks
+from spool_estimator.identification.record_parts import PartKeeper
+from spool_estimator.identification.signals.channel_faults import ChannelFault, faults_of, without_outliers
 from spool_sim.valve.description import Valve, find_valve, shipped_valves
-from spool_stream.block import Block
-from spool_stream.errors import InputError
 
 from .bag_valve import recorded_valve
 from .record_names import split_name

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from spool_bag.reading.reader import BagReader
 from spool_bag.reading.span import ALWAYS, Span
-from spool_stream.errors import InputError
-from spool_stream.text.printable import printable
+from spool_core.errors import InputError
+from spool_core.text.printable import printable
 
 from .table_record import is_table
 

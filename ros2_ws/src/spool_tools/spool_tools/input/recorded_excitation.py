@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from spool_bag.format.metadata import is_bag_file
 from spool_bag.reading.reader import BagReader
+from spool_core.block_gate import BlockGate, Verdict
+from spool_core.errors import InputError
 from spool_sim.excitation.kinds import Excitation, Recorded, load_excitation
 from spool_sim.excitation.presets import PRESETS
 from spool_sim.files.validation import one_line, read_mapping
-from spool_stream.block_gate import BlockGate, Verdict
-from spool_stream.errors import InputError
 
 from .table_record import is_table, record_of_table
 

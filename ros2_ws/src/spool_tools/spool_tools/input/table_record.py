@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from spool_bag.format.metadata import is_bag_file
-from spool_import.records.logger_record import LoggerRecord, read_record
-from spool_stream.errors import InputError
+from spool_bag.importing.records.logger_record import LoggerRecord, read_record
+from spool_core.errors import InputError
 
 
 def is_table(path: Path) -> bool:
@@ -24,7 +24,7 @@ def record_of_table(
     """Return the record in a file; what only `import` can be told is refused with that.
 
     Raises:
-        InputError: as :func:`spool_import.records.logger_record.read_record`.
+        InputError: as :func:`spool_bag.importing.records.logger_record.read_record`.
     """
     try:
         return read_record(path, kind, columns, regular=regular)

@@ -6,11 +6,11 @@ import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from spool_bag.importing.records.blocks import BLOCK_DURATION, start_of, stream_of
 from spool_bag.reading.information import BagInformation, summarise
-from spool_import.records.blocks import BLOCK_DURATION, start_of, stream_of
-from spool_stream.block import Block
-from spool_stream.block_run import BlockRun
-from spool_stream.format.cdr import OilTemperature
+from spool_core.block import Block
+from spool_core.block_run import BlockRun
+from spool_core.format.cdr import OilTemperature
 
 from .table_record import record_of_table
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from spool_core.errors import InputError
+from spool_core.text.suggestion import did_you_mean
 from spool_sim.valve.description import Valve, find_valve
-from spool_stream.errors import InputError
-from spool_stream.text.suggestion import did_you_mean
 
 from .bag_valve import recorded_valve
 from .record_loading import Source

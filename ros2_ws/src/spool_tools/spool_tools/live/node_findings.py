@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from spool_node import qos
+from spool_core.node import qos
 
 from .finding import Finding
 

@@ -6,11 +6,11 @@ from datetime import datetime, timezone
 from typing import Any
 
 from builtin_interfaces.msg import Time
+from spool_core.errors import InputError
+from spool_core.node import qos
 from spool_monitor.alarms.alarm import AlarmState
 from spool_msgs.msg import AlarmList
 from spool_msgs.srv import AcknowledgeAlarm, ResetAlarms, ShelveAlarm, SuppressAlarm
-from spool_node import qos
-from spool_stream.errors import InputError
 
 from .service_client import call, client_node, until, who_asks
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from spool_core.errors import InputError
+from spool_core.node import qos
 from spool_msgs.msg import GapAnalysis
-from spool_node import qos
-from spool_stream.errors import InputError
 from std_srvs.srv import Trigger
 
 from spool_tools.console.outputs import write_file

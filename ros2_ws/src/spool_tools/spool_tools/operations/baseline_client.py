@@ -6,9 +6,9 @@ import math
 
 from rich.console import Console
 from rich.table import Table
+from spool_core.errors import InputError
+from spool_core.uncertainty import LEGEND, PLUS_MINUS, interval
 from spool_msgs.srv import ManageBaseline
-from spool_stream.errors import InputError
-from spool_stream.uncertainty import LEGEND, PLUS_MINUS, interval
 
 from .service_client import call, client_node, who_asks
 

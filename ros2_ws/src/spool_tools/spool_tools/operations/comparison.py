@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
-from spool_identification.fit_result import FitSettings
+from spool_core.errors import InputError
+from spool_estimator.identification.fit_result import FitSettings
 from spool_sim.model import Model, load_model
-from spool_stream.errors import InputError
 
 from spool_tools.console.outputs import write_file, write_json
 from spool_tools.console.progress import progress

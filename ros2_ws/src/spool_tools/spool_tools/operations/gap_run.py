@@ -13,18 +13,18 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 from spool_bag.tables.column_names import DISPLACEMENT, FORCE
+from spool_core.errors import InputError
+from spool_core.uncertainty import LEGEND, PLUS_MINUS, interval, percent, with_interval
+from spool_estimator.identification.record import Record
+from spool_estimator.identification.record_parts import LARGEST
 from spool_estimator.plausibility import check_records
 from spool_gap.force.force_analyse import analyse_forces
 from spool_gap.force.force_record import ForceRecord
 from spool_gap.report.serialisation import result_to_dict
 from spool_gap.result import COUNTED, GapResult, GapSettings
 from spool_gap.workflow.analyse import analyse
-from spool_identification.record import Record
-from spool_identification.record_parts import LARGEST
 from spool_sim.model import Model, load_model
 from spool_sim.valve.description import Valve, find_valve
-from spool_stream.errors import InputError
-from spool_stream.uncertainty import LEGEND, PLUS_MINUS, interval, percent, with_interval
 
 from spool_tools.console.outputs import write_file, write_json
 from spool_tools.console.progress import progress

@@ -11,10 +11,10 @@ from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rich.console import Console
 from rich.table import Table
-from spool_node.parameters import BUILT_IN
-from spool_stream.errors import InputError
-from spool_stream.files.yaml_file import YamlError, load_yaml
-from spool_stream.text.suggestion import did_you_mean
+from spool_core.errors import InputError
+from spool_core.files.yaml_file import YamlError, load_yaml
+from spool_core.node.parameters import BUILT_IN
+from spool_core.text.suggestion import did_you_mean
 
 from .service_client import call, client_node
 

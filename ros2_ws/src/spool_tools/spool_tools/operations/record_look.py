@@ -9,14 +9,14 @@ from typing import Any
 
 from rich.console import Console
 from rich.table import Table
-from spool_identification.record_parts import LARGEST
-from spool_import.formats.format import format_of, open_table
-from spool_import.records.choices import Choices
-from spool_import.records.logger_record import LoggerRecord, read_record
-from spool_import.tables.table import STAMP
-from spool_import.tables.table import Table as Channels
-from spool_import.units.units import quantity_of
-from spool_stream.errors import InputError
+from spool_bag.importing.formats.format import format_of, open_table
+from spool_bag.importing.records.choices import Choices
+from spool_bag.importing.records.logger_record import LoggerRecord, read_record
+from spool_bag.importing.tables.table import STAMP
+from spool_bag.importing.tables.table import Table as Channels
+from spool_bag.importing.units.units import quantity_of
+from spool_core.errors import InputError
+from spool_estimator.identification.record_parts import LARGEST
 
 from spool_tools.console.outputs import write_file, write_json
 from spool_tools.console.terminal import cell

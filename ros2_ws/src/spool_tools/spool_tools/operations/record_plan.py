@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from spool_identification.record import Record
+from spool_core.errors import InputError
+from spool_core.quantity import Quantity
+from spool_core.uncertainty import LEGEND, number, percent, with_interval
+from spool_estimator.identification.record import Record
 from spool_sim.model import load_model
 from spool_sim.valve.description import find_valve
-from spool_stream.errors import InputError
-from spool_stream.quantity import Quantity
-from spool_stream.uncertainty import LEGEND, number, percent, with_interval
 
 from spool_tools.console.outputs import write_json
 from spool_tools.console.progress import progress

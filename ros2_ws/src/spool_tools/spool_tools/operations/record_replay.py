@@ -11,10 +11,14 @@ from typing import Any
 from spool_bag.format.metadata import rate_std
 from spool_bag.reading.information import MOST_STEPS
 from spool_bag.reading.timeline import Timeline, duration_of, step_text
+from spool_core.block_run import BlockRun
+from spool_core.errors import InputError
+from spool_core.format.cdr import OilTemperature
+from spool_core.text.sentence import plural
+from spool_estimator.identification.record import Record
+from spool_estimator.identification.record_parts import PartKeeper
 from spool_estimator.plausibility import ValveCheck, check_rate
 from spool_estimator.refit import RefitSettings, WindowRefits
-from spool_identification.record import Record
-from spool_identification.record_parts import PartKeeper
 from spool_monitor.drift.drift_trace import DriftTrace
 from spool_monitor.history.state_file import valve_folder
 from spool_monitor.history.valve_state import ValveState
@@ -22,10 +26,6 @@ from spool_monitor.monitor import Monitor
 from spool_monitor.replay import Replay
 from spool_sim.model import load_model
 from spool_sim.valve.description import Valve
-from spool_stream.block_run import BlockRun
-from spool_stream.errors import InputError
-from spool_stream.format.cdr import OilTemperature
-from spool_stream.text.sentence import plural
 
 from spool_tools.console.outputs import write_file
 from spool_tools.console.progress import progress

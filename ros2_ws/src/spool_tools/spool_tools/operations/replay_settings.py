@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from spool_core.errors import InputError
 from spool_estimator.estimator import phase_of, settings_for
 from spool_estimator.estimators import make_estimator
 from spool_estimator.gap_requests.gap_watch import GapWatch
@@ -14,7 +15,6 @@ from spool_estimator.stream_estimator import StreamEstimator
 from spool_monitor.detectors import LIMITS, MonitorSettings, check_settings
 from spool_monitor.detectors.settings import BASELINE_TIME, NATURAL_FREQUENCY
 from spool_sim.valve.description import Valve
-from spool_stream.errors import InputError
 
 #: Parameters of the node `estimator` that change its estimates.
 ESTIMATING = ("forgetting", "memory", "low_cut", "high_cut", "minimum_excitation", "period")
@@ -108,10 +108,10 @@ def settings_from(file: Path | None, name: str) -> ReplaySettings:
     if file is None:
         return SHIPPED
     # The nodes' own tables, which need ROS.
+    from spool_core.node.managed_node import AUTOSTART  # noqa: PLC0415
+    from spool_core.node.parameters import read_parameters  # noqa: PLC0415
     from spool_estimator.node.estimator_node import EstimatorNode  # noqa: PLC0415
     from spool_monitor.node.monitor_node import MonitorNode  # noqa: PLC0415
-    from spool_node.managed_node import AUTOSTART  # noqa: PLC0415
-    from spool_node.parameters import read_parameters  # noqa: PLC0415
 
     space = f"/{name.strip('/')}"
     monitor = read_parameters(file, f"{space}/monitor", (AUTOSTART, *MonitorNode.PARAMETERS))

@@ -12,7 +12,7 @@ import rclpy
 from lifecycle_msgs.srv import GetState
 from rclpy.node import Node
 from spool_bag.names import check_valve
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 #: s that a running node may take to be found and to answer.
 PATIENCE = 5.0

@@ -8,13 +8,13 @@ from pathlib import Path
 from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE
 from spool_bag.names import check_valve
 from spool_bag.recording.writer import BagWriter
+from spool_core.errors import InputError
+from spool_core.format.cdr import OilTemperature, encode_block, encode_temperature
+from spool_core.text.sentence import plural
 from spool_sim.excitation.kinds import Recorded
 from spool_sim.sensors import Sensor, Sensors, load_sensors
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
-from spool_stream.errors import InputError
-from spool_stream.format.cdr import OilTemperature, encode_block, encode_temperature
-from spool_stream.text.sentence import plural
 
 from spool_tools.console.outputs import making_room
 from spool_tools.console.progress import progress

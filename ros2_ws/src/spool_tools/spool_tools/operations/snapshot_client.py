@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from spool_core.errors import InputError
 from spool_msgs.srv import TakeSnapshot
-from spool_stream.errors import InputError
 
 from .service_client import call, client_node, who_asks
 

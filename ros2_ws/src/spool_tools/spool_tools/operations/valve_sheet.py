@@ -7,10 +7,10 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from spool_core.errors import InputError
+from spool_core.text.suggestion import did_you_mean
 from spool_sim.valve.description import Valve, valve_from_mapping
 from spool_sim.valve.viscosity import DENSITY, OILS
-from spool_stream.errors import InputError
-from spool_stream.text.suggestion import did_you_mean
 
 #: One of each unit in SI, by kind of number; the first one is what a number without a unit has.
 UNITS: Mapping[str, Mapping[str, float]] = {

@@ -11,11 +11,11 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 from spool_bag.names import check_valve
+from spool_core.errors import InputError
+from spool_core.uncertainty import exact, number, unit_text
 from spool_monitor.history.state_file import default_folder, valve_folder
 from spool_monitor.history.trend import KEPT, TrendStore, finest, own_file
 from spool_monitor.history.valve_state import TRENDS
-from spool_stream.errors import InputError
-from spool_stream.uncertainty import exact, number, unit_text
 
 from spool_tools.console.outputs import check_output, write_file, write_json
 from spool_tools.report.trend_page import for_people, trend_page, trend_rows

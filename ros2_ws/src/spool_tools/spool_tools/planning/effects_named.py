@@ -7,14 +7,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from spool_core.errors import InputError
+from spool_estimator.identification.record import Record
 from spool_gap.effect import Effect
 from spool_gap.registry import EFFECTS
 from spool_gap.registry import effect as find_effect
 from spool_gap.workflow.analyse import analyse
-from spool_identification.record import Record
 from spool_sim.model import FLUID, Model, load_model
 from spool_sim.terms import term
-from spool_stream.errors import InputError
 
 from .planned import Plan, travel
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_identification.record import Record
+from spool_estimator.identification.record import Record
 from spool_sim.excitation.base import Excitation
 from spool_sim.model import Model
 from spool_sim.sensors import Sensor

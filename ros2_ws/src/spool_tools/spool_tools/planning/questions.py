@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from spool_identification.fit import fit
-from spool_identification.fit_result import Fit, FitSettings
+from spool_core.errors import InputError
+from spool_core.quantity import Quantity
+from spool_core.uncertainty import Z_95, percent
+from spool_estimator.identification.fit import fit
+from spool_estimator.identification.fit_result import Fit, FitSettings
 from spool_sim.model import Model, load_model
-from spool_stream.errors import InputError
-from spool_stream.quantity import Quantity
-from spool_stream.uncertainty import Z_95, percent
 
 from .planned import Plan, travel
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
-from spool_identification.record import Record
-from spool_identification.signals.channel_noise import noise_of
-from spool_identification.signals.clipping import at_rail
+from spool_estimator.identification.record import Record
+from spool_estimator.identification.signals.channel_noise import noise_of
+from spool_estimator.identification.signals.clipping import at_rail
 
 from spool_tools.input.record_loading import channel_faults, cleaned_stretches, outliers_text
 

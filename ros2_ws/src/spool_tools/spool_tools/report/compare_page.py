@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from spool_stream.uncertainty import LEGEND
+from spool_core.uncertainty import LEGEND
 
 from . import fit_curves as curves
 from . import fit_pictures as pictures

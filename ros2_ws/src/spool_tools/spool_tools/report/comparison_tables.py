@@ -8,7 +8,7 @@ from typing import Any
 
 from rich.console import Console
 from rich.table import Table
-from spool_stream.uncertainty import LEGEND, with_interval
+from spool_core.uncertainty import LEGEND, with_interval
 
 from .fit_tables import to_dictionary
 from .ranking import WORTH, FittedSeries, Ranking

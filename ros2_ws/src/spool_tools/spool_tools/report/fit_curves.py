@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
-from spool_identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, Fit
-from spool_identification.free_run import FreeRun, Response
-from spool_identification.record import Record, first_seconds
-from spool_identification.signals.zero_phase import ZeroPhase, relative_motion
+from spool_core.errors import InputError
+from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, Fit
+from spool_estimator.identification.free_run import FreeRun, Response
+from spool_estimator.identification.record import Record, first_seconds
+from spool_estimator.identification.signals.zero_phase import ZeroPhase, relative_motion
 from spool_sim.valve.description import Valve
-from spool_stream.errors import InputError
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from spool_stream.uncertainty import LEGEND
+from spool_core.uncertainty import LEGEND
 
 from . import fit_curves as curves
 from . import fit_pictures as pictures

@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from spool_identification.fit_result import Agreement
+from spool_estimator.identification.fit_result import Agreement
 
 from .drawing.palette import DARK, MEASURED, STYLES, WIDTH
 from .fit_curves import Excerpt, FrictionCurve, Overlay

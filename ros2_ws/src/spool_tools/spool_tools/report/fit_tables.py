@@ -7,8 +7,8 @@ from typing import Any
 
 from rich.console import Console
 from rich.table import Table
-from spool_identification.fit_result import Fit
-from spool_stream.uncertainty import PLUS_MINUS, UNKNOWN, exact, interval, number, unit_text
+from spool_core.uncertainty import PLUS_MINUS, UNKNOWN, exact, interval, number, unit_text
+from spool_estimator.identification.fit_result import Fit
 
 from .validated_fit import ValidatedFit, damping_ratio, natural_frequency
 

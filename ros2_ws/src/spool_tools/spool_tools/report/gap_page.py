@@ -6,10 +6,10 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from spool_core.quantity import Quantity
+from spool_core.uncertainty import LEGEND, interval, with_interval
 from spool_gap.registry import EFFECTS
 from spool_gap.result import COUNTED, GapResult
-from spool_stream.quantity import Quantity
-from spool_stream.uncertainty import LEGEND, interval, with_interval
 
 from . import gap_pictures as pictures
 from . import page as html

@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from spool_core.quantity import Quantity
+from spool_core.uncertainty import width
 from spool_sim.model import Model
-from spool_stream.quantity import Quantity
-from spool_stream.uncertainty import width
 
 from spool_tools.console.outputs import write_file
 

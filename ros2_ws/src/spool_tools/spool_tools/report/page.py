@@ -18,7 +18,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from spool_stream.uncertainty import number
+from spool_core.uncertainty import number
 
 from .evidence.exhibit import Exhibit, LeftOut, Panel
 from .provenance import provenance

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
-from spool_stream.uncertainty import number
+from spool_core.uncertainty import number
 
 from spool_tools.quality.record_quality import COHERENT, RecordQuality
 

@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_identification.record import Record
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
+from spool_estimator.identification.record import Record
 
 from spool_tools.input.fit_data import FitData
 

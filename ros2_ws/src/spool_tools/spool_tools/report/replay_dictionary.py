@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 from spool_bag.reading.timeline import Timeline
+from spool_core.uncertainty import at_uncertain_rate
 from spool_estimator.estimate import Estimate
 from spool_estimator.refit import Refit
 from spool_monitor.detectors import JUDGEMENT_TEXTS
 from spool_monitor.events.event import Event
 from spool_monitor.health import Health
 from spool_monitor.replay import Replay
-from spool_stream.uncertainty import at_uncertain_rate
 
 from spool_tools.input.valve_choice import ChosenValve
 

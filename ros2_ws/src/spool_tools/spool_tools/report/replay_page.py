@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from spool_stream.text.sentence import plural
-from spool_stream.uncertainty import LEGEND, with_interval
+from spool_core.text.sentence import plural
+from spool_core.uncertainty import LEGEND, with_interval
 
 from . import page as html
 from .evidence.exhibit import Exhibit, LeftOut

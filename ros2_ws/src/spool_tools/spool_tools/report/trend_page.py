@@ -9,8 +9,8 @@ from typing import Any
 
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
+from spool_core.uncertainty import number
 from spool_monitor.history.trend import Span
-from spool_stream.uncertainty import number
 
 from . import page as html
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from spool_identification.agreement import free_run_agreement
-from spool_identification.fit import fit
-from spool_identification.fit_result import Agreement, Fit, FitSettings
+from spool_core.errors import InputError
+from spool_estimator.identification.agreement import free_run_agreement
+from spool_estimator.identification.fit import fit
+from spool_estimator.identification.fit_result import Agreement, Fit, FitSettings
 from spool_sim.model import Model
-from spool_stream.errors import InputError
 
 from spool_tools.input.fit_data import FitData
 

@@ -10,7 +10,7 @@ from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
 
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 from .access import Access
 from .documents import governance, permissions

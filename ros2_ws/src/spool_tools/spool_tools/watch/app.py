@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable
 from typing import ClassVar
 
+from spool_core.uncertainty import LEGEND
 from spool_msgs.msg import Alarm
-from spool_stream.uncertainty import LEGEND
 from textual.app import App, ComposeResult
 from textual.binding import Binding
 from textual.containers import Vertical

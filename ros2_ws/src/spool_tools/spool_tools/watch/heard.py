@@ -12,10 +12,10 @@ from typing import Any
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from spool_core.node import qos
 from spool_monitor.node.valve_condition import monitored_valves
 from spool_msgs.msg import AlarmList, HealthEvent, ModelEstimate, ValveHealth
 from spool_msgs.srv import AcknowledgeAlarm, ResetAlarms, ShelveAlarm
-from spool_node import qos
 
 #: s between looks for valves that joined; valves and events that are held at most.
 LOOK_EVERY, MOST_VALVES, EVENTS = 1.0, 1000, 200

@@ -5,9 +5,9 @@ from __future__ import annotations
 from datetime import datetime
 
 from rich.text import Text
+from spool_core.uncertainty import with_interval
 from spool_monitor.alarms.alarm import AlarmState
 from spool_msgs.msg import Alarm, Quantity
-from spool_stream.uncertainty import with_interval
 
 from .condition import SEVERITIES, shown_condition
 from .heard import HeardValve

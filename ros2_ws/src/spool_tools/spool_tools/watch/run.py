@@ -7,7 +7,7 @@ import sys
 import time
 from types import FrameType
 
-from spool_stream.uncertainty import LEGEND
+from spool_core.uncertainty import LEGEND
 
 from spool_tools.operations.service_client import who_asks
 

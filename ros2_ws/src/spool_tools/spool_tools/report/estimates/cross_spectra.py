@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_identification.free_run import excitation_limit
-from spool_identification.record import Record, first_seconds
-from spool_identification.signals.zero_phase import ZeroPhase, delayed, relative_motion
+from spool_core.errors import InputError
+from spool_estimator.identification.free_run import excitation_limit
+from spool_estimator.identification.record import Record, first_seconds
+from spool_estimator.identification.signals.zero_phase import ZeroPhase, delayed, relative_motion
 from spool_sim.integration.composed_motion import ComposedMotion
-from spool_stream.errors import InputError
 
 from .runs import LONGEST, LOW_CUT, Numbers, of_one_rate
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_identification.free_run import FreeRun, Window
-from spool_identification.record import Record
+from spool_core.errors import InputError
+from spool_estimator.identification.free_run import FreeRun, Window
+from spool_estimator.identification.record import Record
 from spool_sim.model import Model
 from spool_sim.valve.description import Valve
-from spool_stream.errors import InputError
 
 Array = NDArray[np.float64]
 

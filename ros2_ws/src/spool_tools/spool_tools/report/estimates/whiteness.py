@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, signal
-from spool_stream.errors import InputError
-from spool_stream.uncertainty import Z_95
+from spool_core.errors import InputError
+from spool_core.uncertainty import Z_95
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from itertools import pairwise
 import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
-from spool_stream.uncertainty import number
+from spool_core.uncertainty import number
 
 from spool_tools.report.drawing.palette import AFTER, BEFORE, DASHED, WIDTH, plain
 from spool_tools.report.estimates.spectrogram import Spectrogram

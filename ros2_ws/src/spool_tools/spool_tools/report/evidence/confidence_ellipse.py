@@ -5,9 +5,9 @@ from __future__ import annotations
 import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
-from spool_stream.errors import InputError
-from spool_stream.quantity import Quantity
-from spool_stream.uncertainty import Z_95, with_interval
+from spool_core.errors import InputError
+from spool_core.quantity import Quantity
+from spool_core.uncertainty import Z_95, with_interval
 
 from spool_tools.report.drawing.palette import AFTER, DARK, MEASURED, WIDTH, plain
 from spool_tools.report.estimates.ellipse import Ellipse

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
+from spool_core.errors import InputError
+from spool_core.uncertainty import Z_95, number, with_interval
 from spool_monitor.drift.drift_trace import DriftPoint
-from spool_stream.errors import InputError
-from spool_stream.uncertainty import Z_95, number, with_interval
 
 from spool_tools.report.drawing.palette import AFTER, BEFORE, DARK, FLOOR, MEASURED, WIDTH, plain
 

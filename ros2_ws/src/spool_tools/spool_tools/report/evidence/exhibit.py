@@ -12,7 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from spool_stream.errors import InputError
+from spool_core.errors import InputError
 
 Array = NDArray[np.float64]
 

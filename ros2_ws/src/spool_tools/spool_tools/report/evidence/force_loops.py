@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import matplotlib.pyplot as plt
 import numpy as np
-from spool_stream.uncertainty import number, percent
+from spool_core.uncertainty import number, percent
 
 from spool_tools.report.drawing.palette import AFTER, BEFORE, DASHED, MEASURED, WIDTH, plain
 from spool_tools.report.estimates.loops import Loops, Profile

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import matplotlib.pyplot as plt
 import numpy as np
-from spool_stream.uncertainty import Z_95, percent
+from spool_core.uncertainty import Z_95, percent
 
 from spool_tools.report.drawing.palette import AFTER, BEFORE, DARK, MEASURED, WIDTH, plain
 from spool_tools.report.estimates.bands import Band

@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from spool_identification.free_run import excitation_limit
-from spool_identification.record import Record
+from spool_core.errors import InputError
+from spool_estimator.identification.free_run import excitation_limit
+from spool_estimator.identification.record import Record
 from spool_sim.valve.description import Valve
-from spool_stream.errors import InputError
 
 from spool_tools.report.estimates.bands import bands_of
 from spool_tools.report.estimates.cross_spectra import cross_spectra

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from spool_identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, Fit
-from spool_identification.record import Record
+from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, Fit
+from spool_estimator.identification.record import Record
 from spool_sim.valve.description import Valve
 
 from spool_tools.report.estimates.runs import Numbers

@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_core.errors import InputError
 from spool_gap.force.force_record import ForceRecord
 from spool_gap.result import Curves
-from spool_stream.errors import InputError
 
 from spool_tools.report.estimates.bands import bands_of
 from spool_tools.report.estimates.cross_spectra import cross_spectra

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from spool_core.quantity import Quantity
+from spool_estimator.identification.record import Record
 from spool_gap.force.force_record import ForceRecord
 from spool_gap.result import GapResult
 from spool_gap.simulation.point import DELAY, GAIN
-from spool_identification.record import Record
 from spool_sim.model import Model
 from spool_sim.valve.description import Valve
-from spool_stream.quantity import Quantity
 
 from spool_tools.report.estimates.runs import Numbers
 

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from spool_core.errors import InputError
+from spool_core.uncertainty import Z_95
 from spool_estimator.estimate import Estimate
+from spool_estimator.identification.record import Record
 from spool_estimator.refit import Refit
-from spool_identification.record import Record
 from spool_monitor.drift.drift_trace import DriftTrace
 from spool_monitor.events.event import Event, EventState
 from spool_sim.model import load_model
 from spool_sim.valve.description import Valve
-from spool_stream.errors import InputError
-from spool_stream.uncertainty import Z_95
 
 from spool_tools.report.estimates.runs import Numbers
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import matplotlib.pyplot as plt
 import numpy as np
-from spool_stream.uncertainty import number
+from spool_core.uncertainty import number
 
 from spool_tools.report.drawing.palette import AFTER, BEFORE, DASHED, FLOOR, MEASURED, WIDTH, plain
 from spool_tools.report.estimates.whiteness import Whiteness

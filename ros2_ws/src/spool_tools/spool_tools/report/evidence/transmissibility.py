@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
-from spool_stream.errors import InputError
-from spool_stream.uncertainty import Z_95, number
+from spool_core.errors import InputError
+from spool_core.uncertainty import Z_95, number
 
 from spool_tools.report.drawing.palette import AFTER, BEFORE, DARK, DASHED, MEASURED, WIDTH, plain
 from spool_tools.report.estimates.cross_spectra import CrossSpectra, cross_spectra

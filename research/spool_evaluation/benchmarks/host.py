@@ -1,0 +1,156 @@
+"""Benchmark of hosting: estimators and monitors of many valves in a host, beside the same as processes.
+
+Blocks of 40 samples at 2 kHz come from one process of its own, from before the nodes start until the end.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+from rich.console import Console
+from spool_core.errors import InputError
+from spool_core.node.free_domain import isolate
+from spool_tools.demo.processes import Nodes
+
+from .load import valve_source
+from .load.process_cost import family, memory, processor_time
+
+VALVES = (1, 10, 32, 100)
+#: s that blocks are sent, and how long after the start processor time is taken from.
+SECONDS, SETTLED = 60.0, 30.0
+#: Valves for one process of the host, at most: a process of Python uses one core, shared with its middleware.
+VALVES_A_PROCESS = 50
+#: Valves that are tried as processes, two each, and B that each process takes of its own.
+MOST_AS_PROCESSES, OWN_MEMORY = 32, 160e6
+
+
+@dataclass(frozen=True, slots=True)
+class HostCost:
+    """Cost of so many ``valves``, run in ``processes``; times in s, memory in B.
+
+    ``cores`` is the processor time of all processes over the wall time; ``memory`` counts shared pages once,
+    ``resident`` each time.
+    """
+
+    valves: int
+    way: str
+    processes: int
+    cores: float
+    memory: int
+    resident: int
+    seen: dict[str, float | None]
+
+    def cells(self) -> dict[str, str]:
+        """Return the row of the table."""
+        seen = self.seen
+
+        def milliseconds(name: str) -> str:
+            value = seen[name]
+            return "" if value is None else f"{1e3 * value:.1f}"
+
+        tracking = seen["all_tracking_s"]
+        return {
+            "valves": str(self.valves),
+            "in": self.way,
+            "processes": str(self.processes),
+            "cores": f"{self.cores:.2f}",
+            "cores a valve": f"{self.cores / self.valves:.4f}",
+            "PSS, MB": f"{self.memory / 1e6:.0f}",
+            "RSS, MB": f"{self.resident / 1e6:.0f}",
+            "blocks lost": f"{seen['lost']:.0f}",
+            "block to estimate p50, ms": milliseconds("p50_s"),
+            "p99, ms": milliseconds("p99_s"),
+            "longest wait of a block, start, ms": milliseconds("wait_at_start_s")
+            if self.way == "host"
+            else "",
+            "later, ms": milliseconds("wait_later_s") if self.way == "host" else "",
+            "all tracking after, s": f"{tracking:.1f}"
+            if tracking is not None and seen["tracking"] == self.valves
+            else f"{seen['tracking']:.0f} of {self.valves}",
+        }
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what ``--json`` writes."""
+        own = {
+            name: getattr(self, name)
+            for name in ("valves", "way", "processes", "cores", "memory", "resident")
+        }
+        return {**own, **self.seen}
+
+
+def run(seconds: float = SECONDS, valves: Sequence[int] = VALVES) -> Iterator[HostCost]:
+    """Yield a row for each number of valves in a host, and as processes where they fit."""
+    isolate()
+    for count in valves:
+        yield _measured(count, seconds, "host")
+        if count <= MOST_AS_PROCESSES and 2 * count * OWN_MEMORY < _available():
+            yield _measured(count, seconds, "processes of their own")
+
+
+def _measured(count: int, seconds: float, way: str) -> HostCost:
+    Console(stderr=True).print(f"{count} valves, {way}: {seconds:g} s ...", highlight=False)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        report = folder / "report.json"
+        words = [str(count), str(seconds), str(report)]
+        with (folder / "source.log").open("wb") as log:
+            source = subprocess.Popen(
+                [sys.executable, "-m", valve_source.__name__, *words], stdout=log, stderr=log
+            )
+        try:
+            with Nodes(folder / "nodes.log") as nodes:
+                begin = time.monotonic()
+                _start(nodes, folder, count, way)
+                time.sleep(max(0.0, min(SETTLED, 0.5 * seconds) - (time.monotonic() - begin)))
+                processes = [one for process in nodes.running.values() for one in family(process.pid)]
+                before, from_then = sum(processor_time(one) for one in processes), time.monotonic()
+                time.sleep(max(1.0, begin + seconds - 3.0 - from_then))
+                cores = (sum(processor_time(one) for one in processes) - before) / (
+                    time.monotonic() - from_then
+                )
+                shared, resident = (sum(one) for one in zip(*map(memory, processes), strict=True))
+                if nodes.dead():
+                    raise InputError(
+                        f"bench host: {nodes.dead()[0]} ended: {_last_words(folder / 'nodes.log')}"
+                    )
+                source.wait(timeout=60.0)
+        finally:
+            if source.poll() is None:
+                source.kill()
+        if not report.exists():
+            raise InputError(f"bench host: the source failed: {_last_words(folder / 'source.log')}")
+        seen = json.loads(report.read_text(encoding="utf-8"))
+    return HostCost(count, way, len(processes), cores, int(shared), int(resident), seen)
+
+
+def _start(nodes: Nodes, folder: Path, count: int, way: str) -> None:
+    names = [f"valve_{number + 1}" for number in range(count)]
+    kept = ["-p", f"state_folder:={folder / 'state'}"]
+    if way == "host":
+        valves = folder / "valves.yaml"
+        valves.write_text(yaml.safe_dump([{"namespace": name} for name in names]), encoding="utf-8")
+        processes = -(-count // VALVES_A_PROCESS)
+        words = ["--processes", str(processes), "--ros-args", "-p", f"valves_file:={valves}", *kept]
+        nodes.start("host", "spool_bringup", "host", words)
+        return
+    for name in names:
+        words = ["--ros-args", "-r", f"__ns:=/{name}"]
+        nodes.start(f"{name} estimator", "spool_estimator", "estimator", words)
+        nodes.start(f"{name} monitor", "spool_monitor", "monitor", [*words, *kept])
+
+
+def _available() -> int:
+    lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+    return next(1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
+
+
+def _last_words(log: Path) -> str:
+    return log.read_text(encoding="utf-8", errors="replace").strip()[-300:]

@@ -1,0 +1,175 @@
+"""Source of the blocks of many valves: a recorded run sent again, cheaply, and when the estimates come back.
+
+Run as ``python -m spool_evaluation.benchmarks.load.valve_source COUNT SECONDS FILE [SHIFT]``; it sends for
+``SECONDS`` and writes what it saw as JSON. Each valve sends the run ``SHIFT`` blocks ahead of the one before.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+import sys
+import time
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.serialization import serialize_message
+from spool_core.node import qos
+from spool_core.node.messages import from_block
+from spool_msgs.msg import AccelerationBlock, ModelEstimate
+from spool_sim.excitation.presets import PRESETS
+from spool_sim.sensors import Sensor
+from spool_sim.simulator import Simulator
+from spool_sim.valve.description import find_valve
+
+SAMPLE_RATE, BLOCK_RATE = 2000.0, 50.0
+#: Groups of valves whose blocks are due one after the other within a period: machines do not sample in step.
+GROUPS = 10
+#: s that it may be behind before it gives up.
+LONGEST_BEHIND = 20.0
+#: s after which a valve that was found counts as run in.
+RUN_IN = 20.0
+VALVE = "4weh10_soft"
+
+
+@dataclass(slots=True)
+class ValveSource:
+    """Source of the blocks of ``count`` valves for ``seconds``.
+
+    Attributes:
+        sent: when each of the last blocks of a valve was sent, by its sequence, s of the monotonic clock.
+        tracking: when each valve was first told to be tracking, s after its first block was heard.
+        ages: from block to estimate (s), for estimates after the first ``RUN_IN`` seconds, and before.
+        lost: blocks that each estimator counts as lost.
+        blocks: that were sent of each valve.
+        longest_wait: s, that a block waited for its turn in a host: while it starts, and later.
+    """
+
+    count: int
+    seconds: float
+    shift: int = 0
+    tracking: dict[int, float] = field(default_factory=dict)
+    first: dict[int, float] = field(default_factory=dict)
+    ages: list[float] = field(default_factory=list)
+    start_ages: list[float] = field(default_factory=list)
+    lost: dict[int, int] = field(default_factory=dict)
+    longest_wait: dict[str, float] = field(default_factory=lambda: {"start": 0.0, "later": 0.0})
+    sent: dict[int, list[float]] = field(default_factory=dict)
+    blocks: int = 0
+    _begin: float = 0.0
+
+    def run(self) -> None:
+        """Send at the pace of the clock until the time is over."""
+        messages, at = self._messages()
+        rclpy.init()
+        node = rclpy.create_node("source")
+        executor = EventsExecutor()
+        executor.add_node(node)
+        publishers = []
+        for valve in range(self.count):
+            name = f"/valve_{valve + 1}"
+            profile = qos.samples_offered(BLOCK_RATE)
+            publishers.append(node.create_publisher(AccelerationBlock, f"{name}/acceleration", profile))
+            heard = partial(self._heard, valve)
+            node.create_subscription(ModelEstimate, f"{name}/estimate", heard, qos.state(depth=10))
+            self.sent[valve] = [math.nan] * 1000
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._diagnosed, qos.diagnostics())
+        groups = [range(group, self.count, GROUPS) for group in range(GROUPS)]
+        step = 1.0 / BLOCK_RATE / GROUPS
+        self._begin, begin = time.monotonic(), time.time_ns()
+        for turn in range(round(self.seconds * BLOCK_RATE) * GROUPS):
+            number, group = divmod(turn, GROUPS)
+            self.blocks = number + 1 if group == GROUPS - 1 else number
+            due = self._begin + (turn + 1) * step
+            if time.monotonic() - due > LONGEST_BEHIND:
+                break  # no processor is left: what was seen until now is the result
+            while (left := due - time.monotonic()) > 0.0:
+                executor.spin_once(timeout_sec=left)
+            # Stamped by the clock of the acquisition: how busy this process is changes no stamp.
+            first = begin + round(1e9 * ((turn + 1) * step - 1.0 / BLOCK_RATE))
+            seconds, nanoseconds = divmod(first, 1_000_000_000)
+            for valve in groups[group]:
+                message = messages[(number + self.shift * valve) % len(messages)]
+                struct.pack_into("<iI", message, 4, seconds, nanoseconds)
+                struct.pack_into("<Q", message, at, number)
+                data = bytes(message)
+                self.sent[valve][number % 1000] = time.monotonic()
+                publishers[valve].publish(data)
+        executor.spin_once(timeout_sec=0.5)
+        executor.shutdown()
+        rclpy.shutdown()
+
+    def _messages(self) -> tuple[list[bytearray], int]:
+        """Return a run's blocks as CDR and where the sequence stands in each."""
+        noisy = Sensor(noise=0.03)
+        source = Simulator(
+            find_valve(VALVE),
+            PRESETS["multisine"],
+            coulomb_force=0.2,
+            sample_rate=SAMPLE_RATE,
+            block_size=round(SAMPLE_RATE / BLOCK_RATE),
+            seed=1,
+            body_sensor=noisy,
+            spool_sensor=noisy,
+        )
+        found = [
+            bytearray(serialize_message(from_block(block, VALVE))) for block in source.records(self.seconds)
+        ]
+        (length,) = struct.unpack_from("<I", found[0], 12)
+        return found, ((12 + length + 7) & ~7) + 4
+
+    def _heard(self, valve: int, message: ModelEstimate) -> None:
+        now = time.monotonic()
+        self.lost[valve] = message.lost_blocks
+        self.first.setdefault(valve, now)
+        if message.state == ModelEstimate.STATE_TRACKING:
+            self.tracking.setdefault(valve, now - self._begin)
+        age = now - self.sent[valve][message.last_sequence % 1000]
+        if 0.0 <= age < 10.0:
+            (self.ages if now - self.first[valve] > RUN_IN else self.start_ages).append(age)
+
+    def _diagnosed(self, message: DiagnosticArray) -> None:
+        running_in = len(self.tracking) < self.count
+        for status in message.status:
+            if status.name.startswith("host") and status.name.endswith(": host"):
+                waits = [float(one.value) for one in status.values if one.key == "longest_wait_s"]
+                key = "start" if running_in else "later"
+                self.longest_wait[key] = max([self.longest_wait[key], *waits])
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what was seen, times in s."""
+
+        def quantile(ages: list[float], share: float) -> float | None:
+            return float(np.quantile(ages, share)) if ages else None
+
+        return {
+            "blocks": self.blocks,
+            "estimates": len(self.ages),
+            "p50_s": quantile(self.ages, 0.5),
+            "p99_s": quantile(self.ages, 0.99),
+            "worst_at_start_s": quantile(self.start_ages, 1.0),
+            "wait_at_start_s": self.longest_wait["start"],
+            "wait_later_s": self.longest_wait["later"],
+            "tracking": len(self.tracking),
+            "all_tracking_s": max(self.tracking.values(), default=None),
+            "first_heard_s": min(self.first.values(), default=math.nan) - self._begin,
+            "lost": sum(self.lost.values()),
+            "processor_s": time.process_time(),
+        }
+
+
+def main(count: int, seconds: float, file: Path, shift: int = 0) -> None:
+    """Send, then write what was seen."""
+    source = ValveSource(count, seconds, shift)
+    source.run()
+    file.write_text(json.dumps(source.to_dict()), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), float(sys.argv[2]), Path(sys.argv[3]), *map(int, sys.argv[4:]))

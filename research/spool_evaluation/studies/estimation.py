@@ -1,0 +1,186 @@
+"""Coverage study of the standard deviations: fits of simulated records whose parameters are known.
+
+Each record is drawn by its number: one of five models, both springs and oils, three excitations, noise of 0.5
+to 3 % of each channel; the truth is drawn around the valve's description. The simulated sensors sample at one
+instant and without a filter; that they sample at one instant is told to the fit (``timing`` 0).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from spool_estimator.identification.fit import fit
+from spool_estimator.identification.fit_result import Fit, FitSettings
+from spool_estimator.identification.record import Record
+from spool_sim.excitation.kinds import Excitation, MachineOrders, SteppedSine, SweptSine
+from spool_sim.model import MODELS
+from spool_sim.sensors import Sensor, SensorChannel
+from spool_sim.simulator import Simulator
+from spool_sim.valve.description import Valve, find_valve
+from spool_tools.console.outputs import write_json
+
+from spool_evaluation.results.page import study_command
+from spool_evaluation.results.timing import Stopwatch
+
+from .estimation_page import write_study
+from .estimation_summary import Estimated, RecordFit, summary
+from .workers import spread
+
+MODEL_NAMES = ("fluid", "microwedge", "mixed", "coulomb_hydrodynamic", "coulomb")
+SPRINGS = ("4weh10_soft", "4weh10_stiff")
+#: Pa s: HL68 and Azolla ZS22 of the paper's table 2.
+VISCOSITIES = {"HL68": 0.0612, "Azolla ZS22": 0.0198}
+EXCITATIONS = ("sweep", "stepped", "orders")
+SECONDS, SAMPLE_RATE = 20.0, 2000.0
+NOISE = (0.005, 0.03)
+
+
+def run(records: int, seed: int, out: Path, workers: int | None = None) -> list[RecordFit]:
+    """Fit ``records`` simulated records; write rows, table and picture into ``out``."""
+    out.mkdir(parents=True, exist_ok=True)
+    items = [(seed, number) for number in range(records)]
+    rows = sorted(
+        spread(judge, items, f"{records} simulated records", workers), key=lambda entry: entry.number
+    )
+    estimates = [entry for row in rows if row.converged for entry in row.estimates]
+    write_json(
+        out / "estimation.json", {"rows": [asdict(row) for row in rows], "summary": summary(estimates)}
+    )
+    page = write_study(rows, out, study_command("estimation", records, seed))
+    show(estimates)
+    print(f"{page}: the same as a table, with a picture")
+    return rows
+
+
+def judge(item: tuple[int, int]) -> RecordFit:
+    """Simulate and fit the record that ``item``, seed and number, stands for."""
+    seed, number = item
+    generator = np.random.default_rng([seed, number])
+    model = MODEL_NAMES[number % len(MODEL_NAMES)]
+    cell = number // len(MODEL_NAMES)
+    kind = EXCITATIONS[cell % len(EXCITATIONS)]
+    spring = SPRINGS[cell // len(EXCITATIONS) % len(SPRINGS)]
+    oil = list(VISCOSITIES)[cell // (len(EXCITATIONS) * len(SPRINGS)) % len(VISCOSITIES)]
+    noise = float(np.exp(generator.uniform(math.log(NOISE[0]), math.log(NOISE[1]))))
+    valve = find_valve(spring).model_copy(update={"oil": oil, "dynamic_viscosity": VISCOSITIES[oil]})
+    truth = true_values(model, valve, generator)
+    record = simulated(model, valve, truth, draw_excitation(kind, generator), noise, generator)
+    watch = Stopwatch()
+    result = fit([record], MODELS[model], valve, FitSettings(timing=0.0))
+    return RecordFit(
+        number, model, spring, oil, kind, noise,
+        tuple(estimated(result, {**MODELS[model].values_for(valve), **truth})),
+        result.not_observable, result.reason, result.converged,
+        result.agreement.nrmse if result.agreement else math.nan,
+        watch.read()[0],
+    )  # fmt: skip
+
+
+def true_values(model: str, valve: Valve, generator: np.random.Generator) -> dict[str, float]:
+    """Return parameters that differ from the valve's description, with friction that lets the spool move."""
+
+    def between(low: float, high: float) -> float:
+        return float(generator.uniform(low, high))
+
+    values = {
+        "spring_stiffness": valve.spring_stiffness * between(0.9, 1.1),
+        "viscous_coefficient": valve.viscous_coefficient * between(0.7, 1.3),
+    }
+    if model == "coulomb":
+        values["coulomb_force"] = between(0.2, 0.6)
+    elif model == "microwedge":
+        values["contact_proportionality"] = between(150.0, 400.0)
+    elif model == "mixed":
+        velocity, at_rest = between(0.02, 0.05), between(0.2, 0.6)
+        values["mixed_root_coefficient"] = between(0.2, 0.8)
+        values["mixed_velocity"] = velocity
+        values["mixed_inverse_coefficient"] = at_rest * velocity / (valve.spool_mass * 9.80665)
+    elif model == "coulomb_hydrodynamic":
+        values["dry_coefficient"] = between(0.1, 0.35)
+        values["film_coefficient"] = between(-0.5, 0.4)
+    return values
+
+
+def draw_excitation(kind: str, generator: np.random.Generator) -> Excitation:
+    """Return one of the three excitations, with an amplitude of its own."""
+    amplitude = float(generator.uniform(6.0, 12.0))
+    if kind == "sweep":
+        return SweptSine(
+            start_frequency=8.0,
+            stop_frequency=100.0,
+            duration=0.5 * SECONDS,
+            amplitude=amplitude,
+            soft_start=0.2,
+        )
+    if kind == "stepped":
+        return SteppedSine(
+            start_frequency=10.0, stop_frequency=100.0, frequency_step=5.0, dwell=1.0,
+            amplitude=amplitude, soft_start=0.2,
+        )  # fmt: skip
+    return MachineOrders(
+        speed_profile=((0.0, 500.0), (0.5 * SECONDS, 2400.0), (SECONDS, 500.0)),
+        orders=((1.0, 0.6 * amplitude), (2.0, 0.3 * amplitude)),
+        broadband_rms=0.4 * amplitude,
+        soft_start=0.2,
+    )
+
+
+def simulated(
+    model: str,
+    valve: Valve,
+    truth: Mapping[str, float],
+    excitation: Excitation,
+    noise: float,
+    generator: np.random.Generator,
+) -> Record:
+    """Return a record; each sensor's white noise is ``noise`` times the rms of what it measures."""
+    simulator = Simulator(
+        valve, excitation, model=model, parameters=truth, sample_rate=SAMPLE_RATE, block_size=2000
+    )
+    blocks = list(simulator.records(SECONDS))
+    rows = []
+    for samples in (
+        np.concatenate([block.body for block in blocks]),
+        np.concatenate([block.spool for block in blocks]),
+    ):
+        sensor = Sensor(noise=noise * float(np.sqrt(np.mean(samples.astype(np.float64) ** 2))))
+        channel = SensorChannel(sensor, int(generator.integers(2**31)))
+        rows.append(channel.read(samples.astype(np.float64)))
+    return Record(f"{model}", blocks[0].stamp, 1.0 / SAMPLE_RATE, rows[0], rows[1])
+
+
+def estimated(result: Fit, truth: Mapping[str, float]) -> list[Estimated]:
+    """Return each known quantity of ``result`` with its truth; combinations by evaluating their text."""
+    return [
+        Estimated(
+            result.model.name,
+            quantity.name,
+            quantity.unit,
+            float(eval(quantity.name, {"__builtins__": {}}, dict(truth))),  # names and arithmetic of our own
+            quantity.value,
+            quantity.standard_deviation,
+        )
+        for quantity in (*result.parameters, *result.combinations)
+        if quantity.known
+    ]
+
+
+def show(estimates: Sequence[Estimated]) -> None:
+    """Print the summary."""
+    table = Table("model", "quantity", "fits", "covered", "bias", "scatter", box=None, pad_edge=False)
+    for entry in summary(estimates):
+        table.add_row(
+            entry["model"],
+            entry["quantity"],
+            str(entry["fits"]),
+            f"{entry['covered']} ({100.0 * entry['coverage']:.0f} %)",
+            f"{100.0 * entry['bias']:+.2f} %",
+            f"{100.0 * entry['scatter']:.2f} %",
+        )
+    Console().print(table)

@@ -1,0 +1,179 @@
+"""Excel workbooks: each sheet with rows of numbers is a table, with the same headers as CSV files."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import date, datetime, time, timezone
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from spool_core.errors import InputError
+from spool_core.text.printable import printable
+
+from spool_bag.importing.csv_text.cells import HOLES, Kind, kind_of
+from spool_bag.importing.csv_text.layout import Layout, column_kinds, layout_of
+from spool_bag.importing.tables.table import (
+    MOST_CHANNELS,
+    STAMP,
+    ArrayTable,
+    Channel,
+    Group,
+    check_size,
+    too_long,
+)
+
+from .format import Format
+
+#: Rows above the samples that are looked at.
+PROBED = 200
+#: Rows of a sheet by the file format (ECMA-376): 2^20.
+MOST_ROWS = 1 << 20
+
+
+def opened(path: Path) -> ArrayTable:
+    """Return the sheets that hold rows of numbers.
+
+    Raises:
+        InputError: there is none, or a cell among the samples is no number.
+    """
+    import openpyxl  # noqa: PLC0415 - 0.1 s that nobody else needs
+
+    with zipfile.ZipFile(path) as packed:
+        check_size(path, sum(entry.file_size for entry in packed.infolist()))
+    book = openpyxl.load_workbook(path, read_only=True, data_only=True, keep_links=False)
+    found = []
+    for sheet in book.worksheets:
+        rows = [tuple(row[:MOST_CHANNELS]) for row in sheet.iter_rows(values_only=True)]
+        if len(rows) > MOST_ROWS:
+            raise too_long(path)
+        table = _table(path, sheet.title, rows)
+        if table is not None:
+            found.append((sheet.title, *table))
+    book.close()
+    if not found:
+        raise InputError(f"{path}: no sheet with rows of numbers in it")
+    single = len(found) == 1
+    groups: list[Group] = []
+    arrays: dict[tuple[str, str], Any] = {}
+    for title, channels, columns, layout in found:
+        name = "" if single else title
+        groups.append(Group(name, tuple(channels), layout.rate, source=printable(layout.rate_from, 80)))
+        arrays |= {(name, channel.name): column for channel, column in zip(channels, columns, strict=True)}
+    return ArrayTable(path, tuple(groups), arrays)
+
+
+def _table(
+    path: Path, title: str, rows: Sequence[tuple[Any, ...]]
+) -> tuple[list[Channel], list[Any], Layout] | None:
+    """Return channels, their values and the layout of a sheet, ``None`` where it holds no rows of numbers."""
+    probe = rows[:PROBED]
+    width = max(
+        (at + 1 for row in probe if _is_data(row) for at, cell in enumerate(row) if cell is not None),
+        default=0,
+    )
+    if width == 0:
+        return None
+    texts = [[_text(row[at]) if at < len(row) else "" for at in range(width)] for row in probe]
+    marks = [[_kind(row[at]) if at < len(row) else Kind.EMPTY for at in range(width)] for row in probe]
+    kinds = column_kinds([row for row, cells in zip(marks, probe, strict=True) if _is_data(cells)], width)
+    layout = layout_of(texts, marks, kinds, width)
+    body = [row[:width] for row in rows[layout.first :]]
+    while body and all(cell is None for cell in body[-1]):
+        body.pop()
+    channels, columns = [], []
+    for at, kind in enumerate(kinds):
+        cells = [row[at] if at < len(row) else None for row in body]
+        if kind in (Kind.TEXT, Kind.EMPTY):
+            continue
+        stamped = kind in (Kind.MOMENT, Kind.CLOCK, Kind.DATE)
+        try:
+            column = np.array([_number(cell) for cell in cells], dtype=np.int64 if stamped else np.float64)
+        except (TypeError, ValueError, OverflowError):
+            bad = next(row for row, cell in enumerate(cells) if not _is_number(cell))
+            raise InputError(
+                f"{path}: sheet {printable(title, 40)}, row {layout.first + bad + 1}: "
+                f"{printable(layout.names[at], 40)} is {printable(cells[bad], 40)!r}, not a number"
+            ) from None
+        name, header = layout.names[at], layout.headers[at]
+        unit = STAMP if stamped else layout.units[at]
+        own = "" if name == header else header
+        clock = stamped and all(isinstance(cell, time) for cell in cells if cell is not None)
+        channels.append(Channel(name, unit, time=stamped, number=at, own=own, dated=not clock))
+        columns.append(column.astype("datetime64[ns]") if stamped else column)
+    _date_clocks(channels, columns)
+    return (channels, columns, layout) if channels else None
+
+
+def _date_clocks(channels: list[Channel], columns: list[Any]) -> None:
+    """Join a column of dates and one of times of day, which some loggers write apart."""
+    day = np.timedelta64(86_400_000_000_000, "ns")
+    clocks = [at for at, one in enumerate(channels) if one.time and not one.dated]
+    dates = [
+        at
+        for at, one in enumerate(channels)
+        if one.time and one.dated and not np.any((columns[at] - np.datetime64(0, "ns")) % day)
+    ]
+    if len(clocks) == len(dates) == 1:
+        (clock,), (date_at,) = clocks, dates
+        columns[clock] = columns[clock] + (columns[date_at] - np.datetime64(0, "ns"))
+        channels[clock] = replace(channels[clock], dated=True)
+        del channels[date_at], columns[date_at]
+
+
+def _text(cell: Any) -> str:
+    return "" if cell is None else str(cell).strip()
+
+
+def _kind(cell: Any) -> Kind:
+    """Return the kind of a cell; text that is a number is one."""
+    if cell is None:
+        return Kind.EMPTY
+    if isinstance(cell, bool):
+        return Kind.TEXT
+    if isinstance(cell, (int, float)):
+        return Kind.NUMBER
+    if isinstance(cell, (datetime, date, time)):
+        return Kind.MOMENT
+    text = str(cell).strip()
+    found = kind_of(text, ".")
+    return (
+        found
+        if found in (Kind.EMPTY, Kind.NUMBER)
+        else kind_of(text, ",")
+        if kind_of(text, ",") is Kind.NUMBER
+        else Kind.TEXT
+    )
+
+
+def _is_data(row: tuple[Any, ...]) -> bool:
+    filled = [kind for cell in row if (kind := _kind(cell)) is not Kind.EMPTY]
+    known = sum(kind is not Kind.TEXT for kind in filled)
+    return Kind.NUMBER in filled and known >= 0.5 * len(filled)
+
+
+def _is_number(cell: Any) -> bool:
+    try:
+        _number(cell)
+    except (TypeError, ValueError):
+        return False
+    return True
+
+
+def _number(cell: Any) -> float | int:
+    """Return a cell as a number, a moment in ns since 1970; a hole is NaN."""
+    if cell is None:
+        return float("nan")
+    if isinstance(cell, datetime):
+        return round(cell.replace(tzinfo=timezone.utc).timestamp() * 1e6) * 1000
+    if isinstance(cell, time):
+        return ((cell.hour * 60 + cell.minute) * 60 + cell.second) * 1_000_000_000 + cell.microsecond * 1000
+    if isinstance(cell, str):
+        text = cell.strip()
+        return float("nan") if text in HOLES or not text else float(text.replace(",", "."))
+    return float(cell)
+
+
+FORMAT = Format("Excel", (".xlsx", ".xlsm"), opened)

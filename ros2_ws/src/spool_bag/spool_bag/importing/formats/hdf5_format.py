@@ -1,0 +1,78 @@
+"""HDF5 and MATLAB from version 7.3 on: datasets and columns of tables by path, units from attributes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spool_bag.importing.tables.arrays import array_table
+from spool_bag.importing.tables.table import MOST_CHANNELS, ArrayTable, check_size
+
+from .format import Format
+from .matlab_format import tables_of
+
+_UNITS = ("unit", "units", "Unit", "Units", "UNIT", "UNITS")
+
+
+def opened(path: Path) -> ArrayTable:
+    """Return the datasets of a file, by their paths."""
+    import h5py  # noqa: PLC0415 - comes with the extras
+
+    arrays: dict[str, Any] = {}
+    units: dict[str, str] = {}
+    settings: dict[str, Any] = {}
+    size, tables = 0, False
+
+    def visit(name: str, entry: Any) -> None:
+        nonlocal size, tables
+        settings.update({f"{name}/{key}": value for key, value in entry.attrs.items()})
+        matlab = _text(entry.attrs.get("MATLAB_class", ""))
+        tables = tables or matlab in ("table", "timetable")
+        if not isinstance(entry, h5py.Dataset) or matlab in ("char", "cell", "table", "timetable"):
+            return
+        if entry.dtype.kind not in "fiub" and not entry.dtype.names:
+            return
+        if name.startswith("#") or len(arrays) > MOST_CHANNELS:
+            return
+        size += entry.size * entry.dtype.itemsize
+        check_size(path, size)
+        arrays[name] = entry[()]
+        for key in _UNITS:
+            if key in entry.attrs and entry.dtype.names:
+                stated = [_text(one) for one in np.ravel(entry.attrs[key])]
+                units.update(
+                    {f"{name}/{part}": unit for part, unit in zip(entry.dtype.names, stated, strict=False)}
+                )
+            elif key in entry.attrs:
+                units[name] = _text(entry.attrs[key])
+
+    with h5py.File(path, "r") as file:
+        settings.update(file.attrs)
+        file.visititems(visit)
+    if tables:
+        columns, stated = tables_of(path)
+        arrays |= columns
+        units |= stated
+    return array_table(path, arrays, units, settings)
+
+
+def _text(value: Any) -> str:
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+
+
+def _is_version_73(_path: Path, head: bytes) -> bool:
+    """Return whether a MATLAB file is of version 7.3 by the number in its header, whatever its text says."""
+    return head.startswith(b"MATLAB") and head[124:128] in (b"\x00\x02IM", b"\x02\x00MI")
+
+
+FORMAT = Format(
+    "HDF5, MATLAB 7.3",
+    (".h5", ".hdf5", ".mat"),
+    opened,
+    begins=(b"\x89HDF\r\n\x1a\n", b"MATLAB 7.3"),
+    library=("h5py", "h5py"),
+    place=40,
+    recognises=_is_version_73,
+)

@@ -1,0 +1,93 @@
+"""Universal files, dataset 58: functions over time as analysers of vibration write them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from spool_core.errors import InputError
+from spool_core.text.printable import printable
+
+from spool_bag.importing.tables.table import ArrayTable, Channel, Group, check_size
+from spool_bag.importing.units.header import split_header
+from spool_bag.importing.units.units import factor, quantity_of
+
+from .format import Format
+
+#: Abscissa that is time, by the codes of dataset 58, record 8; and what an unevenly spaced one is called.
+_TIME, _ABSCISSA = 17, "abscissa"
+
+
+def opened(path: Path) -> ArrayTable:
+    """Return the time functions of a file: each a channel, with its unit and spacing.
+
+    Raises:
+        InputError: it has none.
+    """
+    import pyuff  # noqa: PLC0415 - comes with the extras
+
+    check_size(path)
+    file = pyuff.UFF(str(path))
+    kinds = [int(kind) for kind in file.get_set_types()]
+    sets = [file.read_sets(at) for at, kind in enumerate(kinds) if kind == 58]
+    clocks: dict[tuple[float, float, int, bytes], list[tuple[Channel, Any]]] = {}
+    times: dict[tuple[float, float, int, bytes], Any] = {}
+    other: list[str] = []
+    for number, one in enumerate(sets):
+        if np.iscomplexobj(one["data"]):
+            continue
+        name = _text(one, "id1") or f"node {one.get('rsp_node', number)}"
+        axis, code = _text(one, "abscissa_axis_units_lab"), int(one.get("abscissa_spec_data_type", _TIME))
+        if code not in (0, _TIME) or (axis and quantity_of(axis) != "time"):
+            other.append(f"{name} over {axis or f'data of type {code}'}")
+            continue
+        size = factor(axis, "time") if axis else 1.0
+        step = size * float(one.get("abscissa_inc", 0.0) or 0.0)
+        uneven = int(one.get("abscissa_spacing", 1)) == 0 or step <= 0.0
+        x = size * np.asarray(one["x"], dtype=np.float64) if uneven else np.empty(0)
+        begin = 0.0 if uneven else size * float(one.get("abscissa_min", 0.0) or 0.0)
+        clock = (0.0 if uneven else step, begin, np.size(one["data"]), x.tobytes())
+        times[clock] = x
+        held = clocks.setdefault(clock, [])
+        taken = {channel.name for channel, _ in held}
+        unique = name if name not in taken else f"{name} {number}"
+        unit = _text(one, "ordinate_axis_units_lab") or split_header(name)[1]
+        held.append((Channel(unique, unit), np.asarray(one["data"])))
+    if not clocks:
+        held_sets = ", ".join(other[:6]) or f"datasets {sorted(set(kinds))}"
+        raise InputError(
+            f"{path}: no function over time (dataset 58) in it; it has {printable(held_sets, 200)}: export "
+            "time signals"
+        )
+    groups: list[Group] = []
+    arrays: dict[tuple[str, str], Any] = {}
+    for at, (clock, held) in enumerate(clocks.items()):
+        step, begin, _, _ = clock
+        name = "" if len(clocks) == 1 else f"clock {at + 1}"
+        channels = tuple(channel for channel, _ in held)
+        if step <= 0.0:
+            channels = (Channel(_ABSCISSA, "s", time=True), *channels)
+            arrays[name, _ABSCISSA] = times[clock]
+        rate, source = (1.0 / step, "abscissa increment") if step > 0.0 else (math.nan, "")
+        # Abscissas of one file count from one moment.
+        groups.append(Group(name, channels, rate, stamped=True, source=source, delay=begin))
+        arrays |= {(name, channel.name): values for channel, values in held}
+    return ArrayTable(path, tuple(groups), arrays)
+
+
+def _text(one: Mapping[str, Any], key: str) -> str:
+    """Return a text of a dataset, "" for none, which the format writes as NONE."""
+    text = str(one.get(key, "")).strip()
+    return "" if text.upper() == "NONE" else text
+
+
+FORMAT = Format(
+    "UFF 58",
+    (".uff", ".unv", ".58"),
+    opened,
+    begins=(b"    -1\n", b"    -1\r\n", b"    -1 "),
+    library=("pyuff", "pyuff"),
+)

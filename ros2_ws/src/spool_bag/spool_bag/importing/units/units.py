@@ -1,0 +1,298 @@
+"""Units of measured channels: what a logger writes, converted by pint; `g` is standard gravity, not gram."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_core.errors import InputError
+from spool_core.text.printable import printable
+
+Array = NDArray[np.float64]
+
+#: Units of everything that loggers of hydraulic valves record; a gram or a gauss never occurs, so that `g`
+#: and
+#: `G` are gravity. Gravity: ISO 80000-3.
+DEFINITIONS = """
+pico- = 1e-12 = p-
+nano- = 1e-9 = n-
+micro- = 1e-6 = u-
+milli- = 1e-3 = m-
+centi- = 1e-2 = c-
+kilo- = 1e3 = k-
+mega- = 1e6 = M-
+second = [time] = s = sec
+minute = 60 * second = min
+hour = 3600 * second = h
+day = 86400 * second
+meter = [length] = m
+inch = 0.0254 * meter = in
+foot = 0.3048 * meter = ft
+mil = 25.4e-6 * meter
+liter = 0.001 * meter ** 3 = L = l
+standard_gravity = 9.80665 * meter / second ** 2 = g = g_n = gn = G = g0
+galileo = 0.01 * meter / second ** 2 = Gal
+volt = [voltage] = V
+ampere = [current] = A
+ohm = volt / ampere
+coulomb = ampere * second
+full_scale = [reading] = FS
+percent_full_scale = 0.01 * full_scale
+count = [count]
+newton = [force] = N
+pound_force = 4.4482216152605 * newton = lbf
+kilogram_force = 9.80665 * newton = kgf = kp
+kilogram = newton * second ** 2 / meter = kg
+watt = newton * meter / second = W
+pascal = newton / meter ** 2 = Pa
+bar = 1e5 * pascal
+psi = 6894.757293168361 * pascal
+hertz = 1 / second = Hz
+rpm = 1 / minute
+radian = [angle] = rad
+degree = 0.017453292519943295 * radian = deg
+percent = [ratio]
+strain = [strain]
+tesla = [magnetic_field] = T
+lux = [light]
+decibel = [level] = dB
+kelvin = [temperature]; offset: 0 = K
+degree_Celsius = kelvin; offset: 273.15 = degC
+degree_Fahrenheit = 5 / 9 * kelvin; offset: 233.15 + 200 / 9 = degF
+"""
+
+#: Unit in which each quantity is kept, and the units to choose from where a file names none.
+KEPT = {"acceleration": "m/s**2", "time": "s", "temperature": "degC", "length": "m", "force": "N"}
+#: What a sensor puts out before its sensitivity is applied, and the unit of each.
+READINGS = {"voltage": "V", "reading": "FS", "count": "count", "current": "A", "charge": "coulomb"}
+#: Quantities that are recognised, so that a message can name them, and a unit of each.
+_OTHERS = {
+    "velocity": "m/s", "pressure": "Pa", "frequency": "Hz", "angle": "rad", "angular velocity": "rad/s",
+    "flow": "l/min", "mass": "kg", "power": "W", "torque or energy": "N*m", "resistance": "ohm",
+    "ratio": "percent", "strain": "strain", "magnetic field": "T", "illuminance": "lux", "level": "dB",
+    "stiffness": "N/m", "jerk": "m/s**3",
+}  # fmt: skip
+#: Largest unit of a quantity (in that of ``KEPT`` or ``READINGS``) that a logger uses: a megavolt or a mega-g
+#: is a misread prefix.
+_LARGEST = {"acceleration": 100.0, "voltage": 1e3, "current": 1.0, "charge": 1e-6, "time": 86400.0}
+
+_AS_WRITTEN = {
+    "c": "degC", "°c": "degC", "degc": "degC", "deg c": "degC", "grad c": "degC", "celsius": "degC",
+    "degrees c": "degC", "degrees celsius": "degC", "° c": "degC", "f": "degF", "°f": "degF", "degf": "degF",
+    "deg f": "degF", "fahrenheit": "degF", "k": "K", "°": "deg", "grad": "deg",
+    "g's": "g", "gee": "g", "gees": "g", "g-force": "g", "g force": "g", "gravity": "g", "gravities": "g",
+    "mg's": "mg", "m_s2": "m/s**2", "mm_s2": "mm/s**2", "m_s_2": "m/s**2", "mps2": "m/s**2",
+    "mps^2": "m/s**2",
+    "mps": "m/s", "m/ss": "m/s**2", "mm_s": "mm/s", "m_s": "m/s", "ips": "in/s", "gal": "Gal", "mgal": "mGal",
+    "vdc": "V", "v dc": "V", "mvdc": "mV", "mv": "mV", "v": "V",
+    "fs": "FS", "%fs": "percent_full_scale", "% fs": "percent_full_scale",
+    "counts": "count", "cts": "count", "ct": "count", "lsb": "count", "lsbs": "count", "digit": "count",
+    "digits": "count", "adc": "count", "adc counts": "count", "adc count": "count", "adu": "count",
+    "raw": "count", "raw counts": "count", "bits": "count", "bit": "count", "codes": "count", "code": "count",
+    "ticks": "count", "skt": "count",
+    "%": "percent", "percent": "percent", "prozent": "percent", "pct": "percent", "ppm": "percent",
+    "1/min": "rpm", "/min": "rpm", "u/min": "rpm", "rev/min": "rpm", "r/min": "rpm", "min-1": "rpm",
+    "min^-1": "rpm", "hz": "Hz", "dps": "deg/s", "db": "dB", "ue": "strain", "um/m": "strain",
+    "м/с2": "m/s**2", "м/с^2": "m/s**2", "мм/с2": "mm/s**2", "м/с": "m/s", "с": "s", "сек": "s", "мс": "ms",
+    "мкс": "us", "в": "V", "мв": "mV", "°с": "degC", "米/秒2": "m/s**2", "秒": "s", "毫秒": "ms",
+    "uepsilon": "strain", "lbs": "lbf", "pc": "pcoulomb", "nc": "ncoulomb",
+}  # fmt: skip
+#: Words for units, each token by itself: `Meters per Second squared`, `Volt`, `Sek`.
+_WORDS = {
+    "second": "s", "seconds": "s", "secs": "s", "sek": "s", "sekunde": "s", "sekunden": "s",
+    "msec": "ms", "msecs": "ms", "millisecond": "ms", "milliseconds": "ms", "millisekunden": "ms",
+    "usec": "us", "usecs": "us", "microsecond": "us", "microseconds": "us", "nsec": "ns", "nanosecond": "ns",
+    "nanoseconds": "ns", "minutes": "min", "minuten": "min", "hours": "h", "stunden": "h", "days": "day",
+    "meters": "m", "metre": "m", "metres": "m", "millimeter": "mm", "millimeters": "mm",
+    "millimetre": "mm", "millimetres": "mm", "centimeter": "cm", "centimeters": "cm", "micrometer": "um",
+    "micrometers": "um", "micron": "um", "microns": "um", "inches": "in", "feet": "ft", "mils": "mil",
+    "volt": "V", "volts": "V", "millivolt": "mV", "millivolts": "mV", "mvolt": "mV", "mvolts": "mV",
+    "microvolt": "uV", "microvolts": "uV", "newton": "N", "newtons": "N", "kilonewton": "kN", "pascal": "Pa",
+    "hertz": "Hz", "ohms": "ohm", "ampere": "A", "amps": "A", "degrees": "deg", "kelvin": "K",
+    "squared": "2", "per": "/", "pro": "/",
+}  # fmt: skip
+_MARKS = str.maketrans(
+    {"·": "*", "⋅": "*", "∙": "*", "•": "*", "×": "*", "μ": "u", "−": "-", "–": "-", "∕": "/", "⁄": "/",
+     "÷": "/", "Ω": "ohm", "’": "'", "′": "'", "`": "'", "´": "'", "\u200b": "", "\ufeff": ""}
+)  # fmt: skip
+_WRITABLE = re.compile(r"[\w\s./*()+-]{1,60}")
+_TOKEN = re.compile(r"[A-Za-z_°]+")
+_LEVEL = re.compile(
+    r"(?P<unit>.+?)[\s_,;(\[-]*(?P<word>(?:true |0[ -]?|1/2 ?)?"
+    r"(?:pk[ -]?(?:to[ -]?)?pk|p[ -]?p|peak[ -]?to[ "
+    r"-]?peak|pk|peak|rms|eff|avg|mean|max|min|crest|spitze))[\s)\]]*",
+    re.IGNORECASE,
+)
+
+
+@cache
+def _registry() -> Any:
+    import pint  # noqa: PLC0415 - 0.2 s that nobody else needs
+
+    return pint.UnitRegistry(DEFINITIONS.strip().splitlines(), cache_folder=None)
+
+
+@cache
+def normalised(text: str) -> str:
+    """Return a unit as pint reads it: of `m/s²`, `[m s^-2]`, `(mV)`, `Volt`, `M/S2`."""
+    plain = (
+        unicodedata.normalize("NFKC", text.replace("Â", "")).translate(_MARKS).strip()
+    )  # of UTF-8 read as Latin-1
+    plain = plain.strip("\"'").strip()
+    while len(plain) > 1 and plain[0] + plain[-1] in ("[]", "()", "{}", "<>") and _closed(plain):
+        plain = plain[1:-1].strip()
+    known = _AS_WRITTEN.get(plain.casefold()) if plain != "MV" else ""
+    if known or plain == "Nm":
+        return known or "N*m"
+    if re.fullmatch(r"ms\s*(?:\^|\*\*)?\s*\(?-2\)?", plain):  # metre, not millisecond: IUPAP writes it so
+        return "m/s**2"
+    plain = re.sub(r"(?<=[A-Za-z)])\.(?=[A-Za-z(])", "*", plain)
+    plain = _TOKEN.sub(lambda match: _WORDS.get(match[0].casefold(), match[0]), plain)
+    plain = re.sub(
+        r"([A-Za-z)])\s*(?:\^|\*\*)?\s*(?:\(\s*([+-]?[1-4])\s*\)|([+-]?[1-4]))(?![\d.])", r"\1**\2\3", plain
+    )
+    if re.fullmatch(r"[MCUFTIN]{1,2}/S(?:EC)?(?:(?:\*\*2)|/S(?:EC)?)?", plain) or plain in (
+        "S",
+        "MS",
+        "US",
+        "MG",
+    ):
+        plain = plain.lower()
+    return re.sub(r"(?<=[\w)])\s+(?=[A-Za-z(])", "*", re.sub(r"\s*([*/])\s*", r"\1", plain))
+
+
+def quantity_of(unit: str) -> str:
+    """Return what ``unit`` measures, e.g. ``acceleration``, ``voltage``, ``pressure``; "" where not known.
+
+    What is kept is a key of ``KEPT``, what a sensitivity converts a key of ``READINGS``.
+    """
+    return _quantity(normalised(unit))
+
+
+@cache
+def _quantity(plain: str) -> str:
+    if not plain or not _WRITABLE.fullmatch(plain) or re.search(r"\*\*\s*-?\d{2}|\d{4}", plain):
+        return ""
+    try:
+        found = _registry().Unit(plain)
+    except Exception:
+        return ""
+    for quantity, kept in {**KEPT, **READINGS, **_OTHERS}.items():
+        if found.dimensionality == _registry().Unit(kept).dimensionality:
+            if quantity in ("temperature",):
+                return quantity
+            size = float(_registry().Quantity(1.0, plain).to(kept).magnitude)
+            return quantity if size <= _LARGEST.get(quantity, 1e12) else ""
+    return ""
+
+
+def level_of(unit: str) -> tuple[str, str] | None:
+    """Return base unit and statistic of a level such as `g RMS`, `gpk` or `m/s² peak`; ``None`` for others.
+
+    Such a header names a statistic, or a scaling of the instrument; whether the samples are one is for
+    the user to say.
+    """
+    if quantity_of(unit):
+        return None
+    match = _LEVEL.fullmatch(unicodedata.normalize("NFKC", unit).strip().strip("[](){}"))
+    if match and quantity_of(match["unit"]):
+        return match["unit"].strip(), match["word"].strip()
+    return None
+
+
+def converted(values: Array, unit: str, quantity: str) -> Array:
+    """Return ``values``, shape (n,), of ``unit`` in the unit in which ``quantity`` is kept.
+
+    Raises:
+        InputError: ``unit`` does not measure ``quantity``.
+    """
+    if quantity_of(unit) != quantity:
+        raise InputError(f"{printable(unit, 30)!r} is no unit of {_articled(quantity)}")
+    plain = normalised(unit)
+    if plain == KEPT[quantity]:
+        return values
+    if quantity == "temperature":
+        return np.asarray(_registry().Quantity(values, plain).to(KEPT[quantity]).magnitude, dtype=np.float64)
+    return values * factor(unit, quantity)
+
+
+def factor(unit: str, quantity: str) -> float:
+    """Return by what values of ``unit`` are multiplied for the unit in which ``quantity`` is kept."""
+    return float(_registry().Quantity(1.0, normalised(unit)).to(KEPT[quantity]).magnitude)
+
+
+class Sensitivity:
+    """Sensitivity of a sensor, e.g. ``100mV/g``: reading over acceleration, or ``1.25e-6g/count``.
+
+    Attributes:
+        text: as given. reading: unit of the reading, e.g. ``mV``.
+
+    Raises:
+        InputError: neither of both.
+    """
+
+    def __init__(self, text: str) -> None:
+        self.text = text.strip()
+        match = re.fullmatch(r"([-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)", self.text)
+        size = float(match[1]) if match else 0.0
+        whole = re.sub(r"\s+per\s+", "/", match[2]).strip() if match else ""
+        if size and quantity_of(whole) == "acceleration":  # 50 m/s^2: of a reading of 1, full scale
+            self.reading, self._per_unit = "FS", size * factor(whole, "acceleration")
+            return
+        for at in (at for at, mark in enumerate(whole) if size and mark == "/"):
+            upper, lower = whole[:at].strip(), whole[at + 1 :].strip()
+            if quantity_of(upper) == "acceleration" and quantity_of(lower) in READINGS:
+                self.reading, self._per_unit = normalised(lower), size * factor(upper, "acceleration")
+                return
+            if quantity_of(upper) in READINGS and quantity_of(lower) == "acceleration":
+                self.reading, self._per_unit = normalised(upper), factor(lower, "acceleration") / size
+                return
+        raise InputError(
+            f"{printable(text, 40)!r}: write the sensor's sensitivity like 100mV/g, 10.2mV/(m/s^2), "
+            "1.25e-6g/count for raw counts, or 50g/FS for readings from -1 to 1"
+        )
+
+    @property
+    def per_unit(self) -> float:
+        """Acceleration (m/s^2) of a reading of 1 in the unit ``reading``."""
+        return self._per_unit
+
+    def scale(self, unit: str) -> float:
+        """Return the acceleration (m/s^2) of a reading of 1 ``unit`` (empty: that of the sensitivity).
+
+        Raises:
+            InputError: ``unit`` is not what the sensor gives.
+        """
+        here = normalised(unit) or self.reading
+        if quantity_of(here) != quantity_of(self.reading):
+            raise InputError(
+                f"it is in {printable(unit, 30)}, a sensitivity of {printable(self.text, 40)} "
+                f"is for readings in {self.reading}"
+            )
+        return float(_registry().Quantity(1.0, here).to(self.reading).magnitude) * self._per_unit
+
+    def acceleration(self, values: Array, unit: str) -> Array:
+        """Return readings of ``unit`` (empty: that of the sensitivity) as accelerations in m/s^2.
+
+        Raises:
+            InputError: ``unit`` is not what the sensor gives.
+        """
+        return values * self.scale(unit)
+
+
+def _closed(text: str) -> bool:
+    """Return whether the first bracket of ``text`` is closed by its last character."""
+    depth = 0
+    for at, letter in enumerate(text):
+        depth += (letter in "[({<") - (letter in "])}>")
+        if depth == 0:
+            return at == len(text) - 1
+    return False
+
+
+def _articled(quantity: str) -> str:
+    return f"an {quantity}" if quantity[0] in "aeiou" else f"a {quantity}"

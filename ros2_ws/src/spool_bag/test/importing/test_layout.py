@@ -1,0 +1,217 @@
+"""What stands around the samples of a text or workbook: names, units, settings, holes, and a file's end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import openpyxl
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from spool_bag.importing.csv_text.cells import is_grouped
+from spool_bag.importing.records.choices import choices
+from spool_bag.importing.records.logger_record import LoggerRecord, read_record
+from spool_core.errors import InputError
+
+from . import loggers as made
+
+ROWS = made.rows().splitlines()
+GERMAN = made.rows(",", ";").splitlines()
+NO_TIME = [row.partition(",")[2] for row in ROWS]
+CONTRACT = "time_s,body_m_s2,spool_m_s2"
+
+
+def save(folder: Path, lines: list[str], encoding: str = "utf-8", *, end: str = "\n") -> Path:
+    path = folder / "record.csv"
+    path.write_bytes(("\n".join(lines) + end).encode(encoding))
+    return path
+
+
+def check(found: LoggerRecord, count: int = made.COUNT) -> None:
+    """Check that the samples are those of the motion, from its first one on."""
+    assert found.period == pytest.approx(1.0 / made.RATE, rel=1e-6)
+    assert found.time.size == count
+    np.testing.assert_allclose(found.columns["body_m_s2"], made.BODY[:count], atol=1e-6)
+    np.testing.assert_allclose(found.columns["spool_m_s2"], made.SPOOL[:count], atol=1e-6)
+
+
+SI = ["s,m/s2,m/s2"]
+ABOVE: list[tuple[str, list[str], list[str], dict[str, object]]] = [
+    ("unit of another quantity", ["Time,Body,Spool,P", "s,m/s^2,m/s^2,bar"], [f"{r},99.5" for r in ROWS], {}),
+    ("unknown unit", ["Time,Body,Spool,n", "s,m/s²,m/s²,furlong"], [f"{r},99.5" for r in ROWS], {}),
+    ("speed", ["Time,Body,Spool,n", "[s],[m/s²],[m/s²],[1/min]"], [f"{r},1450" for r in ROWS], {}),
+    ("dash for no unit", ["Time,Body,Spool,state", "s,ms-2,ms-2,-"], [f"{r},1" for r in ROWS], {}),
+    ("units above names", ["s,m/s2,m/s2", "Time,Body,Spool"], ROWS, {}),
+    ("description below units", ["Time,Body,Spool", *SI, "clock,left side,left side"], ROWS, {}),
+    ("numbers below names", ["Time,Body,Spool", *SI, "Range,50,50", "Offset,0.0,0.1"], ROWS, {}),
+    ("keyed units", ["Name,Body,Spool", "Unit,m/s2,m/s2"], ROWS, {"columns": "time_s=Name"}),
+    ("rate and names", ["Sampling rate [Hz],2000", "body [m/s2],spool [m/s2]"], NO_TIME, {}),
+    ("rate in kHz", ["Abtastrate,2,kHz", "", "body [m/s2],spool [m/s2]"], NO_TIME, {}),
+    ("interval", ["# dt = 0.5 ms", "body [m/s2],spool [m/s2]"], NO_TIME, {}),
+    ("numbers in preamble", ["Samples,600,Channels", "4711,12,3", CONTRACT], ROWS, {}),
+    ("channel numbers", ["2,3"], NO_TIME, {"columns": "body_m_s2=2,spool_m_s2=3", "rate": 2000.0}),
+    ("channel numbers with time", ["t [s],1,2"], ROWS, {"columns": "body_m_s2=1,spool_m_s2=2"}),
+    ("by number", ["t [s],a,b"], ROWS, {"columns": "time=#0,body_m_s2=#1,spool_m_s2=#2"}),
+    ("names with commas", ['t [s],"a, left","b=x"'], ROWS, {"columns": "body_m_s2=a, left,spool_m_s2=#2"}),
+    ("same names", ["t [s],a,a"], ROWS, {"columns": "body_m_s2=a_1,spool_m_s2=a_2"}),
+    ("excluded", ["t [s],body [m/s2],spool [m/s2],body 2 [m/s2]"], [f"{r},1" for r in ROWS],
+     {"exclude": "body 2"}),
+    ("excluded number", [f"{CONTRACT},oil [degC]"],
+     [f"{r},hot" for r in ROWS[:9]] + [f"{r},5" for r in ROWS[9:]], {"exclude": "#3"}),
+    ("holes", [f"{CONTRACT},oil [degC]"],
+     [f"{r},{h}" for r, h in zip(ROWS, ["45.0", "#N/A", "-", "", "n/a", "NaN"] * 100, strict=True)], {}),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("above", "rows", "how"), [one[1:] for one in ABOVE], ids=[one[0] for one in ABOVE])
+def test_what_stands_above_samples_is_no_sample(
+    tmp_path: Path, above: list[str], rows: list[str], how: dict[str, object]
+) -> None:
+    check(read_record(save(tmp_path, above + rows), how=choices(**how)))
+
+
+def test_holes_are_in_the_optional_column_alone(tmp_path: Path) -> None:
+    rows = [f"{row},{'#N/A' if at == 5 else '45.0'}" for at, row in enumerate(ROWS)]
+    found = read_record(save(tmp_path, [f"{CONTRACT},oil [degC]", *rows]))
+    assert np.flatnonzero(np.isnan(found.columns["oil_temperature_C"])).tolist() == [5]
+    bad = [*ROWS[:7], "0.0035,#N/A,1.0", *ROWS[8:]]
+    with pytest.raises(InputError, match="line 9: body_m_s2 is empty, NaN"):
+        read_record(save(tmp_path, [CONTRACT, *bad]))
+
+
+@pytest.mark.parametrize("at", [0, 1, 2, 3, 300])
+def test_a_bad_cell_is_refused_wherever_it_stands_and_no_sample_is_lost(tmp_path: Path, at: int) -> None:
+    bad = [*ROWS[:at], f"{at / 2000:.4f},OVL,1.0", *ROWS[at + 1 :]]
+    with pytest.raises(InputError, match=f"line {at + 2}: body_m_s2 is 'OVL', not a number"):
+        read_record(save(tmp_path, [CONTRACT, *bad]))
+
+
+def cut_line(text: bytes) -> bytes:
+    return text[: text.rindex(b",") + 3]
+
+
+END: list[tuple[str, Callable[[bytes], bytes], int, str]] = [
+    ("line", lambda text: text[:-12], 599, "line 601"),
+    ("number", cut_line, 599, "line 601"),
+    ("NUL bytes", lambda text: text[:-12] + bytes(5000), 599, "NUL bytes from line 601"),
+    ("NUL after a line", lambda text: text + bytes(100_000), 600, "NUL bytes"),
+    ("footer", lambda text: text + b"\nMean,0.1,0.2\nEnd of file\n", 600, "2 lines from line 603"),
+    ("footer of one cell", lambda text: text + b"[END]\n", 600, "line 602"),
+    ("no newline", lambda text: text[:-1], 600, ""),
+]
+
+
+@pytest.mark.parametrize(("change", "count", "said"), [one[1:] for one in END], ids=[one[0] for one in END])
+def test_an_end_that_is_no_sample_costs_that_line_and_a_warning(
+    tmp_path: Path, change: Callable[[bytes], bytes], count: int, said: str
+) -> None:
+    path = save(tmp_path, [CONTRACT, *ROWS])
+    path.write_bytes(change(path.read_bytes()))
+    found = read_record(path)
+    check(found, count)
+    assert said in " ".join(found.warnings)
+    assert bool(found.warnings) == bool(said)
+
+
+@given(st.integers(2000, 16_000), st.sampled_from(["utf-8", "utf-16"]), st.booleans())
+@settings(max_examples=60, deadline=None)
+def test_a_file_cut_anywhere_gives_the_samples_above_the_cut(
+    tmp_path_factory: pytest.TempPathFactory, place: int, encoding: str, padded: bool
+) -> None:
+    path = save(tmp_path_factory.mktemp("cut"), [CONTRACT, *ROWS], encoding)
+    place = place // 2 * 2
+    text = path.read_bytes()[:place]
+    path.write_bytes(text + bytes(4096 if padded and encoding == "utf-8" else 0))
+    whole = text.decode(encoding, "ignore").split("\n")[1:]
+    count = len(whole) - (0 if whole[-1] == ROWS[min(len(whole), made.COUNT) - 1] else 1)
+    check(read_record(path), count)
+
+
+def test_nul_bytes_between_samples_are_refused(tmp_path: Path) -> None:
+    path = save(tmp_path, [CONTRACT, *ROWS])
+    text = path.read_bytes()
+    path.write_bytes(text[:9000] + bytes(50) + text[9050:])
+    with pytest.raises(InputError, match=r"binary file|NUL bytes and text follows"):
+        read_record(path)
+
+
+def test_marks_between_thousands_are_read_where_they_are_sure_and_refused_else(tmp_path: Path) -> None:
+    def grouped(value: float) -> str:
+        return f"{round(1e3 * value):,}".replace(",", ".")
+
+    rows = [
+        f"{t:.4f};{b};{s}".replace(f"{t:.4f}", f"{t:.4f}".replace(".", ","))
+        for t, b, s in zip(made.TIME, map(grouped, made.BODY), map(grouped, made.SPOOL), strict=True)
+    ]
+    found = read_record(save(tmp_path, ["t [s];body [mm/s²];spool [mm/s²]", *rows]))
+    np.testing.assert_allclose(found.columns["body_m_s2"], made.BODY, atol=6e-4)
+    alone = [row.partition(";")[2] for row in rows]
+    with pytest.raises(InputError, match="mark one of thousands or of decimals"):
+        read_record(save(tmp_path, ["body [mm/s²];spool [mm/s²]", *alone]), how=choices(rate=2000.0))
+
+
+@given(st.integers(-(10**9), 10**9), st.sampled_from([".", ","]))
+@settings(max_examples=200)
+def test_whole_numbers_with_marks_are_known_and_fractions_are_not_taken_for_them(
+    number: int, decimal: str
+) -> None:
+    other = "," if decimal == "." else "."
+    assert is_grouped(f"{number:,}".replace(",", other), decimal) == (abs(number) >= 1000)
+    assert not is_grouped(f"{number / 1e4:.4f}".replace(".", other), decimal)
+    assert not is_grouped(f"0{other}{abs(number) % 1000:03d}", decimal)
+
+
+ENCODED = [
+    ("gbk", "GBK", "时间 [s],阀体 [m/s2],阀芯 [m/s2]"),
+    ("shift_jis", "Shift-JIS", "時間 [s],ボディ [m/s2],スプール [m/s2]"),
+    ("cp1251", "Windows-1251", "Время [с],Корпус [м/с2],Золотник [м/с2]"),
+    ("cp1252", "Windows-1252", "Zeit [s],Gehäuse [m/s²],Schieber [m/s²]"),
+]
+
+
+@pytest.mark.parametrize(("encoding", "name", "header"), ENCODED, ids=[one[0] for one in ENCODED])
+def test_an_encoding_is_recognised_and_named(tmp_path: Path, encoding: str, name: str, header: str) -> None:
+    how = choices(columns="body_m_s2=#1") if encoding == "shift_jis" else None
+    found = read_record(save(tmp_path, [header, *ROWS], encoding), how=how)
+    check(found)
+    assert f"text assumed to be {name}" in " ".join(found.notes)
+
+
+def test_a_workbook_has_the_same_rules(tmp_path: Path) -> None:
+    book = openpyxl.Workbook()
+    for row in (
+        ["Sampling rate [Hz]", 2000],
+        ["Operator", "rig 2"],
+        [],
+        ["Body", "Spool", "Oil"],
+        ["m/s2", "m/s2", "degC"],
+    ):
+        book.active.append(row)
+    for at, (b, s) in enumerate(zip(made.BODY, made.SPOOL, strict=True)):
+        book.active.append([float(b), f"{s:.4f}".replace(".", ","), "#N/A" if at == 3 else 45.0])
+    book.save(tmp_path / "book.xlsx")
+    found = read_record(tmp_path / "book.xlsx")
+    check(found)
+    assert "Sampling rate" in " ".join(found.notes)
+    assert np.isnan(found.columns["oil_temperature_C"][3])
+
+
+def test_each_conversion_is_described(tmp_path: Path) -> None:
+    rows = [
+        f"{1e3 * t:.1f},{b:.4f},{1e3 * s:.1f},104.0"
+        for t, b, s in zip(made.TIME, made.BODY, made.SPOOL, strict=True)
+    ]
+    path = save(tmp_path, ["Zeit [ms],x [g],Schieber [mV],Öl [°F]", *rows])
+    found = read_record(path, how=choices(columns="body=#1", scale="spool=100mV/g"))
+    assert [str(use) for use in found.uses] == [
+        "time: column #0 'Zeit [ms]', 1 ms = 0.001 s",
+        "body: column #1 'x [g]', 1 g = 9.80665 m/s^2",
+        "spool: column #2 'Schieber [mV]', 1 mV = 0.0980665 m/s^2 (--scale spool=100mV/g)",
+        "oil: column #3 'Öl [°F]', °F converted to degC",
+    ]
+    np.testing.assert_allclose(found.columns["body_m_s2"], 9.80665 * made.BODY, atol=1e-3)
+    np.testing.assert_allclose(found.columns["oil_temperature_C"], 40.0, atol=1e-9)
+    over = read_record(path, how=choices(columns="body=#1", scale="spool=100mV/g", unit="body=m/s^2"))
+    assert str(over.uses[1]).endswith("in m/s^2 (--unit body=m/s^2 instead of the file's g)")

@@ -1,0 +1,290 @@
+"""Block hub: one subscription of a topic for all nodes of a process, decoded once, without copies."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+from spool_msgs.msg import AccelerationBlock
+
+from spool_core.block import Block
+from spool_core.format.cdr import CdrError, decode_block
+
+from . import qos
+from .throttle import Throttle
+from .worker import Worker
+
+#: Blocks of a topic that may wait in a process that hosts many nodes: five seconds at 50 blocks/s.
+HOSTED_DEPTH = 250
+#: Periods of a topic without a block after which one that came waits to be heard, as this process does other
+#: work; and s after which its source is what is late.
+OVERDUE, SILENT = 2.0, 0.5
+#: s of samples that are taken together at most, where more wait: cores take less than 0.5 s at a time.
+LONGEST_TOGETHER = 0.4
+Take = Callable[[Sequence[Block]], None]
+Room = Callable[[], int]
+#: Message as it came, or a block that a source in this process handed over.
+Heard = bytes | Block
+
+
+@dataclass(slots=True)
+class TopicTimes:
+    """Times of a topic's blocks in a process that hosts many nodes.
+
+    Attributes:
+        messages, late: that came since the start; those done with later than a period after they were due.
+        work: s, of the worker thread, since the start.
+        longest_wait: s, from when blocks were due to their turn, since this was last read; they are due when
+            the last one comes that the others wait for.
+        age: s, from a block's last sample to its turn, by both clocks; the last one.
+        blocks_lost: by jumps of the sequence.
+        waiting: messages whose turn has not come.
+    """
+
+    messages: int = 0
+    waiting: int = 0
+    late: int = 0
+    work: float = 0.0
+    longest_wait: float = 0.0
+    age: float = 0.0
+    blocks_lost: int = 0
+    sequence: int = -1
+    end: int = 0
+    _told: tuple[int, int, int, float] = (0, 0, 0, 0.0)
+
+    def since(self) -> TopicTimes:
+        """Return messages, late and lost ones, and work since the last call."""
+        now = self.messages, self.late, self.blocks_lost, self.work
+        before, self._told = self._told, now
+        messages, late, lost, work = (one - other for one, other in zip(now, before, strict=True))
+        return TopicTimes(int(messages), late=int(late), blocks_lost=int(lost), work=work)
+
+    def take(self, blocks: Sequence[Block], due: float, begun: float, done: float) -> None:
+        """Count blocks that were due, begun and done at these times of the monotonic clock."""
+        self.messages += len(blocks)
+        self.work += done - begun
+        self.longest_wait = max(self.longest_wait, begun - due)
+        last = blocks[-1]
+        length = len(last.body) * last.sample_period
+        if math.isfinite(length):  # else it is refused
+            self.late += len(blocks) if done - due > length > 0.0 else 0
+            self.age = time.time() - (done - begun) - 1e-9 * last.stamp - length
+        for block in blocks:
+            missing = block.sequence - self.sequence - 1
+            # Stamps leave room for what is lost: else it is another source, or one that began anew.
+            if (
+                self.sequence >= 0
+                and missing > 0
+                and 1e-9 * (block.stamp - self.end) > 0.5 * missing * length
+            ):
+                self.blocks_lost += missing
+            self.sequence, self.end = block.sequence, block.end
+
+
+@dataclass(slots=True)
+class _Topic:
+    """Topic of a valve's blocks: its takers, and the messages whose turn has not come with their times.
+
+    ``together``: blocks that are taken together, and ``most`` of them; ``busy``: their turn is asked for;
+    ``period``: s, between two blocks, 0 before any; ``last``: when one was heard, s of the monotonic clock;
+    ``local``: a source in this process hands its blocks over.
+    """
+
+    name: str
+    takers: list[tuple[Any, Take, Room]] = field(default_factory=list)
+    subscription: Any = None
+    owner: Any = None
+    times: TopicTimes = field(default_factory=TopicTimes)
+    heard: deque[tuple[Heard, float]] = field(default_factory=partial(deque, maxlen=HOSTED_DEPTH))
+    together: int = 1
+    most: int = 1
+    busy: bool = False
+    period: float = 0.0
+    last: float = -math.inf
+    local: bool = False
+    throttle: Throttle = field(default_factory=Throttle)
+
+
+class BlockHub:
+    """Block hub of a process.
+
+    In a process that hosts many nodes a valve's blocks wait for each other, up to ``together`` s of samples,
+    and no longer than until an estimate falls due: taken together they cost little more than one.
+
+    Attributes:
+        worker: runs what nodes do with their blocks; ``None`` in a process of one node, which does it itself.
+        together: s.
+    """
+
+    def __init__(self) -> None:
+        self.worker: Worker | None = None
+        self.together = 0.0
+        self._topics: dict[str, _Topic] = {}
+
+    @property
+    def times(self) -> dict[str, TopicTimes]:
+        """Times by topic."""
+        for topic in self._topics.values():
+            topic.times.waiting = len(topic.heard)
+        return {name: topic.times for name, topic in self._topics.items()}
+
+    def subscribe(self, node: Any, name: str, take: Take, room: Room) -> Callable[[], None]:
+        """Let ``take`` have the blocks of the topic ``name`` of ``node``; return what ends it.
+
+        They wait for each other until ``room()`` samples have come.
+        """
+        resolved = node.resolve_topic_name(name)
+        topic = self._topics.setdefault(resolved, _Topic(resolved))
+        taker = (node, take, room)
+        topic.takers.append(taker)
+        if topic.owner is None:
+            topic.heard.clear()
+            topic.times.sequence = -1  # what was not wanted meanwhile is not lost
+            self._own(topic, node)
+        return lambda: self._end(topic, taker)
+
+    def give_up(self, node: Any) -> None:
+        """Let others have the blocks of the topics of ``node``, which hangs."""
+        for topic in self._topics.values():
+            for taker in [one for one in topic.takers if one[0] is node]:
+                self._end(topic, taker)
+
+    def _end(self, topic: _Topic, taker: tuple[Any, Take, Room]) -> None:
+        if taker not in topic.takers:
+            return  # it was given up
+        topic.takers.remove(taker)
+        if topic.owner is taker[0]:
+            self._unsubscribe(topic)
+            topic.owner = None
+            if topic.takers:
+                self._own(topic, topic.takers[0][0])
+
+    @property
+    def behind(self) -> bool:
+        """Whether blocks came that this process has not heard yet, as far as their periods tell."""
+        now = time.monotonic()
+        return any(
+            OVERDUE * topic.period < now - topic.last < SILENT
+            for topic in self._topics.values()
+            if topic.owner is not None and topic.period > 0.0
+        )
+
+    def flush(self, waited: float) -> None:
+        """Let blocks have their turn that have waited for others for more than ``waited`` s."""
+        before = time.monotonic() - waited
+        for topic in self._topics.values():
+            with contextlib.suppress(IndexError):  # the worker took them meanwhile
+                if topic.heard[0][1] < before and not topic.busy:
+                    self._ask(topic)
+
+    def offer(self, name: str) -> None:
+        """Let a source of this process hand over the blocks of the full topic ``name``; no other is heard."""
+        topic = self._topics.setdefault(name, _Topic(name))
+        topic.local = True
+        self._unsubscribe(topic)
+
+    def withdraw(self, name: str) -> None:
+        """Listen to the topic ``name`` again: its source in this process ends."""
+        topic = self._topics[name]
+        if not topic.local:
+            return
+        topic.local = False
+        if topic.owner is not None:
+            self._own(topic, topic.owner)
+
+    def takers(self, name: str) -> int:
+        """Return how many nodes of this process take the blocks of topic ``name``."""
+        topic = self._topics.get(name)
+        return len(topic.takers) if topic is not None else 0
+
+    def hand_over(self, name: str, block: Block) -> None:
+        """Let those that take the blocks of topic ``name`` have ``block`` as if it had come as a message."""
+        topic = self._topics[name]
+        if topic.owner is not None:
+            self._hear(topic, block)
+
+    def _own(self, topic: _Topic, node: Any) -> None:
+        topic.together, topic.busy = 1, False
+        topic.owner = node
+        if topic.local:
+            return
+        profile = qos.samples_wanted(HOSTED_DEPTH) if self.worker is not None else qos.samples_wanted()
+        hear = partial(self._hear, topic)
+        topic.subscription = node.create_subscription(AccelerationBlock, topic.name, hear, profile, raw=True)
+
+    @staticmethod
+    def _unsubscribe(topic: _Topic) -> None:
+        if topic.subscription is not None:
+            topic.owner.destroy_subscription(topic.subscription)
+            topic.subscription = None
+
+    def _hear(self, topic: _Topic, data: Heard) -> None:
+        if self.worker is None:
+            self._take(topic, [data])
+            return
+        topic.last = time.monotonic()
+        topic.heard.append((data, topic.last))
+        if len(topic.heard) >= topic.together and not topic.busy:
+            self._ask(topic)
+
+    def _ask(self, topic: _Topic) -> None:
+        owner = topic.owner  # another thread may end it between two looks
+        if owner is not None and self.worker is not None:
+            topic.busy = True
+            self.worker.put(owner, self._run, topic)
+
+    def _run(self, topic: _Topic) -> None:
+        """Take what has come of a topic, in its turn."""
+        try:
+            due = topic.together
+            items: list[tuple[Heard, float]] = []
+            while topic.heard and len(items) < topic.most:
+                items.append(topic.heard.popleft())
+            begun = time.monotonic()
+            blocks = self._take(topic, [data for data, _ in items])
+            if blocks:
+                self._plan(topic, blocks[-1])
+                # Those that stopped coming were asked for before they were due.
+                asked = items[due - 1][1] if len(items) >= due else begun
+                topic.times.take(blocks, asked, begun, time.monotonic())
+        finally:
+            topic.busy = False
+        if len(topic.heard) >= topic.together:
+            self._ask(topic)
+
+    def _plan(self, topic: _Topic, last: Block) -> None:
+        """Say how many blocks are taken together the next time."""
+        size, length = len(last.body), len(last.body) * last.sample_period
+        if not (math.isfinite(length) and length > 0.0):
+            topic.together = topic.most = 1
+            return
+        topic.period = length
+        topic.most = max(1, int(LONGEST_TOGETHER / length))
+        room = min((room() for _, _, room in tuple(topic.takers)), default=0)
+        topic.together = max(1, min(int(self.together / length + 1e-6), -(-room // size), topic.most))
+
+    @staticmethod
+    def _take(topic: _Topic, messages: Sequence[Heard]) -> list[Block]:
+        """Decode messages, let all takers have them, and return what they had."""
+        blocks = []
+        for data in messages:
+            try:
+                blocks.append(data if isinstance(data, Block) else decode_block(data))
+            except CdrError as error:
+                owner, count = topic.owner, topic.throttle.take("no block")
+                if owner is not None and count:
+                    owner.get_logger().warning(f"{topic.name}: {count} messages are no blocks: {error}")
+        if blocks:
+            for _, take, _ in tuple(topic.takers):
+                take(blocks)
+        return blocks
+
+
+#: Hub of this process.
+HUB = BlockHub()

@@ -1,0 +1,105 @@
+"""Diagnostic tasks of a node, by the rules of the standard tools."""
+
+from __future__ import annotations
+
+import enum
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+
+from spool_core.block_gate import BlockGate, Fault
+from spool_core.text.sentence import plural
+
+from . import qos
+
+
+class Level(enum.Enum):
+    """Level of a task, those of ``DiagnosticStatus``; values are what the message field takes."""
+
+    OK = DiagnosticStatus.OK
+    WARNING = DiagnosticStatus.WARN
+    ERROR = DiagnosticStatus.ERROR
+    STALE = DiagnosticStatus.STALE
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """Status of one task: its level, one line for people, values by key (see :func:`key`).
+
+    Keys never change while a node runs: plots and rules follow them. What is not known yet is NaN.
+    """
+
+    task: str
+    level: Level
+    message: str
+    values: Mapping[str, object] = field(default_factory=dict)
+
+
+def key(name: str, unit: str = "1") -> str:
+    """Return a value's key: ``name`` in snake_case and its unit, e.g. ``spring_stiffness_N_per_m``."""
+    if unit in ("", "1"):
+        return name
+    return f"{name}_{re.sub('[^A-Za-z0-9]+', '_', unit.replace('^', '').replace('/', '_per_'))}"
+
+
+def block_values(gate: BlockGate) -> dict[str, object]:
+    """Return what a consumer of blocks tells of them: since its start, and within the last minute of data."""
+    return {
+        "blocks_used": gate.accepted,
+        "blocks_lost": gate.lost,
+        "blocks_refused": gate.refused,
+        "blocks_lost_last_minute": gate.recent.lost,
+        "blocks_refused_last_minute": gate.recent.refused,
+        **{f"fault_{fault.name.lower()}": gate.faults.get(fault, 0) for fault in Fault},
+    }
+
+
+def block_faults(gate: BlockGate) -> str:
+    """Return what was lost and refused within the last minute of data, empty where nothing was."""
+    lost, refused = gate.recent.lost, gate.recent.refused
+    return f"{plural(lost, 'block')} lost, {refused} refused in the last minute" if lost or refused else ""
+
+
+class DiagnosticPublisher:
+    """Diagnostic publisher of the tasks of one node on ``/diagnostics``; names are ``namespace/node: task``.
+
+    ``hardware_id`` may change when the node learns which valve it is for.
+    """
+
+    def __init__(self, node: Node, hardware_id: str) -> None:
+        self._node = node
+        self.hardware_id = hardware_id
+        self._kept: dict[str, DiagnosticStatus] = {}
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", qos.diagnostics())
+
+    def publish(self, *tasks: Status) -> None:
+        """Send the state of ``tasks`` now."""
+        message = DiagnosticArray()
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        message.status = [self._filled(task) for task in tasks]
+        self._publisher.publish(message)
+
+    def _filled(self, task: Status) -> DiagnosticStatus:
+        """Return the message of ``task``: the former one with its values renewed, as keys never change."""
+        status = self._kept.get(task.task)
+        if status is None or len(status.values) != len(task.values):
+            prefix = self._node.get_fully_qualified_name().lstrip("/")
+            status = DiagnosticStatus(
+                name=f"{prefix}: {task.task}", values=[KeyValue(key=key) for key in task.values]
+            )
+            self._kept[task.task] = status
+        status.level, status.message, status.hardware_id = task.level.value, task.message, self.hardware_id
+        for pair, (name, value) in zip(status.values, task.values.items(), strict=True):
+            pair.key, pair.value = name, _text(value)
+        return status
+
+    def destroy(self) -> None:
+        """Take the publisher away."""
+        self._node.destroy_publisher(self._publisher)
+
+
+def _text(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

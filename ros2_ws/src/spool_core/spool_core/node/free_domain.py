@@ -1,0 +1,87 @@
+"""Free ROS domain: keeps a program and its children apart from other ROS 2 systems on this machine."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO
+
+from spool_core.errors import InputError
+from spool_core.private import private_temporary_folder
+
+#: Ports of domain d begin at 7400 + 250 d (DDSI-RTPS 2.5, 9.6.2.3: port base and domain gain).
+PORT_BASE, DOMAIN_GAIN = 7400, 250
+#: Domains in the order of preference. Up to 101 and above 214 they keep clear of the ports 32768 to 60999,
+#: which Linux hands out by itself. People use low numbers, so high ones come first.
+DOMAINS = (*range(215, 233), *range(101, 0, -1), *range(102, 215))
+#: Tables of the open UDP sockets: one in each line after the first, its local address and port in hexadecimal
+#: numbers in the second column (proc(5)).
+SOCKET_TABLES = ("/proc/net/udp", "/proc/net/udp6")
+
+#: Locks that this process holds until it ends.
+_HELD: list[IO[str]] = []
+
+
+def isolate() -> int:
+    """Let this process and its children talk on this machine only, on a domain of their own.
+
+    ``ROS_DOMAIN_ID`` and ``ROS_AUTOMATIC_DISCOVERY_RANGE`` are kept where they are set. The domain is claimed
+    until this process ends.
+
+    Returns:
+        The domain.
+
+    Raises:
+        InputError: no domain is free.
+    """
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    if "ROS_DOMAIN_ID" not in os.environ:
+        number, lock = _claim()
+        _HELD.append(lock)
+        os.environ["ROS_DOMAIN_ID"] = str(number)
+    return int(os.environ["ROS_DOMAIN_ID"])
+
+
+@contextlib.contextmanager
+def claimed_domain() -> Iterator[int]:
+    """Claim a domain that nobody on this machine uses now.
+
+    Raises:
+        InputError: no domain is free.
+    """
+    number, lock = _claim()
+    with lock:
+        yield number
+
+
+def domains_in_use() -> set[int]:
+    """Return the domains on whose ports a program on this machine listens, of whatever project and user."""
+    return {(port - PORT_BASE) // DOMAIN_GAIN for port in _udp_ports() if port >= PORT_BASE}
+
+
+def _claim() -> tuple[int, IO[str]]:
+    folder = private_temporary_folder("domains")
+    for number in DOMAINS:
+        lock = (folder / str(number)).open("w")
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            lock.close()
+            continue
+        # Asked after the lock: a program of ours that has just released it may still be closing its ports.
+        if number not in domains_in_use():
+            return number, lock
+        lock.close()
+    raise InputError("no ROS domain is free: end other ROS 2 programs, or set ROS_DOMAIN_ID")
+
+
+def _udp_ports() -> Iterator[int]:
+    for table in SOCKET_TABLES:
+        try:
+            lines = Path(table).read_text(encoding="ascii").splitlines()[1:]
+        except OSError:  # no such table, e.g. without IPv6
+            continue
+        yield from (int(line.split()[1].rpartition(":")[2], 16) for line in lines)

@@ -1,0 +1,416 @@
+"""Managed node: the life cycle that every node of the suite shares."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import gc
+import threading
+import time
+import traceback
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, ClassVar, ParamSpec, TypeVar
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.qos import QoSProfile
+
+from spool_core.block import Block
+from spool_core.errors import InputError
+from spool_core.kernels.compile_lock import alone as one_at_a_time
+
+from .block_hub import HUB
+from .parameters import NodeParameter, Value, declare
+from .stopping import STOP, Phase
+from .ticker import Ticker
+
+#: s of compiling after which it is said: kernels that are cached are loaded in less.
+COMPILES = 3.0
+#: s that a request or a transition waits for what another thread does with the same node: a state file on a
+#: slow disk takes as long.
+LONGEST_WAIT = 5.0
+
+Message = TypeVar("Message")
+P = ParamSpec("P")
+
+#: What this process has compiled.
+_COMPILED: set[Callable[[], object]] = set()
+
+
+@functools.cache
+def _steady_clock() -> Clock:
+    """Return the one steady clock of this process: the events executor keeps a thread for each clock."""
+    return Clock(clock_type=ClockType.STEADY_TIME)
+
+
+AUTOSTART = NodeParameter(
+    "autostart", True, "Configure and activate at start, without a life cycle manager.", read_only=True
+)
+
+
+class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no types
+    """Managed node: a table of parameters and four hooks that may raise.
+
+    A subclass sets ``PARAMETERS`` and overrides :meth:`configure`, :meth:`activate`, :meth:`deactivate`,
+    :meth:`cleanup`. What a hook raises is logged (an :class:`InputError` as one line, anything else with
+    its traceback) and the transition returns FAILURE. Subscriptions, timers and services made with
+    :meth:`subscribe`, :meth:`every` and :meth:`serve` live while the node is active.
+    """
+
+    PARAMETERS: ClassVar[tuple[NodeParameter, ...]] = ()
+
+    def __init__(self, name: str = "node", namespace: str | None = None, **options: Any) -> None:
+        super().__init__(name, namespace=namespace, **options)
+        self._lock = threading.RLock()
+        self._left: deque[Callable[[], None]] = deque()
+        self._while_active: list[Callable[[], object]] = []
+        self._table = {parameter.name: parameter for parameter in (AUTOSTART, *self.PARAMETERS)}
+        self._configured = False
+        overrides = self._parameter_overrides
+        of_others = self.of_others - set(self._table)
+        declare(self, tuple(self._table.values()), {k: v for k, v in overrides.items() if k not in of_others})
+        self._present: dict[str, Value] = {name: self.value(name) for name in self._table}
+        self.add_on_set_parameters_callback(self._judge_change)
+        self.add_post_set_parameters_callback(self._apply_change)
+
+    #: Whether its host gave it up as hanging: it takes nothing until that has begun it again.
+    given_up = False
+    #: Whether a thread compiles, which can't be stopped: the process has to end without waiting for it.
+    compiling = False
+    #: Whether it is the only node of its process, and the ticker of one that hosts many.
+    alone = True
+    ticker: ClassVar[Ticker | None] = None
+    #: Parameters that the hosted nodes may be given although they are those of other nodes.
+    of_others: ClassVar[set[str]] = set()
+    #: Called now and then where something takes long, so that nobody takes it for hanging.
+    beat: ClassVar[Callable[[], None] | None] = None
+
+    # What a subclass overrides.
+
+    def configure(self) -> None:
+        """Read the parameters, make publishers and the core."""
+
+    def activate(self) -> None:
+        """Make subscriptions and timers."""
+
+    def deactivate(self) -> None:
+        """Finish what is under way; subscriptions and timers are gone already."""
+
+    def cleanup(self) -> None:
+        """Let go of what configure made."""
+
+    def refuse_change(self, _changes: dict[str, Value]) -> str | None:
+        """Return why these parameters can't be taken together, or ``None``; no side effects.
+
+        It is asked for every change, and for all values together when the node is configured.
+        """
+        return None
+
+    def apply_change(self, changes: dict[str, Value]) -> None:
+        """Make accepted parameter changes effective."""
+
+    # What a subclass uses.
+
+    @property
+    def given(self) -> set[str]:
+        """Names of the parameters that were given at start."""
+        return set(self._parameter_overrides)
+
+    def value(self, name: str) -> Any:
+        """Return the present value of a declared parameter."""
+        return self.get_parameter(name).value
+
+    def subscribe(
+        self,
+        message_type: type[Message],
+        topic: str,
+        callback: Callable[[Message], None],
+        qos: QoSProfile,
+        *,
+        raw: bool = False,
+    ) -> Any:
+        """Subscribe while active; an exception in ``callback`` is logged, the node lives on."""
+        subscription = self.create_subscription(message_type, topic, self._guarded(callback), qos, raw=raw)
+        self._while_active.append(lambda: self.destroy_subscription(subscription))
+        return subscription
+
+    def subscribe_blocks(
+        self, topic: str, take: Callable[[Sequence[Block]], None], room: Callable[[], int]
+    ) -> None:
+        """Let ``take`` have the blocks of ``topic`` while active; their samples are views of the messages.
+
+        Until ``room()`` samples have come they may wait for each other in a process that hosts many nodes.
+        """
+        self._while_active.append(HUB.subscribe(self, topic, self._guarded(take), room))
+
+    def every(self, period: float, callback: Callable[[], None], *, steady: bool = False) -> Any:
+        """Call back every ``period`` s while active, on the node's clock or on a steady one."""
+        if steady and self.ticker is not None:
+            self._while_active.append(self.ticker.every(period, self._guarded(callback)))
+            return None
+        clock = _steady_clock() if steady else None
+        timer = self.create_timer(period, self._guarded(callback), clock=clock)
+        self._while_active.append(lambda: self.destroy_timer(timer))
+        return timer
+
+    def serve(self, service_type: Any, name: str, answer: Callable[[Any, Any], Any]) -> Any:
+        """Offer a service while active; ``answer`` gets request and response and returns the response.
+
+        What it raises is logged; an :class:`InputError` is a refusal, said in the response's ``reason``, or
+        ``message`` as standard services have it.
+        """
+
+        def guarded(request: Any, response: Any) -> Any:
+            try:
+                with self._alone_in_it():
+                    return answer(request, response)
+            except InputError as error:
+                said = str(error)
+            except Exception as error:
+                self._log_failure(f"{name} failed", error)
+                said = f"{name} failed: see the node's log"
+            response.success = False
+            setattr(response, "reason" if hasattr(response, "reason") else "message", said)
+            return response
+
+        service = self.create_service(service_type, name, guarded)
+        self._while_active.append(lambda: self.destroy_service(service))
+        return service
+
+    def destroy_publisher(self, publisher: Any) -> bool:
+        """Destroy a publisher, one of the life cycle as well."""
+        return bool(self.destroy_lifecycle_publisher(publisher))
+
+    def abandon(self) -> None:
+        """Let go of what an interrupted transition made; what it had not made yet is no fault."""
+        self._go_quiet()
+        with contextlib.suppress(Exception):
+            self.cleanup()
+
+    def compile(self, kernels: Callable[[], object]) -> None:
+        """Run ``kernels``, which compiles, one process at a time; it is told, and a signal breaks it off.
+
+        In a process it is done once. It runs on a thread: an exception out of a signal's handler would be
+        lost in the compiler's callbacks.
+        """
+        if kernels in _COMPILED:
+            return
+        failure: list[Exception] = []
+
+        def work() -> None:
+            try:
+                with one_at_a_time():
+                    kernels()
+            except Exception as error:
+                failure.append(error)
+
+        thread = threading.Thread(target=work, daemon=True)
+        phase, self.compiling = STOP.phase, True
+        STOP.phase = Phase.STARTING if phase is Phase.RUNNING else phase
+        begin, told = time.monotonic(), False
+        thread.start()
+        while thread.is_alive():
+            thread.join(0.1)
+            if ManagedNode.beat is not None:
+                ManagedNode.beat()
+            if not told and time.monotonic() - begin > COMPILES:
+                self.get_logger().info(
+                    "compiling the numerical kernels, which a first start does: it may take a minute"
+                )
+                told = True
+        STOP.phase = phase if STOP.phase is Phase.STARTING else STOP.phase
+        self.compiling = False
+        if told:
+            self.get_logger().info(f"kernels ready after {time.monotonic() - begin:.0f} s")
+        if failure:
+            raise failure[0]
+        _COMPILED.add(kernels)
+
+    # Transitions.
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Run :meth:`configure` with values that fit each other."""
+        refused = self._transition("configure", self._check_together)
+        refused = refused or self._transition("configure", self.configure, undo=self.cleanup)
+        self._configured = refused is None
+        return refused or super().on_configure(state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Activate the publishers, then run :meth:`activate`."""
+        result = super().on_activate(state)
+        result = self._transition("activate", self.activate, undo=self._go_quiet) or result
+        if result == TransitionCallbackReturn.SUCCESS:
+            self.get_logger().info("active")
+        if self.alone:
+            # Looking through all that the libraries hold stops a process for 0.1 s: what lives now stays.
+            gc.collect()
+            gc.freeze()
+        return result
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Drop subscriptions and timers, then run :meth:`deactivate`."""
+        self._go_quiet()
+        refused = self._transition("deactivate", self.deactivate)
+        if refused is None:
+            self.get_logger().info("inactive")
+        return refused or super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Run :meth:`cleanup`."""
+        self._configured = False
+        return self._transition("clean up", self.cleanup) or super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop from any state."""
+        self._go_quiet()
+        if state.label == "active":
+            self._transition("deactivate", self.deactivate)
+        if state.label != "unconfigured":
+            self._transition("clean up", self.cleanup)
+        return super().on_shutdown(state)
+
+    def on_error(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Return to unconfigured, from where the node can be configured again."""
+        self._go_quiet()
+        return TransitionCallbackReturn.SUCCESS
+
+    def _check_together(self) -> None:
+        """Refuse values that contradict each other."""
+        refusal = self.refuse_change({name: self.value(name) for name in self._table})
+        if refusal is not None:
+            raise InputError(f"{self.get_fully_qualified_name()}: {refusal}")
+
+    def _transition(
+        self, name: str, hook: Callable[[], None], undo: Callable[[], None] | None = None
+    ) -> TransitionCallbackReturn | None:
+        """Run ``hook``; return FAILURE where it raised, else ``None``."""
+        try:
+            with self._alone_in_it():
+                hook()
+        except Exception as error:
+            self._log_failure(f"can't {name}", error)
+            if undo is not None:
+                undo()
+            return TransitionCallbackReturn.FAILURE
+        return None
+
+    def _go_quiet(self) -> None:
+        while self._while_active:
+            self._while_active.pop()()
+
+    @property
+    def is_inactive(self) -> bool:
+        """Whether it is configured and not active."""
+        return bool(self._state_machine.current_state[1] == "inactive")
+
+    @property
+    def busy(self) -> bool:
+        """Whether a callback of it runs on another thread."""
+        if not self._lock.acquire(blocking=False):
+            return True
+        self._lock.release()
+        return False
+
+    def give_up(self) -> None:
+        """Take nothing any more, as a callback hangs, until :meth:`admit`."""
+        self.given_up = True
+        self._left.clear()
+
+    def admit(self) -> None:
+        """Take what comes again."""
+        self.given_up = False
+
+    def _guarded(self, callback: Callable[P, None]) -> Callable[P, None]:
+        # wraps: rclpy tells callbacks with message info apart by their signature.
+        @functools.wraps(callback)
+        def guarded(*arguments: P.args, **named: P.kwargs) -> None:
+            if self.given_up:
+                return
+            # Only where a process hosts many nodes do two threads call the same one. Neither waits for the
+            # other: what comes meanwhile is left to the one that is at it.
+            self._left.append(lambda: callback(*arguments, **named))
+            self._run_left()
+
+        return guarded
+
+    def _run_left(self) -> None:
+        while self._left and self._lock.acquire(blocking=False):
+            try:
+                while self._left and not self.given_up:
+                    try:
+                        self._left.popleft()()
+                    except Exception as error:
+                        self._log_failure("a message could not be handled", error)
+                if self.given_up:
+                    self._left.clear()
+            finally:
+                self._lock.release()
+
+    @contextlib.contextmanager
+    def _alone_in_it(self) -> Iterator[None]:
+        """Hold up callbacks of this node on other threads.
+
+        Raises:
+            InputError: one of them does not end.
+        """
+        if self.given_up or not self._lock.acquire(timeout=LONGEST_WAIT):
+            name = self.get_fully_qualified_name()
+            raise InputError(f"{name}: a callback does not return: try again later")
+        try:
+            yield
+        finally:
+            self._lock.release()
+            self._run_left()
+
+    def _LifecycleNodeMixin__on_change_state(self, request: Any, response: Any) -> Any:  # noqa: N802
+        """Answer a transition that the present state does not have: rclpy would end the process."""
+        try:
+            return super()._LifecycleNodeMixin__on_change_state(request, response)
+        except rclpy_implementation.RCLError as error:
+            self.get_logger().warning(f"transition refused: {' '.join(str(error).split())}")
+            response.success = False
+            return response
+
+    def _log_failure(self, what: str, error: Exception) -> None:
+        text = str(error) if isinstance(error, InputError) else traceback.format_exc()
+        self.get_logger().error(f"{what}: {text}")
+
+    def _judge_change(self, parameters: list[RosParameter]) -> SetParametersResult:
+        changes = {parameter.name: parameter.value for parameter in parameters}
+        for name, value in changes.items():
+            known = self._table.get(name)
+            if known is None:
+                continue
+            refusal = known.refusal(value)
+            changed = value != self._present[name]
+            if refusal is None and changed and known.read_only:
+                refusal = f"{name} is fixed at start: start the node with the new value"
+            if refusal is None and changed and known.structural and self._configured:
+                refusal = f"{name} changes only while the node is unconfigured: deactivate, clean up first"
+            if refusal is not None:
+                return SetParametersResult(successful=False, reason=refusal)
+        refusal = self.refuse_change(changes)
+        return SetParametersResult(successful=refusal is None, reason=refusal or "")
+
+    def _apply_change(self, parameters: list[RosParameter]) -> None:
+        changes = {
+            parameter.name: parameter.value
+            for parameter in parameters
+            if parameter.name in self._table and parameter.value != self._present[parameter.name]
+        }
+        if not changes:
+            return
+        said = ", ".join(f"{name} from {self._present[name]} to {value}" for name, value in changes.items())
+        try:
+            with self._alone_in_it():
+                self.apply_change(changes)
+        except InputError as error:
+            self._log_failure("a change of parameters takes no effect", error)
+            return
+        self._present.update(changes)
+        # Who asked is not told by ROS 2; the change itself travels on /parameter_events as well.
+        self.get_logger().info(f"parameters changed: {said}")

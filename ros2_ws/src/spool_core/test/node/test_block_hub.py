@@ -1,0 +1,192 @@
+"""Hub of a process's blocks: who gets them, and how many at a time; the subscription is a stub."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from spool_core.block import Block
+from spool_core.format.cdr import encode_block
+from spool_core.node.block_hub import HOSTED_DEPTH, BlockHub
+from spool_core.node.worker import Worker
+
+SIZE, PERIOD = 40, 5e-4
+
+
+class Node:
+    """Node that subscribes to nothing: messages are handed to ``hear``."""
+
+    hear: Callable[[bytes], None] | None = None
+
+    def resolve_topic_name(self, name: str) -> str:
+        return f"/valve_1/{name}"
+
+    def create_subscription(
+        self, _kind: Any, _name: str, hear: Callable[[bytes], None], *_: Any, **__: Any
+    ) -> int:
+        self.hear = hear
+        return 1
+
+    def destroy_subscription(self, _: int) -> None:
+        self.hear = None
+
+    def send(self, *sequences: int) -> None:
+        for sequence in sequences:
+            samples = np.full(SIZE, sequence, np.float32)
+            block = Block(10**18 + sequence * 20_000_000, sequence, PERIOD, samples, samples)
+            assert self.hear is not None
+            self.hear(encode_block(block, "valve_1"))
+
+
+class Taker:
+    """Taker of blocks that tells which came together."""
+
+    def __init__(self, room: int = 10**6) -> None:
+        self.room = room
+        self.taken: list[list[int]] = []
+        self.changed = threading.Condition()
+
+    def take(self, blocks: list[Block]) -> None:
+        with self.changed:
+            self.taken.append([block.sequence for block in blocks])
+            self.changed.notify()
+
+    def wait(self, count: int) -> None:
+        with self.changed:
+            assert self.changed.wait_for(lambda: sum(map(len, self.taken)) >= count, 60.0)
+
+
+@pytest.fixture
+def hosted() -> Iterator[BlockHub]:
+    hub = BlockHub()
+    hub.worker, hub.together = Worker(), 0.1
+    yield hub
+    hub.worker.close()
+
+
+def test_a_process_of_one_node_takes_each_block_as_it_comes() -> None:
+    hub, node, taker = BlockHub(), Node(), Taker()
+    hub.subscribe(node, "acceleration", taker.take, lambda: taker.room)
+    node.send(0, 1, 2)
+    assert taker.taken == [[0], [1], [2]]
+
+
+def test_a_source_of_this_process_hands_its_blocks_over_and_no_other_is_heard() -> None:
+    hub, node, taken = BlockHub(), Node(), []
+    hub.offer("/valve_1/acceleration")
+    end = hub.subscribe(node, "acceleration", taken.extend, lambda: 1)
+    assert node.hear is None
+    samples = np.zeros(SIZE, np.float32)
+    block = Block(10**18, 7, PERIOD, samples, samples, "valve_1")
+    hub.hand_over("/valve_1/acceleration", block)
+    assert taken[0] is block
+    hub.withdraw("/valve_1/acceleration")
+    node.send(8)
+    assert [one.sequence for one in taken] == [7, 8]
+    hub.offer("/valve_1/acceleration")
+    assert node.hear is None
+    end()
+    assert hub.takers("/valve_1/acceleration") == 0
+    hub.hand_over("/valve_1/acceleration", block)
+    assert len(taken) == 2
+
+
+def test_a_host_takes_a_tenth_of_a_second_together(hosted: BlockHub) -> None:
+    node, taker = Node(), Taker()
+    hosted.subscribe(node, "acceleration", taker.take, lambda: taker.room)
+    node.send(0)
+    taker.wait(1)
+    node.send(1, 2, 3, 4)
+    assert taker.taken == [[0]]
+    node.send(5)
+    taker.wait(6)
+    assert taker.taken == [[0], [1, 2, 3, 4, 5]]
+    assert hosted.times["/valve_1/acceleration"].messages == 6
+
+
+def test_an_estimate_that_falls_due_does_not_wait(hosted: BlockHub) -> None:
+    node, one, other = Node(), Taker(), Taker(room=2 * SIZE)
+    hosted.subscribe(node, "acceleration", one.take, lambda: one.room)
+    hosted.subscribe(node, "acceleration", other.take, lambda: other.room)
+    node.send(0)
+    one.wait(1)
+    other.wait(1)
+    node.send(1, 2)
+    other.wait(3)
+    assert one.taken == other.taken == [[0], [1, 2]]
+
+
+def test_blocks_that_stopped_coming_wait_for_no_others(hosted: BlockHub) -> None:
+    node, taker = Node(), Taker()
+    hosted.subscribe(node, "acceleration", taker.take, lambda: taker.room)
+    node.send(0)
+    taker.wait(1)
+    node.send(1, 2)
+    hosted.flush(math.inf)
+    assert taker.taken == [[0]]
+    while len(taker.taken) < 2:
+        hosted.flush(-1.0)
+    times = hosted.times["/valve_1/acceleration"]
+    assert (times.messages, times.late, times.waiting) == (3, 0, 0)
+
+
+def test_who_stays_takes_what_the_one_who_left_had_asked_for(hosted: BlockHub) -> None:
+    first, second, leaves, stays = Node(), Node(), Taker(), Taker()
+    end = hosted.subscribe(first, "acceleration", leaves.take, lambda: leaves.room)
+    hosted.subscribe(second, "acceleration", stays.take, lambda: stays.room)
+    first.send(0)
+    stays.wait(1)
+    first.send(1, 2)
+    end()
+    assert first.hear is None
+    second.send(3)
+    stays.wait(4)
+    assert stays.taken == [[0], [1, 2, 3]]
+    assert leaves.taken == [[0]]
+
+
+def test_a_message_that_is_no_block_costs_no_other(hosted: BlockHub) -> None:
+    said: list[str] = []
+    node, taker = Node(), Taker()
+    node.get_logger = lambda: type("Log", (), {"warning": staticmethod(said.append)})  # type: ignore[attr-defined]
+    hosted.subscribe(node, "acceleration", taker.take, lambda: taker.room)
+    assert node.hear is not None
+    node.hear(b"nothing")
+    node.send(0)
+    taker.wait(1)
+    assert taker.taken == [[0]]
+    assert len(said) == 1
+
+
+def test_what_nobody_takes_any_more_does_not_pile_up(hosted: BlockHub) -> None:
+    """A job that never returns keeps its topic's turn; the others of the topic have the blocks then."""
+    hanging, node, taker = Node(), Node(), Taker()
+    began, release = threading.Event(), threading.Event()
+
+    def hang(_: object) -> None:
+        began.set()
+        release.wait()
+
+    hosted.subscribe(hanging, "acceleration", hang, lambda: 1)
+    hanging.send(0)
+    assert began.wait(60.0)
+    send = hanging.hear
+    assert send is not None
+    data = encode_block(Block(10**18, 1, PERIOD, *[np.zeros(SIZE, np.float32)] * 2), "valve_1")
+    for _ in range(3 * HOSTED_DEPTH):
+        send(data)
+    assert hosted.times["/valve_1/acceleration"].waiting <= HOSTED_DEPTH
+    hosted.subscribe(node, "acceleration", taker.take, lambda: taker.room)
+    assert hosted.worker is not None
+    assert not hosted.worker.give_up(node)
+    assert hosted.worker.give_up(hanging)
+    hosted.give_up(hanging)
+    waiting = hosted.times["/valve_1/acceleration"].waiting
+    node.send(2000)
+    taker.wait(waiting)
+    assert taker.taken[-1][-1] == 2000
+    release.set()

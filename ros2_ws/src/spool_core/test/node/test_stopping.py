@@ -1,0 +1,133 @@
+"""SIGINT and SIGTERM at any moment of a node's life end it with 0 and without a traceback."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+Start = Callable[..., "subprocess.Popen[str]"]
+LOADING = """
+import sys, types
+from spool_core.node.program import start
+module = types.ModuleType("slow")
+sys.modules["slow"] = module
+def __getattr__(name):  # what takes long while libraries are loaded
+    print("loading", flush=True)
+    while True:
+        sum(range(1000))
+module.__getattr__ = __getattr__
+sys.exit(start("slow", "Node"))
+"""
+
+
+def wait_for(process: subprocess.Popen[str], line: str) -> None:
+    assert process.stdout is not None
+    for said in process.stdout:
+        if said.strip() == line:
+            return
+    pytest.fail(f"it ended without saying {line}")
+
+
+def ended_well(process: subprocess.Popen[str]) -> str:
+    stdout, stderr = process.communicate(timeout=30)
+    assert "Traceback" not in stderr
+    assert process.returncode == 0, stderr
+    return stdout
+
+
+def test_while_libraries_are_loaded(environment: dict[str, str]) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", LOADING],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    wait_for(process, "loading")
+    process.send_signal(signal.SIGINT)
+    ended_well(process)
+
+
+@pytest.mark.parametrize(("hook", "number"), [("configure", signal.SIGTERM), ("activate", signal.SIGINT)])
+def test_while_the_node_starts(probe: Start, hook: str, number: signal.Signals) -> None:
+    process = probe(failing=f"{hook} until a signal")
+    wait_for(process, hook)
+    process.send_signal(number)
+    assert "cleanup" in ended_well(process).split()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_again_while_it_ends(probe: Start, observer: Any, number: signal.Signals) -> None:
+    process = probe(failing="deactivate until two signals")
+    observer.until(lambda: "tick" in observer.heard, "a tick")
+    process.send_signal(number)
+    wait_for(process, "deactivate")
+    process.send_signal(number)
+    assert ended_well(process).split() == ["cleanup"]
+
+
+def test_while_the_interpreter_takes_itself_down(probe: Start, observer: Any) -> None:
+    process = probe(failing="exit")
+    observer.until(lambda: "tick" in observer.heard, "a tick")
+    process.terminate()
+    ended_well(process)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["--params-file", "broken.yaml"], "Couldn't parse params file"),
+        (["--bogus"], "unknown ROS arguments"),
+        (
+            ["--params-file", "my_valve.yaml"],
+            "my_valve.yaml: this is a valve description: pass it as --valve ",
+        ),
+    ],
+)
+def test_arguments_that_rcl_refuses_are_said_in_one_line(
+    environment: dict[str, str], tmp_path: Path, arguments: list[str], reason: str
+) -> None:
+    (tmp_path / "broken.yaml").write_text("probe:\n  ros__parameters: [unclosed")
+    (tmp_path / "my_valve.yaml").write_text("id: a\nmoving_mass: 0.18\nspring_stiffness: 1632.0\n")
+    probe = Path(__file__).with_name("probe_node.py")
+    answer = subprocess.run(
+        [sys.executable, str(probe), "--ros-args", *arguments],
+        env=environment,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert answer.returncode == 2
+    assert reason in answer.stderr.splitlines()[-1]
+    assert "Traceback" not in answer.stderr
+
+
+def test_without_a_writable_home_it_logs_elsewhere_and_says_so(
+    environment: dict[str, str], domain_id: int, tmp_path: Path
+) -> None:
+    environment |= {"HOME": os.devnull, "TMPDIR": str(tmp_path)}
+    for name in ("ROS_LOG_DIR", "ROS_HOME"):
+        environment.pop(name, None)
+    probe = Path(__file__).with_name("probe_node.py")
+    process = subprocess.Popen(
+        [sys.executable, str(probe)],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    wait_for(process, "activate")
+    process.terminate()
+    _, said = process.communicate(timeout=30)
+    assert process.returncode == 0
+    assert "/dev/null/.ros/log can't be written" in said
+    assert list(tmp_path.glob("spool_*/log/*"))

@@ -1,0 +1,274 @@
+from __future__ import annotations
+
+import importlib
+import logging
+import os
+import stat
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+import spool_core
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from spool_core.kernels import kernel_files
+from spool_core.kernels.kernel_folder import refusal
+
+CODE = """
+import sys
+if {blocked}:
+    sys.modules["numba"] = None  # what an import of a missing package meets
+from spool_core.kernels import compiled
+
+@compiled.compiled
+def twice(x):
+    return 2.0 * x
+
+import spool_core.kernels.compiled
+print(compiled.COMPILED, compiled.notice() is None, hasattr(twice, "py_func"), twice(1.5))
+"""
+
+
+def run(folder: Path, *, blocked: bool) -> subprocess.CompletedProcess[str]:
+    script = folder / "script.py"  # the cache on disk needs a file
+    script.write_text(CODE.format(blocked=blocked))
+    path = str(Path(spool_core.__file__).parents[1])
+    return subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            f"import sys; sys.path.insert(0, {path!r}); import runpy; runpy.run_path({str(script)!r})",
+        ],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+
+
+def test_with_numba_functions_are_compiled_in_silence(tmp_path: Path) -> None:
+    done = run(tmp_path, blocked=False)
+    assert done.stdout.split() == ["True", "True", "True", "3.0"]
+    assert done.stderr == ""
+
+
+def test_without_numba_functions_run_as_they_are_and_one_line_says_what_it_costs(tmp_path: Path) -> None:
+    done = run(tmp_path, blocked=True)
+    assert done.stdout.split() == ["False", "False", "False", "3.0"]
+    assert len(done.stderr.splitlines()) == 1
+    assert "100 times slower" in done.stderr
+
+
+def ran(folder: Path, code: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run ``code`` in a process that finds packages in ``folder`` and knows nothing of this one's kernels."""
+    stream = str(Path(spool_core.__file__).parents[1])
+    return subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "PYTHONPATH": f"{stream}:{folder}", **environment},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+
+
+@pytest.mark.slow
+def test_only_a_change_in_what_a_kernel_uses_makes_it_old(tmp_path: Path) -> None:
+    package = tmp_path / "four_files"
+    package.mkdir()
+    head = "from spool_core.kernels.compiled import compiled\n"
+    files = {
+        "__init__": "",
+        "constants": "FACTOR = 2.0\n",
+        "other": "UNUSED = 1\n",
+        "called": f"{head}\n@compiled\ndef one():\n    return 1.0\n",
+        "caller": f"{head}from .called import one\nfrom .constants import (  # comment, with a comma\n"
+        "    FACTOR as SIZE,\n)\n\n@compiled\ndef times(x):\n    return one() * SIZE * x\n",
+    }
+    changes = [
+        files,
+        {"other": "UNUSED = 2\n"},
+        {"constants": "FACTOR = 5.0\n"},
+        {"called": files["called"].replace("1.0", "3.0")},
+    ]
+    found = []
+    for change in changes:
+        for name, text in change.items():
+            (package / f"{name}.py").write_text(text)
+        done = ran(
+            tmp_path,
+            "from four_files.caller import times; print(times(1.0))",
+            NUMBA_CACHE_DIR=str(tmp_path / "cache"),
+        )
+        kept = list((tmp_path / "cache" / "spool_kernels").iterdir())  # one for each state of a module
+        found.append((float(done.stdout), len(kept)))
+    assert found == [(2.0, 2), (2.0, 2), (5.0, 3), (15.0, 5)]
+
+
+def test_kernels_are_kept_elsewhere_where_they_can_t_be(tmp_path: Path) -> None:
+    wanted, temporary = tmp_path / "wanted", tmp_path / "temporary"
+    temporary.mkdir()
+    wanted.touch()
+    (tmp_path / "one_file").mkdir()
+    (tmp_path / "one_file" / "__init__.py").write_text(
+        "from spool_core.kernels.compiled import compiled\n\n@compiled\ndef half(x):\n    return 0.5 * x\n"
+    )
+    code = "from one_file import half; print(half(3.0))"
+    done = ran(tmp_path, code, NUMBA_CACHE_DIR=str(wanted), TMPDIR=str(temporary))
+    assert done.stdout.split() == ["1.5"]
+    (line,) = done.stderr.splitlines()
+    assert f"compiled kernels are not kept in {wanted}" in line
+    assert "can't be written" in line
+    assert list(temporary.rglob("*.nbc"))
+    assert {stat.S_IMODE(path.stat().st_mode) for path in temporary.glob("spool_*")} == {0o700}
+
+
+@pytest.mark.parametrize("above", [False, True])
+def test_kernels_are_not_loaded_from_where_others_could_change_them(tmp_path: Path, above: bool) -> None:
+    folder = tmp_path / "wanted" / "spool_kernels"
+    folder.mkdir(parents=True, mode=0o755)
+    (folder.parent if above else folder).chmod(0o777)
+    assert "everybody may write in" in (refusal(folder) or "")
+    (folder.parent if above else folder).chmod(0o755)
+    assert refusal(folder) is None
+
+
+KERNELS = (
+    "from spool_core.kernels.compiled import compiled\n\n@compiled\ndef thrice(x):\n    return 3.0 * x\n"
+)
+
+
+def damaged(stored: bytes, damage: str) -> bytes:
+    half = len(stored) // 2
+    return {
+        "empty": b"",
+        "halved": stored[:half],
+        "zeroed": bytes(len(stored)),
+        "first bit": bytes([stored[0] ^ 1]) + stored[1:],
+        "middle bit": stored[:half] + bytes([stored[half] ^ 16]) + stored[half + 1 :],
+        "last bit": stored[:-1] + bytes([stored[-1] ^ 128]),
+        "longer": stored + b"\0",
+    }[damage]
+
+
+@pytest.fixture
+def kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
+    """Return a module of kernels whose cache, in ``tmp_path / "cache"``, holds ``thrice`` of a float."""
+    name = f"kernels_{tmp_path.name.translate(str.maketrans('-[]', '___'))}"
+    (tmp_path / name).mkdir()
+    (tmp_path / name / "__init__.py").write_text(KERNELS)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    module = importlib.import_module(name)
+    assert module.thrice(1.5) == 4.5
+    yield module
+    del sys.modules[name]
+
+
+def test_a_kept_kernel_is_loaded_and_not_compiled(kernels: ModuleType) -> None:
+    again = importlib.reload(kernels)
+    assert again.thrice(1.5) == 4.5
+    assert sum(again.thrice.stats.cache_hits.values()) == 1
+    assert not again.thrice.stats.cache_misses
+
+
+@pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
+def test_a_damaged_kernel_file_is_compiled_again_and_logged(
+    kernels: ModuleType, suffix: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.DEBUG, logger=kernel_files.__name__)
+    (file,) = (tmp_path / "cache").rglob(f"*{suffix}")
+    for damage in ("empty", "halved", "zeroed", "first bit", "middle bit", "last bit", "longer"):
+        file.write_bytes(damaged(file.read_bytes(), damage))
+        assert kernel_files.damaged_files(tmp_path / "cache") == [file]
+        caplog.clear()
+        again = importlib.reload(kernels)
+        assert again.thrice(1.5) == 4.5
+        assert sum(again.thrice.stats.cache_misses.values()) == 1
+        assert f"{file} cannot be read" in caplog.text
+        assert kernel_files.damaged_files(tmp_path / "cache") == []
+        assert sum(importlib.reload(kernels).thrice.stats.cache_misses.values()) == 0
+
+
+def test_the_first_damaged_file_of_a_process_is_a_warning(kernels: ModuleType, tmp_path: Path) -> None:
+    for file in (tmp_path / "cache").rglob("*.nb[ic]"):
+        file.write_bytes(b"")
+    code = f"from {kernels.__name__} import thrice; print(thrice(1.5))"
+    done = ran(tmp_path, code, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    assert done.stdout.split() == ["4.5"]
+    (line,) = done.stderr.splitlines()
+    assert "cannot be read (its checksum differs): its kernel is compiled again" in line
+
+
+@given(place=st.floats(0.0, 1.0, exclude_max=True), bit=st.integers(0, 7), cut=st.booleans())
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_no_flipped_bit_and_no_cut_changes_what_a_kernel_returns(
+    kernels: ModuleType, tmp_path: Path, place: float, bit: int, cut: bool
+) -> None:
+    for file in (tmp_path / "cache").rglob("*.nb[ic]"):
+        stored = bytearray(file.read_bytes())
+        at = int(place * len(stored))
+        stored[at] ^= 1 << bit
+        file.write_bytes(stored[:at] if cut else stored)
+    assert importlib.reload(kernels).thrice(1.5) == 4.5
+
+
+def test_a_kernel_file_in_the_place_of_another_is_not_loaded(kernels: ModuleType, tmp_path: Path) -> None:
+    assert kernels.thrice(2) == 6.0
+    one, other = (tmp_path / "cache").rglob("*.nbc")
+    swapped = one.read_bytes(), other.read_bytes()
+    other.write_bytes(swapped[0])
+    one.write_bytes(swapped[1])
+    again = importlib.reload(kernels)
+    assert (again.thrice(1.5), again.thrice(2)) == (4.5, 6.0)
+    assert sum(again.thrice.stats.cache_misses.values()) == 2
+
+
+def test_a_file_of_another_version_of_numba_is_not_loaded_and_is_no_damage(
+    kernels: ModuleType, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("numba.__version__", "0.1")
+    again = importlib.reload(kernels)
+    assert again.thrice(1.5) == 4.5
+    assert sum(again.thrice.stats.cache_misses.values()) == 1
+    assert not caplog.text
+
+
+def test_processes_that_compile_at_one_time_leave_a_cache_of_both(
+    kernels: ModuleType, tmp_path: Path
+) -> None:
+    for file in (tmp_path / "cache").rglob("*.nb[ic]"):
+        file.write_bytes(file.read_bytes()[:-7])
+    code = "import sys, {0}; sys.stdin.read(); print({0}.thrice({1}))"
+    path = f"{Path(spool_core.__file__).parents[1]}:{tmp_path}"
+    processes = [
+        subprocess.Popen(
+            [sys.executable, "-c", code.format(kernels.__name__, number)],
+            env={**os.environ, "PYTHONPATH": path, "NUMBA_CACHE_DIR": str(tmp_path / "cache")},
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        )
+        for number in ("1.5", "2")
+    ]  # fmt: skip
+    for process in processes:
+        assert process.stdin is not None
+        process.stdin.close()
+    said = [process.stdout.read().strip() for process in processes if process.stdout is not None]
+    assert [process.wait(60) for process in processes] == [0, 0]
+    assert said == ["4.5", "6.0"]
+    again = importlib.reload(kernels)
+    assert (again.thrice(1.5), again.thrice(2)) == (4.5, 6.0)
+    assert not again.thrice.stats.cache_misses
+
+
+def test_a_disk_that_takes_no_kernel_is_no_error(
+    kernels: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_arguments: object, **_named: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    for file in (tmp_path / "cache").rglob("*.nb[ic]"):
+        file.unlink()
+    again = importlib.reload(kernels)
+    monkeypatch.setattr(kernel_files.SealedCacheFile, "_write", full)
+    assert again.thrice(1.5) == 4.5

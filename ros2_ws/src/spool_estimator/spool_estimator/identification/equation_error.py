@@ -1,0 +1,261 @@
+"""Equation error, where a fit starts: the balance of forces at the measured motion, without simulating.
+
+Displacement and velocity come from both accelerations without phase; the forces of the model at that motion
+and the inertia force pass the same operator, and their sum is made small. Parameters in which the forces are
+linear come from a bounded regression, whatever the others are; those are tried from several places.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares, lsq_linear
+
+from spool_estimator.identification.least_squares.unknown import Unknown, bounds_of, sizes_of
+from spool_estimator.identification.signals.zero_phase import ZeroPhase, relative_motion
+
+from .fit_result import SPOOL_DELAY, SPOOL_GAIN
+from .free_run import FreeRun
+from .record import first_seconds
+
+Array = NDArray[np.float64]
+
+#: s of data that the start is taken from.
+LONGEST = 8.0
+#: Random places from which parameters that are not linear are tried, and the decades they spread over.
+TRIALS, DECADES = 12, 1.0
+#: Samples at which the rank of the forces' slopes is judged, and the relative step of these.
+SLOPE_SAMPLES, SLOPE_STEP = 4000, 1e-5
+#: How many of them are followed by a descent.
+FOLLOWED = 2
+
+
+@dataclass(frozen=True, slots=True)
+class _Stretch:
+    displacement: Array
+    velocity: Array
+    inertia: Array
+    first_sample: int
+    sample_period: float
+    conditioning: ZeroPhase
+    inside: slice
+
+
+class EquationError:
+    """The balance of forces of a model at the measured motion.
+
+    Attributes:
+        blind: names of unknowns that change nothing here, such as friction at rest.
+    """
+
+    def __init__(self, run: FreeRun, unknowns: Sequence[Unknown], values: Array, low_cut: float) -> None:
+        """Condition the records.
+
+        Args:
+            run: gives records and model.
+            unknowns: what is fitted; a sensor's gain and delay are left as they are.
+            values: a full set of parameters, shape (1, p), with start values for the unknowns.
+            low_cut: Hz.
+        """
+        self._run = run
+        self._values = values
+        self._unknowns = tuple(unknowns)
+        own = [u for u in unknowns if u.name not in (SPOOL_GAIN, SPOOL_DELAY)]
+        self._own = own
+        self._columns = [run.names.index(unknown.name) for unknown in own]
+        self._low, self._high = bounds_of(own)
+        self._scale = np.array([unknown.scale for unknown in own])
+        mass = float(values[0, run.names.index("mass")])
+        self._stretches = []
+        for number, some in first_seconds(run.records, LONGEST, shortest=4.0 / low_cut):
+            high = 1.5 * max(run.highest_frequency[number], 30.0)
+            both = ZeroPhase(some.sample_period, low_cut, high)
+            motion = relative_motion(some.body, some.spool, ZeroPhase(some.sample_period, low_cut))
+            inside = slice(both.settling, some.body.size - both.settling)
+            self._stretches.append(
+                _Stretch(
+                    motion.displacement,
+                    motion.velocity,
+                    mass * both.apply(motion.spool)[inside],
+                    some.first_sample,
+                    some.sample_period,
+                    both,
+                    inside,
+                )
+            )
+        self._find_kinds()
+
+    def _find_kinds(self) -> None:
+        """Find which unknowns change nothing, and which act linearly together."""
+        count = len(self._own)
+        start = self._values[0, self._columns]
+        step = np.where(start + 0.2 * self._scale <= self._high, 0.1, -0.1) * self._scale
+        places = [np.zeros(count)]
+        pairs = [(i, j) for i in range(count) for j in range(i, count)]
+        unit = np.diag(step)
+        places += [unit[i] for i in range(count)]
+        places += [unit[i] + unit[j] for i, j in pairs]
+        forces = self._forces(start + np.array(places)) if self._stretches else np.zeros((len(places), 1))
+        single = forces[1 : count + 1] - forces[0]
+        size = np.linalg.norm(single, axis=1)
+        largest = float(size.max(initial=0.0))
+        self.blind = tuple(u.name for u, norm in zip(self._own, size, strict=True) if norm <= 1e-9 * largest)
+        crossed = np.zeros((count, count), dtype=np.bool_)
+        for (i, j), together in zip(pairs, forces[count + 1 :], strict=True):
+            left = float(np.linalg.norm(together - forces[0] - single[i] - single[j]))
+            crossed[i, j] = crossed[j, i] = left > 1e-6 * min(size[i], size[j])
+        self._linear: list[int] = []
+        for i in range(count):
+            if self._own[i].name not in self.blind and not crossed[i][[*self._linear, i]].any():
+                self._linear.append(i)
+        self._others = [
+            i for i in range(count) if i not in self._linear and self._own[i].name not in self.blind
+        ]
+
+    def force_slopes(self, point: Array) -> Array:
+        """Return the slopes of the forces at the measured motion and at rest, shape (rows, all unknowns).
+
+        Not filtered and not simulated, hence smooth: their rank shows which unknowns act only together. A
+        sensor's unknowns have rows of their own.
+        """
+        own = np.array([point[self._unknowns.index(unknown)] for unknown in self._own])
+        step = SLOPE_STEP * sizes_of(self._own, own)
+        lows, highs = np.maximum(own - step, self._low), np.minimum(own + step, self._high)
+        columns = []
+        for place in range(own.size):
+            ends = np.repeat(own[np.newaxis], 2, axis=0)
+            ends[:, place] = lows[place], highs[place]
+            rows = self._unfiltered_forces(ends)
+            columns.append((rows[1] - rows[0]) / (highs[place] - lows[place]))
+        slopes = np.zeros((columns[0].size + len(self._unknowns), len(self._unknowns)))
+        for unknown, column in zip(self._own, columns, strict=True):
+            slopes[: column.size, self._unknowns.index(unknown)] = column
+        for number, unknown in enumerate(self._unknowns):
+            if unknown not in self._own:
+                slopes[columns[0].size + number, number] = 1.0
+        return slopes
+
+    def _unfiltered_forces(self, points: Array) -> Array:
+        """Return forces at some measured motion, and what friction takes up at rest, N, shape (s, rows)."""
+        sets = np.repeat(self._values, points.shape[0], axis=0)
+        sets[:, self._columns] = points
+        parts = []
+        for stretch in self._stretches[:1]:
+            some = slice(stretch.inside.start, stretch.inside.start + SLOPE_SAMPLES)
+            parts.append(
+                self._run.motion.forces(
+                    stretch.displacement[some],
+                    stretch.velocity[some],
+                    sets,
+                    sample_period=stretch.sample_period,
+                    first_sample=stretch.first_sample,
+                )
+            )
+        names = self._run.names
+        at_rest = []
+        for row in sets.tolist():
+            named = dict(zip(names, row, strict=True))
+            ends = [entry.at_rest(0.0, named) for entry in self._run.motion.terms]
+            at_rest.append([sum(low for low, _ in ends), sum(high for _, high in ends)])
+        # As many rows as weigh like the motion.
+        repeated = np.repeat(np.array(at_rest), SLOPE_SAMPLES // 4, axis=1)
+        return np.concatenate([*parts, repeated], axis=1)
+
+    def _forces(self, points: Array) -> Array:
+        """Return the conditioned forces at ``points`` (s, u), N, shape (s, all samples)."""
+        sets = np.repeat(self._values, points.shape[0], axis=0)
+        sets[:, self._columns] = points
+        return np.concatenate(
+            [
+                stretch.conditioning.apply(
+                    self._run.motion.forces(
+                        stretch.displacement,
+                        stretch.velocity,
+                        sets,
+                        sample_period=stretch.sample_period,
+                        first_sample=stretch.first_sample,
+                    )
+                )[:, stretch.inside]
+                for stretch in self._stretches
+            ],
+            axis=1,
+        )
+
+    @property
+    def _inertia(self) -> Array:
+        return np.concatenate([stretch.inertia for stretch in self._stretches])
+
+    def _solve_linear(self, point: Array) -> tuple[Array, float]:
+        """Return ``point`` with its linear unknowns from a regression, and the squared error left."""
+        count = len(self._linear)
+        base = point.copy()
+        base[self._linear] = np.maximum(self._low[self._linear], np.minimum(0.0, self._high[self._linear]))
+        step = self._scale[self._linear]
+        points = np.vstack([base, base + np.eye(base.size)[self._linear] * step[:, np.newaxis]])
+        forces = self._forces(points)
+        columns = (forces[1:] - forces[0]).T
+        target = -(self._inertia + forces[0])
+        # Normal equations scaled to unit columns: a few unknowns, many samples.
+        size = np.linalg.norm(columns, axis=0)
+        size[size == 0.0] = 1.0
+        triangle = np.asarray(np.linalg.qr(np.column_stack([columns / size, target]), mode="r"))
+        bounds = (
+            (self._low[self._linear] - base[self._linear]) / step * size,
+            (self._high[self._linear] - base[self._linear]) / step * size,
+        )
+        found = lsq_linear(triangle[:, :count], triangle[:, count], bounds, method="bvls")
+        solved = base.copy()
+        solved[self._linear] = np.clip(
+            base[self._linear] + found.x / size * step, self._low[self._linear], self._high[self._linear]
+        )
+        return solved, 2.0 * float(found.cost)
+
+    def starts(self) -> list[Array]:
+        """Return points (all unknowns) to start from, best first; the given start where nothing is told."""
+        given = self._values[0, self._columns]
+        if not self._stretches:
+            return [self._complete(given)]
+        if not self._linear:
+            return [self._complete(given)]
+        if not self._others:
+            return [self._complete(self._solve_linear(given)[0])]
+        generator = np.random.default_rng(1)
+        trials = np.repeat(given[np.newaxis], TRIALS + 1, axis=0)
+        spread = 10.0 ** generator.uniform(-DECADES, DECADES, (TRIALS, len(self._others)))
+        trials[1:, self._others] = np.clip(
+            np.where(given[self._others] != 0.0, given[self._others], self._scale[self._others]) * spread,
+            self._low[self._others],
+            self._high[self._others],
+        )
+        solved = sorted((self._solve_linear(trial) for trial in trials), key=lambda pair: pair[1])
+        followed = [self._descend(point) for point, _ in solved[:FOLLOWED]]
+        followed.sort(key=lambda pair: pair[1])
+        return [self._complete(point) for point, _ in followed]
+
+    def _descend(self, start: Array) -> tuple[Array, float]:
+        """Return the end of a descent in the unknowns that are not linear, the others solved each time."""
+        scale = self._scale[self._others]
+
+        def cost(shares: Array) -> Array:
+            point = start.copy()
+            point[self._others] = shares * scale
+            solved, _ = self._solve_linear(point)
+            return np.asarray(self._inertia + self._forces(solved[np.newaxis])[0])
+
+        low, high = self._low[self._others] / scale, self._high[self._others] / scale
+        first = np.clip(start[self._others] / scale, low, high)
+        found = least_squares(
+            cost, first, bounds=(low, high), diff_step=1e-2, max_nfev=8, ftol=1e-4, xtol=1e-3
+        )
+        point = start.copy()
+        point[self._others] = found.x * scale
+        solved, left = self._solve_linear(point)
+        return solved, left
+
+    def _complete(self, own: Array) -> Array:
+        """Return the point of all unknowns: sensors without error."""
+        place = {unknown.name: float(value) for unknown, value in zip(self._own, own, strict=True)}
+        return np.array([place.get(unknown.name, 0.0) for unknown in self._unknowns])

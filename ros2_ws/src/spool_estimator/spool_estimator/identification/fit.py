@@ -1,0 +1,315 @@
+"""Offline fit of any model to records: parameters with standard deviations that hold.
+
+1. Start: the balance of forces at the measured motion (:mod:`.equation_error`).
+2. Descent: least squares of the free run over windows (:mod:`.free_run`, :mod:`.residuals`), first with equal
+   weights, then weighed by the spectrum of what is left, samples at friction's jumps left out.
+3. Standard deviations (:mod:`.uncertainty`); what the noise of the excitation does to the parameters
+   (:mod:`.input_noise`) is taken off; rank of the information matrix (:mod:`.least_squares.observability`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_core.errors import InputError
+from spool_core.quantity import Quantity, Validity
+from spool_core.uncertainty import rate_power
+from spool_sim.model import Model
+from spool_sim.terms import Parameter
+from spool_sim.valve.description import Valve
+
+from spool_estimator.identification.least_squares.descent import Descent, Stopping, descend
+from spool_estimator.identification.least_squares.observability import (
+    Combination,
+    combinations,
+    to_hold,
+    unseen_directions,
+)
+from spool_estimator.identification.least_squares.unknown import Unknown, bounds_of, sizes_of
+
+from .agreement import free_run_agreement
+from .equation_error import EquationError
+from .fit_result import SPOOL_DELAY, SPOOL_GAIN, Fit, FitSettings
+from .free_run import FreeRun
+from .information import information_criterion
+from .input_noise import input_noise_effect
+from .record import Record
+from .residuals import Residuals
+from .uncertainty import fit_covariance, standard_deviations
+
+Array = NDArray[np.float64]
+
+#: s of data that the first descents from several starts use.
+FIRST_SECONDS = 8.0
+#: Rounds of the first descents and of each later one, at most, and the fall of the cost that ends them.
+FIRST_ROUNDS, ROUNDS, ENOUGH = 30, 20, 1e-6
+#: How often the weights are taken anew after the first descents.
+REWEIGHED = 2
+#: Sizes of what friction at rest may be, relative to its start value, that are tried.
+BLIND_FACTORS = (0.1, 0.3, 1.0, 3.0)
+#: Relative standard deviation from which a quantity that cannot be 0 (a velocity, a length) is not told.
+UNTOLD = 0.5
+#: What the valve's description gives and yet is fitted.
+FITTED_OF_VALVE = ("spring_stiffness", "viscous_coefficient")
+
+
+def unknowns_of(model: Model, valve: Valve, settings: FitSettings) -> tuple[Unknown, ...]:
+    """Return what a fit of ``model`` finds, the sensor's nuisances last.
+
+    Raises:
+        InputError: the settings name a parameter that the model does not have.
+    """
+    for name in (*settings.held, *settings.free, *settings.start):
+        model.parameter(name, "fit")
+    found = []
+    for parameter in model.parameters:
+        given = parameter.valve_attribute is not None and parameter.name not in FITTED_OF_VALVE
+        given = given or parameter.held
+        if parameter.name in settings.held or (given and parameter.name not in settings.free):
+            continue
+        found.append(
+            Unknown(parameter.name, parameter.unit, parameter.low, parameter.high, _scale(parameter, valve))
+        )
+    if settings.fit_gain:
+        found.append(Unknown(SPOOL_GAIN, "1", -0.5, 1.0, 0.05))
+    if settings.fit_delay:
+        found.append(Unknown(SPOOL_DELAY, "s", -5e-3, 5e-3, 1e-4))
+    return tuple(found)
+
+
+def _scale(parameter: Parameter, valve: Valve) -> float:
+    start = abs(parameter.start_for(valve))
+    if start > 0.0:
+        return start
+    width = parameter.high - parameter.low
+    return min(1.0, width)
+
+
+def fit(records: Sequence[Record], model: Model, valve: Valve, settings: FitSettings | None = None) -> Fit:
+    """Return ``model`` fitted to ``records``; bad data make a result with a reason, never an error.
+
+    Args:
+        records: stretches without gaps, of one valve.
+        model: any composition of force terms.
+        valve: gives the mass, which is held, and start values.
+        settings: what is free, the band, the windows.
+
+    Raises:
+        InputError: the settings name parameters that the model does not have, or values out of their range.
+    """
+    chosen = settings or FitSettings()
+    unknowns = unknowns_of(model, valve, chosen)
+    values = model.values_for(valve, {**chosen.start, **chosen.held})
+    held = {name: value for name, value in values.items() if name not in {u.name for u in unknowns}}
+    failed = Fit(model, valve.id, held=held)
+    try:
+        return _fit(records, model, valve, chosen, unknowns, values, held)
+    except InputError as error:
+        return replace(failed, reason=str(error))
+    except (np.linalg.LinAlgError, FloatingPointError, OverflowError, ValueError) as error:
+        return replace(failed, reason=f"the numbers broke down: {error}")
+
+
+def _fit(
+    records: Sequence[Record],
+    model: Model,
+    valve: Valve,
+    settings: FitSettings,
+    unknowns: tuple[Unknown, ...],
+    values: Mapping[str, float],
+    held: Mapping[str, float],
+) -> Fit:
+    run = FreeRun(
+        records,
+        model,
+        valve,
+        window=settings.window,
+        run_in=settings.run_in,
+        low_cut=settings.low_cut,
+        longest=settings.longest,
+        compensate_oil=settings.compensate_oil,
+    )
+    if not any(np.any(window.measured) for window in run.windows):
+        raise InputError(f"{records[0].name}: the spool's acceleration is 0 throughout; check the sensor")
+    given = _inside(np.array([values.get(unknown.name, 0.0) for unknown in unknowns]), unknowns)
+    law = EquationError(run, unknowns, run.sets(values), settings.low_cut)
+    unseen = unseen_directions(law.force_slopes(given), sizes_of(unknowns, given))
+    gauge = to_hold(unseen, [unknown.name for unknown in unknowns])
+    free = tuple(unknown for unknown in unknowns if unknown.name not in gauge)
+    balance = EquationError(run, free, run.sets(values), settings.low_cut) if gauge else law
+    points = _starts(run, balance, free, values, settings)
+    first = {unknown.name: float(value) for unknown, value in zip(free, points[0], strict=True)}
+    run.choose_substeps({**values, **{name: value for name, value in first.items() if name in values}})
+    band = (settings.low_cut, settings.high_cut)
+    some = Residuals(run.fewer(FIRST_SECONDS), free, values, band)
+    best = descend(some, np.array(points), Stopping(FIRST_ROUNDS, ENOUGH), len(points))
+    residuals = Residuals(run, free, values, band)
+    rings = residuals.rings(residuals.respond(best.point[np.newaxis]))
+    doubts = []
+    if rings and residuals.has_jumps:
+        # The filter's shape is not known: what the other reading gives is a measure of its effect.
+        residuals.band_limited = False
+        other = _refine(residuals, best, 1)
+        residuals.read_as_means()
+        best = _refine(residuals, best, REWEIGHED)
+        doubts.append(other.point - best.point)
+    else:
+        residuals.band_limited = rings
+        best = _refine(residuals, best, REWEIGHED)
+    return _result(run, residuals, best, unknowns, law, values, held, valve, settings, doubts)
+
+
+def _refine(residuals: Residuals, start: Descent, rounds: int) -> Descent:
+    best = start
+    for _ in range(rounds):
+        _reweigh(residuals, best.point)
+        best = descend(residuals, best.point[np.newaxis], Stopping(ROUNDS, ENOUGH))
+    return best
+
+
+def _starts(
+    run: FreeRun,
+    balance: EquationError,
+    unknowns: Sequence[Unknown],
+    values: Mapping[str, float],
+    settings: FitSettings,
+) -> list[Array]:
+    """Return the best points to start from, judged by the free run."""
+    points = balance.starts()
+    blind = [n for n, unknown in enumerate(unknowns) if unknown.name in balance.blind]
+    given = np.array([values.get(unknown.name, 0.0) for unknown in unknowns])
+    named = [n for n, unknown in enumerate(unknowns) if unknown.name in settings.start]
+    for point in points:
+        point[named] = given[named]
+        point[blind] = given[blind]
+    if blind:
+        points = [
+            np.where(np.isin(np.arange(point.size), blind[:1]), point * factor, point)
+            for point in points
+            for factor in BLIND_FACTORS
+        ]
+    points = [_inside(point, unknowns) for point in points]
+    if len(points) == 1:
+        return points
+    named_best = {u.name: float(v) for u, v in zip(unknowns, points[0], strict=True) if u.name in values}
+    run.choose_substeps({**values, **named_best})
+    trial = Residuals(run, unknowns, values, (settings.low_cut, settings.high_cut))
+    order = np.argsort(trial.costs(trial.residuals(np.array(points))))
+    return [points[number] for number in order[: max(1, settings.starts)].tolist()]
+
+
+def _inside(point: Array, unknowns: Sequence[Unknown]) -> Array:
+    """Return ``point`` a little inside of the bounds, where slopes to both sides exist."""
+    low, high = bounds_of(unknowns)
+    room = np.minimum(1e-3 * np.array([unknown.scale for unknown in unknowns]), 0.1 * (high - low))
+    return np.asarray(np.clip(point, low + room, high - room))
+
+
+def _reweigh(residuals: Residuals, point: Array) -> None:
+    responses = residuals.respond(point[np.newaxis])
+    residuals.leave_jumps_out(responses)
+    residuals.take_spectrum(residuals.differences(responses))
+
+
+def _result(
+    run: FreeRun,
+    residuals: Residuals,
+    best: Descent,
+    unknowns: Sequence[Unknown],
+    law: EquationError,
+    values: Mapping[str, float],
+    held: Mapping[str, float],
+    valve: Valve,
+    settings: FitSettings,
+    doubts: Sequence[Array],
+) -> Fit:
+    free = residuals.unknowns
+    names = [unknown.name for unknown in unknowns]
+    rate_std = max(entry.rate_std for entry in run.records)
+    if rate_std > 0.0:
+        powers = np.array([rate_power(unknown.unit) for unknown in free])
+        doubts = [*doubts, rate_std * powers * best.point]
+    covariance = fit_covariance(residuals, best.point, sizes_of(free, best.point), settings, doubts)
+    shown = np.isfinite(np.diag(covariance))
+    effect = input_noise_effect(residuals, best.point, shown, settings.noise_seconds) if shown.any() else None
+    if effect is not None:
+        moved, covariance[np.ix_(shown, shown)] = effect.taken_off(
+            best.point[shown], covariance[np.ix_(shown, shown)]
+        )
+        point = best.point.copy()
+        point[shown] = moved
+        best = replace(best, point=_inside(point, free))
+    named = {unknown.name: float(value) for unknown, value in zip(free, best.point, strict=True)}
+    final = {**values, **{name: value for name, value in named.items() if name in values}}
+    sensor = {name: named[name] for name in (SPOOL_GAIN, SPOOL_DELAY) if name in named}
+    constants = [p for p in run.model.parameters if p.name in held]
+    # Nuisances that are not observable beside the rest were held at 0.
+    ending = {SPOOL_GAIN: 0.0, SPOOL_DELAY: 0.0, **final, **sensor}
+    ends = np.array([ending[name] for name in names])
+    scales = sizes_of(unknowns, ends)
+    unseen = unseen_directions(law.force_slopes(_inside(ends, unknowns)), scales)
+    lost, told = combinations(
+        np.hstack([unseen, np.zeros((unseen.shape[0], len(constants)))]),
+        [*names, *(constant.name for constant in constants)],
+        [*(unknown.unit for unknown in unknowns), *(constant.unit for constant in constants)],
+        ending,
+        np.concatenate([scales, np.zeros(len(constants))]),
+    )
+    deviations = dict(zip(named, standard_deviations(covariance).tolist(), strict=True))
+    parameters = []
+    unclear = list(lost)
+    for unknown in unknowns:
+        deviation = deviations.get(unknown.name, math.nan)
+        untold = unknown.low > 0.0 and not deviation < UNTOLD * abs(named.get(unknown.name, 0.0))
+        if unknown.name in lost or untold or not math.isfinite(deviation):
+            parameters.append(Quantity(unknown.name, unknown.unit))
+            unclear += [unknown.name] if unknown.name not in unclear else []
+        else:
+            parameters.append(
+                Quantity(unknown.name, unknown.unit, named[unknown.name], deviation, Validity.VALID)
+            )
+    observable = [n for n, unknown in enumerate(free) if unknown.name not in unclear]
+    spread = standard_deviations(covariance)[observable]
+    at_bound = tuple(
+        unknown.name
+        for unknown, value in zip(free, best.point.tolist(), strict=True)
+        if min(value - unknown.low, unknown.high - value) <= 1e-6 * unknown.scale
+    )
+    places = [names.index(unknown.name) for unknown in free]
+    criterion, samples = information_criterion(residuals, best.point, int(shown.sum()))
+    return Fit(
+        model=run.model,
+        valve=valve.id,
+        converged=best.converged,
+        parameters=tuple(parameters),
+        not_observable=tuple(unclear),
+        combinations=tuple(
+            quantity
+            for quantity in (_told(entry, covariance, places) for entry in told)
+            if math.isfinite(quantity.standard_deviation)
+        ),
+        held=held,
+        values=final,
+        sensor=sensor,
+        correlation=covariance[np.ix_(observable, observable)] / np.outer(spread, spread),
+        observable=tuple(free[n].name for n in observable),
+        at_bound=at_bound,
+        agreement=free_run_agreement(
+            run.records, run.model, valve, final, sensor=sensor, run_in=settings.run_in,
+            low_cut=settings.low_cut, compensate_oil=settings.compensate_oil,
+        ),
+        information_criterion=criterion,
+        effective_samples=samples,
+    )  # fmt: skip
+
+
+def _told(combination: Combination, covariance: Array, places: Sequence[int]) -> Quantity:
+    gradient = combination.gradient[list(places)]
+    counts = gradient != 0.0
+    part = gradient[counts]
+    deviation = math.sqrt(max(0.0, float(part @ covariance[np.ix_(counts, counts)] @ part)))
+    return Quantity(combination.name, combination.unit, combination.value, deviation, Validity.VALID)

@@ -1,0 +1,140 @@
+"""Settings of a fit, and its result."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_core.quantity import Quantity
+from spool_sim.model import Model
+
+Array = NDArray[np.float64]
+
+#: Nuisance parameters of the spool's measuring chain, by name.
+SPOOL_GAIN, SPOOL_DELAY = "spool_gain", "spool_delay"
+
+
+@dataclass(frozen=True, slots=True)
+class FitSettings:
+    """How to fit.
+
+    Attributes:
+        held: parameters that are not fitted, with their values; the mass, and what else the valve's
+            description gives but stiffness and viscous coefficient, is held without being named here.
+        free: names of parameters that are fitted although they would be held.
+        start: values to start from, by name; those of the record where not given.
+        window: s, length of the stretches that are simulated in one piece.
+        run_in: s at the beginning of each that do not count: the start is forgotten there.
+        low_cut, high_cut: Hz, band in which model and record are compared.
+        longest: s of data that are used at most, in windows spread evenly over the records.
+        fit_gain: fit the relative gain error of the spool's sensor.
+        fit_delay: fit the delay of the spool's sensor behind the body's, s.
+        timing: standard deviation of the time between both channels, in samples; it enters the standard
+            deviations. 0 where both are known to be sampled at one instant.
+        starts: how many different starts are followed by simulation.
+        compensate_oil: take the viscosity at each moment from the oil temperature, where record and valve
+            give it.
+        noise_seconds: s of data on which the effect of the excitation's noise is simulated at most.
+    """
+
+    held: Mapping[str, float] = field(default_factory=dict)
+    free: tuple[str, ...] = ()
+    start: Mapping[str, float] = field(default_factory=dict)
+    window: float = 4.0
+    run_in: float = 0.5
+    low_cut: float = 3.0
+    high_cut: float = 400.0
+    longest: float = 60.0
+    fit_gain: bool = False
+    fit_delay: bool = False
+    timing: float = 0.01
+    starts: int = 2
+    compensate_oil: bool = True
+    noise_seconds: float = 40.0
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """How the free run of a model agrees with records, weighing nothing.
+
+    Attributes:
+        nrmse: rms(model - measured) / rms(measured) of the spool acceleration, 1.
+        objective: the paper's (33): squared errors over the squared uncertainty of the reading, summed, 1.
+        frequencies: centres of the bands, Hz, shape (b,).
+        amplitude_ratios: a_est / a_pom in each band, shape (b,); NaN where the record has no power.
+        amplitude_ratio: its mean over 10 to 100 Hz; NaN where the record has no power there.
+        residual_frequencies: Hz, shape (f,).
+        residual_spectrum: power density of model - measured, (m/s^2)^2/Hz, shape (f,).
+        seconds: of data compared.
+        samples: how many.
+    """
+
+    nrmse: float
+    objective: float
+    frequencies: Array
+    amplitude_ratios: Array
+    amplitude_ratio: float
+    residual_frequencies: Array
+    residual_spectrum: Array
+    seconds: float
+    samples: int
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """A model fitted to records, or why that failed.
+
+    Attributes:
+        model: what was fitted.
+        valve: id.
+        reason: why there is no result, ``None`` where there is one.
+        converged: the descent ended at a minimum; a result that is not converged is one to distrust.
+        parameters: what was fitted, each with its standard deviation; value NaN and validity UNKNOWN where
+            the records do not tell it (see ``not_observable``).
+        not_observable: names of those.
+        combinations: what the records tell of them instead, such as ``normal_load*mixed_root_coefficient``.
+        held: parameters that were given, with their values.
+        values: a full set to simulate with, held and free; of parameters that only act together it is one
+            choice.
+        sensor: gain error (1) and delay (s) of the spool's sensor, ``spool_gain`` and ``spool_delay``.
+        correlation: of ``observable``, shape (p, p).
+        observable: names of the rows of ``correlation``.
+        at_bound: names of parameters that stopped at a bound.
+        agreement: free run against the records that were fitted, ``None`` where there is no result.
+        information_criterion: BIC of the residual with its spectrum, see :mod:`.information`; smaller is
+            better.
+        effective_samples: independent samples that the coloured residual is worth.
+        warnings: what a reader should know, one line each.
+    """
+
+    model: Model
+    valve: str
+    reason: str | None = None
+    converged: bool = False
+    parameters: tuple[Quantity, ...] = ()
+    not_observable: tuple[str, ...] = ()
+    combinations: tuple[Quantity, ...] = ()
+    held: Mapping[str, float] = field(default_factory=dict)
+    values: Mapping[str, float] = field(default_factory=dict)
+    sensor: Mapping[str, float] = field(default_factory=dict)
+    correlation: Array = field(default_factory=lambda: np.empty((0, 0)))
+    observable: tuple[str, ...] = ()
+    at_bound: tuple[str, ...] = ()
+    agreement: Agreement | None = None
+    information_criterion: float = math.nan
+    effective_samples: float = math.nan
+    warnings: tuple[str, ...] = ()
+
+    def parameter(self, name: str) -> Quantity:
+        """Return a fitted parameter or a combination by its name.
+
+        Raises:
+            KeyError: there is none of that name.
+        """
+        for quantity in (*self.parameters, *self.combinations):
+            if quantity.name == name:
+                return quantity
+        raise KeyError(name)

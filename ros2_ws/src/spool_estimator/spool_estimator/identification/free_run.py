@@ -1,0 +1,417 @@
+"""Free run: the spool's motion simulated from the measured body acceleration alone.
+
+A record is cut into windows that overlap by their run-in. Each starts from the motion that the accelerometers
+show, runs free from there, and counts once the start is forgotten. Between samples the excitation is
+band-limited (Fourier interpolation with real samples beyond both ends), and the noise above it is taken off
+without phase, so that it does not shake dry friction loose.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+from spool_core.errors import InputError
+from spool_sim.integration.composed_motion import ComposedMotion, MotionState, Trajectory
+from spool_sim.integration.step_size import substeps_for
+from spool_sim.model import Model
+from spool_sim.valve.description import Valve
+
+from spool_estimator.identification.least_squares.parallel import in_parallel
+from spool_estimator.identification.signals.zero_phase import (
+    ZeroPhase,
+    interval_mean_response,
+    relative_motion,
+)
+
+from .record import Record
+
+Array = NDArray[np.float64]
+
+#: s of samples on both sides of a window that its interpolation uses.
+MARGIN = 0.25
+#: How far the spectrum must stand out of the noise floor to count as excitation, in power.
+STANDS_OUT = 4.0
+#: Samples that are simulated sooner by one thread than threads are begun.
+SINGLE = 20_000
+#: Steps per sample at most, whatever a fit tries.
+MOST_STEPS = 16
+#: Gain of the excitation falls from 1 to 0 from its highest frequency to this many times it.
+FALL = 1.3
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """One stretch that is simulated in one piece.
+
+    Attributes:
+        record: its number.
+        first: sample at which the simulation starts.
+        start, stop: samples that count, ``stop`` exclusive.
+        excitation: spectrum of the body acceleration around it.
+        margin: samples of the excitation before ``first``.
+        length: samples of the excitation.
+        state: relative displacement (m) and velocity (m/s) at ``first``, from the accelerometers.
+        measured: spool acceleration from ``start`` to ``stop``, m/s^2.
+        measured_means: its mean from each of these samples to the next, band-limited between them, m/s^2.
+        viscosity: its ratio to that of the valve's description from ``first`` to ``stop`` inclusive.
+    """
+
+    record: int
+    first: int
+    start: int
+    stop: int
+    excitation: NDArray[np.complex128]
+    margin: int
+    length: int
+    state: tuple[float, float]
+    measured: Array
+    measured_means: Array
+    viscosity: Array | None
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """Motion in one window for s parameter sets; every array has shape (s, n), n the samples that count.
+
+    Attributes:
+        acceleration: of the spool at the samples, m/s^2, gain error included.
+        means: its mean from each sample to the next, exact whatever jumps in between.
+        displacement, velocity: relative to the body, m, m/s.
+        jumps: whether friction changed its direction, began or ended between a sample and the next.
+    """
+
+    acceleration: Array
+    means: Array
+    displacement: Array
+    velocity: Array
+    jumps: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class _Drive:
+    """Excitation of a window in the time domain: at the half steps, and its means from sample to sample."""
+
+    spectrum: NDArray[np.complex128]
+    half_steps: Array
+    means: Array
+
+
+class FreeRun:
+    """The windows of some records, and the response of a model over them.
+
+    Attributes:
+        model, valve: as given.
+        motion: the compiled composition.
+        names: of the model's parameters, the columns of parameter sets.
+        windows: what is simulated.
+        highest_frequency: of the excitation, Hz, for each record.
+        substeps: steps per sample, for each record.
+    """
+
+    def __init__(
+        self,
+        records: Sequence[Record],
+        model: Model,
+        valve: Valve,
+        *,
+        window: float = float("inf"),
+        run_in: float = 0.5,
+        low_cut: float = 3.0,
+        longest: float = float("inf"),
+        compensate_oil: bool = True,
+    ) -> None:
+        """Cut the records and prepare their excitations.
+
+        Args:
+            records: without gaps each.
+            model: any composition of force terms.
+            valve: gives the start values for the step size, and the oil.
+            window: s that are simulated in one piece, run-in not counted; infinite for whole records.
+            run_in: s at the start of each window that do not count.
+            low_cut: Hz, of the conditioning that gives the motion to start from.
+            longest: s of data used at most, in windows spread evenly.
+            compensate_oil: use the oil temperature where record and valve give it.
+
+        Raises:
+            InputError: no record is long enough for one window.
+        """
+        self.records = tuple(records)
+        self.model = model
+        self.valve = valve
+        self.motion = ComposedMotion(model.terms)
+        self.names = self.motion.names
+        self.highest_frequency = [excitation_limit(entry) for entry in self.records]
+        self.substeps = [1] * len(self.records)
+        self._drives: dict[tuple[int, int], _Drive] = {}
+        self._compensate = compensate_oil and valve.oil_ratio_known
+        windows: list[Window] = []
+        for number, entry in enumerate(self.records):
+            windows += self._cut(number, entry, window, run_in, low_cut)
+        if not windows:
+            longest_one = max((entry.duration for entry in self.records), default=0.0)
+            needed = run_in + 2.0 / low_cut
+            raise InputError(
+                f"{self.records[0].name if self.records else 'records'}: the longest stretch without gaps "
+                f"has {longest_one:.2f} s, a fit needs more than {needed:.2f} s"
+            )
+        self.windows = _spread(windows, longest, [entry.sample_period for entry in self.records])
+        self.choose_substeps(model.values_for(valve))
+
+    def _cut(self, number: int, entry: Record, window: float, run_in: float, low_cut: float) -> list[Window]:
+        period = entry.sample_period
+        conditioning = ZeroPhase(period, low_cut)
+        # At its ends the conditioned motion is not known; the free run may go on to the last sample.
+        begin = conditioning.settling
+        means = ZeroPhase(period, 0.0).apply(entry.spool, interval_means=True)
+        lead = max(1, round(run_in / period))
+        last = entry.body.size - 2  # the steps to the two samples after the last one need their excitation
+        room = last - begin - lead
+        if room < max(16, lead):
+            return []
+        motion = relative_motion(entry.body, entry.spool, conditioning)
+        count = max(1, round(room * period / window)) if np.isfinite(window) else 1
+        edges = begin + lead + (room * np.arange(count + 1)) // count
+        margin = round(MARGIN / period)
+        viscosity = self._viscosity(entry)
+        cut = []
+        for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+            first = start - lead
+            low, high = first - margin, stop + 2 + margin
+            excitation = limited(
+                _around(entry.body, low, high, max(1, margin // 2)), period, self.highest_frequency[number]
+            )
+            cut.append(
+                Window(
+                    number,
+                    first,
+                    start,
+                    stop,
+                    fft.rfft(excitation),
+                    margin,
+                    excitation.size,
+                    (float(motion.displacement[first]), float(motion.velocity[first])),
+                    entry.spool[start:stop],
+                    means[start:stop],
+                    None if viscosity is None else viscosity[first : stop + 1],
+                )
+            )
+        return cut
+
+    def _viscosity(self, entry: Record) -> Array | None:
+        if entry.oil_temperature is None or not self._compensate:
+            return None
+        if not np.isfinite(entry.oil_temperature).all():
+            return None
+        low, high = float(entry.oil_temperature.min()), float(entry.oil_temperature.max())
+        points = np.linspace(low, high, 1 + int(high > low) * 64)
+        ratios = [
+            self.valve.dynamic_viscosity_at(point) / self.valve.dynamic_viscosity for point in points.tolist()
+        ]
+        return np.interp(entry.oil_temperature, points, ratios)
+
+    def fewer(self, seconds: float) -> FreeRun:
+        """Return the same with windows for at most ``seconds``, evenly spread."""
+        some = copy.copy(self)
+        some.windows = _spread(list(self.windows), seconds, [entry.sample_period for entry in self.records])
+        return some
+
+    def driven_by(self, windows: Sequence[Window]) -> FreeRun:
+        """Return the same with other ``windows`` of the same records."""
+        other = copy.copy(self)
+        other.windows, other._drives = tuple(windows), {}
+        return other
+
+    def choose_substeps(self, values: Mapping[str, float]) -> bool:
+        """Take as many steps per sample as the model needs with ``values``; return whether that changed."""
+        before = list(self.substeps)
+        # However steep a law of sliding is near rest, the reversal itself is located within the step.
+        stepped = [
+            entry
+            for entry in self.model.terms
+            if "sliding_law" not in entry.laws or "force_law" in entry.laws
+        ]
+        self.substeps = [
+            min(MOST_STEPS, substeps_for(stepped, values, entry.sample_period, highest))
+            for entry, highest in zip(self.records, self.highest_frequency, strict=True)
+        ]
+        return before != self.substeps
+
+    def sets(self, values: Mapping[str, float]) -> Array:
+        """Return one set of parameters as ``responses`` takes it, shape (1, p)."""
+        return np.array([[float(values[name]) for name in self.names]])
+
+    def responses(
+        self, sets: Array, gains: Array | None = None, delays: Array | None = None
+    ) -> list[Response]:
+        """Return the response in each window.
+
+        Args:
+            sets: parameters, shape (s, p), in the order of ``names``.
+            gains: relative gain error of the spool's sensor, shape (s,), 0 without.
+            delays: delay of the spool's sensor behind the body's, s, shape (s,), 0 without.
+        """
+        count = sets.shape[0]
+        gain = np.zeros(count) if gains is None else gains
+        delay = np.zeros(count) if delays is None else delays
+        if count * sum(window.stop - window.first for window in self.windows) < SINGLE:
+            return [self._respond(window, sets, gain, delay) for window in self.windows]
+        return in_parallel(lambda window: self._respond(window, sets, gain, delay), self.windows)
+
+    def _respond(self, window: Window, sets: Array, gains: Array, delays: Array) -> Response:
+        entry = self.records[window.record]
+        substeps = self.substeps[window.record]
+        state = MotionState(*window.state, float(np.sign(window.state[1])))
+        one_drive = bool((delays == delays[0]).all())
+        drives = [
+            self._drive(window, substeps, float(delay)) for delay in (delays[:1] if one_drive else delays)
+        ]
+        trajectory, _ = self.motion.advance_batch(
+            [state] * sets.shape[0],
+            np.array([drive.half_steps for drive in drives]),
+            self._tables(sets, window),
+            sample_period=entry.sample_period,
+            substeps=substeps,
+            first_sample=entry.first_sample + window.first,
+        )
+        body_means = np.array([drive.means for drive in drives])
+        return _counted(trajectory, window.start - window.first, gains, body_means, entry.sample_period)
+
+    def _drive(self, window: Window, substeps: int, delay: float) -> _Drive:
+        """Return the excitation of ``window``; without a delay it is kept: every point is run with it."""
+        period = self.records[window.record].sample_period
+        key = (id(window.excitation), substeps)
+        kept = self._drives.get(key) if delay == 0.0 else None
+        if kept is not None:
+            return kept
+        found = _Drive(
+            window.excitation,
+            half_steps(window, period, substeps, delay),
+            _body_means(window, period, delay),
+        )
+        if delay == 0.0:
+            self._drives[key] = found
+        return found
+
+    def _tables(self, sets: Array, window: Window) -> Array:
+        if window.viscosity is None or "viscous_coefficient" not in self.names:
+            return sets[:, np.newaxis, :]
+        tables = np.repeat(sets[:, np.newaxis, :], window.viscosity.size, axis=1)
+        tables[:, :, self.names.index("viscous_coefficient")] *= window.viscosity
+        return tables
+
+
+def half_steps(window: Window, sample_period: float, substeps: int, delay: float = 0.0) -> Array:
+    """Return the excitation (m/s^2) of ``window`` at ends and midpoints of all steps, ``delay`` s earlier.
+
+    Shape (2 n substeps + 1,), n the samples from ``first`` to ``stop`` inclusive.
+    """
+    return np.asarray(half_steps_of([window], sample_period, substeps, [delay])[0])
+
+
+def half_steps_of(
+    windows: Sequence[Window], sample_period: float, substeps: int, delays: Sequence[float]
+) -> Array:
+    """Return the same for w ``windows`` of one length, each with its own of ``delays``, on all processors.
+
+    Shape (w, 2 n substeps + 1).
+    """
+    finer, window = 2 * substeps, windows[0]
+    spectra = np.array([_delayed(*pair, sample_period) for pair in zip(windows, delays, strict=True)])
+    # The excitation has nothing left at half the sample rate, so its line there needs no halving.
+    fine = fft.irfft(spectra, finer * window.length, workers=-1)
+    first = finer * window.margin
+    return np.asarray(fine[:, first : first + finer * (window.stop + 1 - window.first) + 1] * finer)
+
+
+def _delayed(window: Window, delay: float, sample_period: float) -> NDArray[np.complex128]:
+    if delay == 0.0:
+        return window.excitation
+    frequency = fft.rfftfreq(window.length, sample_period)
+    return np.asarray(window.excitation * np.exp(-2j * np.pi * frequency * delay))
+
+
+def _body_means(window: Window, sample_period: float, delay: float) -> Array:
+    """Return the mean of the excitation from each sample that counts to the next, m/s^2."""
+    frequency = fft.rfftfreq(window.length, sample_period)
+    spectrum = _delayed(window, delay, sample_period) * interval_mean_response(frequency, sample_period)
+    first = window.margin + window.start - window.first
+    means = fft.irfft(spectrum, window.length)
+    return np.asarray(means[first : first + window.stop - window.start])
+
+
+def excitation_limit(entry: Record) -> float:
+    """Return the highest frequency, Hz, at which the body's acceleration stands out of its noise floor.
+
+    The noise floor is the lower quartile of the smoothed spectrum's upper half; without one it is half the
+    sample rate.
+    """
+    n = entry.body.size
+    segment = min(n, max(64, round(1.0 / entry.sample_period)))
+    count = max(1, n // segment)
+    pieces = entry.body[: count * segment].reshape(count, segment)
+    window = np.hanning(segment + 2)[1:-1]
+    power = np.abs(np.fft.rfft((pieces - pieces.mean(axis=1, keepdims=True)) * window)) ** 2
+    spectrum = np.sort(power, axis=0)[count // 2 :].mean(axis=0) if count > 2 else power.mean(axis=0)
+    width = max(1, spectrum.size // 100)
+    smooth = np.convolve(spectrum, np.full(width, 1.0 / width), mode="same")
+    frequency = np.fft.rfftfreq(segment, entry.sample_period)
+    floor = float(np.quantile(smooth[smooth.size // 2 :], 0.25))
+    # A sweep is at each frequency for a short time only: its largest piece counts, above the same floor.
+    largest = np.convolve(power.max(axis=0), np.full(width, 1.0 / width), mode="same")
+    above = np.flatnonzero((smooth > STANDS_OUT * floor) | (largest > 8.0 * STANDS_OUT * floor))
+    nyquist = 0.5 * entry.sample_rate
+    return min(nyquist, float(frequency[min(above[-1] + width, smooth.size - 1)])) if above.size else nyquist
+
+
+def limited(samples: Array, period: float, highest: float) -> Array:
+    """Return ``samples`` without what lies above ``FALL`` times ``highest`` Hz."""
+    if FALL * highest >= 0.5 / period:
+        return samples
+    spectrum = fft.rfft(samples)
+    frequency = fft.rfftfreq(samples.size, period)
+    share = np.clip((frequency / highest - 1.0) / (FALL - 1.0), 0.0, 1.0)
+    return np.asarray(fft.irfft(spectrum * (0.5 + 0.5 * np.cos(np.pi * share)), samples.size))
+
+
+def _around(samples: Array, low: int, high: int, fade: int) -> Array:
+    """Return samples ``low`` to ``high``, faded to zero within ``fade`` samples of both ends.
+
+    Beyond the record its mirror image through the end point.
+    """
+    before, after = max(0, -low), max(0, high - samples.size)
+    inside = samples[max(0, low) : min(high, samples.size)]
+    around = np.pad(inside, (before, after), mode="reflect", reflect_type="odd")
+    rise = 0.5 - 0.5 * np.cos(np.pi * (np.arange(fade) + 0.5) / fade)
+    around[:fade] *= rise
+    around[around.size - fade :] *= rise[::-1]
+    return around
+
+
+def _counted(
+    trajectory: Trajectory, lead: int, gains: Array, body_means: Array, sample_period: float
+) -> Response:
+    velocity = trajectory.velocity[:, lead:]
+    stuck = trajectory.stuck[:, lead:]
+    jumps = (np.sign(velocity[:, 1:]) != np.sign(velocity[:, :-1])) | (stuck[:, 1:] != stuck[:, :-1])
+    gain = 1.0 + gains[:, np.newaxis]
+    return Response(
+        gain * trajectory.acceleration[:, lead:-1],
+        gain * (np.diff(velocity, axis=1) / sample_period + body_means),
+        trajectory.displacement[:, lead:-1],
+        velocity[:, :-1],
+        jumps,
+    )
+
+
+def _spread(windows: list[Window], longest: float, periods: Sequence[float]) -> tuple[Window, ...]:
+    """Return as many windows as ``longest`` s hold, evenly spread; at least one."""
+    total = sum((window.stop - window.start) * periods[window.record] for window in windows)
+    if total <= longest:
+        return tuple(windows)
+    count = max(1, int(len(windows) * longest / total))
+    return tuple(windows[(2 * place + 1) * len(windows) // (2 * count)] for place in range(count))

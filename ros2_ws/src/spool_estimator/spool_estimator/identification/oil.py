@@ -1,0 +1,130 @@
+"""The viscous coefficient referred to one oil temperature, so that a warm valve does not look worn."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+
+from spool_core.errors import InputError
+from spool_core.quantity import Quantity, Validity
+from spool_sim.valve.description import Valve
+
+#: deg C, standard deviation of a temperature whose message gives none: a class B Pt100 near the valve.
+USUAL_DEVIATION = 0.5
+
+#: s, a temperature older than this is no longer known; a valve's oil warms within minutes.
+LONGEST_AGE = 60.0
+
+#: s, how long after its measurement a temperature is used: it may travel more slowly than the blocks.
+LAG = 0.5
+_LAG = round(LAG * 1e9)
+
+#: s, a stamp that goes back by more is a new start of time, by less a message that came late.
+LATE = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class OilLaw:
+    """How the valve's drag follows its oil's temperature (ASTM D341), as a ratio to the reference point.
+
+    The ratio of dynamic viscosities is that of the drags, pi d l mu / h (paper eq. (7)).
+    """
+
+    valve: Valve
+
+    @property
+    def reference(self) -> float:
+        """Temperature, deg C, that coefficients are referred to: the valve file's."""
+        return self.valve.oil_temperature
+
+    def ratio(self, temperature: float) -> float:
+        """Return viscosity at ``temperature`` (deg C) over that at the reference, NaN outside of the law."""
+        try:
+            return self.valve.dynamic_viscosity_at(temperature) / self.valve.dynamic_viscosity
+        except InputError:
+            return math.nan
+
+
+def oil_law(valve: Valve) -> OilLaw | None:
+    """Return the law of the valve's oil, ``None`` where the description names none that holds."""
+    if not valve.oil_ratio_known:
+        return None
+    law = OilLaw(valve)
+    return law if math.isfinite(law.ratio(law.reference)) else None
+
+
+@dataclass(slots=True)
+class OilReference:
+    """Follow the oil temperature of one valve and refer its viscous coefficient.
+
+    Temperatures are taken by their stamps, ``LAG`` s behind the motion: which of a temperature and a block
+    arrives first makes no difference unless it comes later than that. The coefficient is a mean over the
+    memory of the regression, so the viscosity is one over the same time.
+
+    Args:
+        law: ``None`` where no law is known: then only the temperature is passed on.
+        memory: s, time constant of forgetting.
+
+    """
+
+    law: OilLaw | None
+    memory: float
+    refused: int = field(default=0, init=False)
+    _waiting: deque[tuple[int, float, float]] = field(init=False)
+    _present: tuple[int, float, float] | None = field(default=None, init=False)
+    _ratio: float = field(default=math.nan, init=False)
+
+    def __post_init__(self) -> None:
+        self._waiting = deque(maxlen=256)
+
+    def take(self, stamp: int, celsius: float, deviation: float = math.nan) -> None:
+        """Take a measurement at ``stamp`` (ns), deg C; what is no number is counted and never used."""
+        if not math.isfinite(celsius) or stamp <= 0:
+            self.refused += 1
+            return
+        last = self._waiting[-1] if self._waiting else self._present
+        if last is not None and stamp <= last[0]:
+            if last[0] - stamp < LATE * 1e9:
+                self.refused += 1
+                return
+            self._waiting.clear()
+            self._present = None
+        known = math.isfinite(deviation) and deviation > 0.0
+        self._waiting.append((stamp, celsius, deviation if known else USUAL_DEVIATION))
+
+    def follow(self, stamp: int, seconds: float) -> None:
+        """Move on to the motion at ``stamp`` (ns), of which ``seconds`` went into the regression since."""
+        stamp -= _LAG
+        while self._waiting and self._waiting[0][0] <= stamp:
+            self._present = self._waiting.popleft()
+        if self._present is None or self.law is None or not self._fresh(stamp):
+            self._ratio = math.nan
+            return
+        now = self.law.ratio(self._present[1])
+        share = 1.0 - math.exp(-seconds / self.memory)
+        self._ratio = now if math.isnan(self._ratio) else self._ratio + share * (now - self._ratio)
+
+    def temperature(self, stamp: int) -> Quantity:
+        """Return the temperature at ``stamp`` (ns), unknown where it is too old or there is none."""
+        if self._present is None or not self._fresh(stamp - _LAG):
+            return Quantity("oil_temperature", "deg C")
+        return Quantity("oil_temperature", "deg C", self._present[1], self._present[2], Validity.VALID)
+
+    def _fresh(self, stamp: int) -> bool:
+        return self._present is not None and 0 <= stamp - self._present[0] <= LONGEST_AGE * 1e9
+
+    def referred(self, viscous: Quantity) -> Quantity:
+        """Return ``viscous`` (N s/m) as it would be at the reference temperature.
+
+        The uncertainty of the temperature goes in through the slope of the law.
+        """
+        name = "referred_viscous_coefficient"
+        if self.law is None or self._present is None or math.isnan(self._ratio) or math.isnan(viscous.value):
+            return Quantity(name, viscous.unit)
+        _, celsius, deviation = self._present
+        value = viscous.value / self._ratio
+        colder, warmer = self.law.ratio(celsius - 0.5), self.law.ratio(celsius + 0.5)
+        slope = math.log(colder / warmer) if colder > 0.0 and warmer > 0.0 else math.nan
+        total = math.hypot(viscous.standard_deviation / self._ratio, value * slope * deviation)
+        return Quantity(name, viscous.unit, value, total, viscous.validity)

@@ -1,0 +1,238 @@
+"""Weighted differences of a free run and the record, and their slopes, as least squares takes them.
+
+Samples next to a jump of the dry friction are left out, a straight line in their place: where in its sample
+interval a reversal falls is chance, and the slopes of a sampled jump are spikes. The rest is weighed by the
+spectrum of what is left over, so that the weighted residual is white whatever sensors, resonance and
+excitation make of the noise. Windows fade at both ends: a step there would reach far through the weighing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from spool_estimator.identification.least_squares.unknown import Unknown, bounds_of, sizes_of
+from spool_estimator.identification.signals.spectra import Spectrum, residual_spectrum
+from spool_estimator.identification.signals.zero_phase import ZeroPhase
+
+from .fit_result import SPOOL_DELAY, SPOOL_GAIN
+from .free_run import FreeRun, Response
+
+Array = NDArray[np.float64]
+
+#: s around a jump of the friction that are left out, at least one sample on each side.
+JUMP_TIME = 1.5e-4
+#: Share of samples that may be left out; where friction jumps more often, nothing is.
+MOST_LEFT_OUT = 0.6
+#: s over which the differences fade in and out at the ends of a window.
+FADE = 0.05
+#: Samples around a jump in which a filter before the sampling shows, and the share of power that it adds.
+RINGING, RINGS = 5, 0.15
+#: Highest frequency that is compared, as a share of the sample rate.
+HIGHEST_SHARE = 0.35
+#: Relative step of the slopes.
+STEP = 1e-3
+
+
+class Residuals:
+    """Residuals of a model over the windows of a free run.
+
+    Attributes:
+        run: the windows.
+        unknowns: what is fitted, the order of every point.
+        values: the model's parameters that a point does not hold.
+        band_limited: compare means over the sample intervals, not samples.
+        kept: weight 0 or 1 of each sample, one array for each window.
+        spectrum: of the residual, one for each record, or ``None`` for equal weights.
+    """
+
+    def __init__(
+        self,
+        run: FreeRun,
+        unknowns: Sequence[Unknown],
+        values: Mapping[str, float],
+        band: tuple[float, float],
+    ) -> None:
+        """Start with equal weights and every sample kept; ``band`` in Hz."""
+        self.run = run
+        self.unknowns = tuple(unknowns)
+        self.values = dict(values)
+        self.band = band
+        self.band_limited = True
+        self.kept: list[Array] = [np.ones(window.measured.size) for window in run.windows]
+        self.spectrum: list[Spectrum | None] = [None] * len(run.records)
+        self._jumps = any(entry.jumps for entry in run.model.terms)
+
+    @property
+    def has_jumps(self) -> bool:
+        """Whether the model has friction that jumps."""
+        return self._jumps
+
+    def read_as_means(self) -> None:
+        """Compare means over the sample intervals from now on, all of them."""
+        self.band_limited = True
+        self.kept = [np.ones(kept.size) for kept in self.kept]
+
+    def at_delay(self, point: Array, delay: float) -> Array:
+        """Return the weighted residual at ``point`` with the spool's sensor later by ``delay`` s."""
+        return np.asarray(self.weighted(self.differences(self.respond(point[np.newaxis], delay)))[0])
+
+    def respond(self, points: Array, delay: float = 0.0) -> list[Response]:
+        """Return the response at ``points`` (s, u) in each window, the sensor ``delay`` s later still."""
+        sets = np.repeat(self.run.sets(self.values), points.shape[0], axis=0)
+        gains: Array = np.zeros(points.shape[0])
+        delays: Array = np.full(points.shape[0], delay)
+        for place, unknown in enumerate(self.unknowns):
+            if unknown.name == SPOOL_GAIN:
+                gains = points[:, place]
+            elif unknown.name == SPOOL_DELAY:
+                delays = points[:, place] + delay
+            else:
+                sets[:, self.run.names.index(unknown.name)] = points[:, place]
+        return self.run.responses(sets, gains, delays)
+
+    def differences(self, responses: Sequence[Response]) -> list[Array]:
+        """Return model - measured, m/s^2, (s, n) for each window; straight where samples are left out."""
+        if self.band_limited:
+            return [
+                response.means - window.measured_means
+                for response, window in zip(responses, self.run.windows, strict=True)
+            ]
+        return [
+            _bridged(response.acceleration - window.measured, kept)
+            for response, window, kept in zip(responses, self.run.windows, self.kept, strict=True)
+        ]
+
+    def weighted(self, differences: Sequence[Array]) -> Array:
+        """Return ``differences`` in the band, weighed to variance 1, shape (s, all samples)."""
+        return np.concatenate(
+            [
+                self._weigh(columns, window.record)
+                for columns, window in zip(differences, self.run.windows, strict=True)
+            ],
+            axis=-1,
+        )
+
+    def _weigh(self, columns: Array, record: int) -> Array:
+        period = self.run.records[record].sample_period
+        length = fft.next_fast_len(columns.shape[-1], real=True)
+        frequency = fft.rfftfreq(length, period)
+        gain = ZeroPhase(period, self.band[0], min(self.band[1], HIGHEST_SHARE / period)).gain(frequency)
+        spectrum = self.spectrum[record]
+        if spectrum is not None:
+            gain /= np.sqrt(spectrum.at(frequency) * 0.5 / period)
+        faded = columns * _fade(columns.shape[-1], round(FADE / period))
+        return np.asarray(fft.irfft(fft.rfft(faded, length, axis=-1) * gain, length, axis=-1))
+
+    def at(self, point: Array) -> Array:
+        """Return the weighted residual at ``point`` (u,)."""
+        return np.asarray(self.residuals(point[np.newaxis])[0])
+
+    def residuals(self, points: Array) -> Array:
+        """Return the weighted residuals at ``points`` (s, u), shape (s, all samples)."""
+        return self.weighted(self.differences(self.respond(points)))
+
+    @staticmethod
+    def costs(residuals: Array) -> Array:
+        """Return the sums of squares of ``residuals`` (s, m), shape (s,); infinite where a run failed."""
+        return np.asarray(np.nan_to_num(np.sum(residuals**2, axis=1), nan=np.inf))
+
+    @staticmethod
+    def trust(residual: Array, changes: Array) -> float:  # noqa: ARG004
+        """Return 1: every sample counts alike."""
+        return 1.0
+
+    def at_with_slopes(self, point: Array) -> tuple[Array, Array]:
+        """Return ``at`` and its Jacobian, shape (all samples, u); all perturbed sets run in one call."""
+        steps = STEP * sizes_of(self.unknowns, point)
+        steps = np.where(point + steps > bounds_of(self.unknowns)[1], -steps, steps)
+        runs = self.residuals(np.vstack([point, point + np.diag(steps)]))
+        return runs[0], np.asarray(((runs[1:] - runs[0]) / steps[:, np.newaxis]).T)
+
+    def central_slopes(self, point: Array) -> Array:
+        """Return the Jacobian by differences to both sides where the bounds leave room."""
+        steps = STEP * sizes_of(self.unknowns, point)
+        low, high = bounds_of(self.unknowns)
+        lows, highs = np.maximum(point - steps, low), np.minimum(point + steps, high)
+        runs = self.residuals(np.vstack([point + np.diag(highs - point), point + np.diag(lows - point)]))
+        count = len(self.unknowns)
+        return np.asarray(((runs[:count] - runs[count:]) / (highs - lows)[:, np.newaxis]).T)
+
+    def leave_jumps_out(self, responses: Sequence[Response]) -> None:
+        """Leave out the samples next to jumps of the friction in the first set of ``responses``."""
+        if not self._jumps or self.band_limited:
+            return
+        for number, (response, window) in enumerate(zip(responses, self.run.windows, strict=True)):
+            period = self.run.records[window.record].sample_period
+            reach = max(1, math.ceil(JUMP_TIME / period))
+            near = _within(response.jumps[0].astype(np.float64), reach)
+            if near.mean() <= MOST_LEFT_OUT:
+                self.kept[number] = np.where(near, 0.0, 1.0)
+
+    def rings(self, responses: Sequence[Response]) -> bool:
+        """Return whether the samples around jumps of the friction ring: the record was band-limited first.
+
+        The first set of ``responses`` must fit about. Samples two to six away from a jump are compared with
+        those farther off; without a filter before the sampling, both differ from the model alike.
+        """
+        if not self._jumps:
+            return True
+        near_power, near_count, far_power, far_count = 0.0, 0, 0.0, 0
+        for response, window in zip(responses, self.run.windows, strict=True):
+            squares = (response.acceleration[0] - window.measured) ** 2
+            jumps = response.jumps[0].astype(np.float64)
+            reach = max(1, math.ceil(JUMP_TIME / self.run.records[window.record].sample_period))
+            close, wide = _within(jumps, reach), _within(jumps, reach + RINGING)
+            near_power += float(squares[wide & ~close].sum())
+            near_count += int((wide & ~close).sum())
+            far_power += float(squares[~wide].sum())
+            far_count += int((~wide).sum())
+        if min(near_count, far_count) < 50:
+            return True
+        ratio = near_power / near_count / (far_power / far_count)
+        return ratio > 1.0 + RINGS + 4.0 * math.sqrt(2.0 / min(near_count, far_count))
+
+    def take_spectrum(self, differences: Sequence[Array]) -> None:
+        """Weigh from now on by the spectrum of the first set of ``differences``."""
+        for record in range(len(self.run.records)):
+            rows = [
+                columns[0]
+                for columns, window in zip(differences, self.run.windows, strict=True)
+                if window.record == record
+            ]
+            if rows:
+                self.spectrum[record] = residual_spectrum(rows, self.run.records[record].sample_period)
+
+
+def _within(jumps: Array, reach: int) -> NDArray[np.bool_]:
+    """Return which samples stand at most ``reach`` before or after the two around a jump, shape (n,)."""
+    near = np.convolve(jumps, np.ones(2 * reach + 2))[reach : reach + jumps.size]
+    return np.asarray(near > 0.5)
+
+
+def _bridged(columns: Array, kept: Array) -> Array:
+    """Return ``columns`` (s, n) with straight lines where ``kept`` (n,) is 0."""
+    left_out = np.flatnonzero(kept == 0.0)
+    if not left_out.size or left_out.size == kept.size:
+        return columns
+    known = np.flatnonzero(kept)
+    place = np.searchsorted(known, left_out)
+    after = known[np.minimum(place, known.size - 1)]
+    before = known[np.maximum(place - 1, 0)]
+    share = (left_out - before) / np.maximum(1, after - before)
+    share = np.where(place == 0, 1.0, np.where(place == known.size, 0.0, share))
+    columns[:, left_out] = columns[:, before] * (1.0 - share) + columns[:, after] * share
+    return columns
+
+
+def _fade(count: int, reach: int) -> Array:
+    """Return ``count`` weights that rise and fall as a cosine over ``reach`` samples at both ends."""
+    reach = max(1, min(reach, count // 4))
+    rise = 0.5 - 0.5 * np.cos(np.pi * (np.arange(reach) + 0.5) / reach)
+    weights = np.ones(count)
+    weights[:reach], weights[count - reach :] = rise, rise[::-1]
+    return weights

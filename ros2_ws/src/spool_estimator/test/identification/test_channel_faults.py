@@ -1,0 +1,184 @@
+"""Faults of sensors, converters and clocks are named by their own causes, and sound records have none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy import signal
+from spool_estimator.identification.signals.channel_faults import faults_of, without_outliers
+from spool_sim.excitation.kinds import from_mapping
+from spool_sim.sensors import Sensor
+from spool_sim.simulator import Simulator
+from spool_sim.valve.description import find_valve
+
+Array = NDArray[np.float64]
+Pair = tuple[Array, Array]
+
+RATE = 1000.0
+EXCITATIONS = {
+    "machine": {
+        "kind": "machine_orders", "speed_profile": [[0.0, 700.0], [12.0, 1300.0]],
+        "orders": [[1.0, 8.0], [2.0, 2.0]], "broadband_rms": 1.5,
+    },
+    "sweep": {
+        "kind": "swept_sine", "start_frequency": 6.0, "stop_frequency": 80.0, "duration": 12.0,
+        "amplitude": 8.0,
+    },
+    "multisine": {"kind": "multisine", "low_frequency": 5.0, "high_frequency": 80.0, "rms": 6.0},
+    "steady": {"kind": "steady_sine", "frequency": 17.0, "amplitude": 9.0},
+}  # fmt: skip
+
+
+@lru_cache(maxsize=64)
+def simulated(valve: str, excitation: str, friction: float, noise: float, seed: int) -> Pair:
+    """Return body and spool of a healthy valve, 12 s at 1 kHz, as a text file has them."""
+    sensors = Sensor(noise=noise), Sensor(noise=noise)
+    simulator = Simulator(
+        find_valve(valve), from_mapping(EXCITATIONS[excitation]), coulomb_force=friction, sample_rate=RATE,
+        seed=seed, body_sensor=sensors[0], spool_sensor=sensors[1],
+    )  # fmt: skip
+    blocks = list(simulator.records(12.0))
+    body, spool = (
+        np.concatenate([getattr(one, name) for one in blocks]).astype(np.float64).round(3)
+        for name in ("body", "spool")
+    )
+    return body, spool
+
+
+SOUND: Pair = simulated("4weh10_soft", "machine", 0.1, 0.03, 1)
+
+
+def held(row: Array, times: float) -> Array:
+    """Return ``row`` read ``times`` as often as it samples."""
+    return np.asarray(row[(np.floor(np.arange(row.size) / times) * times).astype(int)])
+
+
+def wrapped(row: Array, share: float) -> Array:
+    """Return ``row`` in 16 bits whose range is exceeded ``share`` times."""
+    count = np.abs(row).max() / share / 32768
+    return np.asarray(((np.round(row / count).astype(np.int64) + 32768) % 65536 - 32768) * count)
+
+
+def ac_coupled(row: Array, corner: float) -> Array:
+    return np.asarray(signal.lfilter(*signal.butter(1, corner, "high", fs=RATE), row))
+
+
+def moved(row: Array, by: int) -> Array:
+    """Return ``row`` whose second half comes ``by`` samples later."""
+    half = row.size // 2
+    return np.concatenate([row[:half], np.roll(row, by)[half:]])
+
+
+def on(channel: str, change: Callable[[Array], Array], pair: Pair) -> Pair:
+    body, spool = pair
+    return (change(body), spool) if channel == "body" else (body, change(spool))
+
+
+#: What is done to one channel, and the cause that it has.
+FAULTS: dict[str, tuple[Callable[[Array], Array], str]] = {
+    **{
+        f"times {factor:g}": (lambda row, factor=factor: factor * row, "sensitivity")  # type: ignore[misc]
+        for factor in (0.1, 0.5, 2.0, 5.0, 7.0, 10.0)
+    },
+    "polled twice": (lambda row: held(row, 2.0), "repeats"),
+    "polled 1.4 times": (lambda row: held(row, 1.4), "repeats"),
+    "wraps": (lambda row: wrapped(row, 1.3), "wrap_around"),
+    "behind a capacitor": (lambda row: ac_coupled(row, 1.0), "ac_coupling"),
+    "three samples late": (lambda row: moved(row, 3), "clock_step"),
+    "one sample late": (lambda row: moved(row, 1), "clock_step"),
+    "always late": (lambda row: np.roll(row, 2), "delay"),
+}
+
+
+@pytest.mark.parametrize("channel", ["body", "spool"])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_each_fault_of_a_channel_has_its_own_cause(fault: str, channel: str) -> None:
+    change, cause = FAULTS[fault]
+    found = faults_of(*on(channel, change, SOUND), 1.0 / RATE)
+    assert [one.cause for one in found] == [cause]
+
+
+@pytest.mark.parametrize("factor", [0.1, 0.5, 2.0, 5.0, 7.0, 10.0])
+def test_the_factor_of_a_wrong_sensitivity_is_measured_and_both_candidates_are_named(factor: float) -> None:
+    body, spool = SOUND
+    (of_spool,) = faults_of(body, factor * spool, 1.0 / RATE)
+    (of_body,) = faults_of(factor * body, spool, 1.0 / RATE)
+    assert of_spool.value == pytest.approx(factor, rel=0.02)
+    assert of_body.value == pytest.approx(1.0 / factor, rel=0.02)
+    assert "the spool's sensitivity is wrong by" in of_spool.text
+    assert "or the body's by" in of_spool.text
+
+
+def test_the_size_of_a_step_of_a_clock_and_its_time_are_measured() -> None:
+    body, spool = SOUND
+    (late,) = faults_of(body, moved(spool, 3), 1.0 / RATE)
+    (early,) = faults_of(body, moved(spool, -3), 1.0 / RATE)
+    assert (late.value, early.value) == (pytest.approx(3e-3, abs=5e-4), pytest.approx(-3e-3, abs=5e-4))
+    assert 4.5 < float(late.text.split()[1]) < 7.5
+
+
+def test_the_corner_of_a_coupled_channel_is_measured() -> None:
+    body, spool = SOUND
+    (found,) = faults_of(body, ac_coupled(spool, 1.0), 1.0 / RATE)
+    assert (found.channel, found.value) == ("spool", pytest.approx(1.0, rel=0.15))
+
+
+def test_one_sensor_read_twice_is_seen_and_a_stuck_spool_is_not_that() -> None:
+    body, _ = SOUND
+    stuck = body + 0.03 * np.random.default_rng(4).standard_normal(body.size).round(3)
+    assert [one.cause for one in faults_of(body, body, 1.0 / RATE)] == ["same_channel"]
+    assert [one.cause for one in faults_of(body, (1.02 * body).round(3), 1.0 / RATE)] == ["same_channel"]
+    assert faults_of(body, stuck.round(3), 1.0 / RATE) == []
+    coarse = 0.25
+    assert faults_of(*((row / coarse).round() * coarse for row in (body, stuck)), 1.0 / RATE) == []
+
+
+def test_samples_that_no_motion_explains_are_lines_between_their_neighbours() -> None:
+    _, spool = SOUND
+    spoiled = spool.copy()
+    spoiled[[0, 700, 701, 4000]] = -9999.0
+    mended, count = without_outliers(spoiled, 1.0 / RATE)
+    assert count == 4
+    assert np.abs(mended - spool).max() < 1.0
+
+
+VALVES = st.sampled_from(["4weh10_soft", "4weh10_stiff"])
+FRICTION = st.sampled_from([0.0, 0.02, 0.1, 0.3, 0.8])
+NOISE = st.sampled_from([0.005, 0.03, 0.1])
+
+
+@given(
+    valve=VALVES,
+    excitation=st.sampled_from(sorted(EXCITATIONS)),
+    friction=FRICTION,
+    noise=NOISE,
+    seed=st.integers(0, 99),
+)
+@settings(max_examples=25, deadline=None)
+def test_no_fault_is_seen_in_a_sound_record(
+    valve: str, excitation: str, friction: float, noise: float, seed: int
+) -> None:
+    assert faults_of(*simulated(valve, excitation, friction, noise, seed), 1.0 / RATE) == []
+
+
+@given(
+    valve=VALVES,
+    excitation=st.sampled_from(sorted(EXCITATIONS)),
+    friction=FRICTION,
+    seed=st.integers(0, 3),
+    fault=st.sampled_from(sorted(FAULTS)),
+    channel=st.sampled_from(["body", "spool"]),
+)
+@settings(max_examples=30, deadline=None)
+def test_a_fault_is_never_taken_for_another_one(
+    valve: str, excitation: str, friction: float, seed: int, fault: str, channel: str
+) -> None:
+    change, cause = FAULTS[fault]
+    pair = on(channel, change, simulated(valve, excitation, friction, 0.03, seed))
+    assert {one.cause for one in faults_of(*pair, 1.0 / RATE)} <= {cause}

@@ -1,0 +1,95 @@
+"""Descent: it ends where scipy's least squares does, on bounds as within them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import least_squares
+from spool_estimator.identification.least_squares.descent import Descent, Stopping, descend
+from spool_estimator.identification.least_squares.unknown import Unknown, bounds_of
+
+TIME = np.linspace(0.0, 1.0, 200)
+#: Size, rate and offset of a decay.
+UNKNOWNS = (
+    Unknown("size", "m", 0.0, 10.0, 1.0),
+    Unknown("rate", "1/s", 0.1, 50.0, 5.0),
+    Unknown("offset", "m", -1.0, 1.0, 0.1),
+)
+
+
+class Decay:
+    """A decay with noise, a least-squares problem as fits pose them."""
+
+    def __init__(self, truth: Sequence[float], seed: int) -> None:
+        self.unknowns = UNKNOWNS
+        noise = np.random.default_rng(seed).normal(0.0, 0.01, TIME.size)
+        self.measured = self.model(np.array([truth]))[0] + noise
+
+    @staticmethod
+    def model(points):
+        size, rate, offset = points.T[:, :, np.newaxis]
+        return size * np.exp(-rate * TIME) + offset
+
+    def residuals(self, points):
+        return self.model(points) - self.measured
+
+    @staticmethod
+    def costs(residuals):
+        return np.sum(residuals**2, axis=1)
+
+    @staticmethod
+    def trust(residual, changes):
+        return 1.0
+
+
+def found(problem: Decay, starts: Sequence[Sequence[float]], tries: int = 1) -> Descent:
+    # Slopes by differences end here: a closer end takes hundreds of rounds where the residual is large.
+    return descend(problem, np.array(starts), Stopping(200, 1e-9), tries)
+
+
+@given(
+    size=st.floats(0.5, 5.0), rate=st.floats(5.0, 20.0), offset=st.floats(-2.0, 2.0), seed=st.integers(0, 999)
+)
+@settings(max_examples=40, deadline=None)
+def test_it_ends_where_scipy_does_be_that_on_a_bound(size, rate, offset, seed):
+    problem = Decay((size, rate, offset), seed)
+    start = (1.0, 5.0, 0.0)
+    end = found(problem, [start])
+    other = least_squares(lambda x: problem.residuals(x[np.newaxis])[0], start, bounds=bounds_of(UNKNOWNS))
+    assert end.cost <= 2.0 * other.cost * (1.0 + 1e-6)
+    assert end.converged
+    assert np.all((end.point >= bounds_of(UNKNOWNS)[0]) & (end.point <= bounds_of(UNKNOWNS)[1]))
+
+
+def test_the_deepest_of_several_ends_is_taken_and_its_start_named():
+    problem = Decay((2.0, 8.0, 0.1), 1)
+    end = found(problem, [(9.0, 0.1, -1.0), (2.0, 7.0, 0.0)], tries=2)
+    assert end.cost <= min(found(problem, [start]).cost for start in ((9.0, 0.1, -1.0), (2.0, 7.0, 0.0)))
+    assert found(problem, [(9.0, 0.1, -1.0), (2.0, 7.0, 0.0)]).start == 1
+
+
+def test_the_information_gives_the_deviations_of_a_linear_estimate():
+    problem = Decay((2.0, 8.0, 0.1), 2)
+    end = found(problem, [(2.0, 7.0, 0.0)])
+    slopes = np.column_stack(
+        [
+            np.exp(-end.point[1] * TIME),
+            -end.point[0] * TIME * np.exp(-end.point[1] * TIME),
+            np.ones(TIME.size),
+        ]
+    )
+    expected = np.diag(np.linalg.inv(slopes.T @ slopes))
+    assert np.diag(np.linalg.inv(end.information)) * end.sizes**2 == pytest.approx(expected, rel=0.02)
+
+
+def test_nothing_to_find_is_found_immediately():
+    problem = Decay((2.0, 8.0, 0.1), 3)
+    problem.unknowns = ()
+    problem.residuals = lambda points: np.ones((points.shape[0], 4))
+    end = descend(problem, np.empty((1, 0)), Stopping(5, 1e-6))
+    assert end.converged
+    assert end.cost == 4.0

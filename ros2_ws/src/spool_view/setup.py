@@ -1,0 +1,31 @@
+"""Install spool_view as an ament_python package."""
+
+from setuptools import find_packages, setup
+
+PACKAGE = "spool_view"
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    package_data={f"{PACKAGE}.web": ["site/*.*", "site/vendor/uplot/*"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+    ],
+    zip_safe=False,
+    extras_require={"test": ["pytest"]},
+    maintainer="Spool suite maintainers",
+    maintainer_email="maintainers@spool-suite.org",
+    description="Spool valves for people and plant systems.",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "page = spool_view.web.program:main",
+            "plots = spool_view.bridge.plots.program:main",
+            "opcua = spool_view.bridge.opcua.program:main",
+        ],
+        "spool.commands": ["spool_view = spool_view.bridge.commands"],
+        "spool.pages": ["page = spool_view.web.serve:serve"],
+    },
+)

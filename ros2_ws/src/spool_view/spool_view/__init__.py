@@ -1,0 +1,1 @@
+"""Running valves for people and plant systems: page, viewer layouts, OPC UA."""

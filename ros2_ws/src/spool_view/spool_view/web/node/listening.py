@@ -1,0 +1,166 @@
+"""Listening to valves: health and alarms always, estimates, samples and more while their page is open."""
+
+from __future__ import annotations
+
+import time
+from concurrent.futures import Future
+from functools import partial
+from typing import Any
+
+from rcl_interfaces.srv import GetParameters
+from rclpy.node import Node
+from spool_core.node import qos
+from spool_monitor.node.valve_condition import monitored_valves
+from spool_msgs.msg import AccelerationBlock, AlarmList, GapAnalysis, ModelEstimate, ValveHealth
+from spool_msgs.srv import ManageBaseline
+
+from spool_view.web.view.alarms import alarms_of
+from spool_view.web.view.board import Board, HeardValve
+from spool_view.web.view.detail import NAMES
+
+from .calls import Calls
+
+#: s between two askings for the baseline and the limits of a valve whose page is open.
+ASK_EVERY = 10.0
+#: Valves whose pages are fed with samples and more at a time.
+MOST_OPEN = 16
+
+
+class Listening:
+    """Listener of one node; everything but the board's own is touched on the node's thread only.
+
+    Health comes once a second of each valve. It is fetched by :meth:`fetch`, with a node that no executor
+    wakes up for: that costs a third of a callback for each message.
+    """
+
+    def __init__(self, node: Node, board: Board, calls: Calls, names: tuple[str, ...]) -> None:
+        self._node, self._board, self._calls, self._names = node, board, calls, names
+        self._quiet = Node(
+            f"{node.get_name()}_listener", namespace=node.get_namespace(), context=node.context,
+            enable_rosout=False, start_parameter_services=False, use_global_arguments=False,
+        )  # fmt: skip
+        self._health: dict[str, Any] = {}
+        self._heard: dict[str, Any] = {}
+        self._opened: dict[str, list[Any]] = {}
+        self._asked: dict[str, float] = {}
+        for name in names:
+            self._join(name)
+
+    def look(self) -> None:
+        """Join the valves that appeared."""
+        if self._names:
+            return
+        for name in monitored_valves(self._node):
+            self._join(name)
+
+    def fetch(self) -> None:
+        """Fetch what the monitors said since the last time."""
+        for name, subscription in self._health.items():
+            with subscription.handle:
+                taken = subscription.handle.take_message(ValveHealth, False)
+            if taken is not None:
+                valve = self._board.valves[name]
+                valve.health, valve.health_at = taken[0], time.monotonic()
+                valve.changes += 1
+
+    def follow(self) -> None:
+        """Take up and let go of what only pages that are open need."""
+        wanted = [name for name in list(self._board.open) if name in self._heard][:MOST_OPEN]
+        for name in [name for name in self._opened if name not in wanted]:
+            self._close(name)
+        now = time.monotonic()
+        for name in wanted:
+            if name not in self._opened:
+                self._open(name)
+            if now - self._asked.get(name, -ASK_EVERY) >= ASK_EVERY:
+                self._asked[name] = now
+                self._ask(self._board.valves[name])
+
+    def ask_again(self, name: str) -> None:
+        """Ask for baseline and limits of ``name`` soon: they were changed."""
+        self._asked.pop(name, None)
+
+    def close(self) -> None:
+        """Let go of every subscription."""
+        for name in list(self._opened):
+            self._close(name)
+        for one in self._heard.values():
+            self._node.destroy_subscription(one)
+        self._heard.clear()
+        self._health.clear()
+        self._quiet.destroy_node()
+
+    def _join(self, name: str) -> None:
+        if name in self._heard:
+            return
+        valve = self._board.join(name)
+        if valve is None:
+            return
+        take = partial(_take_alarms, valve)
+        self._heard[name] = self._node.create_subscription(AlarmList, f"/{name}/alarms", take, qos.state())
+        # What is lost is said again a second later, so nothing has to be confirmed or sent again.
+        quality = qos.samples_wanted(1)
+        health = self._quiet.create_subscription(ValveHealth, f"/{name}/health", _unused, quality)
+        self._health[name] = health
+
+    def _open(self, name: str) -> None:
+        valve = self._board.valves[name]
+        subscribe = self._node.create_subscription
+        self._opened[name] = []
+        for kind, topic, take, quality, raw in (
+            (AccelerationBlock, "acceleration", _take_block, qos.samples_wanted(), True),
+            (ModelEstimate, "estimate", _take_estimate, qos.state(), False),
+            (GapAnalysis, "gap", _take_gap, qos.state(), False),
+        ):
+            made = subscribe(kind, f"/{name}/{topic}", partial(take, valve), quality, raw=raw)
+            self._opened[name].append(made)
+
+    def _close(self, name: str) -> None:
+        for one in self._opened.pop(name):
+            self._node.destroy_subscription(one)
+        valve = self._board.valves[name]
+        valve.blocks.clear()
+        valve.gap = valve.estimate = None
+        self._asked.pop(name, None)
+
+    def _ask(self, valve: HeardValve) -> None:
+        def take_baseline(answer: Future[Any]) -> None:
+            got = answer.result()
+            valve.baseline = got if got is not None and got.success else None
+            valve.changes += 1
+
+        def take_limits(answer: Future[Any]) -> None:
+            got = answer.result()
+            values = [] if got is None else got.values
+            valve.limits = {
+                name: float(value.double_value) for name, value in zip(NAMES, values, strict=False)
+            }
+            valve.changes += 1
+
+        show = ManageBaseline.Request(action=ManageBaseline.Request.SHOW)
+        self._calls.ask(valve.name, "manage_baseline", show).add_done_callback(take_baseline)
+        limits = GetParameters.Request(names=list(NAMES))
+        self._calls.ask(valve.name, "get_parameters", limits).add_done_callback(take_limits)
+
+
+def _unused(_message: ValveHealth) -> None:
+    """Stand for the callback that a subscription has to have: no executor calls it."""
+
+
+def _take_alarms(valve: HeardValve, message: AlarmList) -> None:
+    valve.alarms = alarms_of(message)
+    valve.changes += 1
+
+
+def _take_estimate(valve: HeardValve, message: ModelEstimate) -> None:
+    valve.estimate = message
+    valve.changes += 1
+
+
+def _take_block(valve: HeardValve, raw: bytes) -> None:
+    valve.blocks.append(raw)
+
+
+def _take_gap(valve: HeardValve, message: GapAnalysis) -> None:
+    valve.gap = message
+    valve.changes += 1

@@ -1,0 +1,161 @@
+"""The server over real connections: slow readers, silent ones, nonsense, and its end with streams open."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from spool_view.web.server import connections, readers
+from spool_view.web.server.readers import MOST_BEHIND, Reader
+from spool_view.web.server.server_thread import ServerThread
+from spool_view.web.server.streams import MOST_STREAMS
+
+from .conftest import Station, good_health, until
+
+
+class Served:
+    def __init__(self, station: Station) -> None:
+        self.station = station
+        own = socket.socket()
+        own.bind(("127.0.0.1", 0))
+        self.port = own.getsockname()[1]
+        self.thread = ServerThread(station.application, own)
+        self.thread.start()
+        until(self.answers, "the server answers")
+
+    def connect(self, path: str, buffer: int | None = None) -> socket.socket:
+        one = socket.socket()
+        if buffer:
+            one.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer)
+        one.settimeout(20.0)
+        one.connect(("127.0.0.1", self.port))
+        one.sendall(f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{self.port}\r\n\r\n".encode())
+        return one
+
+    def answers(self) -> bool:
+        try:
+            with self.connect("/static/style.css") as one:
+                return b"200 OK" in one.recv(100)
+        except OSError:
+            return False
+
+
+@pytest.fixture
+def served(station: Station) -> Iterator[Served]:
+    made = Served(station)
+    yield made
+    made.thread.stop()
+
+
+def read_until(one: socket.socket, mark: bytes) -> bytes:
+    found = b""
+    while mark not in found:
+        part = one.recv(65536)
+        assert part, found[-500:]
+        found += part
+    return found
+
+
+def test_a_stream_begins_with_all_and_goes_on_with_changes(served: Served) -> None:
+    with served.connect("/stream/machine") as one:
+        assert b'"condition":"good"' in read_until(one, b'"whole":true')
+        # The stand-in monitor has said its last word: nothing is known any more.
+        assert b'"condition":"no_word"' in read_until(one, b'"whole":false')
+        read_until(one, b"event: beat")
+
+
+def test_the_server_ends_within_two_seconds_with_streams_open(served: Served) -> None:
+    streams = [served.connect("/stream/machine") for _ in range(20)]
+    streams += [served.connect("/stream/valve/valve_1") for _ in range(5)]
+    for one in streams:
+        read_until(one, b"data:")
+    begin = time.monotonic()
+    served.thread.stop()
+    assert time.monotonic() - begin < 2.0
+    for one in streams:
+        one.close()
+
+
+def test_a_reader_that_does_not_read_is_dropped_and_others_go_on(served: Served) -> None:
+    """It may hold what the buffers hold, no more; the valve's channel goes away with it."""
+    board = served.station.desk.board
+    for number in range(400):
+        one = board.join(f"v{number}")
+        assert one is not None
+    slow = [served.connect("/stream/machine", buffer=4096) for _ in range(10)]
+    with served.connect("/stream/machine") as good:
+        read_until(good, b'"whole":true')
+        until(lambda: len(connections._OPEN) >= 11, "all are connected")
+        begin = time.monotonic()
+        while len(connections._OPEN) > 1:
+            assert time.monotonic() - begin < 50.0, len(connections._OPEN)
+            for number, heard in enumerate(list(board.valves.values())):
+                heard.health = good_health(f"{begin} {time.monotonic()} {number} " + 200 * "x")
+                heard.health_at = time.monotonic()
+                heard.changes += 1
+            read_until(good, b'"whole":false')
+        assert served.answers()
+    for one in slow:
+        one.close()
+
+
+def test_streams_are_bounded(served: Served) -> None:
+    streams = [served.connect("/stream/valve/valve_1") for _ in range(MOST_STREAMS)]
+    for one in streams:
+        read_until(one, b"data:")
+    with served.connect("/stream/machine") as more:
+        assert b"503" in more.recv(100)
+    assert served.station.desk.board.open == {"valve_1": MOST_STREAMS}
+    for one in streams:
+        one.close()
+    until(lambda: served.station.desk.board.open == {}, "streams that were closed are let go of")
+    with served.connect("/stream/machine") as again:
+        read_until(again, b"data:")
+
+
+def test_a_connection_that_never_asks_is_ended(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connections, "HEAD", 0.5)
+    silent = [socket.create_connection(("127.0.0.1", served.port), timeout=10.0) for _ in range(50)]
+    for one in silent:
+        one.sendall(b"GET / HTTP/1.1\r\nHost: ")
+    for one in silent:
+        assert one.recv(100) == b""
+        one.close()
+    assert served.answers()
+
+
+def test_nonsense_ends_a_connection_and_not_the_server(served: Served) -> None:
+    for nonsense in (
+        b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" * 20,
+        b"GET / HTTP/1.1\r\n\r\n",
+        b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX: " + b"a" * 100_000,
+        b"GET " + b"/" * 100_000 + b" HTTP/1.1\r\n\r\n",
+        b"POST /act HTTP/1.1\r\nHost: 127.0.0.1\r\nTransfer-Encoding: chunked\r\n\r\nzz\r\n",
+        b"GET http://127.0.0.1/ HTTP/1.1\r\nHost: evil.example\r\n\r\n",
+        b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nHost: evil.example\r\n\r\n",
+    ):
+        with socket.create_connection(("127.0.0.1", served.port), timeout=10.0) as one:
+            try:
+                one.sendall(nonsense)
+                assert b" 200 " not in one.recv(4096)
+            except (ConnectionResetError, BrokenPipeError):
+                pass
+    assert served.answers()
+
+
+def test_who_is_behind_is_dropped_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    dropped: list[Any] = []
+    drop: Callable[[], object] = lambda: dropped.append(1)  # noqa: E731
+    reader = Reader(drop)
+    for _ in range(MOST_BEHIND + 5):
+        reader.offer(b"x")
+    assert (reader.ended, len(dropped)) == (True, 1)
+    monkeypatch.setattr(readers, "MOST_BYTES", 10)
+    large = Reader(drop)
+    large.offer(b"x" * 100)
+    assert not large.ended  # the first event, all there is, may be large
+    large.offer(b"x")
+    assert large.ended

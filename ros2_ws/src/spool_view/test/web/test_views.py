@@ -1,0 +1,229 @@
+"""What is shown of a valve: green only where all is known; intervals against baseline and limits."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from spool_monitor.detectors import DETECTORS, JUDGEMENT_TEXTS
+from spool_monitor.history import valve_state
+from spool_monitor.history.state_file import valve_folder
+from spool_monitor.history.trend import Sums, TrendStore
+from spool_monitor.node.valve_condition import CONDITIONS, DRIFT, condition_of
+from spool_msgs.msg import AccelerationBlock, AlarmList, Quantity, ValveHealth
+from spool_msgs.srv import ManageBaseline
+from spool_view.web.operator.limits import RateLimit
+from spool_view.web.server.pages import LANGUAGES, SITE, language_of
+from spool_view.web.view.alarms import MOST, alarms_of
+from spool_view.web.view.board import MOST_VALVES, Board, HeardValve
+from spool_view.web.view.detail import detail_of
+from spool_view.web.view.machine import AT_REST, row_of
+from spool_view.web.view.spectrum import spectrum_of
+from spool_view.web.view.trends import TRENDS, trend_of
+from spool_view.web.view.values import shown
+
+from .conftest import alarm, good_health, quantity, tracking
+
+
+def valve(**health: object) -> HeardValve:
+    made = HeardValve("v", good_health(), 100.0)
+    for name, value in health.items():
+        setattr(made.health, name, value)
+    return made
+
+
+@pytest.mark.parametrize(
+    ("level", "baseline", "friction", "now", "condition"),
+    [
+        (1, 2, "judged", 100.5, "good"),
+        (1, 2, "judged", 102.6, "no_word"),
+        (1, 2, "no data yet", 100.5, "unknown"),
+        (1, 2, "not judged", 100.5, "unknown"),
+        (1, 2, "something new", 100.5, "unknown"),
+        (1, 2, "learning", 100.5, "learning"),
+        (1, 1, "judged", 100.5, "learning"),
+        (1, 0, "judged", 100.5, "learning"),
+        (1, 2, "not enough excitation", 100.5, "at_rest"),
+        (0, 2, "judged", 100.5, "unknown"),
+        (77, 2, "judged", 100.5, "unknown"),
+        (2, 2, "judged", 100.5, "warning"),
+        (3, 2, "learning", 100.5, "alarm"),
+        (4, 2, "judged", 100.5, "stale"),
+        (3, 2, "judged", 109.0, "no_word"),
+    ],
+)
+def test_a_valve_is_good_only_where_all_is_known_and_heard_lately(
+    level: int, baseline: int, friction: str, now: float, condition: str
+) -> None:
+    judgements = ["resonance: judged", f"friction_drift: {friction}", "spring_change: judged"]
+    one = valve(level=level, baseline=baseline, judgements=judgements)
+    assert condition_of(one.health, now - one.health_at) == condition
+    assert condition_of(None, 0.0) == "no_word"
+
+
+def test_a_valve_whose_drift_nobody_judges_is_not_good() -> None:
+    assert condition_of(valve(judgements=["resonance: judged"]).health, 0.0) == "unknown"
+
+
+def test_the_words_of_the_monitor_are_those_that_are_understood() -> None:
+    assert set(DRIFT) <= set(DETECTORS)
+    assert {"judged", "learning", "not enough excitation"} <= set(JUDGEMENT_TEXTS.values())
+    assert TRENDS == valve_state.TRENDS
+
+
+def test_the_margin_to_resonance_says_which_side() -> None:
+    assert row_of(valve(), 100.0)["margin"] == round(100 * (21.0 / 28.7 - 1))
+    unknown = quantity("dominant_frequency", "Hz", math.nan, math.nan, Quantity.VALIDITY_UNKNOWN)
+    assert row_of(valve(dominant_frequency=unknown), 100.0)["margin"] is None
+    rest = row_of(valve(judgements=[AT_REST]), 100.0)
+    assert (rest["margin"], rest["shakes"]) == (None, None)
+    silent = row_of(valve(), 110.0)
+    assert (silent["margin"], silent["shakes"], silent["natural"], silent["summary"]) == (None,) * 4
+
+
+def test_estimates_stand_against_baseline_and_limits() -> None:
+    one = valve()
+    one.estimate = tracking()
+    one.baseline = ManageBaseline.Response(success=True, version=2, stage="frozen", frozen_by="Eva")
+    one.baseline.values = [
+        quantity("viscous_coefficient", "N s/m", 8.0, 0.05),
+        quantity("coulomb_force", "N", 0.09, 0.005),
+    ]
+    one.limits = {"viscous_change": 0.2, "coulomb_change": 0.1, "resonance_band": 0.15}
+    detail = detail_of(one, 100.0)
+    stiffness, viscous, coulomb = detail["estimate"]["parameters"]
+    assert stiffness["baseline"] is None
+    assert (viscous["low"], viscous["high"], viscous["change"]) == (6.4, 9.6, 2.5)
+    assert (coulomb["low"], coulomb["high"]) == (-0.01, 0.19)
+    assert (viscous["text"], viscous["half"]) == ("8.20", "0.20")
+    assert detail["resonance"]["band"] == 15.0
+    assert detail_of(one, 200.0)["estimate"]["state"] == "stale"
+
+
+def test_the_viscous_coefficient_is_compared_at_the_reference_temperature() -> None:
+    one = valve()
+    one.estimate = tracking()
+    one.estimate.referred_viscous_coefficient = quantity("referred_viscous_coefficient", "N s/m", 10.0, 0.1)
+    one.baseline = ManageBaseline.Response(success=True)
+    one.baseline.values = [quantity("viscous_coefficient", "N s/m", 8.0, 0.05)]
+    assert detail_of(one, 100.0)["estimate"]["parameters"][1]["change"] == 25.0
+
+
+def test_what_is_not_known_is_no_number() -> None:
+    unknown = shown(Quantity(name="x", unit="N", value=math.nan, standard_deviation=math.nan))
+    assert (unknown["text"], unknown["value"], unknown["validity"]) == (None, None, "unknown")
+    held = shown(quantity("x", "N", 2.0, math.nan, Quantity.VALIDITY_HELD))
+    assert (held["text"], held["half"], held["validity"]) == ("2.000", None, "held")
+
+
+def test_alarms_that_are_not_normal_are_shown_with_their_states() -> None:
+    many = [alarm(f"a{n}") for n in range(MOST + 40)]
+    many[0].state = 1
+    found = alarms_of(AlarmList(alarms=many))
+    assert len(found) == MOST
+    assert found[0]["name"] == "a1"
+    assert found[0]["state"] == "unacknowledged"
+    assert alarms_of(AlarmList(alarms=[alarm(message="x" * 100_000)]))[0]["message"] == "x" * 2000
+
+
+def block(
+    sequence: int, period: float = 0.001, size: int = 100, frequency: float = 25.0
+) -> AccelerationBlock:
+    time_ = (sequence * size + np.arange(size)) * period
+    made = AccelerationBlock(sequence=sequence, sample_period=period)
+    made.body = (3.0 * np.sin(2 * np.pi * frequency * time_)).astype(np.float32).tolist()
+    made.spool = [2.0 * value for value in made.body]
+    return made
+
+
+def test_a_sine_of_3_is_a_line_of_3_in_the_spectrum() -> None:
+    found = spectrum_of([block(n) for n in range(30)])
+    assert found is not None
+    peak = int(np.argmax(found["body"]))
+    assert peak * found["step"] == pytest.approx(25.0)
+    assert found["body"][peak] == pytest.approx(3.0, rel=0.01)
+    assert found["spool"][peak] == pytest.approx(6.0, rel=0.01)
+    assert len(found["body"]) <= 400
+
+
+def test_gaps_and_nonsense_in_samples_give_no_spectrum() -> None:
+    assert spectrum_of([]) is None
+    assert spectrum_of([block(n) for n in (1, 2, 3, 9)]) is None
+    assert spectrum_of([block(n, period=0.0) for n in range(30)]) is None
+    assert spectrum_of([block(n, period=math.nan) for n in range(30)]) is None
+    broken = [block(n) for n in range(30)]
+    broken[-1].body[3] = math.nan
+    assert spectrum_of(broken) is None
+
+
+def test_trends_are_read_as_the_monitor_keeps_them(tmp_path: Path) -> None:
+    path = valve_folder(tmp_path, "press/left") / "trends.sqlite"
+    path.parent.mkdir(parents=True)
+    store, sums, now = TrendStore(path), Sums(), int(time.time())
+    for ago in range(0, 7200, 10):
+        sums.add((now - ago) * 1_000_000_000, "coulomb_force", "N", 0.1 + ago * 1e-5)
+    store.write(sums)
+    store.close()
+    found = trend_of(tmp_path, "press/left", "", "hour")
+    assert (found["parameter"], found["unit"], found["seconds"]) == ("coulomb_force", "N", 60)
+    assert 59 <= len(found["start"]) <= 62
+    assert found["minimum"][-1] == pytest.approx(0.1)
+    assert trend_of(tmp_path, "press/left", "coulomb_force", "year")["seconds"] == 86400
+    assert len(trend_of(tmp_path, "press/left", "coulomb_force", "all")["start"]) > 100
+
+
+def test_the_board_is_bounded() -> None:
+    board = Board()
+    for number in range(MOST_VALVES + 100):
+        board.join(f"valve_{number}")
+    assert len(board.valves) == MOST_VALVES
+    board.opened("a")
+    board.opened("a")
+    board.closed("a")
+    assert board.open == {"a": 1}
+    board.closed("a")
+    assert board.open == {}
+
+
+@pytest.mark.parametrize(
+    ("chosen", "accepted", "language"),
+    [
+        ("", "", "en"),
+        ("", "de-AT,de;q=0.9,en;q=0.5", "de"),
+        ("", "fr,de;q=0.3,en;q=0.8", "en"),
+        ("en", "de", "en"),
+        ("xx", "fr", "en"),
+        ("", "de;q=0,en;q=0.1", "en"),
+        ("", "de;q=x", "en"),
+        ("", "," * 10_000, "en"),
+    ],
+)
+def test_the_language_is_that_chosen_or_accepted(chosen: str, accepted: str, language: str) -> None:
+    assert language_of(chosen, accepted) == language
+
+
+def test_both_languages_say_everything() -> None:
+    import json  # noqa: PLC0415
+
+    def keys(one: object) -> object:
+        return {name: keys(value) for name, value in one.items()} if isinstance(one, dict) else None
+
+    texts = [json.loads((SITE / f"texts_{code}.json").read_text(encoding="utf-8")) for code in LANGUAGES]
+    assert keys(texts[0]) == keys(texts[1])
+    assert set(texts[0]["conditions"]) == set(texts[0]["meanings"]) == set(CONDITIONS)
+
+
+def test_a_rate_is_limited_after_a_burst_and_recovers() -> None:
+    now = [0.0]
+    limit = RateLimit(2.0, 3.0, lambda: now[0])
+    assert [limit.take() for _ in range(4)] == [True, True, True, False]
+    now[0] = 0.5
+    assert [limit.take() for _ in range(2)] == [True, False]
+
+
+def test_health_of_a_message_that_nobody_filled_claims_nothing() -> None:
+    empty = HeardValve("v", ValveHealth(), 100.0)
+    assert row_of(empty, 100.0)["condition"] == "unknown"
