@@ -19,7 +19,10 @@ def commands(root: Path) -> dict[str, str]:
     Args:
         root: of the repository.
     """
-    files = (root / "ros2_ws" / "src").glob(f"*/*/commands/*{SUFFIX}")
+    files = [
+        *(root / "ros2_ws" / "src").glob(f"*/*/**/commands/*{SUFFIX}"),
+        *(root / "research").glob(f"*/commands/*{SUFFIX}"),
+    ]
     found = [(file.name.removesuffix(SUFFIX), *_declared(file)) for file in files]
     return {name: line for name, _, line in sorted([*OWN, *found], key=lambda entry: entry[1])}
 

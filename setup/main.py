@@ -132,6 +132,9 @@ def _hand_over(
     run = workspace.run_environment(layout, done, environment)
     if arguments[0] in LOCAL_BY_DEFAULT:
         run.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    research = layout.root / "research"
+    if research.is_dir():  # studies, benchmarks, the paper: in a checkout only
+        run["PYTHONPATH"] = os.pathsep.join(filter(None, (run.get("PYTHONPATH", ""), str(research))))
     python = str(layout.python)
     if arguments[0] == "test":
         os.chdir(layout.root)

@@ -64,7 +64,8 @@ def collect(out: Path, tree: Path, cases: int) -> int:
     out.mkdir(parents=True, exist_ok=True)
     python = tree / ".venv" / "bin" / "python"
     seeds = [str(seed) for seed in range(FIRST_SEED, FIRST_SEED + cases)]
-    path = os.pathsep.join(map(str, sorted((ROOT / "ros2_ws" / "src").glob("spool_*"))))
+    folders = [*sorted((ROOT / "ros2_ws" / "src").glob("spool_*")), ROOT / "research"]
+    path = os.pathsep.join(map(str, folders))
     subprocess.run(
         [python, "-m", "spool_blind", *seeds, "--out", out / "cases"],
         env=os.environ | {"PYTHONPATH": path},

@@ -35,7 +35,8 @@ PAGES = [
     ROOT / "README.md",
     ROOT / "bags" / "README.md",
     *DOCS.rglob("*.md"),
-    *ROOT.glob("ros2_ws/src/*/README.md"),
+    *ROOT.glob("ros2_ws/src/**/README.md"),
+    *ROOT.glob("research/*/README.md"),
 ]
 #: Tables elsewhere define or explain: names, meanings, settings, sources. Nothing in them was measured.
 EXPLAINING = {

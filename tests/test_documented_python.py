@@ -26,9 +26,11 @@ BLOCK = re.compile(r"^```python\n(.*?)^```$", re.M | re.S)
 CONTRIBUTING = ROOT / "CONTRIBUTING.md"
 #: Its block is a node, which runs until it is ended.
 NODE = PACKAGES / "spool_core" / "spool_core" / "node" / "README.md"
+#: Of packages, and of those subpackages that have one.
+READMES = sorted([*PACKAGES.glob("*/README.md"), *PACKAGES.glob("*/spool_*/*/README.md")])
 PAGES = [
     page
-    for page in sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *PACKAGES.glob("*/README.md")])
+    for page in sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *READMES])
     if "```python" in page.read_text(encoding="utf-8")
 ]
 
@@ -72,7 +74,7 @@ def test_spool_python_refuses_a_script_that_does_not_exist_in_one_line() -> None
 
 
 def test_no_page_asks_for_another_interpreter() -> None:
-    pages = [CONTRIBUTING, *(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md"), *PACKAGES.glob("*/README.md")]
+    pages = [CONTRIBUTING, *(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md"), *READMES]
     found = [
         str(page) for page in pages if re.search(r"\.venv/bin/python|PYTHONPATH=", page.read_text("utf-8"))
     ]
@@ -111,7 +113,9 @@ def test_the_node_of_the_page_publishes_once_it_is_active(system: System, tmp_pa
 def names_of_tables() -> list[tuple[str, str, str | None]]:
     """Return package, name and the module that the name before it in its cell stands in."""
     found: list[tuple[str, str, str | None]] = []
-    for readme in sorted(PACKAGES.glob("spool_*/README.md")):
+    for readme in READMES:
+        folder = readme.parent.relative_to(PACKAGES)
+        package = ".".join(folder.parts[1:] or folder.parts)
         section, api = "", False
         for line in readme.read_text(encoding="utf-8").splitlines():
             section = line if line.startswith("## ") else section
@@ -122,7 +126,7 @@ def names_of_tables() -> list[tuple[str, str, str | None]]:
             for written in re.findall(r"`([^`]+)`", line.split(" | ")[0]):
                 name = written.partition("(")[0]
                 if re.fullmatch(r"[A-Za-z_][\w.]*", name):
-                    found.append((readme.parent.name, name, module))
+                    found.append((package, name, module))
                     module = name.rpartition(".")[0] or module
     return found
 

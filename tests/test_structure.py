@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import ast
 from collections import Counter
 from graphlib import TopologicalSorter
 from pathlib import Path
 
 from spool_evaluation.pictures.structure import Module, layers, package_imports, read_modules
 
-SOURCE = Path(__file__).resolve().parent.parent / "ros2_ws" / "src"
-#: Needed by developers and studies only.
-NOT_ON_A_MACHINE = {"spool_evaluation", "spool_blind"}
+ROOT = Path(__file__).resolve().parent.parent
+SOURCE = ROOT / "ros2_ws" / "src"
+#: Needed by developers and studies only: not in the workspace.
+RESEARCH = {path.parent.name for path in (ROOT / "research").glob("*/__init__.py")}
 MODULES = read_modules(SOURCE)
 
 
@@ -37,8 +39,8 @@ def test_packages_import_one_way() -> None:
     pillars = [
         "spool_core",
         "spool_sim",
-        "spool_gap",
         "spool_estimator",
+        "spool_gap",
         "spool_monitor",
         "spool_tools",
     ]
@@ -51,8 +53,26 @@ def test_folders_of_a_package_import_one_way() -> None:
 
 
 def test_nothing_that_runs_on_a_machine_needs_studies_or_benchmarks() -> None:
-    needing = {name for name, wanted in package_imports(MODULES).items() if wanted & NOT_ON_A_MACHINE}
-    assert needing <= NOT_ON_A_MACHINE
+    assert sorted(RESEARCH) == ["spool_blind", "spool_evaluation"]
+    assert not [name for name, wanted in package_imports(MODULES).items() if wanted & RESEARCH]
+
+
+def test_of_the_core_only_the_shell_of_nodes_imports_ros() -> None:
+    core = SOURCE / "spool_core" / "spool_core"
+    importing = {
+        path.relative_to(core).parts[0]
+        for path in core.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for name in (
+            [alias.name for alias in node.names]
+            if isinstance(node, ast.Import)
+            else [node.module or ""]
+            if isinstance(node, ast.ImportFrom)
+            else []
+        )
+        if name.split(".")[0].startswith("rcl") or name.split(".")[0].endswith(("_msgs", "_interfaces"))
+    }
+    assert importing == {"node"}
 
 
 def test_no_package_outgrows_the_others() -> None:

@@ -24,8 +24,8 @@ from setup.steps import say
 NAME = "spool-valves"
 PREFIX = Path("opt/spool")
 FILES = Path(__file__).with_name("files")
-#: What a machine does not need: tests and what they need, how the project is made.
-LEFT_OUT = ("tests", ".ci", "CONTRIBUTING.md", "conftest.py")
+#: What a machine does not need: tests and what they need, studies, how the project is made.
+LEFT_OUT = ("tests", "research", ".ci", "CONTRIBUTING.md", "conftest.py")
 #: The Python of Debian 12; the environment is made with it.
 PYTHON = "/usr/bin/python3.11"
 EXAMPLE = "Example: ./spool package --out dist"

@@ -19,4 +19,11 @@ setup(
     maintainer_email="maintainers@spool-suite.org",
     description="The model gap of a spool valve.",
     license="Apache-2.0",
+    # What the estimator asks for while a stream is live: it stands below this package and imports none of it.
+    entry_points={
+        "spool.gap_analysis": [
+            "analyse = spool_gap.workflow.analyse:analyse",
+            "to_dict = spool_gap.report.serialisation:result_to_dict",
+        ]
+    },
 )

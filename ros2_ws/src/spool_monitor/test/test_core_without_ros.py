@@ -9,7 +9,7 @@ import importlib.abc, sys
 
 class Blocker(importlib.abc.MetaPathFinder):
     def find_spec(self, name, path=None, target=None):
-        if name.split(".")[0] in BLOCKED:
+        if name in BLOCKED or name.split(".")[0] in BLOCKED:
             raise ImportError(f"{name} is blocked")
         return None
 

@@ -9,7 +9,8 @@ import importlib.abc, os, sys, pkgutil
 
 class Blocker(importlib.abc.MetaPathFinder):
     def find_spec(self, name, path=None, target=None):
-        if name.split(".")[0] in {"rclpy", "spool_msgs", "spool_core.node", "std_msgs"} | set(BLOCKED):
+        blocked = {"rclpy", "spool_msgs", "spool_core.node", "std_msgs"} | set(BLOCKED)
+        if name in blocked or name.split(".")[0] in blocked:
             raise ImportError(f"{name} is blocked")
         return None
 

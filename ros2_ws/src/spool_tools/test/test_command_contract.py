@@ -62,14 +62,16 @@ def test_each_has_a_line_and_a_place_of_its_own() -> None:
     assert len({one.place for one in declared}) == len(declared)
 
 
-def test_a_command_of_a_package_that_is_not_there_says_which_to_install(
+def test_a_command_of_research_says_that_it_needs_a_checkout(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     own = {name: module for name, module in command_modules().items() if module.startswith("spool_tools.")}
     monkeypatch.setattr(command_group, "command_modules", lambda: own)
-    for name in command_group.ELSEWHERE:
+    for name in command_group.IN_A_CHECKOUT:
         assert main([name]) == 2
-        assert re.fullmatch(rf"spool: {name}: .*: install .*\n", capsys.readouterr().err)
+        assert re.fullmatch(
+            rf"spool: {name}: this command needs a checkout of the sources: .*\n", capsys.readouterr().err
+        )
     assert main(["info", "--help"]) == 0
 
 
@@ -79,7 +81,7 @@ def test_the_readme_shows_commands_as_they_are_parsed(group: Any) -> None:
     lines = [line.split()[1:] for line in text.splitlines() if line.startswith("./spool ")]
     assert lines
     for words in lines:
-        if words[0] not in command_group.ELSEWHERE.keys() - group.commands.keys():
+        if words[0] not in set(command_group.IN_A_CHECKOUT) - group.commands.keys():
             group.commands[words[0]].make_context(words[0], words[1:])
     rows = [line.split(" | ") for line in text.splitlines() if line.startswith("| `") and "--" in line]
     for row in rows:

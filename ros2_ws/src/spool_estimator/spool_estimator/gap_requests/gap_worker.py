@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
+from importlib.metadata import entry_points
 
 from spool_core.block import Block, joined
 from spool_core.errors import InputError
@@ -17,6 +18,8 @@ from spool_sim.valve.description import Valve
 
 from spool_estimator.identification.record import Record, records_from_blocks
 
+#: Entry points of spool_gap, which stands above this package: ``analyse`` and ``to_dict``.
+ANALYSIS = "spool.gap_analysis"
 #: s, length of the runs in which recent samples are held.
 RUN = 1.0
 
@@ -111,15 +114,15 @@ class GapAnswer:
 
 def analyse_task(task: GapTask) -> GapAnswer:
     """Return the analysis of ``task``; a record that cannot be analysed is an answer with a reason."""
-    from spool_gap.report.serialisation import result_to_dict  # noqa: PLC0415
-    from spool_gap.workflow.analyse import analyse  # noqa: PLC0415 - loaded in the worker only
-
     seconds = sum(record.duration for record in task.records)
-    try:
-        found = analyse(task.records, task.valve, task.base)
+    offered = {one.name: one for one in entry_points(group=ANALYSIS)}
+    if not offered:
+        return GapAnswer(task.stamp, False, "spool_gap is not installed: build and source it", seconds)
+    try:  # loaded in the worker only
+        found = offered["analyse"].load()(task.records, task.valve, task.base)
     except InputError as error:
         return GapAnswer(task.stamp, False, str(error), seconds)
-    text = json.dumps(result_to_dict(found), allow_nan=False)
+    text = json.dumps(offered["to_dict"].load()(found), allow_nan=False)
     return GapAnswer(task.stamp, True, found.sentence, seconds, found.verdict, found.confidence, text)
 
 

@@ -2,8 +2,8 @@
 
 A selection fits half of the data, whose other half judges it; its deviations count the noise of the
 samples alone. Once the effects are named, all data may say how large they are, by the least squares of
-:func:`spool_estimator.identification.fit.fit`, whose deviations count coloured residuals, jumps between samples and
-noise of the excitation, too.
+:func:`spool_estimator.identification.fit.fit`, whose deviations count coloured residuals, jumps between
+samples and noise of the excitation, too.
 """
 
 from __future__ import annotations

@@ -6,6 +6,7 @@ import pkgutil
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
+from importlib.util import find_spec
 from typing import Any
 
 from spool_core.errors import InputError
@@ -18,14 +19,17 @@ from .command import Command
 #: Entry points of this group name packages that hold command modules.
 ENTRY_POINTS = "spool.commands"
 SUFFIX = "_command"
-#: Commands of packages that a machine does without.
-ELSEWHERE = {"bench": "spool_evaluation", "paper": "spool_evaluation", "study": "spool_evaluation"}
+#: Commands of ``research/``, which only a checkout of the sources has; ``./spool`` puts it on the path.
+RESEARCH = "spool_evaluation"
+IN_A_CHECKOUT = ("bench", "paper", "study")
 
 
 @cache
 def command_modules() -> dict[str, str]:
     """Return the full name of each command's module by the command's name."""
     packages = {entry.value for entry in entry_points(group=ENTRY_POINTS)}
+    if find_spec(RESEARCH) is not None:
+        packages.add(f"{RESEARCH}.commands")
     return {
         found.name.removesuffix(SUFFIX): f"{package}.{found.name}"
         for package in sorted(packages)
@@ -54,13 +58,15 @@ class CommandGroup(TyperGroup):
         """Return the command, ``None`` where there is none.
 
         Raises:
-            InputError: its package is not installed.
+            InputError: it is in a checkout of the sources only.
         """
         if cmd_name in command_modules():
             if cmd_name not in self.commands:
                 self.commands[cmd_name] = _parser(cmd_name, declaration(cmd_name))
-        elif cmd_name in ELSEWHERE:
-            raise InputError(f"{cmd_name}: this command is of {ELSEWHERE[cmd_name]}: install that package")
+        elif cmd_name in IN_A_CHECKOUT:
+            raise InputError(
+                f"{cmd_name}: this command needs a checkout of the sources: type ./spool {cmd_name} there"
+            )
         else:
             self.list_commands(ctx)  # names alike are suggested from what is loaded
         return self.commands.get(cmd_name)
