@@ -215,7 +215,7 @@ def test_each_recipe_is_found_by_its_file(copy: Path) -> None:
             "from spool_gap.registry import EFFECTS\n"
             "from spool_bag.importing.formats.format import formats\n"
             "from spool_monitor.detectors import KINDS\n"
-            "from spool_tools.console.command_group import command_modules\n"
+            "from spool_tools.console.command import command_modules\n"
             "name = 'progressive_stiffness'\n"
             "print(name in TERMS, name in EFFECTS, 'hot_oil' in KINDS)\n"
             "print('LGX' in [one.name for one in formats()], 'rate' in command_modules())\n",

@@ -27,7 +27,7 @@ from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate
 from spool_sim.excitation.kinds import load_excitation
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
-from spool_tools.input.bag_valve import recorded_valve
+from spool_tools.input.record_sources import recorded_valve
 from spool_tools.operations.record_replay import replay_valve
 
 if TYPE_CHECKING:

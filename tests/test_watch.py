@@ -13,8 +13,7 @@ import pytest
 from spool_monitor.node.valve_condition import DRIFT
 from spool_msgs.msg import Alarm, AlarmList, ValveHealth
 from spool_tools.watch.app import WatchApp
-from spool_tools.watch.condition import shown_condition
-from spool_tools.watch.heard import HeardValve, Listener
+from spool_tools.watch.heard import HeardValve, Listener, shown_condition
 
 if TYPE_CHECKING:
     from textual.pilot import Pilot

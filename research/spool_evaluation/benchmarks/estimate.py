@@ -16,7 +16,7 @@ from spool_estimator.refit import RefitSettings, WindowRefits, WindowTask, refit
 from spool_sim.model import MODELS
 from spool_sim.valve.description import find_valve
 from spool_tools.demo.processes import Nodes
-from spool_tools.input.valve_choice import DEFAULT_VALVE
+from spool_tools.input.record_loading import DEFAULT_VALVE
 from spool_tools.operations.record_replay import RefitRequest, replay_valve
 from spool_tools.operations.simulation import simulate
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from spool_core.errors import InputError
 from spool_tools.console.outputs import write_json
-from spool_tools.console.progress import progress
+from spool_tools.console.terminal import progress
 from spool_tools.report import page as html
 
 from .data import MODELS, SERIES

@@ -9,7 +9,7 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 from spool_sim.sensors import PAPER_CHAIN
-from spool_tools.operations.valve_quantities import SPEED
+from spool_tools.operations.valve_sheet import SPEED
 from spool_tools.report import page as html
 
 from . import figures

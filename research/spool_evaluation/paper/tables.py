@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from spool_core.uncertainty import PLUS_MINUS, Z_95
-from spool_tools.operations.valve_quantities import SPEED, friction_coefficient
+from spool_tools.operations.valve_sheet import SPEED, friction_coefficient
 
 from .data import MODELS, SERIES, PrintedModel
 from .fit import PaperFit

@@ -17,7 +17,7 @@ from spool_sim.model import MODELS
 from spool_tools.console.outputs import write_json
 from spool_tools.input.fit_data import load_data
 from spool_tools.input.record_loading import Selection
-from spool_tools.report.validated_fit import fit_and_validate
+from spool_tools.report.ranking import fit_and_validate
 
 from spool_evaluation.results.page import markdown_table, write_page
 

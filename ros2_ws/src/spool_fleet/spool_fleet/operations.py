@@ -12,8 +12,8 @@ from typing import Any
 from spool_core.errors import InputError
 from spool_core.kernels.processors import processors
 from spool_sim.valve.description import find_valve
-from spool_tools.console.progress import progress
-from spool_tools.console.version import suite_version
+from spool_tools.console.outputs import suite_version
+from spool_tools.console.terminal import progress
 
 from .analyses.base import chosen
 from .catalogue.add import Added, Naming, add, found_bags
@@ -77,7 +77,7 @@ def run_over_store(
         InputError: no store, no such analysis, the parameter file cannot be used, or no Dask scheduler
             answers.
     """
-    from spool_tools.operations.replay_settings import settings_from  # noqa: PLC0415 - slow to load
+    from spool_tools.operations.record_replay import settings_from  # noqa: PLC0415 - slow to load
 
     from .trends.table import sentences, write_trends  # noqa: PLC0415 - slow to load
 

@@ -11,7 +11,7 @@ import typer
 from spool_core.errors import InputError
 from typer.exceptions import TyperException
 
-from spool_tools.console.command_group import CommandGroup
+from spool_tools.console.command import CommandGroup
 from spool_tools.console.outputs import one_command
 from spool_tools.console.terminal import fail
 
@@ -26,7 +26,7 @@ app = typer.Typer(
 
 def _version(wanted: bool) -> None:
     if wanted:
-        from spool_tools.console.version import suite_version  # noqa: PLC0415
+        from spool_tools.console.outputs import suite_version  # noqa: PLC0415
 
         print(f"spool {suite_version()}")
         raise typer.Exit

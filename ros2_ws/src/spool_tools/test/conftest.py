@@ -18,7 +18,7 @@ from spool_sim.excitation.presets import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
-from spool_tools.input.bag_valve import VALVE_DESCRIPTION, encode_valve
+from spool_tools.input.record_sources import VALVE_DESCRIPTION, encode_valve
 
 START = 1_735_689_600_000_000_000
 

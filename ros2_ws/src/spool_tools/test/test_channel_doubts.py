@@ -14,7 +14,7 @@ from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
 from spool_tools.input.fit_data import load_data
 from spool_tools.input.record_loading import Selection, load_recording
-from spool_tools.quality.record_quality import quality_of
+from spool_tools.input.record_quality import quality_of
 
 Array = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve, shipped_valves
 from spool_tools.cli import main
-from spool_tools.input.bag_valve import VALVE_DESCRIPTION, encode_valve, recorded_valve
+from spool_tools.input.record_sources import VALVE_DESCRIPTION, encode_valve, recorded_valve
 from spool_tools.operations.simulation import SIMULATION_START, simulate
 
 SETTINGS: dict[str, Any] = {

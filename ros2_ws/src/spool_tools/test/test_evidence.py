@@ -17,16 +17,11 @@ from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
 from spool_tools.cli import main
 from spool_tools.report import page as html
-from spool_tools.report.estimates.bands import bands_of
-from spool_tools.report.estimates.cross_spectra import cross_spectra, linear_transmissibility
-from spool_tools.report.estimates.ellipse import Ellipse
-from spool_tools.report.estimates.loops import loops_of
-from spool_tools.report.estimates.runs import Numbers
-from spool_tools.report.estimates.whiteness import whiteness
-from spool_tools.report.evidence.confidence_ellipse import ellipse_of
+from spool_tools.report.evidence.collection import AccelerationEvidence
+from spool_tools.report.evidence.confidence import Ellipse, ellipse_of, whiteness
 from spool_tools.report.evidence.exhibit import Exhibit, LeftOut, made
-from spool_tools.report.evidence.force_loops import step_at_zero
-from spool_tools.report.evidence.of_accelerations import AccelerationEvidence
+from spool_tools.report.evidence.motion import Numbers, loops_of, step_at_zero
+from spool_tools.report.evidence.spectra import bands_of, cross_spectra, linear_transmissibility
 
 VALVE = find_valve("4weh10_soft")
 PERIOD = 1.0 / 2000.0

@@ -20,7 +20,7 @@ from spool_sim.model import MODELS, Model, load_model
 from spool_sim.terms import term
 from spool_sim.valve.description import find_valve
 from spool_tools.cli import main
-from spool_tools.report.model_file import save_model
+from spool_tools.report.fit_tables import save_model
 
 Array = NDArray[np.float64]
 

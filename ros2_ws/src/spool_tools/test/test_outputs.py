@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from spool_core.errors import InputError
 from spool_tools.cli import main
 from spool_tools.console import outputs
-from spool_tools.console.command_group import command_modules
+from spool_tools.console.command import command_modules
 
 
 @pytest.fixture(name="bag", scope="module")

@@ -11,8 +11,7 @@ from spool_sim.excitation.kinds import load_excitation
 from spool_sim.model import load_model
 from spool_sim.valve.description import find_valve, valve_from_mapping
 from spool_tools.cli import main
-from spool_tools.planning.planned import Plan, travel
-from spool_tools.planning.questions import QUESTIONS, TOLD, coulomb_friction
+from spool_tools.operations.record_plan import QUESTIONS, TOLD, Plan, coulomb_friction, travel
 
 STEADY = "kind: steady_sine\nfrequency: 30.0\namplitude: 10.0\n"
 

@@ -15,8 +15,8 @@ from spool_sim.excitation.presets import PRESETS
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
 from spool_tools.cli import main
-from spool_tools.input.bag_valve import recorded_valve
-from spool_tools.input.recorded_excitation import find_excitation
+from spool_tools.input.record_sources import recorded_valve
+from spool_tools.operations.simulation import find_excitation
 
 BAGS = Path(__file__).resolve().parents[4] / "bags"
 

@@ -18,8 +18,7 @@ from spool_estimator.identification.record_parts import PartKeeper
 from spool_sim.excitation.presets import PRESETS
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
-from spool_tools.operations.record_replay import replay_bag, replay_valve
-from spool_tools.operations.replay_settings import SHIPPED
+from spool_tools.operations.record_replay import SHIPPED, replay_bag, replay_valve
 
 VALVE = find_valve("4weh10_soft")
 SOUND = list(Simulator(VALVE, PRESETS["multisine"], coulomb_force=0.3, seed=1).records(8.0))

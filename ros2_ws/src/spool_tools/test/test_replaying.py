@@ -13,8 +13,7 @@ from spool_core.errors import InputError
 from spool_sim.valve.description import find_valve
 from spool_tools.cli import main
 from spool_tools.console.outputs import write_json
-from spool_tools.operations.record_replay import replay_bag, replay_valve
-from spool_tools.operations.replay_settings import SHIPPED, settings_from
+from spool_tools.operations.record_replay import SHIPPED, replay_bag, replay_valve, settings_from
 from spool_tools.operations.simulation import simulate
 from spool_tools.report.replay_page import replay_page
 

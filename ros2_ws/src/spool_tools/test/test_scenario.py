@@ -15,8 +15,7 @@ from spool_sim.excitation.kinds import from_mapping, load_excitation
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
-from spool_tools.demo.display import Display
-from spool_tools.demo.scenario import DRIFT, PASSAGE, VALVES
+from spool_tools.demo.demo import DRIFT, PASSAGE, VALVES, Display
 
 SECONDS = 40.0
 NOISY = Sensor(noise=0.05)

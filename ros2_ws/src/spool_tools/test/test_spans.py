@@ -13,7 +13,7 @@ from spool_core.block import Block
 from spool_core.errors import InputError
 from spool_core.format.cdr import encode_block
 from spool_tools.cli import main
-from spool_tools.input.record_span import span_of
+from spool_tools.input.record_sources import span_of
 
 BAG = Path(__file__).parents[4] / "bags" / "practice_01"
 

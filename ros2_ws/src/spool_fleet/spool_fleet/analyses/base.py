@@ -15,7 +15,7 @@ from spool_core.text.suggestion import did_you_mean
 from spool_sim.valve.description import Valve
 
 if TYPE_CHECKING:  # slow to load
-    from spool_tools.operations.replay_settings import ReplaySettings
+    from spool_tools.operations.record_replay import ReplaySettings
 
 Rows = dict[str, list[list[Any]]]
 #: deg C to which viscous coefficients of different records are referred: that of ISO 3448's grades.

@@ -8,7 +8,7 @@ from spool_sim.model import load_model
 from spool_tools.input.fit_data import load_data
 from spool_tools.input.record_loading import Selection
 from spool_tools.report.fit_tables import to_dictionary
-from spool_tools.report.validated_fit import fit_and_validate
+from spool_tools.report.ranking import fit_and_validate
 
 from .base import Analysis, Rows, Subject, parameter, referred
 

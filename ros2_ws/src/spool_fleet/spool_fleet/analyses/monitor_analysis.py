@@ -5,10 +5,8 @@ from __future__ import annotations
 from spool_bag.reading.reader import BagReader
 from spool_bag.reading.timeline import Timeline
 from spool_core.errors import InputError
-from spool_tools.input.valve_choice import choose_valves
-from spool_tools.operations.record_replay import replay_valve
-from spool_tools.operations.replay_settings import SHIPPED
-from spool_tools.report.replay_dictionary import valve_dictionary
+from spool_tools.input.record_loading import choose_valves
+from spool_tools.operations.record_replay import SHIPPED, replay_valve, valve_dictionary
 
 from .base import Analysis, Rows, Subject, parameter, referred
 

@@ -13,7 +13,7 @@ from .executor import Executor
 from .task import DONE, Outcome, Task, failed, run_task
 
 if TYPE_CHECKING:  # slow to load
-    from spool_tools.operations.replay_settings import ReplaySettings
+    from spool_tools.operations.record_replay import ReplaySettings
 
 
 @dataclass(slots=True)

@@ -14,7 +14,7 @@ from spool_core.text.printable import printable
 from spool_fleet.analyses.base import Rows, Subject, analyses
 
 if TYPE_CHECKING:  # slow to load
-    from spool_tools.operations.replay_settings import ReplaySettings
+    from spool_tools.operations.record_replay import ReplaySettings
 
 DONE, FAILED = "ok", "failed"
 #: Characters of a reason.

@@ -9,8 +9,7 @@ from pathlib import Path
 
 from spool_core.errors import InputError
 from spool_tools.console.outputs import check_output
-from spool_tools.console.progress import progress
-from spool_tools.console.terminal import warn
+from spool_tools.console.terminal import progress, warn
 
 from spool_fleet.catalogue.manifest import FILE_NAME, Manifest
 

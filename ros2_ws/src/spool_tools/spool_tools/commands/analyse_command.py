@@ -19,7 +19,7 @@ def analyse(
 
     Example: ./spool analyse valve_1 --json gap.json
     """
-    from spool_tools.operations.analysis_client import analyse_live  # noqa: PLC0415 - slow to load
+    from spool_tools.operations.service_client import analyse_live  # noqa: PLC0415 - slow to load
 
     analyse_live(valve, json)
 

@@ -61,7 +61,7 @@ def restore(
 
 
 def _manage(valve: str, action: str, *, version: int = 0, who: str = "", comment: str = "") -> None:
-    from spool_tools.operations.baseline_client import manage_baseline  # noqa: PLC0415 - slow to load
+    from spool_tools.operations.service_client import manage_baseline  # noqa: PLC0415 - slow to load
 
     manage_baseline(valve, action, version=version, who=who, comment=comment)
 

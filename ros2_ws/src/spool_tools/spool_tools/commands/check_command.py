@@ -35,7 +35,7 @@ def check(
 
     Example: ./spool check bags/practice_01 --report quality.html
     """
-    from spool_tools.console.progress import progress  # noqa: PLC0415 - slow to load, as below
+    from spool_tools.console.terminal import progress  # noqa: PLC0415 - slow to load, as below
     from spool_tools.input.record_loading import selection  # noqa: PLC0415
     from spool_tools.operations.record_look import check as checked  # noqa: PLC0415
 

@@ -7,9 +7,9 @@ from typing import Annotated
 import typer
 
 from spool_tools.console import cli_options as cli
+from spool_tools.console.cli_options import valve_names
 from spool_tools.console.command import Command
-from spool_tools.console.completion import valve_names
-from spool_tools.console.result_files import ResultFiles
+from spool_tools.console.outputs import ResultFiles
 
 
 def compare(
@@ -53,7 +53,7 @@ def compare(
     Example: ./spool compare soft.csv stiff.csv --valve soft.yaml --valve stiff.yaml --models fluid,coulomb
     """
     from spool_tools.input.record_loading import selection  # noqa: PLC0415
-    from spool_tools.operations.comparison import run_compare  # noqa: PLC0415 - slow to load, as below
+    from spool_tools.operations.fit_run import run_compare  # noqa: PLC0415 - slow to load, as below
 
     code = run_compare(
         records, valve or (), models.split(",") if models else (),

@@ -11,8 +11,7 @@ from spool_core.text.printable import printable
 from spool_tools.console.cli_options import AroundOption, BagArgument, Force, SinceOption, UntilOption
 from spool_tools.console.command import Command
 from spool_tools.console.outputs import making_room
-from spool_tools.console.progress import progress
-from spool_tools.console.terminal import warn
+from spool_tools.console.terminal import progress, warn
 
 
 def export(
@@ -33,7 +32,7 @@ def export(
     """
     from spool_bag.tables.export import export_bag  # noqa: PLC0415 - slow to load
 
-    from spool_tools.input.record_span import span_of  # noqa: PLC0415
+    from spool_tools.input.record_sources import span_of  # noqa: PLC0415
 
     with making_room(out), progress("exporting") as advance:
         span = span_of(bag, since, until, around)

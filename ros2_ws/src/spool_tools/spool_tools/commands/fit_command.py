@@ -8,7 +8,7 @@ import typer
 
 from spool_tools.console import cli_options as cli
 from spool_tools.console.command import Command
-from spool_tools.console.result_files import ResultFiles
+from spool_tools.console.outputs import ResultFiles
 
 
 def fit(

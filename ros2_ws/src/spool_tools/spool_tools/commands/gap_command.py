@@ -9,9 +9,9 @@ import typer
 from spool_core.errors import InputError
 
 from spool_tools.console import cli_options as cli
+from spool_tools.console.cli_options import model_names
 from spool_tools.console.command import Command
-from spool_tools.console.completion import model_names
-from spool_tools.console.result_files import ResultFiles
+from spool_tools.console.outputs import ResultFiles
 
 
 def gap(

@@ -82,7 +82,7 @@ def import_(
     from spool_bag.importing.bag_import import import_record  # noqa: PLC0415 - slow to load, as below
     from spool_bag.importing.records.choices import choices  # noqa: PLC0415
 
-    from spool_tools.console.progress import progress  # noqa: PLC0415
+    from spool_tools.console.terminal import progress  # noqa: PLC0415
 
     how = choices(columns, unit, scale, topic, rate, align, exclude, stamps, dates)
     if len(files) > 2:

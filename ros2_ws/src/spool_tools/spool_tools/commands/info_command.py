@@ -18,10 +18,8 @@ from spool_tools.console.cli_options import (
     UntilOption,
 )
 from spool_tools.console.command import Command
-from spool_tools.console.losses import damaged_places, lost_messages
-from spool_tools.console.outputs import write_json
-from spool_tools.console.progress import progress
-from spool_tools.console.terminal import cell, fail, warn
+from spool_tools.console.outputs import damaged_places, lost_messages, write_json
+from spool_tools.console.terminal import cell, fail, progress, warn
 
 if TYPE_CHECKING:
     from spool_bag.reading.information import BagInformation
@@ -43,14 +41,13 @@ def info(
     from spool_bag.format.definitions import ACCELERATION_BLOCK  # noqa: PLC0415 - slow to load, as below
     from spool_bag.reading.information import describe  # noqa: PLC0415
 
-    from spool_tools.input.record_span import span_of  # noqa: PLC0415
-    from spool_tools.input.table_record import is_table  # noqa: PLC0415
+    from spool_tools.input.record_sources import is_table, span_of  # noqa: PLC0415
 
     with progress("reading"):
         if is_table(record):
             from spool_bag.importing.records.choices import columns_of  # noqa: PLC0415
 
-            from spool_tools.input.table_source import TableSource  # noqa: PLC0415
+            from spool_tools.input.record_sources import TableSource  # noqa: PLC0415
 
             found = TableSource(record, columns_of(columns)).describe()
         else:

@@ -24,7 +24,7 @@ def list_(valve: Valve, node: NodeName = "monitor") -> None:
 
     Example: ./spool param list valve_1
     """
-    from spool_tools.operations.parameter_client import list_parameters  # noqa: PLC0415 - slow to load
+    from spool_tools.operations.service_client import list_parameters  # noqa: PLC0415 - slow to load
 
     list_parameters(valve, node)
 
@@ -39,7 +39,7 @@ def get(
 
     Example: ./spool param get valve_1 coulomb_change
     """
-    from spool_tools.operations.parameter_client import list_parameters  # noqa: PLC0415 - slow to load
+    from spool_tools.operations.service_client import list_parameters  # noqa: PLC0415 - slow to load
 
     list_parameters(valve, node, name)
 
@@ -56,7 +56,7 @@ def set_(
 
     Example: ./spool param set valve_1 coulomb_change=0.2
     """
-    from spool_tools.operations.parameter_client import set_parameters  # noqa: PLC0415 - slow to load
+    from spool_tools.operations.service_client import set_parameters  # noqa: PLC0415 - slow to load
 
     set_parameters(valve, node, changes)
 

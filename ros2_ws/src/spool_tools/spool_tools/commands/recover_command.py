@@ -8,10 +8,8 @@ from spool_core.text.sentence import plural
 
 from spool_tools.console.cli_options import BagArgument, Force, NewBag
 from spool_tools.console.command import Command
-from spool_tools.console.losses import damaged_places, lost_messages
-from spool_tools.console.outputs import making_room
-from spool_tools.console.progress import progress
-from spool_tools.console.terminal import warn
+from spool_tools.console.outputs import damaged_places, lost_messages, making_room
+from spool_tools.console.terminal import progress, warn
 
 #: Damaged places of a bag that are listed one by one.
 MOST_PLACES = 20

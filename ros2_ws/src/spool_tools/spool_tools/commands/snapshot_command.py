@@ -18,7 +18,7 @@ def snapshot(
 
     Example: ./spool snapshot valve_1 --who Eva
     """
-    from spool_tools.operations.snapshot_client import take_snapshot  # noqa: PLC0415 - slow to load
+    from spool_tools.operations.service_client import take_snapshot  # noqa: PLC0415 - slow to load
 
     take_snapshot(valve, who=who, comment=comment)
 

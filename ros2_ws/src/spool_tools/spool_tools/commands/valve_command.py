@@ -64,8 +64,12 @@ def new(
     from spool_tools.console.outputs import write_file  # noqa: PLC0415 - slow to load, as below
     from spool_tools.console.terminal import warn  # noqa: PLC0415
     from spool_tools.operations.valve_check import judged  # noqa: PLC0415
-    from spool_tools.operations.valve_quantities import quantities  # noqa: PLC0415
-    from spool_tools.operations.valve_sheet import asked, described, file_text  # noqa: PLC0415
+    from spool_tools.operations.valve_sheet import (  # noqa: PLC0415
+        asked,
+        described,
+        file_text,
+        quantities,
+    )
 
     flags = {
         "id": name, "moving_mass": moving_mass, "spool_mass": spool_mass, "spring_mass": spring_mass,
@@ -111,7 +115,7 @@ def check(
     from spool_tools.console.outputs import write_json  # noqa: PLC0415 - slow to load, as below
     from spool_tools.operations.record_replay import check_of_record  # noqa: PLC0415
     from spool_tools.operations.valve_check import against_record, judged  # noqa: PLC0415
-    from spool_tools.operations.valve_quantities import quantities  # noqa: PLC0415
+    from spool_tools.operations.valve_sheet import quantities  # noqa: PLC0415
 
     verdict = judged(file)
     if verdict.valve is not None:

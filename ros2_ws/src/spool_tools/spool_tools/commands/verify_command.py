@@ -35,7 +35,7 @@ def verify(
     from spool_bag.recording.verification import verify as verified  # noqa: PLC0415
 
     from spool_tools.console.outputs import write_json  # noqa: PLC0415
-    from spool_tools.console.progress import progress  # noqa: PLC0415
+    from spool_tools.console.terminal import progress  # noqa: PLC0415
 
     if make_keys is not None:
         private, public = made(make_keys)

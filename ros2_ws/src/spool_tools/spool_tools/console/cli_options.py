@@ -1,4 +1,4 @@
-"""Options that several commands share, and ranges of numbers."""
+"""Options and arguments that several commands share, and the completion of their values."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-
-from .completion import excitation_names, model_names, valve_names
-from .outputs import STANDARD_OUTPUT, check_output, replace_existing, text_to_stderr
+from spool_tools.console.outputs import STANDARD_OUTPUT, check_output, replace_existing, text_to_stderr
 
 
 def _json_target(path: Path | None) -> Path | None:
@@ -21,29 +19,19 @@ def _json_target(path: Path | None) -> Path | None:
     return check_output(path, "--json")
 
 
-def _target(option: str) -> Callable[[Path | None], Path | None]:
-    """Return the callback that checks the file of ``option`` before any work is done."""
-    return lambda path: check_output(path, option)
-
-
-def in_range(low: float, high: float = math.inf) -> Callable[[float | None], float | None]:
-    """Return the callback that refuses what is not a finite number from ``low`` to ``high``."""
-
-    def checked(value: float | None) -> float | None:
-        if value is not None and not (math.isfinite(value) and low <= value <= high):
-            most = f"{low:g} to {high:g}" if high < math.inf else f"at least {low:g}"
-            raise typer.BadParameter(f"{value:g} is out of range: use {most}.")
-        return value
-
-    return checked
-
-
 JsonFile = Annotated[
     Path | None,
     typer.Option(
         "--json", help="Write the result as JSON, SI units; - for standard output.", callback=_json_target
     ),
 ]
+
+
+def _target(option: str) -> Callable[[Path | None], Path | None]:
+    """Return the callback that checks the file of ``option`` before any work is done."""
+    return lambda path: check_output(path, option)
+
+
 ReportFile = Annotated[
     Path | None,
     typer.Option(
@@ -68,6 +56,15 @@ Force = Annotated[
         "--force", help="Replace files that are there already.", is_eager=True, callback=replace_existing
     ),
 ]
+
+
+def valve_names(incomplete: str) -> list[str]:
+    """Return the shipped valves that begin so."""
+    from spool_sim.valve.description import shipped_valves  # noqa: PLC0415 - slow to load, as below
+
+    return [name for name in shipped_valves() if name.startswith(incomplete)]
+
+
 ValveFile = Annotated[
     str,
     typer.Option(
@@ -82,9 +79,27 @@ ParamsFile = Annotated[
         metavar="YAML",
     ),
 ]
+
+
+def model_names(incomplete: str) -> list[str]:
+    """Return the models that begin so."""
+    from spool_sim.model import MODELS  # noqa: PLC0415
+
+    return [name for name in MODELS if name.startswith(incomplete)]
+
+
 ModelName = Annotated[
     str, typer.Option("--model", help="Model: its name or a YAML file.", autocompletion=model_names)
 ]
+
+
+def excitation_names(incomplete: str) -> list[str]:
+    """Return the excitations that begin so."""
+    from spool_sim.excitation.presets import PRESETS  # noqa: PLC0415
+
+    return [name for name in PRESETS if name.startswith(incomplete)]
+
+
 ExcitationName = Annotated[
     str,
     typer.Option(
@@ -147,3 +162,15 @@ SensorGain = Annotated[
 SensorDelay = Annotated[
     bool, typer.Option("--sensor-delay", help="Fit the delay of the spool's sensor as well.")
 ]
+
+
+def in_range(low: float, high: float = math.inf) -> Callable[[float | None], float | None]:
+    """Return the callback that refuses what is not a finite number from ``low`` to ``high``."""
+
+    def checked(value: float | None) -> float | None:
+        if value is not None and not (math.isfinite(value) and low <= value <= high):
+            most = f"{low:g} to {high:g}" if high < math.inf else f"at least {low:g}"
+            raise typer.BadParameter(f"{value:g} is out of range: use {most}.")
+        return value
+
+    return checked

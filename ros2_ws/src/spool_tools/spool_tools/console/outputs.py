@@ -1,4 +1,4 @@
-"""Output files: one rule for every command that writes.
+"""What a command writes: result files, JSON, losses in words, the version.
 
 What is there already is refused, unless ``--force`` was given; a link is never written through, not even
 then; a file appears under its name when it is whole. ``-`` is standard output, for JSON only.
@@ -12,20 +12,32 @@ import math
 import os
 import shlex
 import stat
+import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextvars import ContextVar
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
+from xml.etree import ElementTree
 
 from spool_core.errors import InputError
 from spool_core.files.staging import remove, staged
+
+if TYPE_CHECKING:
+    from spool_bag.mcap.mcap_walk import Damage
+
 
 STANDARD_OUTPUT = Path("-")
 
 _force: ContextVar[bool] = ContextVar("force", default=False)
 _command_line: ContextVar[str] = ContextVar("command_line", default="")
 _stdout: ContextVar[TextIO | None] = ContextVar("stdout", default=None)
+
+#: s, which a git command may take.
+PATIENCE = 5.0
 
 
 @contextlib.contextmanager
@@ -112,15 +124,6 @@ def write_file(path: Path, content: str | bytes, option: str = "output") -> None
         raise InputError(f"{option} {path}: cannot be written: {error.strerror}") from error
 
 
-def _is_device(path: Path) -> bool:
-    """Return whether ``path`` is a pipe or a device, such as /dev/stdout: nothing is there to be lost."""
-    try:
-        mode = path.stat().st_mode
-    except (OSError, ValueError):
-        return False
-    return stat.S_ISFIFO(mode) or stat.S_ISCHR(mode) or stat.S_ISSOCK(mode)
-
-
 @contextlib.contextmanager
 def making_room(path: Path, option: str = "--out") -> Iterator[None]:
     """Move aside what is at ``path`` while the block makes a bag or a table there; ``--force`` only.
@@ -179,6 +182,67 @@ def write_json(path: Path, value: object) -> None:
         write_file(path, text, "--json")
 
 
+@dataclass(frozen=True, slots=True)
+class ResultFiles:
+    """Files to write, ``None`` for those not wanted; ``folder`` gives those a place that are not named."""
+
+    json: Path | None = None
+    report: Path | None = None
+    model: Path | None = None
+    folder: Path | None = None
+
+    def within(self, stem: str, *, model: bool = False) -> ResultFiles:
+        """Return these with every file of ``folder`` named; the folder is made.
+
+        Raises:
+            InputError: the folder cannot be made, or a file in it is there already.
+        """
+        if self.folder is None:
+            return self
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"--out {self.folder}: cannot be made: {error.strerror}") from error
+        named = ResultFiles(
+            self.json or self.folder / f"{stem}.json",
+            self.report or self.folder / f"{stem}.html",
+            self.model or (self.folder / "model.yaml" if model else None),
+        )
+        for path in (named.json, named.report, named.model):
+            if path != STANDARD_OUTPUT:
+                check_output(path, "--out")
+        return named
+
+
+def damaged_places(damages: Sequence[Damage]) -> str:
+    """Return how many places of a bag are damaged, and how much of it."""
+    places = "1 damaged place" if len(damages) == 1 else f"{len(damages)} damaged places"
+    return f"{places} ({sum(damage.size for damage in damages)} bytes)"
+
+
+def lost_messages(count: int, *, estimated: bool) -> str:
+    """Return how many messages were lost, as well as it is known."""
+    if estimated:
+        return f"about {count}" if count else "an unknown number of"
+    return str(count)
+
+
+@cache
+def suite_version() -> str:
+    """Return like ``0.1.0 (commit 1a2b3c4d5e6f)``; a ``+`` behind the commit: files were changed since."""
+    commit = _commit(Path(__file__).resolve().parent)
+    return f"{_package_version()} (commit {commit})" if commit else _package_version()
+
+
+def _is_device(path: Path) -> bool:
+    """Return whether ``path`` is a pipe or a device, such as /dev/stdout: nothing is there to be lost."""
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError):
+        return False
+    return stat.S_ISFIFO(mode) or stat.S_ISCHR(mode) or stat.S_ISSOCK(mode)
+
+
 def _finite(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {key: _finite(entry) for key, entry in value.items()}
@@ -187,3 +251,32 @@ def _finite(value: Any) -> Any:
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
     return value
+
+
+def _package_version() -> str:
+    """Return the version that package.xml gives, or what is installed."""
+    manifest = Path(__file__).resolve().parents[2] / "package.xml"
+    if manifest.is_file():
+        return ElementTree.parse(manifest).findtext("version", "unknown")
+    try:
+        return version("spool_tools")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def _commit(folder: Path) -> str:
+    """Return the commit that is checked out in ``folder``, empty where it is no checkout."""
+    revision = _git(folder, "rev-parse", "--short=12", "HEAD")
+    changed = revision and _git(folder, "status", "--porcelain", "--untracked-files=no")
+    return revision + ("+" if changed else "")
+
+
+def _git(folder: Path, *words: str) -> str:
+    try:
+        done = subprocess.run(
+            ["git", "-C", str(folder), *words],
+            capture_output=True, text=True, timeout=PATIENCE, check=False,
+        )  # fmt: skip
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return done.stdout.strip() if done.returncode == 0 else ""

@@ -1,35 +1,40 @@
-"""Demonstration: the main job live, its recording, the analysis of that and a report."""
+"""`./spool demo`: the scenario, what is shown of it, and the analysis at the end."""
 
 from __future__ import annotations
 
 import signal
 import time
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
 import rclpy
+import yaml
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.signals import SignalHandlerOptions
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
 from spool_bag.reading.information import BagInformation, describe
 from spool_bag.reading.reader import BagReader
 from spool_core.errors import InputError
 from spool_core.node import qos
 from spool_core.node.free_domain import isolate
 from spool_core.node.parameters import rule
-from spool_msgs.msg import HealthEvent, ModelEstimate, ValveHealth
+from spool_core.uncertainty import LEGEND, with_interval
+from spool_msgs.msg import HealthEvent, ModelEstimate, Quantity, ValveHealth
+from spool_sim.excitation.kinds import from_mapping
 
 from spool_tools.console.outputs import write_json
+from spool_tools.demo.processes import Nodes
+from spool_tools.demo.recording_report import write_report
 from spool_tools.operations.record_replay import replay_bag
-
-from .display import Display
-from .processes import Nodes
-from .recording_report import write_report
-from .scenario import DRIFT, VALVES, DemoValve
 
 #: What is said of an event, by whether it was raised live and from the bag.
 _RAISED = {
@@ -41,6 +46,88 @@ _RAISED = {
 
 #: s, within which every node must be up and the first estimates be there.
 START_UP = 30.0
+
+#: Shares of the run: the machine runs steadily, passes the resonance, runs steadily while friction drifts.
+PASSAGE = (0.38, 0.5, 0.62)
+DRIFT = (0.63, 0.10)
+
+
+@dataclass(frozen=True, slots=True)
+class DemoValve:
+    """Valve of the demonstration.
+
+    ``steady_speed`` and ``resonant_speed`` (rpm) of the shaft that shakes it; ``drift`` is the quantity that
+    changes, from its start value to ``drift_target`` (SI unit).
+    """
+
+    name: str
+    valve_file: str
+    coulomb_force: float
+    steady_speed: float
+    resonant_speed: float
+    drift: str
+    drift_target: float
+    story: str
+
+    def excitation(self, seconds: float) -> dict[str, Any]:
+        """Return the excitation of a run of ``seconds`` s as it stands in the YAML file."""
+        begin, middle, end = (share * seconds for share in PASSAGE)
+        profile = [
+            [0.0, self.steady_speed],
+            [begin, self.steady_speed],
+            [middle, self.resonant_speed],
+            [end, self.steady_speed],
+        ]
+        return {
+            "kind": "machine_orders",
+            "speed_profile": profile,
+            "orders": [[1.0, 8.0], [2.0, 2.0]],
+            "broadband_rms": 1.5,
+        }
+
+    def write_excitation(self, folder: Path, seconds: float) -> Path:
+        """Write the excitation as a YAML file that the simulator node takes; return its path."""
+        mapping = self.excitation(seconds)
+        from_mapping(mapping)
+        path = folder / f"excitation_{self.name}.yaml"
+        path.write_text(yaml.safe_dump(mapping, sort_keys=False), encoding="utf-8")
+        return path
+
+
+VALVES = (
+    DemoValve(
+        name="valve_1",
+        valve_file="4weh10_soft",
+        coulomb_force=0.1,
+        steady_speed=1500.0,
+        resonant_speed=900.0,
+        drift="coulomb_force",
+        drift_target=0.35,
+        story="dirty oil: Coulomb friction rises from 0.10 to 0.35 N",
+    ),
+    DemoValve(
+        name="valve_2",
+        valve_file="4weh10_stiff",
+        coulomb_force=0.1,
+        steady_speed=1080.0,
+        resonant_speed=1720.0,
+        drift="viscous_coefficient",
+        drift_target=1.6,
+        story="wear: the viscous coefficient falls from 2.65 to 1.60 N s/m",
+    ),
+)
+
+_LEVELS = {
+    ValveHealth.LEVEL_OK: ("OK", "bold green"),
+    ValveHealth.LEVEL_WARNING: ("WARNING", "bold yellow"),
+    ValveHealth.LEVEL_ALARM: ("ALARM", "bold red"),
+    ValveHealth.LEVEL_STALE: ("STALE", "bold magenta"),
+}
+
+_SEVERITIES = {HealthEvent.SEVERITY_WARNING: "warning", HealthEvent.SEVERITY_ALARM: "ALARM"}
+
+#: s between status lines off a terminal.
+_LINE_INTERVAL = 5.0
 
 
 def run_demo(seconds: float, out: Path) -> int:
@@ -65,6 +152,82 @@ def run_demo(seconds: float, out: Path) -> int:
     reader = BagReader(folder / "bag")
     plots = [write_report(folder, reader, analysis)]
     return _summarise(display, events, information, analysis, plots[0])
+
+
+@dataclass(slots=True)
+class Display:
+    """Display of what arrives; on a terminal a table that is renewed, off it a line now and then."""
+
+    seconds: float
+    names: tuple[str, ...]
+    console: Console = field(default_factory=lambda: Console(highlight=False))
+    estimates: dict[str, ModelEstimate] = field(default_factory=dict)
+    health: dict[str, ValveHealth] = field(default_factory=dict)
+    _live: Live | None = None
+    _last: float = 0.0
+
+    def __enter__(self) -> Display:
+        self.say(f"estimates {LEGEND}")
+        if self.console.is_terminal:
+            self._live = Live(self._table(0.0), console=self.console, refresh_per_second=4)
+            self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._live is not None:
+            self._live.stop()
+
+    def refresh(self, elapsed: float) -> None:
+        """Show the state ``elapsed`` s after the start."""
+        if self._live is not None:
+            self._live.update(self._table(elapsed))
+        elif time.monotonic() - self._last >= _LINE_INTERVAL:
+            self._last = time.monotonic()
+            for name in self.names:
+                self.console.print(f"{elapsed:5.1f} s  {name}  {self._line(name)}", soft_wrap=True)
+
+    def event(self, name: str, elapsed: float, event: HealthEvent) -> None:
+        """Show an event above the status."""
+        raised = event.state == HealthEvent.STATE_RAISED
+        mark = "▲" if raised else "▼"
+        style = "yellow" if raised and event.severity == HealthEvent.SEVERITY_WARNING else "red"
+        kind = event.kind.replace("_", " ") + (f" ({event.cause.replace('_', ' ')})" if event.cause else "")
+        what = f"{_SEVERITIES.get(event.severity, 'event')}: {kind}: " if raised else ""
+        line = Text(f"{elapsed:5.1f} s  {mark} {name}  {what}", style=style if raised else "green")
+        line.append(event.message, style="default")
+        self.console.print(line, soft_wrap=True)
+
+    def say(self, text: str) -> None:
+        """Show a line of what is going on."""
+        self.console.print(text, soft_wrap=True)
+
+    def _table(self, elapsed: float) -> Group:
+        table = Table(box=None, pad_edge=False)
+        columns = ("valve", "shakes at", "natural", "stiffness", "viscous", "Coulomb", "health")
+        for column in columns:
+            table.add_column(column, no_wrap=True)
+        for name in self.names:
+            table.add_row(name, *self._cells(name))
+        left = max(0.0, self.seconds - elapsed)
+        return Group(Text(f"{elapsed:5.1f} s of {self.seconds:g} s, {left:.0f} s left", style="dim"), table)
+
+    def _cells(self, name: str) -> list[Text]:
+        health, estimate = self.health.get(name), self.estimates.get(name)
+        if health is None or estimate is None:
+            return [Text("waiting", style="dim")]
+        values = {quantity.name: quantity for quantity in estimate.parameters}
+        level, style = _LEVELS.get(health.level, ("?", "dim"))
+        return [
+            Text(_frequency(health.dominant_frequency)),
+            Text(_with_uncertainty(estimate.natural_frequency)),
+            Text(_with_uncertainty(values.get("spring_stiffness"))),
+            Text(_with_uncertainty(values.get("viscous_coefficient"))),
+            Text(_with_uncertainty(values.get("coulomb_force"))),
+            Text(level, style=style).append(f" {health.summary}", style="default"),
+        ]
+
+    def _line(self, name: str) -> str:
+        return "  ".join(cell.plain for cell in self._cells(name))
 
 
 def _folder(out: Path) -> Path:
@@ -251,3 +414,16 @@ def _summarise(
         display.say(f"analysed by {sentence}")
     display.say(f"bag, analysis and report: {report.parent}  (open {report.name} in a browser)")
     return 0 if lost == 0 and wanted <= raised and wanted <= replayed else 1
+
+
+def _frequency(quantity: Quantity) -> str:
+    known = quantity.validity == Quantity.VALIDITY_VALID
+    return f"{quantity.value:5.1f} Hz" if known else "no line "
+
+
+def _with_uncertainty(quantity: Quantity | None) -> str:
+    if quantity is None or quantity.validity == Quantity.VALIDITY_UNKNOWN:
+        return "learning"
+    held = " held" if quantity.validity == Quantity.VALIDITY_HELD else ""
+    unit = quantity.unit.replace(" s", "·s")
+    return f"{with_interval(quantity.value, quantity.standard_deviation, unit)}{held}"

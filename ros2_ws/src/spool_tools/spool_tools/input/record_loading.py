@@ -1,4 +1,4 @@
-"""Record loading: bags and loggers' files, as stretches without gaps, and the valve that they are of."""
+"""Records as the commands load them: samples by valve, and which valve file describes them."""
 
 from __future__ import annotations
 
@@ -20,16 +20,20 @@ from spool_bag.reading.span import Span
 from spool_bag.tables.column_names import BODY, OIL_TEMPERATURE, SPOOL
 from spool_core.block import Block
 from spool_core.errors import InputError
+from spool_core.text.suggestion import did_you_mean
 from spool_estimator.identification.record import Record, records_from_blocks
 from spool_estimator.identification.record_parts import PartKeeper
 from spool_estimator.identification.signals.channel_faults import ChannelFault, faults_of, without_outliers
 from spool_sim.valve.description import Valve, find_valve, shipped_valves
 
-from .bag_valve import recorded_valve
-from .record_names import split_name
-from .record_span import span_of
-from .table_record import is_table, record_of_table
-from .table_source import TableSource
+from spool_tools.input.record_sources import (
+    TableSource,
+    is_table,
+    record_of_table,
+    recorded_valve,
+    span_of,
+    split_name,
+)
 
 #: What a replay reads.
 Source = BagReader | TableSource
@@ -38,6 +42,8 @@ Array = NDArray[np.float64]
 
 #: Stretches of a record that are looked at for faults of its channels.
 MOST_STRETCHES = 8
+
+DEFAULT_VALVE = "4weh10_soft"
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,6 +230,100 @@ def stretches_of(recordings: Sequence[Recording]) -> list[Record]:
     return [stretch for recording in recordings for stretch in recording.stretches]
 
 
+def stretches_of_table(record: LoggerRecord, name: str | None = None) -> list[Record]:
+    """Return the stretches without gaps of a logger's record."""
+    oil = _without_holes(record)
+    start = start_of(record)
+    origin = start + round(float(record.time[0]) * 1e9)
+    return [
+        Record(
+            name or str(record.path),
+            start + round(float(record.time[begin]) * 1e9),
+            record.period,
+            record.columns[BODY][begin:end],
+            record.columns[SPOOL][begin:end],
+            None if oil is None else oil[begin:end],
+            origin,
+            rate_std=record.rate_std,
+        )
+        for begin, end in pairwise([0, *record.gaps.tolist(), record.time.size])
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class ChosenValve:
+    """Valve description that was chosen.
+
+    Attributes:
+        valve: the description.
+        source: ``given`` on the command line, ``recorded`` in the bag, or ``assumed``.
+        file: what was given or assumed, empty where it was recorded.
+    """
+
+    valve: Valve
+    source: str
+    file: str = ""
+
+    def sentence(self) -> str:
+        """Return which valve it is and why, for people."""
+        why = {
+            "given": f"by --valve {self.file}",
+            "recorded": "as the bag describes it",
+            "assumed": f"ASSUMED to be {self.file}",
+        }[self.source]
+        return f"valve {self.valve.id} ({self.valve.natural_frequency:.3g} Hz), {why}"
+
+    def warning(self, name: str) -> str:
+        """Return what to do about an assumption, empty where none was made."""
+        if self.source != "assumed":
+            return ""
+        return (
+            f"{name}: the record does not describe its valve and --valve is not given: {self.file} "
+            f"({self.valve.moving_mass:g} kg, {self.valve.natural_frequency:.3g} Hz) is assumed; stiffness, "
+            "damping and friction scale with its moving_mass: give --valve FILE"
+        )
+
+
+def choose_valves(source: Source, names: Sequence[str], given: Sequence[str]) -> dict[str, ChosenValve]:
+    """Return the description of each valve of ``source``.
+
+    Args:
+        source: the record.
+        names: of its valves.
+        given: ``FILE`` once for all or once for each in order of name, or ``NAME=FILE`` for some or all.
+
+    Raises:
+        InputError: no such file or valve, one given twice, or a number that fits neither one nor each.
+    """
+    pairs = [split_name(text) for text in given]
+    named = {name: file for name, file in pairs if name}
+    unnamed = [file for name, file in pairs if not name]
+    if named and unnamed:
+        raise InputError(f"--valve {unnamed[0]}: others have a name: write NAME={unnamed[0]} as well")
+    for name, file in named.items():
+        if name not in names:
+            raise InputError(
+                f"--valve {name}={file}: {source.path} has no valve {name}: it has {', '.join(names)}"
+                f"{did_you_mean(name, names)}"
+            )
+        if sum(name == other for other, _ in pairs) > 1:
+            raise InputError(f"--valve {name}=...: it stands there twice: give it once")
+    if len(unnamed) == 1:
+        unnamed = unnamed * len(names)
+    elif unnamed and len(unnamed) != len(names):
+        raise InputError(
+            f"--valve was given {len(unnamed)} times, the bag holds {', '.join(names)}: "
+            "give it once for all, or NAME=FILE for each"
+        )
+    files = named or dict(zip(names, unnamed, strict=False))
+    return {
+        name: ChosenValve(find_valve(files[name]), "given", files[name])
+        if name in files
+        else _without_file(source, name)
+        for name in names
+    }
+
+
 def _blocks_between(blocks: Iterable[Block], start: float, stop: float) -> Iterator[Block]:
     """Yield the first block, from which time counts, and those from ``start`` to ``stop`` s after it."""
     first: int | None = None
@@ -264,26 +364,6 @@ def _valve_in(reader: BagReader, name: str | None) -> str:
     return known[0]
 
 
-def stretches_of_table(record: LoggerRecord, name: str | None = None) -> list[Record]:
-    """Return the stretches without gaps of a logger's record."""
-    oil = _without_holes(record)
-    start = start_of(record)
-    origin = start + round(float(record.time[0]) * 1e9)
-    return [
-        Record(
-            name or str(record.path),
-            start + round(float(record.time[begin]) * 1e9),
-            record.period,
-            record.columns[BODY][begin:end],
-            record.columns[SPOOL][begin:end],
-            None if oil is None else oil[begin:end],
-            origin,
-            rate_std=record.rate_std,
-        )
-        for begin, end in pairwise([0, *record.gaps.tolist(), record.time.size])
-    ]
-
-
 def _without_holes(record: LoggerRecord) -> Array | None:
     """Return the oil temperature, empty cells filled along straight lines."""
     oil = record.columns.get(OIL_TEMPERATURE)
@@ -305,3 +385,10 @@ def _between(stretches: Sequence[Record], start: float, stop: float) -> list[Rec
             whole = first == 0 and last == stretch.body.size
             kept.append(stretch if whole else stretch.part(first, last))
     return kept
+
+
+def _without_file(source: Source, name: str) -> ChosenValve:
+    recorded = None if isinstance(source, TableSource) else recorded_valve(source, name)
+    if recorded is not None:
+        return ChosenValve(recorded, "recorded")
+    return ChosenValve(find_valve(DEFAULT_VALVE), "assumed", DEFAULT_VALVE)

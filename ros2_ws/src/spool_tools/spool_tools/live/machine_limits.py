@@ -1,4 +1,4 @@
-"""Limits of this machine that many nodes meet first: participants, shared memory, buffers, the clock."""
+"""Limits of this machine that live operation runs into, each as a finding of `./spool doctor --live`."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-
-from .finding import Finding
+from typing import NamedTuple
 
 #: RTPS 2.5, 9.6.2.3: participant n of a domain has the ports 7410 + 250 domain + 2 n and the one above.
 FIRST_PORT, DOMAIN_GAIN, PARTICIPANT_GAIN = 7410, 250, 2
@@ -22,6 +21,13 @@ LITTLE_SHARED_MEMORY = 64_000_000
 SMALL_BUFFER = 2_000_000
 #: adjtimex(2): the clock is not synchronised.
 _UNSYNCHRONISED = 0x0040
+
+
+class Finding(NamedTuple):
+    """Finding: ``level`` is ``ok``, ``warning`` or ``problem``; ``text`` what was found, and what to do."""
+
+    level: str
+    text: str
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from spool_core.node import qos
 
-from .finding import Finding
+from spool_tools.live.machine_limits import Finding
 
 #: Share of a core from which a process of a host can't take more: Python runs one thread at a time.
 FULL = 0.8

@@ -1,4 +1,4 @@
-"""Fit of one model to records of one valve, with the files that come of it."""
+"""`./spool fit` and `./spool compare`: one model or all of them fitted to records, and what is written."""
 
 from __future__ import annotations
 
@@ -11,15 +11,22 @@ from spool_estimator.identification.fit_result import FitSettings
 from spool_sim.model import Model, load_model
 from spool_sim.valve.description import Valve
 
-from spool_tools.console.outputs import write_file, write_json
-from spool_tools.console.progress import progress
-from spool_tools.console.result_files import ResultFiles
-from spool_tools.console.terminal import warn
-from spool_tools.input.fit_data import load_data
+from spool_tools.console.outputs import ResultFiles, write_file, write_json
+from spool_tools.console.terminal import progress, warn
+from spool_tools.input.fit_data import FitData, load_data
 from spool_tools.input.record_loading import Selection
-from spool_tools.report.fit_tables import print_fit, to_dictionary
-from spool_tools.report.model_file import LONGEST_NAME, save_model
-from spool_tools.report.validated_fit import fit_and_validate
+from spool_tools.report.fit_tables import (
+    LONGEST_NAME,
+    comparison_dictionary,
+    print_comparison,
+    print_fit,
+    save_model,
+    to_dictionary,
+)
+from spool_tools.report.ranking import FittedSeries, fit_and_validate, rank
+
+#: The paper's four models and the two that dry friction is usually told by.
+DEFAULT_MODELS = ("fluid", "coulomb", "stribeck", "microwedge", "mixed", "coulomb_hydrodynamic")
 
 
 def run_fit(
@@ -96,6 +103,88 @@ def fit_settings(
         fit_gain=gain,
         fit_delay=delay,
     )
+
+
+def run_compare(
+    records: Sequence[Path],
+    valves: Sequence[str],
+    models: Sequence[str],
+    selection: Selection,
+    outputs: ResultFiles,
+    *,
+    held_out: Sequence[Path] = (),
+    together: bool = False,
+    sensor_gain: bool = False,
+    sensor_delay: bool = False,
+) -> int:
+    """Fit every model to every record, and rank them; return 1 where none has a result.
+
+    Raises:
+        InputError: records, valves or models cannot be used.
+    """
+    chosen = [load_model(name) for name in models or DEFAULT_MODELS]
+    names = [model.name for model in chosen]
+    doubled = next((name for name in names if names.count(name) > 1), None)
+    if doubled is not None:
+        raise InputError(f"--models: '{doubled}' stands there {names.count(doubled)} times: give each once")
+    settings = FitSettings(fit_gain=sensor_gain, fit_delay=sensor_delay)
+    wanted = outputs.within("compare")
+    loaded = load_series(records, valves, selection, held_out, together=together)
+    for data in loaded:
+        for doubt in data.doubts:
+            warn(f"{data.name}: {doubt}")
+    series = fit_all(loaded, chosen, settings)
+    ranking = rank(series)
+    if wanted.json is not None:
+        write_json(wanted.json, comparison_dictionary(series, ranking))
+    print_comparison(series, ranking, Console())
+    if wanted.report is not None and ranking.preferred is not None:
+        from spool_tools.report.fit_page import compare_page  # noqa: PLC0415 - matplotlib is needed here only
+
+        with progress("drawing"):
+            write_file(wanted.report, compare_page(series, ranking), "--report")
+        print(f"{wanted.report}: pictures and tables")
+    return 0 if ranking.preferred is not None else 1
+
+
+def load_series(
+    records: Sequence[Path],
+    valves: Sequence[str],
+    selection: Selection,
+    held_out: Sequence[Path] = (),
+    *,
+    together: bool = False,
+) -> list[FitData]:
+    """Return each record as a series of its own, or all as one set of data.
+
+    Raises:
+        InputError: records cannot be used, or the number of valves fits neither one nor each.
+    """
+    if len(valves) > 1 and (together or len(valves) != len(records)):
+        raise InputError(
+            f"--valve was given {len(valves)} times for {len(records)} records: give it once for all"
+            + ("" if together else " or once for each")
+        )
+    if together or len(records) == 1:
+        return [load_data(records, valves[0] if valves else None, selection, held_out)]
+    if held_out:
+        raise InputError("--holdout: several records are series of their own: give --together, or one record")
+    given: Sequence[str | None] = valves if len(valves) == len(records) else [*valves[:1]] or [None]
+    given = given if len(given) == len(records) else [given[0]] * len(records)
+    return [load_data([path], valve, selection) for path, valve in zip(records, given, strict=True)]
+
+
+def fit_all(data: Sequence[FitData], models: Sequence[Model], settings: FitSettings) -> list[FittedSeries]:
+    """Return every model fitted to every series."""
+    series = []
+    with progress("fitting", len(data) * len(models)) as advance:
+        for one in data:
+            validated = []
+            for model in models:
+                validated.append(fit_and_validate(one, model, settings))
+                advance(1.0)
+            series.append(FittedSeries(one, tuple(validated)))
+    return series
 
 
 def _named(given: Sequence[str], model: Model, option: str) -> dict[str, float | None]:

@@ -26,14 +26,12 @@ from spool_gap.workflow.analyse import analyse
 from spool_sim.model import Model, load_model
 from spool_sim.valve.description import Valve, find_valve
 
-from spool_tools.console.outputs import write_file, write_json
-from spool_tools.console.progress import progress
-from spool_tools.console.result_files import ResultFiles
-from spool_tools.console.terminal import warn
+from spool_tools.console.outputs import ResultFiles, write_file, write_json
+from spool_tools.console.terminal import progress, warn
 from spool_tools.input.fit_data import channel_doubts, check
 from spool_tools.input.record_loading import Selection, load_recordings, stretches_of
-from spool_tools.input.table_record import is_table, record_of_table
-from spool_tools.report.model_file import LONGEST_NAME, save_model
+from spool_tools.input.record_sources import is_table, record_of_table
+from spool_tools.report.fit_tables import LONGEST_NAME, save_model
 from spool_tools.report.provenance import sources
 
 if TYPE_CHECKING:
@@ -147,7 +145,7 @@ def _evidence(
     result: GapResult, base: Model, valve: Valve | None, measured: Measured
 ) -> list[Exhibit | LeftOut]:
     """Return the pictures that let an expert check ``result``; libraries that draw are loaded here."""
-    from spool_tools.report.evidence.of_gap import gap_exhibits, gap_force_exhibits  # noqa: PLC0415
+    from spool_tools.report.evidence.collection import gap_exhibits, gap_force_exhibits  # noqa: PLC0415
 
     forces = [entry for entry in measured if isinstance(entry, ForceRecord)]
     if forces or valve is None:

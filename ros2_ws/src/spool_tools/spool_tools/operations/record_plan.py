@@ -1,31 +1,296 @@
-"""Plan of a record: the question put to it, what it would tell, and what the sensors have to stand."""
+"""`./spool plan`: what a planned record would tell, asked of simulated ones."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from spool_core.errors import InputError
 from spool_core.quantity import Quantity
-from spool_core.uncertainty import LEGEND, number, percent, with_interval
+from spool_core.uncertainty import LEGEND, Z_95, number, percent, with_interval
+from spool_estimator.identification.fit import fit
+from spool_estimator.identification.fit_result import Fit, FitSettings
 from spool_estimator.identification.record import Record
-from spool_sim.model import load_model
-from spool_sim.valve.description import find_valve
+from spool_gap.effect import Effect
+from spool_gap.registry import EFFECTS
+from spool_gap.registry import effect as find_effect
+from spool_gap.workflow.analyse import analyse
+from spool_sim.excitation.base import Excitation
+from spool_sim.model import FLUID, Model, load_model
+from spool_sim.sensors import Sensor
+from spool_sim.simulator import Simulator
+from spool_sim.terms import term
+from spool_sim.valve.description import FILM, Valve, find_valve
 
 from spool_tools.console.outputs import write_json
-from spool_tools.console.progress import progress
-from spool_tools.input.recorded_excitation import find_excitation
-from spool_tools.planning.effects_named import SHARES, USUAL, Named, named_effects
-from spool_tools.planning.planned import Plan, travel
-from spool_tools.planning.questions import WHICH_EFFECT, Answer, question
+from spool_tools.console.terminal import progress
+from spool_tools.operations.simulation import find_excitation
 
 #: s: shorter records hold no window of a fit (4 s) and a piece to judge it by; longer ones cost minutes.
 SHORTEST, LONGEST = 8.0, 600.0
 #: Ranges that accelerometers come in, g, and how far above the largest sample of a plan one is chosen.
 RANGES, MARGIN, G = (2, 4, 8, 16, 25, 50, 100, 200, 500), 2.0, 9.80665
+
+Array = NDArray[np.float64]
+
+#: Hz below which the way in the body is not taken from accelerations: their double integral drifts.
+SLOWEST = 3.0
+
+#: Standard deviations of a size that is told from 0: noise alone gives as much in one of 370 records (normal
+#: distribution), and half of the records with that size give more.
+TOLD = 3.0
+#: Share of the force of inertia that the search for the smallest size begins at; factor of its steps, how
+#: many there are at most on the way to a size that is told and one that is not, and halvings: to 1.3.
+BEGIN, STRIDE, STEPS, HALVINGS = 0.02, 8.0, 4, 3
+#: What an end stop is described by.
+STOP = ("stop_gap", "stop_stiffness", "stop_dissipation")
+#: Share of the travel at which a stop is put, to see how well its place is told.
+STOP_SHARE = 0.9
+
+
+def coulomb_friction(plan: Plan) -> Answer:
+    """Answer how small a dry friction the record tells from none."""
+
+    def deviation(found: Fit) -> float:
+        return found.parameter("coulomb_force").standard_deviation
+
+    size, found, truth = _smallest(
+        plan, load_model("coulomb"), lambda force: {"coulomb_force": force}, deviation
+    )
+    meaning = "smallest Coulomb force that is told from none (3 standard deviations)"
+    return _sized(found, truth, None if size is None else Limit("coulomb_force", size, "N", meaning))
+
+
+def stribeck_friction(plan: Plan) -> Answer:
+    """Answer how small an excess of friction at rest over that at speed the record tells."""
+    model = load_model("stribeck")
+    force = model.parameter("coulomb_force").start_for(plan.valve)
+
+    def deviation(found: Fit) -> float:
+        names = ("static_force", "coulomb_force")
+        if not set(names) <= set(found.observable):
+            return math.nan
+        rest, speed = (found.parameter(name).standard_deviation for name in names)
+        place, other = (found.observable.index(name) for name in names)
+        shared = float(found.correlation[place, other]) * rest * speed
+        return math.sqrt(max(rest**2 + speed**2 - 2.0 * shared, 0.0))
+
+    def values(excess: float) -> dict[str, float]:
+        return {"coulomb_force": force, "static_force": force + excess}
+
+    size, found, truth = _smallest(plan, model, values, deviation)
+    meaning = (
+        f"smallest excess of the force at rest over {force:g} N at speed that is told (3 standard deviations)"
+    )
+    return _sized(found, truth, None if size is None else Limit("static_excess", size, "N", meaning))
+
+
+def mixed_friction(plan: Plan) -> Answer:
+    """Answer how well the numbers of mixed lubrication are told, at those that fits start from."""
+    found, truth = _fitted(plan, load_model("mixed"), {})
+    return _answer(found, truth, None)
+
+
+def viscous_coefficient(plan: Plan) -> Answer:
+    """Answer how small a change of the drag two such records tell: wear, by the clearance."""
+    answer = _change(plan, "viscous_coefficient", "drag (clearance by the same share: wear)")
+    valve = plan.valve
+    if not valve.oil_ratio_known:
+        return replace(answer, notes=("without the oil's name and temperature, warm oil looks like wear",))
+    ratio = valve.dynamic_viscosity_at(valve.oil_temperature + 1.0) / valve.dynamic_viscosity
+    note = f"a kelvin of the oil changes the drag by {percent(1.0 - ratio)}: record its temperature"
+    return replace(answer, notes=(note,))
+
+
+def spring_stiffness(plan: Plan) -> Answer:
+    """Answer how small a change of the stiffness two such records tell."""
+    return _change(plan, "spring_stiffness", "stiffness")
+
+
+def end_stop(plan: Plan) -> Answer:
+    """Answer how far the spool comes, so which stops it meets, and how well the place of one is told."""
+    reach = travel(plan.record(load_model("fluid"), {}, noisy=False))
+    model = load_model("fluid_end_stop")
+    values = {"stop_gap": STOP_SHARE * reach}
+    # From the truth: the gap workflow, unlike a plain fit, tries many stops.
+    start = {name: model.values_for(plan.valve, plan.values(values))[name] for name in STOP}
+    found, truth = _fitted(plan, model, values, start)
+    meaning = "travel of the spool: stops beyond it are not met, so this record cannot tell of them"
+    return _answer(found, truth, Limit("stop_gap", reach, "m", meaning))
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Plan of a record: ``seconds`` at ``sample_rate`` (Hz), sensors of ``noise`` (m/s^2 rms per sample)."""
+
+    valve: Valve
+    excitation: Excitation
+    seconds: float = 40.0
+    sample_rate: float = 2000.0
+    noise: float = 0.05
+    seed: int = 0
+
+    def values(self, changes: Mapping[str, float]) -> dict[str, float]:
+        """Return ``changes``, with the drag that fits start from where the valve's film is not known."""
+        if self.valve.knows(*FILM):
+            return dict(changes)
+        return {"viscous_coefficient": self.valve.likely_viscous_coefficient, **changes}
+
+    def record(self, model: Model, values: Mapping[str, float], *, noisy: bool = True) -> Record:
+        """Return what the planned sensors would say of a valve with ``model`` and ``values``.
+
+        Raises:
+            InputError: excitation and sample rate do not fit, or a value is out of range.
+        """
+        sensor = Sensor(noise=self.noise if noisy else 0.0)
+        simulator = Simulator(
+            self.valve,
+            self.excitation,
+            model=model,
+            parameters=self.values(values),
+            sample_rate=self.sample_rate,
+            seed=self.seed,
+            body_sensor=sensor,
+            spool_sensor=sensor,
+        )
+        blocks = list(simulator.records(self.seconds))
+        body, spool = (
+            np.concatenate([getattr(block, channel) for block in blocks]).astype(np.float64)
+            for channel in ("body", "spool")
+        )
+        return Record("planned", blocks[0].stamp, blocks[0].sample_period, body, spool)
+
+
+def travel(record: Record) -> float:
+    """Return the largest way of the spool from its centre, m: the double integral from ``SLOWEST`` Hz on."""
+    relative = record.spool - record.body
+    frequency = np.fft.rfftfreq(relative.size, record.sample_period)
+    spectrum = np.fft.rfft(relative)
+    passed = frequency >= SLOWEST
+    way = np.zeros_like(spectrum)
+    way[passed] = -spectrum[passed] / (2.0 * np.pi * frequency[passed]) ** 2
+    return float(np.max(np.abs(np.fft.irfft(way, relative.size))))
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """Limit of what a record tells: the least ``value`` of a quantity, and what that means."""
+
+    quantity: str
+    value: float
+    unit: str
+    meaning: str
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """Answer to a question: parameters with standard deviations, the truth they were made with, a limit."""
+
+    parameters: tuple[Quantity, ...] = ()
+    truth: Mapping[str, float] | None = None
+    limit: Limit | None = None
+    reason: str | None = None
+    notes: tuple[str, ...] = ()
+
+
+def _fitted(
+    plan: Plan, model: Model, values: Mapping[str, float], start: Mapping[str, float] | None = None
+) -> tuple[Fit, dict[str, float]]:
+    truth = model.values_for(plan.valve, plan.values(values))
+    return fit([plan.record(model, values)], model, plan.valve, FitSettings(start=start or {})), truth
+
+
+def _smallest(
+    plan: Plan,
+    model: Model,
+    values_of: Callable[[float], dict[str, float]],
+    deviation_of: Callable[[Fit], float],
+) -> tuple[float | None, Fit, dict[str, float]]:
+    """Return the smallest size that is ``TOLD`` of its standard deviations, the fit there and its truth.
+
+    ``None`` where no size up to the force of inertia is told.
+    """
+    quiet = plan.record(load_model("fluid"), {}, noisy=False)
+    largest = plan.valve.moving_mass * float(np.sqrt(np.mean(quiet.spool**2)))
+    best: tuple[float | None, Fit, dict[str, float]]
+
+    def told(size: float) -> bool:
+        nonlocal best
+        found, truth = _fitted(plan, model, values_of(size))
+        deviation = math.nan if found.reason else deviation_of(found)
+        enough = bool(deviation * TOLD <= size)
+        if enough:
+            best = size, found, truth
+        elif best[0] is None:
+            best = None, found, truth
+        return enough
+
+    best = None, Fit(model, plan.valve.id, reason="nothing was tried"), {}
+    high = BEGIN * largest
+    if told(high):
+        low = next(
+            (size for size in (high / STRIDE**step for step in range(1, STEPS + 1)) if not told(size)), 0.0
+        )
+        high = best[0] or high
+    else:
+        low = high
+        high = next((size for size in (high * STRIDE, largest) if told(size)), 0.0)
+        if high == 0.0:
+            return best
+        low = high / STRIDE
+    for _ in range(HALVINGS if low > 0.0 else 0):
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if told(middle) else (middle, high)
+    return best
+
+
+def _change(plan: Plan, name: str, what: str) -> Answer:
+    found, truth = _fitted(plan, load_model("coulomb"), {})
+    if found.reason is not None:
+        return _answer(found, truth, None)
+    # Two records, each with its own error: the difference has sqrt(2) of it.
+    least = Z_95 * math.sqrt(2.0) * found.parameter(name).standard_deviation / truth[name]
+    meaning = f"smallest relative change of the {what} between two such records (95 %)"
+    return _answer(found, truth, Limit(f"relative_change_of_{name}", least, "1", meaning))
+
+
+def _sized(found: Fit, truth: Mapping[str, float], limit: Limit | None) -> Answer:
+    answer = _answer(found, truth, limit)
+    untold = "no size up to the spool's force of inertia"
+    return answer if limit is not None or answer.reason else replace(answer, reason=untold)
+
+
+def _answer(found: Fit, truth: Mapping[str, float], limit: Limit | None) -> Answer:
+    if found.reason is not None:
+        return Answer(truth=truth, limit=limit, reason=found.reason)
+    untold = [name for name in found.not_observable if name not in found.held]
+    reason = f"{', '.join(untold)}: such a record does not tell" if limit is None and untold else None
+    return Answer((*found.parameters, *found.combinations), truth, limit, reason)
+
+
+QUESTIONS: Mapping[str, Callable[[Plan], Answer]] = {
+    "coulomb_friction": coulomb_friction,
+    "stribeck_friction": stribeck_friction,
+    "mixed_friction": mixed_friction,
+    "viscous_coefficient": viscous_coefficient,
+    "spring_stiffness": spring_stiffness,
+    "end_stop": end_stop,
+}
+#: Answered by the gap workflow, effect by effect: see :mod:`.effects_named`.
+WHICH_EFFECT = "which_effect"
+
+#: Shares of the spool's acceleration (rms) that an effect changes, from plain to just above the least share
+#: that a verdict takes into account (0.0025, GapSettings.least_share).
+SHARES = (0.2, 0.05, 0.0125)
+#: What is tried where no effect is named: friction in two forms, drag, spring, stop.
+USUAL = ("coulomb_friction", "stribeck_friction", "quadratic_damping", "cubic_stiffness", "end_stop")
+#: Powers of 10 over a term's start values between which an amplitude is looked for, and halvings of it.
+RANGE, SHARE_HALVINGS = 5.0, 24
 
 
 def plan_record(
@@ -69,6 +334,59 @@ def plan_record(
     _show(result, answer, found)
     told = answer.limit is not None or (answer.parameters and answer.reason is None)
     return 0 if told or any(one.right for one in found) else 1
+
+
+def question(name: str) -> Callable[[Plan], Answer]:
+    """Return what answers the question ``name``.
+
+    Raises:
+        InputError: there is none of that name.
+    """
+    if name not in QUESTIONS:
+        raise InputError(
+            f"--question {name}: there is none of that name; there are {', '.join(QUESTIONS)}, {WHICH_EFFECT}"
+        )
+    return QUESTIONS[name]
+
+
+@dataclass(frozen=True, slots=True)
+class Named:
+    """What the gap workflow says of an effect that changes ``share`` of the spool's acceleration."""
+
+    effect: str
+    share: float
+    parameters: Mapping[str, float]
+    verdict: str
+    confidence: float
+
+    @property
+    def right(self) -> bool:
+        """Whether the verdict names the effect, and nothing else."""
+        return self.verdict == self.effect
+
+
+def named_effects(
+    plan: Plan, effects: Sequence[str], tell: Callable[[str, float], None] = lambda _what, _share: None
+) -> Iterator[Named]:
+    """Yield for each effect what is said of it, at falling shares until it is not named any more.
+
+    Raises:
+        InputError: no such effect, or one that two accelerometers cannot be simulated with.
+    """
+    base = load_model("fluid")
+    plain = plan.record(base, {}, noisy=False)
+    for place, name in enumerate(effects):
+        model, effect = _model(name), find_effect(name)
+        for step, share in enumerate(SHARES):
+            tell(name, (place + step / len(SHARES)) / len(effects))
+            values = _values_for_share(plan, effect, model, plain, share)
+            if values is None:
+                continue
+            result = analyse([plan.record(model, values)], plan.valve, base)
+            one = Named(name, share, values, result.verdict, result.confidence)
+            yield one
+            if not one.right:
+                break
 
 
 def _dictionary(
@@ -168,3 +486,49 @@ def _show(result: dict[str, Any], answer: Answer, found: Sequence[Named]) -> Non
 
 def _with_interval(one: Quantity) -> str:
     return with_interval(one.value, one.standard_deviation, one.unit)
+
+
+def _model(name: str) -> Model:
+    """Return the fluid model with the effect ``name``.
+
+    Raises:
+        InputError: no such effect, or one of the sensors, which is no force.
+    """
+    effect = find_effect(name)
+    if not effect.terms or not effect.fitted:
+        known = [one for one, entry in EFFECTS.items() if entry.terms and entry.fitted]
+        raise InputError(f"--effect {name}: it is no force; use one of {', '.join(known)}")
+    return Model(f"fluid_{name}", tuple(term(one) for one in dict.fromkeys((*FLUID, *effect.terms))))
+
+
+def _values_for_share(
+    plan: Plan, effect: Effect, model: Model, plain: Record, share: float
+) -> dict[str, float] | None:
+    """Return the effect's parameters where it changes ``share`` of the motion; ``None`` where none does."""
+    starts = {name: model.parameter(name).start_for(plan.valve) for name in effect.fitted}
+    reach = travel(plain)
+
+    def values(power: float) -> dict[str, float]:
+        if effect.id == "end_stop":
+            # A stop is as large as its place: nearer stops change more.
+            return {**starts, "stop_gap": reach * (1.0 - 1.0 / (1.0 + 10.0**-power))}
+        scale = 10.0**power
+        changed = {}
+        for name, start in starts.items():
+            limit = model.parameter(name)
+            wanted = (start or 1.0) * scale if name in effect.amplitudes else start
+            changed[name] = min(max(wanted, limit.low), limit.high)
+        return changed
+
+    def changes(power: float) -> float:
+        record = plan.record(model, values(power), noisy=False)
+        change = np.sqrt(np.mean((record.spool - plain.spool) ** 2) / np.mean(plain.spool**2))
+        return float(change) if math.isfinite(change) else math.inf
+
+    low, high = -RANGE, RANGE
+    if changes(high) < share or changes(low) > share:
+        return None
+    for _ in range(SHARE_HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if changes(middle) < share else (low, middle)
+    return values(high)

@@ -1,13 +1,14 @@
-"""Replay of a record: estimator and monitor, the cores of the live nodes, driven by the recorded blocks."""
+"""`./spool replay`: estimator and monitor over a record, their settings, and the result as JSON."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from spool_bag.format.metadata import rate_std
 from spool_bag.reading.information import MOST_STEPS
 from spool_bag.reading.timeline import Timeline, duration_of, step_text
@@ -15,11 +16,21 @@ from spool_core.block_run import BlockRun
 from spool_core.errors import InputError
 from spool_core.format.cdr import OilTemperature
 from spool_core.text.sentence import plural
+from spool_core.uncertainty import at_uncertain_rate
+from spool_estimator.estimate import Estimate
+from spool_estimator.estimator import phase_of, settings_for
+from spool_estimator.estimators import make_estimator
+from spool_estimator.gap_requests.gap_watch import GapWatch
 from spool_estimator.identification.record import Record
 from spool_estimator.identification.record_parts import PartKeeper
 from spool_estimator.plausibility import ValveCheck, check_rate
-from spool_estimator.refit import RefitSettings, WindowRefits
+from spool_estimator.refit import Refit, RefitSettings, WindowRefits
+from spool_estimator.stream_estimator import StreamEstimator
+from spool_monitor.detectors import JUDGEMENT_TEXTS, LIMITS, MonitorSettings, check_settings
+from spool_monitor.detectors.settings import BASELINE_TIME, NATURAL_FREQUENCY
 from spool_monitor.drift.drift_trace import DriftTrace
+from spool_monitor.events.event import Event
+from spool_monitor.health import Health
 from spool_monitor.history.state_file import valve_folder
 from spool_monitor.history.valve_state import ValveState
 from spool_monitor.monitor import Monitor
@@ -28,19 +39,102 @@ from spool_sim.model import load_model
 from spool_sim.valve.description import Valve
 
 from spool_tools.console.outputs import write_file
-from spool_tools.console.progress import progress
-from spool_tools.console.terminal import warn
-from spool_tools.input.record_loading import Source, open_source
-from spool_tools.input.record_span import span_of
-from spool_tools.input.table_source import TableSource
-from spool_tools.input.valve_choice import choose_valves
+from spool_tools.console.terminal import progress, warn
+from spool_tools.input.record_loading import ChosenValve, Source, choose_valves, open_source
+from spool_tools.input.record_sources import TableSource, span_of
 from spool_tools.report.provenance import sources
-from spool_tools.report.replay_dictionary import valve_dictionary
-
-from .replay_settings import SHIPPED, ReplaySettings, settings_from
 
 #: Samples of a valve that its evidence is drawn from at most.
 SHOWN = 400_000
+
+#: Parameters of the node `estimator` that change its estimates.
+ESTIMATING = ("forgetting", "memory", "low_cut", "high_cut", "minimum_excitation", "period")
+
+
+@dataclass(frozen=True, slots=True)
+class ReplaySettings:
+    """Settings of the replay of one valve: what differs from the shipped parameters, and why.
+
+    ``monitor`` and ``estimator`` hold parameters of these nodes by name; ``file`` is the parameter file that
+    they are from, empty where none was given.
+    """
+
+    monitor: Mapping[str, float] = field(default_factory=dict)
+    estimator: Mapping[str, Any] = field(default_factory=dict)
+    file: str = ""
+
+    def changed(self, *, method: str | None = None, baseline_time: float | None = None) -> ReplaySettings:
+        """Return these settings but for what is given: the estimator's method, the baseline's time (s)."""
+        estimator = self.estimator if method is None else {**self.estimator, "method": method}
+        monitor = self.monitor
+        if baseline_time is not None:
+            monitor = {**monitor, BASELINE_TIME.name: baseline_time}
+        return replace(self, monitor=monitor, estimator=estimator)
+
+    def limits(self, valve: Valve) -> MonitorSettings:
+        """Return the monitor's settings for ``valve``, whose frequency counts where no other is given."""
+        frequency = self.monitor.get(NATURAL_FREQUENCY.name) or valve.natural_frequency
+        return MonitorSettings(**{**self.monitor, NATURAL_FREQUENCY.name: frequency})
+
+    def make_estimator(self, valve: Valve, name: str) -> StreamEstimator:
+        """Return the estimator of ``valve`` in the namespace ``name``."""
+        changes = {key: value for key, value in self.estimator.items() if key in ESTIMATING}
+        method = self.estimator.get("method", "prediction")
+        return make_estimator(method, settings_for(valve, phase=phase_of(name), **changes))
+
+    def make_gap_watch(self) -> GapWatch:
+        """Return what watches the residual."""
+        return GapWatch(**{key: value for key, value in self.estimator.items() if key == "gap_growth"})
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what `replay --json` has of the settings: source, sentence, each limit with its unit."""
+        return {
+            "source": self.file or "shipped",
+            "sentence": self.sentence(),
+            "values": {
+                name: {
+                    "value": self.monitor.get(name, limit.default),
+                    "unit": limit.unit,
+                    "shipped": limit.default,
+                }
+                for name, limit in LIMITS.items()
+                if name != NATURAL_FREQUENCY.name or name in self.monitor
+            },
+            "estimator": dict(self.estimator),
+        }
+
+    @property
+    def source(self) -> str:
+        """Where the limits are from."""
+        return f"limits of {self.file}" if self.file else "limits as shipped"
+
+    def sentence(self) -> str:
+        """Return which limits the monitor judged by, in words."""
+        limits = [(LIMITS[name], value) for name, value in self.monitor.items()]
+        changed = [
+            f"{limit.name} {_shown(value, limit.unit)} (shipped: {_shown(limit.default, limit.unit)})"
+            for limit, value in limits
+            if value != limit.default
+        ]
+        changed += [f"the estimator's {name} {value}" for name, value in self.estimator.items()]
+        if not self.file:
+            return f"{self.source}{', except ' if changed else ''}{', '.join(changed)}"
+        if changed:
+            return f"{self.source}: {', '.join(changed)}; all others as shipped"
+        if self.monitor:
+            return f"{self.source}, the same as shipped"
+        return f"limits as shipped: {self.file} has none for this valve's monitor"
+
+
+def _shown(value: float, unit: str) -> str:
+    return f"{value:g}" if unit in ("", "1") else f"{value:g} {unit}"
+
+
+#: Settings of a replay that is given none.
+SHIPPED = ReplaySettings()
+
+#: ns by which an event's stamp may lie before that of the one before it.
+ORDER = 10_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,40 +222,6 @@ def replay_bag(
     return result
 
 
-def _write_report(
-    file: Path,
-    result: Mapping[str, Any],
-    replayed: Sequence[tuple[str, Valve, Replay, list[Record]]],
-    first: int,
-    path: Path,
-) -> None:
-    """Write the page of a replay; libraries that draw are loaded here."""
-    from spool_tools.report.evidence.of_replay import Replayed, replay_exhibits  # noqa: PLC0415
-    from spool_tools.report.replay_page import replay_page  # noqa: PLC0415
-
-    with progress("drawing"):
-        evidence = {}
-        for name, valve, one, records in replayed:
-            trace, latest = one.trace or DriftTrace(), one.estimator.latest
-            shown = Replayed(name, valve, records, trace, one.events, latest, one.refitted, first)
-            evidence[name] = replay_exhibits(shown)
-        write_file(file, replay_page(result, evidence, sources([path])), "--report")
-
-
-def _warnings(reader: Source, times: Mapping[str, Timeline]) -> list[str]:
-    """Return what is not as it should be in the record itself, one line each."""
-    told = list(reader.warnings)
-    for name, timeline in times.items():
-        told += [step_text(name, step) for step in timeline.steps[:MOST_STEPS]]
-    left_out = {} if isinstance(reader, TableSource) else reader.undecodable
-    told += [
-        f"{topic}: {plural(count, 'message')} left out: the bytes do not fit the type; "
-        "`./spool recover` makes a bag without them"
-        for topic, count in left_out.items()
-    ]
-    return told
-
-
 def check_of_record(path: Path, valve: Valve, name: str | None, columns: str | None) -> ValveCheck | None:
     """Return what a record shows of ``valve``: the check of a replay of its valve ``name``, or its only one.
 
@@ -235,6 +295,127 @@ def replay_valve(
     return one
 
 
+def settings_from(file: Path | None, name: str) -> ReplaySettings:
+    """Return the settings that the parameter file ``file`` gives the nodes in the namespace ``name``.
+
+    Raises:
+        InputError: the nodes would refuse the file.
+    """
+    if file is None:
+        return SHIPPED
+    # The nodes' own tables, which need ROS.
+    from spool_core.node.managed_node import AUTOSTART  # noqa: PLC0415
+    from spool_core.node.parameters import read_parameters  # noqa: PLC0415
+    from spool_estimator.node.estimator_node import EstimatorNode  # noqa: PLC0415
+    from spool_monitor.node.monitor_node import MonitorNode  # noqa: PLC0415
+
+    space = f"/{name.strip('/')}"
+    monitor = read_parameters(file, f"{space}/monitor", (AUTOSTART, *MonitorNode.PARAMETERS))
+    estimator = read_parameters(file, f"{space}/estimator", (AUTOSTART, *EstimatorNode.PARAMETERS))
+    limits = {key: value for key, value in monitor.items() if key in LIMITS and isinstance(value, float)}
+    try:
+        check_settings(MonitorSettings(**limits))
+    except InputError as error:
+        raise InputError(f"{file}: {space}/monitor: {error}") from None
+    own = {key: estimator[key] for key in ("method", *ESTIMATING, "gap_growth") if key in estimator}
+    defaults = {parameter.name: parameter.default for parameter in EstimatorNode.PARAMETERS}
+    return ReplaySettings(
+        limits, {key: value for key, value in own.items() if value != defaults[key]}, str(file)
+    )
+
+
+@dataclass(slots=True)
+class Clock:
+    """Clock of a record: time since its first stamp, across the steps of a clock that was set.
+
+    Attributes:
+        timeline: of the valve.
+        first: the record's first stamp, ns.
+    """
+
+    timeline: Timeline
+    first: int
+    _told: int = 0
+
+    def since(self, stamp: int) -> float:
+        """Return the time (s) of ``stamp`` (ns); stamps come in the order in which they were told."""
+        if not self.timeline.spans:
+            return (stamp - self.first) * 1e-9
+        passed = self.timeline.since(stamp, self._told)
+        self._told = max(self._told, passed - ORDER)
+        return (passed + self.timeline.spans[0].first - self.first) * 1e-9
+
+
+def valve_dictionary(
+    one: Replay,
+    timeline: Timeline,
+    first: int,
+    chosen: ChosenValve,
+    limits: Mapping[str, Any],
+    warnings: Sequence[str],
+    rate_std: float = 0.0,
+) -> dict[str, Any]:
+    """Return the entry of one valve in ``replay --json``.
+
+    Args:
+        one: its replay.
+        timeline: of its blocks.
+        first: the record's first stamp, ns.
+        chosen: its description and where that came from.
+        limits: that the monitor judged by, and where they came from.
+        warnings: about it.
+        rate_std: relative standard deviation of the record's sampling rate, which enters those of parameters.
+    """
+    gate = one.estimator.gate
+    events, refits = Clock(timeline, first), Clock(timeline, first)
+    return {
+        "blocks": gate.accepted,
+        "lost_blocks": gate.lost,
+        "samples": one.samples,
+        "estimate": _estimate(one.estimator.latest, rate_std),
+        "health": _health(one.monitor.health),
+        "events": [_event(event, events) for event in one.events],
+        **({} if one.refits is None else {"refits": [_refit(found, refits) for found in one.refitted]}),
+        "valve": _chosen(chosen),
+        "limits": dict(limits),
+        "warnings": list(warnings),
+    }
+
+
+def _write_report(
+    file: Path,
+    result: Mapping[str, Any],
+    replayed: Sequence[tuple[str, Valve, Replay, list[Record]]],
+    first: int,
+    path: Path,
+) -> None:
+    """Write the page of a replay; libraries that draw are loaded here."""
+    from spool_tools.report.evidence.collection import Replayed, replay_exhibits  # noqa: PLC0415
+    from spool_tools.report.replay_page import replay_page  # noqa: PLC0415
+
+    with progress("drawing"):
+        evidence = {}
+        for name, valve, one, records in replayed:
+            trace, latest = one.trace or DriftTrace(), one.estimator.latest
+            shown = Replayed(name, valve, records, trace, one.events, latest, one.refitted, first)
+            evidence[name] = replay_exhibits(shown)
+        write_file(file, replay_page(result, evidence, sources([path])), "--report")
+
+
+def _warnings(reader: Source, times: Mapping[str, Timeline]) -> list[str]:
+    """Return what is not as it should be in the record itself, one line each."""
+    told = list(reader.warnings)
+    for name, timeline in times.items():
+        told += [step_text(name, step) for step in timeline.steps[:MOST_STEPS]]
+    left_out = {} if isinstance(reader, TableSource) else reader.undecodable
+    told += [
+        f"{topic}: {plural(count, 'message')} left out: the bytes do not fit the type; "
+        "`./spool recover` makes a bag without them"
+        for topic, count in left_out.items()
+    ]
+    return told
+
+
 def _take_run(one: Replay, run: BlockRun, timeline: Timeline | None, parts: PartKeeper | None) -> None:
     """Let a replay, and those who are told the blocks, take ``run``."""
     if timeline is not None:
@@ -243,3 +424,69 @@ def _take_run(one: Replay, run: BlockRun, timeline: Timeline | None, parts: Part
         for block in run.blocks():
             parts.take(block)
     one.update_run(run)
+
+
+def _chosen(chosen: ChosenValve) -> dict[str, Any]:
+    """Return which valve a replay took."""
+    return {
+        "id": chosen.valve.id,
+        "source": chosen.source,
+        "file": chosen.file or None,
+        "moving_mass_kg": chosen.valve.moving_mass,
+        "natural_frequency_Hz": chosen.valve.natural_frequency,
+        "sentence": chosen.sentence(),
+    }
+
+
+def _refit(found: Refit, clock: Clock) -> dict[str, Any]:
+    return {
+        "t_s": clock.since(found.stamp),
+        "model": found.model,
+        "state": found.state.name.lower(),
+        "reason": found.reason,
+        "parameters": {quantity.name: quantity.to_dict() for quantity in found.parameters},
+        "fitted": list(found.fitted),
+        "correlations": np.reshape(found.correlations, (len(found.fitted),) * 2).tolist(),
+        "objective": found.objective.value,
+        "amplitude_ratio": found.amplitude_ratio.value,
+        "nrmse": found.nrmse.value,
+    }
+
+
+def _health(health: Health) -> dict[str, Any]:
+    """Return the last judgement; what could not be judged is said by detector."""
+    return {
+        "level": health.level.name.lower(),
+        "baseline": health.baseline.text,
+        "summary": health.summary,
+        "judgements": {name: JUDGEMENT_TEXTS[judgement] for name, judgement in health.judgements},
+    }
+
+
+def _estimate(estimate: Estimate | None, rate_std: float) -> dict[str, Any]:
+    if estimate is None:
+        nothing = dict.fromkeys(("model", "state", "natural_frequency_Hz", "damping_ratio", "nrmse"))
+        return {**nothing, "parameters": {}}
+    return {
+        "model": estimate.model,
+        "state": estimate.state.name.lower(),
+        "parameters": {
+            quantity.name: at_uncertain_rate(quantity, rate_std).to_dict() for quantity in estimate.parameters
+        },
+        "natural_frequency_Hz": estimate.natural_frequency.value,
+        "damping_ratio": estimate.damping_ratio.value,
+        "nrmse": estimate.residual.value,
+    }
+
+
+def _event(event: Event, clock: Clock) -> dict[str, Any]:
+    return {
+        "t_s": clock.since(event.stamp),
+        "kind": event.kind,
+        "state": event.state.name.lower(),
+        "severity": event.severity.name.lower(),
+        "cause": event.cause or None,
+        "value": event.quantity.value,
+        "unit": event.quantity.unit,
+        "message": event.message,
+    }

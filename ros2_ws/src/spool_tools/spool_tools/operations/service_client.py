@@ -1,21 +1,59 @@
-"""Client of the services of a valve's nodes, for commands: meets the node, asks once, waits in bounds."""
+"""Calls to the services of running nodes: parameters, baselines, snapshots, the gap analysis."""
 
 from __future__ import annotations
 
 import getpass
+import json
+import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import rclpy
 from lifecycle_msgs.srv import GetState
+from rcl_interfaces.msg import Parameter, ParameterDescriptor, ParameterType, ParameterValue
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParametersAtomically
 from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from rich.console import Console
+from rich.table import Table
 from spool_bag.names import check_valve
 from spool_core.errors import InputError
+from spool_core.files.yaml_file import YamlError, load_yaml
+from spool_core.node import qos
+from spool_core.node.parameters import BUILT_IN
+from spool_core.text.suggestion import did_you_mean
+from spool_core.uncertainty import LEGEND, PLUS_MINUS, interval
+from spool_msgs.msg import GapAnalysis
+from spool_msgs.srv import ManageBaseline, TakeSnapshot
+from std_srvs.srv import Trigger
+
+from spool_tools.console.outputs import write_file
 
 #: s that a running node may take to be found and to answer.
 PATIENCE = 5.0
+
+#: Field of a value and Python type, by the type of a parameter.
+_FIELDS: dict[int, tuple[str, type, str]] = {
+    ParameterType.PARAMETER_BOOL: ("bool_value", bool, "true or false"),
+    ParameterType.PARAMETER_INTEGER: ("integer_value", int, "a whole number"),
+    ParameterType.PARAMETER_DOUBLE: ("double_value", float, "a number"),
+    ParameterType.PARAMETER_STRING: ("string_value", str, "text"),
+    ParameterType.PARAMETER_STRING_ARRAY: ("string_array_value", list, "a list of texts, e.g. [a, b]"),
+}
+
+#: Actions by the words of the command line.
+ACTIONS = {
+    "show": ManageBaseline.Request.SHOW,
+    "learn": ManageBaseline.Request.LEARN,
+    "freeze": ManageBaseline.Request.FREEZE,
+    "restore": ManageBaseline.Request.RESTORE,
+}
+
+#: s that an analysis of the last minute may take: twice its bound on one core, with others working besides.
+LONGEST = 300.0
 
 
 @contextmanager
@@ -85,6 +123,125 @@ def who_asks(given: str) -> str:
         raise InputError("--who: say who does this") from error
 
 
+def list_parameters(valve: str, name: str, only: str | None = None) -> None:
+    """Print the parameters of the node ``name`` of ``valve``, or the one called ``only``.
+
+    Raises:
+        InputError: no such node answers, or it has no such parameter.
+    """
+    server = f"{valve}/{name}"
+    with client_node("spool_param", valve) as node:
+        names = _names(node, server)
+        if only is not None:
+            _check(server, only, names)
+            names = [only]
+        values, descriptors = _values(node, server, names)
+    table = Table("parameter", "value", "range", "meaning", box=None, pad_edge=False)
+    for value, descriptor in zip(values, descriptors, strict=True):
+        table.add_row(
+            descriptor.name, _text(value), _range(descriptor),
+            "; ".join(filter(None, (descriptor.description, descriptor.additional_constraints))),
+        )  # fmt: skip
+    console = Console(highlight=False, markup=False)
+    (console if console.is_terminal else Console(highlight=False, markup=False, width=200)).print(table)
+
+
+def set_parameters(valve: str, name: str, changes: Sequence[str]) -> None:
+    """Set parameters of the node ``name`` of ``valve``, ``changes`` being NAME=VALUE each, all or none.
+
+    Raises:
+        InputError: no such node answers, a change cannot be read, or the node refuses; its reason is given.
+    """
+    server = f"{valve}/{name}"
+    wanted = dict(_split(change) for change in changes)
+    with client_node("spool_param", valve) as node:
+        names = _names(node, server)
+        for one in wanted:
+            _check(server, one, names)
+        before, _ = _values(node, server, list(wanted))
+        request = SetParametersAtomically.Request(
+            parameters=[
+                Parameter(name=one, value=_read(one, text, old.type))
+                for (one, text), old in zip(wanted.items(), before, strict=True)
+            ]
+        )
+        result = call(node, server, "set_parameters_atomically", request, SetParametersAtomically).result
+        if not result.successful:
+            raise InputError(f"{server}: {' '.join(result.reason.split())}")
+        after, _ = _values(node, server, list(wanted))
+    for one, old, new in zip(wanted, before, after, strict=True):
+        print(f"{server}: {one} was {_text(old)}, is {_text(new)}")
+    print("This holds until the node ends. Write it to the node's parameter file to keep it.")
+
+
+def manage_baseline(valve: str, action: str, *, version: int = 0, who: str = "", comment: str = "") -> None:
+    """Do ``action`` (of ``ACTIONS``) with the baseline of ``valve`` and print what there is then.
+
+    Raises:
+        InputError: no monitor answers, or it refuses; its reason is given.
+    """
+    request = ManageBaseline.Request(
+        action=ACTIONS[action],
+        version=version,
+        who="" if action == "show" else who_asks(who),
+        comment=comment,
+    )
+    with client_node("spool_baseline", valve) as node:
+        answer = call(node, f"{valve}/monitor", "manage_baseline", request, ManageBaseline)
+    if not answer.success:
+        raise InputError(f"{valve}: {answer.reason}")
+    _show(valve, answer)
+
+
+def take_snapshot(valve: str, *, who: str, comment: str) -> None:
+    """Ask the recorder for a snapshot of ``valve`` and say that it began.
+
+    Raises:
+        InputError: no recorder answers, or it refuses; its reason is given.
+    """
+    request = TakeSnapshot.Request(valve=valve, who=who_asks(who), comment=comment)
+    with client_node("spool_snapshot", valve) as node:
+        answer = call(node, "recorder", "take_snapshot", request, TakeSnapshot)
+    if not answer.success:
+        raise InputError(answer.reason)
+    print(f"{valve}: the snapshot is being recorded; its bag is made when the time after it is over")
+
+
+def analyse_live(valve: str, json_file: Path | None) -> None:
+    """Ask the estimator of ``valve`` what its model lacks, and print the answer.
+
+    Args:
+        valve: namespace.
+        json_file: takes everything, as `gap --json` writes it.
+
+    Raises:
+        InputError: no estimator answers, it refuses, or the analysis fails; the reason is given.
+    """
+    with client_node("spool_analyse", valve) as node:
+        heard: list[GapAnalysis] = []
+        node.create_subscription(GapAnalysis, f"/{valve}/gap", heard.append, qos.state())
+        answer = call(node, f"{valve}/estimator", "analyse_gap", Trigger.Request(), Trigger)
+        if not answer.success:
+            raise InputError(f"{valve}: {answer.message}")
+        print(f"{valve}: {answer.message}", flush=True)
+        # The last answer is latched: what was heard until now is an earlier one.
+        earlier = {_stamp(one) for one in heard}
+        until(
+            node,
+            lambda: any(_stamp(one) not in earlier for one in heard),
+            f"{valve}/estimator",
+            patience=LONGEST,
+        )
+        found = next(one for one in reversed(heard) if _stamp(one) not in earlier)
+    if found.state != GapAnalysis.STATE_DONE:
+        raise InputError(f"{valve}: {found.sentence}")
+    if json_file is not None:
+        text = json.dumps(json.loads(found.json), indent=2) + "\n"
+        write_file(json_file, text, "--json")
+    print(f"{found.verdict}  (confidence {found.confidence.value:.2f}, of the last {found.window:.0f} s)")
+    print(found.sentence)
+
+
 def _meet(node: Node, server: str) -> None:
     """Ask for its state until the node answers: it drops answers to clients that it does not know yet.
 
@@ -102,3 +259,80 @@ def _meet(node: Node, server: str) -> None:
         return any(future.done() for future in futures)
 
     until(node, answered, server)
+
+
+def _split(change: str) -> tuple[str, str]:
+    name, mark, text = change.partition("=")
+    name, text = name.strip().removesuffix(":"), text.strip()
+    if not (mark and name and text):
+        raise InputError(f"{change}: write NAME=VALUE, e.g. coulomb_change=0.2")
+    return name, text
+
+
+def _names(node: Node, server: str) -> list[str]:
+    """Return the names of the node's own parameters."""
+    names = call(node, server, "list_parameters", ListParameters.Request(), ListParameters).result.names
+    return sorted(one for one in names if one.split(".")[0] not in BUILT_IN)
+
+
+def _check(server: str, name: str, names: Sequence[str]) -> None:
+    if name not in names:
+        instead = did_you_mean(name, names) or f"; it has: {', '.join(names)}"
+        raise InputError(f"{server}: no parameter {name}{instead}")
+
+
+def _values(
+    node: Node, server: str, names: Sequence[str]
+) -> tuple[list[ParameterValue], list[ParameterDescriptor]]:
+    values = call(node, server, "get_parameters", GetParameters.Request(names=names), GetParameters).values
+    request = DescribeParameters.Request(names=names)
+    return values, call(node, server, "describe_parameters", request, DescribeParameters).descriptors
+
+
+def _read(name: str, text: str, kind: int) -> ParameterValue:
+    """Return ``text`` as a value of the type ``kind``, as ROS 2 reads it."""
+    if kind not in _FIELDS:
+        raise InputError(f"{name}: parameters of this type are set in the parameter file only")
+    attribute, wanted, meant = _FIELDS[kind]
+    try:
+        value: Any = text if wanted is str else float(text) if wanted is float else load_yaml(text)
+    except (ValueError, YamlError):
+        value = None
+    texts = not isinstance(value, list) or all(isinstance(one, str) for one in value)
+    if type(value) is not wanted or not texts:
+        raise InputError(f"{name}={text}: give {meant}")
+    return ParameterValue(type=kind, **{attribute: value})
+
+
+def _text(value: ParameterValue) -> str:
+    return str(parameter_value_to_python(value))
+
+
+def _range(descriptor: ParameterDescriptor) -> str:
+    for one in (*descriptor.floating_point_range, *descriptor.integer_range):
+        return f"{one.from_value:g} to {one.to_value:g}"
+    return ""
+
+
+def _show(valve: str, answer: ManageBaseline.Response) -> None:
+    console = Console(highlight=False)
+    console = console if console.is_terminal else Console(highlight=False, width=140)
+    words = [f"{valve}: baseline version {answer.version}, {answer.stage}"]
+    words += [f"of {answer.valve_id}"] if answer.valve_id else []
+    words += [f"oil {answer.oil}"] if answer.oil else []
+    low, high = answer.temperature
+    words += [f"learned at {low:.1f} to {high:.1f} deg C"] if math.isfinite(low) else []
+    words += [f"confirmed by {answer.frozen_by}"] if answer.frozen_by else []
+    console.print(", ".join(words), markup=False, soft_wrap=True)
+    if not answer.values:
+        return
+    table = Table("parameter", "value", PLUS_MINUS, "unit", "estimates", box=None, pad_edge=False)
+    for quantity, count in zip(answer.values, answer.counts, strict=True):
+        shown = interval(quantity.value, quantity.standard_deviation)
+        table.add_row(quantity.name, shown.value, shown.half_width, quantity.unit, str(count))
+    console.print(table)
+    console.print(f"{LEGEND}, of a single estimate", markup=False, soft_wrap=True)
+
+
+def _stamp(message: GapAnalysis) -> tuple[int, int]:
+    return message.header.stamp.sec, message.header.stamp.nanosec

@@ -1,29 +1,39 @@
-"""Simulation of one valve into a bag."""
+"""`./spool simulate`: one valve into a bag, excited by a preset or by what a record holds."""
 
 from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Annotated, Literal
 
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE
+from spool_bag.format.metadata import is_bag_file
 from spool_bag.names import check_valve
+from spool_bag.reading.reader import BagReader
 from spool_bag.recording.writer import BagWriter
+from spool_core.block_gate import BlockGate, Verdict
 from spool_core.errors import InputError
 from spool_core.format.cdr import OilTemperature, encode_block, encode_temperature
 from spool_core.text.sentence import plural
-from spool_sim.excitation.kinds import Recorded
+from spool_sim.excitation.kinds import Excitation, Recorded, load_excitation
+from spool_sim.excitation.presets import PRESETS
+from spool_sim.files.validation import one_line, read_mapping
 from spool_sim.sensors import Sensor, Sensors, load_sensors
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
 
 from spool_tools.console.outputs import making_room
-from spool_tools.console.progress import progress
-from spool_tools.input.bag_valve import VALVE_DESCRIPTION, encode_valve
-from spool_tools.input.recorded_excitation import find_excitation
+from spool_tools.console.terminal import progress
+from spool_tools.input.record_sources import VALVE_DESCRIPTION, encode_valve, is_table, record_of_table
 
 #: 2025-01-01 UTC: a simulated record has no time of its own.
 SIMULATION_START = 1_735_689_600_000_000_000
 SIMULATION_SECONDS = 40.0
+
+Array = NDArray[np.float64]
 
 
 def simulate(
@@ -96,6 +106,45 @@ def simulate(
     print(f"{out}: {plural(count, 'block')} of {valve_id} in /{name}, {seconds:g} s at {sample_rate:g} Hz")
 
 
+def find_excitation(name: str) -> Excitation:
+    """Return the excitation ``name``: a preset, a YAML file of any kind, a bag or a logger's file.
+
+    Raises:
+        InputError: nothing of that name, or what is there cannot be used; file and place are named.
+    """
+    path = Path(name)
+    if name in PRESETS:
+        return PRESETS[name]
+    if path.is_dir() or is_bag_file(path) or is_table(path):
+        return recorded_excitation(path)
+    if path.is_file():
+        mapping = read_mapping(path, "excitation")
+        if mapping.get("kind") == "recorded":
+            try:
+                found = _RecordFile.model_validate(mapping)
+            except ValidationError as error:
+                raise one_line(error, name, tuple(_RecordFile.model_fields)) from None
+            return recorded_excitation(path.parent / found.file, found.valve, found.soft_start)
+    return load_excitation(name)
+
+
+def recorded_excitation(path: Path, valve: str | None = None, soft_start: float = 0.0) -> Recorded:
+    """Return the body acceleration of ``valve`` in the bag or file ``path``.
+
+    Args:
+        path: rosbag2 directory, .mcap, any file that `import` reads.
+        valve: namespace in the bag; may be left out where there is one.
+        soft_start: s over which the record is faded in.
+
+    Raises:
+        InputError: unreadable, no such valve, several valves and none named, or samples are missing.
+    """
+    samples, period = _from_table(path) if is_table(path) else _from_bag(path, valve)
+    if samples.size < 2:
+        raise InputError(f"{path}: {samples.size} samples are too few for an excitation")
+    return Recorded(samples=samples, sample_rate=1.0 / period, source=str(path), soft_start=soft_start)
+
+
 def _temperatures(text: str | None) -> tuple[float, ...]:
     if text is None:
         return ()
@@ -106,3 +155,52 @@ def _temperatures(text: str | None) -> tuple[float, ...]:
     if not 1 <= len(values) <= 2 or not all(map(math.isfinite, values)):
         raise InputError(f"--oil-temperature {text!r}: write it like 40, or 20:60 for oil that warms")
     return values
+
+
+class _RecordFile(BaseModel):
+    """File of kind ``recorded``: its ``file`` lies next to it, or anywhere by its full path."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    kind: Literal["recorded"]
+    file: Path
+    valve: str | None = None
+    soft_start: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
+
+
+def _from_table(path: Path) -> tuple[Array, float]:
+    record = record_of_table(path)
+    if record.gaps.size:
+        raise InputError(
+            f"{path}: samples are missing before {record.time[record.gaps[0]]:g} s; cut the record there"
+        )
+    return record.columns["body_m_s2"], record.period
+
+
+def _from_bag(path: Path, valve: str | None) -> tuple[Array, float]:
+    reader = BagReader(path)
+    if valve is None:
+        if len(reader.valves) != 1:
+            known = ", ".join(reader.valves) or "none"
+            raise InputError(
+                f"{path}: its valves are {known}; name one in a YAML file: "
+                f"{{kind: recorded, file: {path}, valve: NAME}}"
+            )
+        valve = reader.valves[0]
+    gate = BlockGate()
+    parts: list[NDArray[np.float32]] = []
+    first, period = 0, 1.0
+    for block in reader.blocks(valve):
+        verdict = gate.judge(block)
+        if not parts:
+            first, period = block.stamp, block.sample_period
+        if verdict is Verdict.REFUSED or (parts and verdict is not Verdict.CONTINUES):
+            reason = ", ".join(fault.value for fault in gate.faults)
+            raise InputError(
+                f"{path}: /{valve}/acceleration: {reason} at {(block.stamp - first) * 1e-9:.3f} s: "
+                "an excitation needs a record without gaps"
+            )
+        parts.append(block.body)
+    if not parts:
+        return np.empty(0), period
+    return np.concatenate(parts).astype(np.float64), period

@@ -1,15 +1,17 @@
-"""Valve file from a data sheet: numbers with their units, what follows from them, and the file's text."""
+"""Valve file from a data sheet: numbers with units, what follows from them, and the text of the file."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from spool_core.errors import InputError
 from spool_core.text.suggestion import did_you_mean
-from spool_sim.valve.description import Valve, valve_from_mapping
+from spool_sim.sensors import PAPER_CHAIN
+from spool_sim.valve.description import FILM, Valve, valve_from_mapping
+from spool_sim.valve.lubrication import fluid_friction_coefficient
 from spool_sim.valve.viscosity import DENSITY, OILS
 
 #: One of each unit in SI, by kind of number; the first one is what a number without a unit has.
@@ -63,6 +65,25 @@ _OTHERWISE = {
     "spring_rate": "spring_stiffness",
     "natural_frequency": "spring_stiffness",
 }
+
+#: Unit, meaning, and who needs the key where it may be left out.
+_COMMENTS: Mapping[str, tuple[str, str]] = {
+    "id": ("", "name of the valve, sent with its data"),
+    "moving_mass": ("kg", "spool + oil + 1/3 of the springs; scales every force"),
+    "spool_mass": ("kg", "spool alone"),
+    "spring_stiffness": ("N/m", "both centring springs together"),
+    "land_diameter": ("m", "sealing land; with the three below: the drag, for simulate"),
+    "land_length": ("m", "all sealing lands together"),
+    "radial_clearance": ("m", "gap between spool and bore"),
+    "dynamic_viscosity": ("Pa s", "at oil_temperature"),
+    "oil": ("", "viscosity by temperature: wear is told from warm oil"),
+    "oil_temperature": ("deg C", "at which dynamic_viscosity holds"),
+}
+
+#: m/s, a spool at 60 Hz with a stroke of 9 mm exceeds it on average: the paper's conclusions.
+SPEED = 0.5
+#: m/s^2, standard gravity (ISO 80000-3).
+GRAVITY = 9.80665
 
 
 def number_of(question: Question, text: str) -> float:
@@ -160,6 +181,54 @@ def described(answers: Mapping[str, str]) -> tuple[Valve, dict[str, str]]:
     return valve_from_mapping(mapping, "valve new"), how
 
 
+def file_text(valve: Valve, how: Mapping[str, str]) -> str:
+    """Return the YAML file of ``valve`` with a comment to each line; what is not known is left to fill in."""
+    given: dict[str, object] = {"id": valve.id, **valve.given, **({"oil": valve.oil} if valve.oil else {})}
+    lines = ["# Valve, by `./spool valve new`. SI units; `./spool valve check` says what looks wrong."]
+    for key, (unit, meaning) in _COMMENTS.items():
+        entry = f"{key}: {given[key]!r}".replace("'", "") if key in given else f"# {key}:"
+        origin = f" ({how[key]})" if key in how else ""
+        lines.append(f"{entry:<30} # {', '.join(part for part in (unit, meaning) if part)}{origin}")
+    return "\n".join(lines) + "\n"
+
+
+def quantities(valve: Valve) -> Iterator[str]:
+    """Yield a line for each quantity of ``valve``: name, value, unit and meaning."""
+    yield f"valve {valve.id}"
+    yield f"undamped natural frequency: {valve.natural_frequency:.4g} Hz"
+    lacking = [name for name in (*FILM, "oil_temperature") if not valve.knows(name)]
+    if lacking:
+        yield f"not given: {', '.join(lacking)}: fits need none of them, a simulation and the drag do"
+        return
+    yield f"damping ratio: {valve.damping_ratio:.3g}, of the oil alone"
+    yield f"viscous coefficient: {valve.viscous_coefficient:.4g} N s/m at {valve.oil_temperature:g} deg C"
+    if valve.knows("spool_mass"):
+        yield (
+            f"fluid friction coefficient, equation (6): {friction_coefficient(valve):.3g} at {SPEED:g} m/s "
+            "under the spool's weight: Newton's drag over the normal load"
+        )
+    yield (
+        f"lambda: gap height over combined rms roughness; {valve.radial_clearance / 3.0 * 1e6:.3g} um of "
+        f"roughness is the limit of fluid friction (3), {valve.radial_clearance * 1e6:.3g} um that of mixed "
+        "friction (1)"
+    )
+    yield (
+        "largest error of a measured acceleration, equation (31): "
+        f"{100.0 * PAPER_CHAIN.relative_uncertainty:.3g} % of the reading with the paper's measuring chain"
+    )
+
+
+def friction_coefficient(valve: Valve) -> float:
+    """Return the fluid friction coefficient of ``valve`` at SPEED under its spool's weight, equation (6)."""
+    return fluid_friction_coefficient(
+        dynamic_viscosity=valve.dynamic_viscosity,
+        speed=SPEED,
+        area=math.pi * valve.land_diameter * valve.land_length,
+        normal_load=valve.spool_mass * GRAVITY,
+        film_thickness=valve.radial_clearance,
+    )
+
+
 def _add_mass(numbers: dict[str, float], how: dict[str, str]) -> None:
     if "moving_mass" in numbers:
         return
@@ -191,29 +260,3 @@ def _add_stiffness(numbers: dict[str, float], how: dict[str, str]) -> None:
             "valve new: the stiffness is missing: give --spring-stiffness, --spring-rate or "
             "--natural-frequency"
         )
-
-
-#: Unit, meaning, and who needs the key where it may be left out.
-_COMMENTS: Mapping[str, tuple[str, str]] = {
-    "id": ("", "name of the valve, sent with its data"),
-    "moving_mass": ("kg", "spool + oil + 1/3 of the springs; scales every force"),
-    "spool_mass": ("kg", "spool alone"),
-    "spring_stiffness": ("N/m", "both centring springs together"),
-    "land_diameter": ("m", "sealing land; with the three below: the drag, for simulate"),
-    "land_length": ("m", "all sealing lands together"),
-    "radial_clearance": ("m", "gap between spool and bore"),
-    "dynamic_viscosity": ("Pa s", "at oil_temperature"),
-    "oil": ("", "viscosity by temperature: wear is told from warm oil"),
-    "oil_temperature": ("deg C", "at which dynamic_viscosity holds"),
-}
-
-
-def file_text(valve: Valve, how: Mapping[str, str]) -> str:
-    """Return the YAML file of ``valve`` with a comment to each line; what is not known is left to fill in."""
-    given: dict[str, object] = {"id": valve.id, **valve.given, **({"oil": valve.oil} if valve.oil else {})}
-    lines = ["# Valve, by `./spool valve new`. SI units; `./spool valve check` says what looks wrong."]
-    for key, (unit, meaning) in _COMMENTS.items():
-        entry = f"{key}: {given[key]!r}".replace("'", "") if key in given else f"# {key}:"
-        origin = f" ({how[key]})" if key in how else ""
-        lines.append(f"{entry:<30} # {', '.join(part for part in (unit, meaning) if part)}{origin}")
-    return "\n".join(lines) + "\n"

@@ -18,7 +18,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from spool_estimator.identification.fit_result import Agreement
 
-from .drawing.palette import DARK, MEASURED, STYLES, WIDTH
+from spool_tools.report.evidence.exhibit import DARK, MEASURED, STYLES, WIDTH
+
 from .fit_curves import Excerpt, FrictionCurve, Overlay
 
 Array = NDArray[np.float64]

@@ -9,8 +9,7 @@ from pathlib import Path
 
 from spool_sim.valve.description import Valve
 
-from spool_tools.console.outputs import command_line
-from spool_tools.console.version import suite_version
+from spool_tools.console.outputs import command_line, suite_version
 
 #: Files of one bag whose checksums are shown at most.
 MOST_FILES = 20

@@ -1,4 +1,4 @@
-"""Ranking of models: which one the data prefer, by how much, and which they cannot distinguish.
+"""Ranking of models: each fitted and validated, and which one the data prefer.
 
 Models are compared where sampling lets them be: a jump of dry friction between two samples, behind the
 anti-aliasing filter of a data logger, rings for a few samples, and a model with a smaller jump than the truth
@@ -17,12 +17,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.errors import InputError
+from spool_estimator.identification.agreement import free_run_agreement
+from spool_estimator.identification.fit import fit
+from spool_estimator.identification.fit_result import Agreement, Fit, FitSettings
 from spool_estimator.identification.record import Record
+from spool_sim.model import Model
 
 from spool_tools.input.fit_data import FitData
-
-from .fit_curves import Overlay, overlay, sensor_noise
-from .validated_fit import ValidatedFit
+from spool_tools.report.fit_curves import Overlay, overlay, sensor_noise
 
 Array = NDArray[np.float64]
 
@@ -32,6 +34,9 @@ RINGING = 4
 WORTH = 0.03
 #: How many times the sensor's noise is more than noise: the body's sensor shakes the model as well.
 UNEXPLAINED = 3.0
+
+#: How many times a descent that has not converged goes on.
+ROUNDS = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,6 +172,92 @@ def ordered(found: Sequence[Rank], noise: float = math.nan, unsure: Collection[s
     )
 
 
+def residuals(run: Overlay) -> list[Array]:
+    """Return model - measured in each window, m/s^2."""
+    return [
+        response.acceleration[0] - window.measured
+        for response, window in zip(run.responses, run.run.windows, strict=True)
+    ]
+
+
+def away_from_jumps(runs: Sequence[Overlay | None]) -> list[NDArray[np.bool_]]:
+    """Return by window which samples lie away from the friction's jumps in the run that leaves least."""
+    known = [run for run in runs if run is not None]
+    if not known:
+        return []
+    best = min(known, key=lambda run: sum(float(np.sum(row**2)) for row in residuals(run)))
+    dry = any({"sliding_law", "memory_law"} & set(term.laws) for term in best.run.model.terms)
+    kept = []
+    for response in best.responses:
+        jumps = response.jumps[0] if dry else np.zeros(response.jumps.shape[1])
+        near = np.convolve(jumps, np.ones(2 * RINGING + 2))[RINGING : RINGING + jumps.size] > 0.0
+        kept.append(~near)
+    total = sum(keep.size for keep in kept)
+    if sum(int(np.count_nonzero(keep)) for keep in kept) < 0.1 * total:
+        return [np.ones(keep.size, dtype=np.bool_) for keep in kept]
+    return kept
+
+
+@dataclass(frozen=True, slots=True)
+class ValidatedFit:
+    """Fit, and how it does on data that it has not seen, ``None`` where there are none."""
+
+    data: FitData
+    fit: Fit
+    held_out: Agreement | None
+
+    @property
+    def name(self) -> str:
+        """Name of the model."""
+        return self.fit.model.name
+
+    @property
+    def training_error(self) -> float:
+        """Nrmse on the fitted data, NaN without a result."""
+        return math.nan if self.fit.agreement is None else self.fit.agreement.nrmse
+
+    @property
+    def held_out_error(self) -> float:
+        """Nrmse on held-out data, NaN without any."""
+        return math.nan if self.held_out is None else self.held_out.nrmse
+
+
+def fit_and_validate(data: FitData, model: Model, settings: FitSettings) -> ValidatedFit:
+    """Return ``model`` fitted to the data and its agreement with what was held out.
+
+    Raises:
+        InputError: the settings do not fit the model.
+    """
+    found = _converged(data, model, settings)
+    if found.agreement is None or not data.held_out:
+        return ValidatedFit(data, found, None)
+    try:
+        held_out = free_run_agreement(
+            data.held_out, model, data.valve, found.values, sensor=found.sensor, run_in=settings.run_in,
+            low_cut=settings.low_cut, compensate_oil=settings.compensate_oil,
+        )  # fmt: skip
+    except InputError:  # every held-out stretch is shorter than what settling takes
+        return ValidatedFit(data, found, None)
+    return ValidatedFit(data, found, held_out)
+
+
+def natural_frequency(found: Fit) -> float:
+    """Return the undamped natural frequency, Hz, NaN where the stiffness is not known."""
+    mass, stiffness = found.values.get("mass", math.nan), found.values.get("spring_stiffness", math.nan)
+    if found.reason is not None or "spring_stiffness" in found.not_observable:
+        return math.nan
+    return math.sqrt(stiffness / mass) / (2.0 * math.pi)
+
+
+def damping_ratio(found: Fit) -> float:
+    """Return the share of critical damping of the viscous drag alone, NaN where it is not known."""
+    drag = found.values.get("viscous_coefficient", math.nan)
+    frequency = natural_frequency(found)
+    if "viscous_coefficient" in found.not_observable or not frequency > 0.0:
+        return math.nan
+    return drag / (4.0 * math.pi * frequency * found.values["mass"])
+
+
 def _sentences(
     equal: Sequence[Rank], worse: Sequence[Rank], lost: Sequence[Rank], noise: float, unsure: Collection[str]
 ) -> tuple[str, ...]:
@@ -268,27 +359,16 @@ def _errors(series: FittedSeries, records: Sequence[Record]) -> list[ResidualSum
     ]  # fmt: skip
 
 
-def residuals(run: Overlay) -> list[Array]:
-    """Return model - measured in each window, m/s^2."""
-    return [
-        response.acceleration[0] - window.measured
-        for response, window in zip(run.responses, run.run.windows, strict=True)
-    ]
-
-
-def away_from_jumps(runs: Sequence[Overlay | None]) -> list[NDArray[np.bool_]]:
-    """Return by window which samples lie away from the friction's jumps in the run that leaves least."""
-    known = [run for run in runs if run is not None]
-    if not known:
-        return []
-    best = min(known, key=lambda run: sum(float(np.sum(row**2)) for row in residuals(run)))
-    dry = any({"sliding_law", "memory_law"} & set(term.laws) for term in best.run.model.terms)
-    kept = []
-    for response in best.responses:
-        jumps = response.jumps[0] if dry else np.zeros(response.jumps.shape[1])
-        near = np.convolve(jumps, np.ones(2 * RINGING + 2))[RINGING : RINGING + jumps.size] > 0.0
-        kept.append(~near)
-    total = sum(keep.size for keep in kept)
-    if sum(int(np.count_nonzero(keep)) for keep in kept) < 0.1 * total:
-        return [np.ones(keep.size, dtype=np.bool_) for keep in kept]
-    return kept
+def _converged(data: FitData, model: Model, settings: FitSettings) -> Fit:
+    """Return a fit that goes on from where it stopped until it converges, ``ROUNDS`` times at most."""
+    found = fit(data.fitted, model, data.valve, settings)
+    for _ in range(ROUNDS):
+        if found.converged or found.reason is not None:
+            break
+        # Bounds are of the model: what is fitted lies within them.
+        reached = {name: value for name, value in found.values.items() if name not in found.held}
+        further = fit(data.fitted, model, data.valve, replace(settings, start=reached, starts=1))
+        if further.agreement is None:
+            break
+        found = further
+    return found

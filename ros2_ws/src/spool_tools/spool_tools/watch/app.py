@@ -14,9 +14,16 @@ from textual.containers import Vertical
 from textual.screen import ModalScreen
 from textual.widgets import DataTable, Footer, Input, Label, Static
 
-from .condition import shown_condition
+from spool_tools.watch.heard import (
+    ALARM_COLUMNS,
+    VALVE_COLUMNS,
+    alarm_row,
+    shown_alarms,
+    shown_condition,
+    valve_row,
+)
+
 from .heard import Answer, HeardValve, Listener
-from .rows import ALARM_COLUMNS, VALVE_COLUMNS, alarm_row, shown_alarms, valve_row
 
 #: s between two pictures.
 PERIOD = 0.5

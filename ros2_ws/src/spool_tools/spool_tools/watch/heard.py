@@ -1,4 +1,4 @@
-"""Heard valves: the last messages of each running valve, bounded whatever the run time."""
+"""What the terminal view shows: the last messages of each running valve, as rows and conditions."""
 
 from __future__ import annotations
 
@@ -6,15 +6,20 @@ import threading
 import time
 from collections import deque
 from dataclasses import dataclass, field
+from datetime import datetime
 from functools import partial
 from typing import Any
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rich.text import Text
 from spool_core.node import qos
+from spool_core.uncertainty import with_interval
+from spool_monitor.alarms.alarm import AlarmState
+from spool_monitor.node import valve_condition as conditions
 from spool_monitor.node.valve_condition import monitored_valves
-from spool_msgs.msg import AlarmList, HealthEvent, ModelEstimate, ValveHealth
+from spool_msgs.msg import Alarm, AlarmList, HealthEvent, ModelEstimate, Quantity, ValveHealth
 from spool_msgs.srv import AcknowledgeAlarm, ResetAlarms, ShelveAlarm
 
 #: s between looks for valves that joined; valves and events that are held at most.
@@ -26,6 +31,41 @@ SERVICES: dict[str, Any] = {
     "shelve_alarm": ShelveAlarm,
     "reset_alarms": ResetAlarms,
 }
+
+SEVERITIES = {HealthEvent.SEVERITY_WARNING: "warning", HealthEvent.SEVERITY_ALARM: "ALARM"}
+
+_LOOKS = {
+    conditions.ALARM: ("ALARM", "\u25b2", "bold red"),
+    conditions.NO_WORD: ("NO WORD", "\u00d7", "bold magenta"),
+    conditions.STALE: ("STALE", "\u00d7", "bold magenta"),
+    conditions.WARNING: ("WARNING", "\u25c6", "bold yellow"),
+    conditions.UNKNOWN: ("UNKNOWN", "?", "bold"),
+    conditions.LEARNING: ("LEARNING", "\u2026", "cyan"),
+    conditions.AT_REST: ("AT REST", "\u2013", "cyan"),
+    conditions.GOOD: ("OK", "\u25cf", "bold green"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """Condition as it is shown; lower ``rank`` is worse."""
+
+    word: str
+    mark: str
+    style: str
+    rank: int
+
+
+SHOWN = {name: Shown(*_LOOKS[name], rank) for rank, name in enumerate(conditions.CONDITIONS)}
+
+VALVE_COLUMNS = ("valve", "health", "shakes at", "natural", "stiffness", "viscous", "Coulomb", "says")
+ALARM_COLUMNS = ("alarm", "state", "severity", "since", "by", "says")
+#: States in which an alarm waits for an operator.
+WAITING = (
+    AlarmState.UNACKNOWLEDGED,
+    AlarmState.RETURNED_UNACKNOWLEDGED,
+    AlarmState.LATCHED_UNACKNOWLEDGED,
+)
 
 
 @dataclass(slots=True)
@@ -157,3 +197,66 @@ class Listener:
 
     def _on_event(self, name: str, message: HealthEvent) -> None:
         self.events.append((name, message))
+
+
+def shown_condition(valve: HeardValve, now: float) -> Shown:
+    """Return the condition of ``valve`` at ``now`` (s, monotonic)."""
+    return SHOWN[conditions.condition_of(valve.health, now - valve.health_at)]
+
+
+def valve_row(valve: HeardValve, now: float) -> tuple[Text, ...]:
+    """Return the cells of ``VALVE_COLUMNS`` for ``valve`` at ``now`` (s, monotonic)."""
+    condition = shown_condition(valve, now)
+    state = Text(f"{condition.mark} {condition.word}", style=condition.style)
+    health, estimate = valve.health, valve.estimate
+    values = {} if estimate is None else {one.name: one for one in estimate.parameters}
+    shakes = None if health is None else health.dominant_frequency
+    cells = (
+        _frequency(shakes),
+        _quantity(None if estimate is None else estimate.natural_frequency),
+        _quantity(values.get("spring_stiffness")),
+        _quantity(values.get("viscous_coefficient")),
+        _quantity(values.get("coulomb_force")),
+        "" if health is None else health.summary,
+    )
+    return (Text(valve.name), state, *(Text(cell) for cell in cells))
+
+
+def alarm_row(alarm: Alarm) -> tuple[Text, ...]:
+    """Return the cells of ``ALARM_COLUMNS`` for ``alarm``."""
+    state = AlarmState(alarm.state)
+    waits = state in WAITING
+    cause = f" ({alarm.cause.replace('_', ' ')})" if alarm.cause else ""
+    raised = datetime.fromtimestamp(alarm.raised_at.sec).strftime("%d %b %H:%M:%S")
+    return (
+        Text(f"{alarm.code} {alarm.name.replace('_', ' ')}{cause}"),
+        Text(state.name.lower().replace("_", " "), style="bold red" if waits else ""),
+        Text(SEVERITIES.get(alarm.severity, "")),
+        Text(raised if alarm.raised_at.sec else ""),
+        Text(alarm.acknowledged_by),
+        Text(alarm.message),
+    )
+
+
+def shown_alarms(valve: HeardValve | None) -> list[Alarm]:
+    """Return the alarms of ``valve`` that are not normal, those that wait first."""
+    listed = [] if valve is None or valve.alarms is None else list(valve.alarms.alarms)
+    return [one for one in listed if one.state not in (AlarmState.NORMAL, Alarm.STATE_UNKNOWN)]
+
+
+def line_of(valve: HeardValve, now: float) -> str:
+    """Return the row of ``valve`` as a line, for where there is no terminal."""
+    return "  ".join(cell.plain for cell in valve_row(valve, now))
+
+
+def _frequency(quantity: Quantity | None) -> str:
+    known = quantity is not None and quantity.validity == Quantity.VALIDITY_VALID
+    return f"{quantity.value:.1f} Hz" if known and quantity is not None else "no line"
+
+
+def _quantity(quantity: Quantity | None) -> str:
+    if quantity is None or quantity.validity == Quantity.VALIDITY_UNKNOWN:
+        return "not known"
+    held = " held" if quantity.validity == Quantity.VALIDITY_HELD else ""
+    unit = quantity.unit.replace(" s", "\u00b7s")
+    return f"{with_interval(quantity.value, quantity.standard_deviation, unit)}{held}"

@@ -10,9 +10,9 @@ from types import FrameType
 from spool_core.uncertainty import LEGEND
 
 from spool_tools.operations.service_client import who_asks
+from spool_tools.watch.heard import line_of
 
 from .heard import Listener
-from .rows import line_of
 
 #: s between lines off a terminal, and between looks for events.
 LINES, LOOK = 5.0, 0.2

@@ -1,15 +1,17 @@
-"""Exhibit: one picture of evidence with its caption and what it shows, or why it cannot be drawn."""
+"""Exhibit: one picture of evidence with its caption, in colours that everybody can tell apart."""
 
 from __future__ import annotations
-
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import matplotlib
 
 matplotlib.use("Agg")
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from spool_core.errors import InputError
@@ -18,6 +20,20 @@ Array = NDArray[np.float64]
 
 #: Points of a line that a reader can zoom into, at most.
 POINTS = 1500
+
+MEASURED, DARK = "#8a8a8a", "#222222"
+#: Okabe and Ito's colours with a dash and a marker each: apart for the colour-blind and in print.
+STYLES = (
+    ("#0072B2", "-", "o"), ("#D55E00", (0, (5, 2)), "s"), ("#009E73", (0, (5, 1.5, 1, 1.5)), "^"),
+    ("#CC79A7", (0, (1.5, 1.2)), "D"), ("#E69F00", (0, (8, 2)), "v"),
+    ("#56B4E9", (0, (3, 1, 1, 1, 1, 1)), "P"),
+)  # fmt: skip
+#: Base model, model with what was found, and what noise alone would show.
+BEFORE, AFTER, FLOOR = "#D55E00", "#0072B2", "#555555"
+#: Dash of a line before, so that it is distinguished from the one after without colour.
+DASHED = (0, (5, 2))
+#: Inches across a page.
+WIDTH = 9.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,3 +122,14 @@ def listed(parts: Sequence[str]) -> str:
     if len(parts) < 2:
         return "".join(parts)
     return f"{', '.join(parts[:-1])} and {parts[-1]}"
+
+
+def plain(axis: Axes, across: str = "", up: str = "") -> None:
+    """Leave the left and the lower line of ``axis`` alone, and label it ``across`` and ``up``."""
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.spines[["left", "bottom"]].set_color(DARK)
+    axis.tick_params(labelsize=8)
+    if across:
+        axis.set_xlabel(across, fontsize=9)
+    if up:
+        axis.set_ylabel(up, fontsize=9)

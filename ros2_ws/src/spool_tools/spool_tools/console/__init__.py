@@ -1,1 +1,0 @@
-"""Console: options, progress, output files."""

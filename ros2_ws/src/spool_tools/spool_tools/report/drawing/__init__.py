@@ -1,1 +1,0 @@
-"""Drawing: colours, dashes and axes that all pictures of reports share."""

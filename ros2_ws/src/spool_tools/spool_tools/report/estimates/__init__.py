@@ -1,1 +1,0 @@
-"""Estimates: what the evidence of a report is drawn from, as arrays."""

@@ -1,0 +1,313 @@
+"""All pictures that a fit, a gap analysis or a replay allows, by kind of record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_core.errors import InputError
+from spool_core.quantity import Quantity
+from spool_core.uncertainty import Z_95
+from spool_estimator.estimate import Estimate
+from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, Fit
+from spool_estimator.identification.free_run import excitation_limit
+from spool_estimator.identification.record import Record
+from spool_estimator.refit import Refit
+from spool_gap.force.force_record import ForceRecord
+from spool_gap.result import Curves, GapResult
+from spool_gap.simulation.point import DELAY, GAIN
+from spool_monitor.drift.drift_trace import DriftTrace
+from spool_monitor.events.event import Event, EventState
+from spool_sim.model import Model, load_model
+from spool_sim.valve.description import Valve
+from spool_tools.report.evidence import confidence as ellipse_picture
+from spool_tools.report.evidence import confidence as whiteness_picture
+from spool_tools.report.evidence import motion as loops_picture
+from spool_tools.report.evidence import motion as transmissibility_picture
+from spool_tools.report.evidence import spectra as bands_picture
+from spool_tools.report.evidence import spectra as campbell_picture
+from spool_tools.report.evidence.confidence import Mark, drift, title_of, whiteness
+from spool_tools.report.evidence.exhibit import Exhibit, LeftOut, made
+from spool_tools.report.evidence.motion import Numbers, Runs, loops_from, loops_of, of_one_rate, runs_of
+from spool_tools.report.evidence.spectra import (
+    Frequency,
+    Spectrogram,
+    bands_of,
+    cross_spectra,
+    rows_of,
+    spectrogram,
+)
+
+#: Times the natural frequency that a spectrum over time shows at least, and of the excitation's limit.
+HARMONICS, BEYOND = 4.0, 1.2
+
+Array = NDArray[np.float64]
+
+#: Names of both sides.
+BASE, FOUND = "base model", "with what was found"
+#: Times the highest frequency with motion that a spectrum over time shows.
+BEYOND_OF_FORCES = 4.0
+#: Share of the motion's power that lies below that frequency.
+MOST = 0.999
+
+#: The estimator's model, and how the reader knows its numbers.
+MODEL, NAME = "coulomb", "model of the last estimate"
+
+
+@dataclass(slots=True)
+class AccelerationEvidence:
+    """Evidence of ``records`` of one ``valve``; ``sides`` are one or two models, base first.
+
+    ``frequencies`` gives the natural frequencies to draw over time; without it those of ``sides`` are drawn.
+    """
+
+    records: Sequence[Record]
+    valve: Valve
+    sides: Sequence[Numbers]
+    frequencies: Mapping[str, campbell_picture.Frequency] | None = None
+    _runs: Runs | None = field(default=None, init=False)
+
+    def exhibits(self) -> list[Exhibit | LeftOut]:
+        """Return every picture, or why it is left out, in the order in which an expert looks."""
+        wanted: tuple[tuple[str, Callable[[], Exhibit]], ...] = (
+            (bands_picture.TITLE, self._bands),
+            (campbell_picture.TITLE, self._campbell),
+            (transmissibility_picture.TITLE, self._transmissibility),
+            (loops_picture.TITLE, self._loops),
+            (whiteness_picture.TITLE, self._whiteness),
+        )
+        return [made(title, build) for title, build in wanted]
+
+    def _bands(self) -> Exhibit:
+        rows = of_one_rate(self.records)
+        spectra = cross_spectra(
+            [entry.body for entry in rows], [entry.spool for entry in rows], rows[0].sample_period
+        )
+        values = self.sides[-1].values if self.sides else {}
+        names = ("mass", "viscous_coefficient", "spring_stiffness")
+        known = [float(values.get(name, np.nan)) for name in names]
+        return bands_picture.information_bands(bands_of(spectra, *known))
+
+    def _campbell(self) -> Exhibit:
+        rows = of_one_rate(self.records)
+        limit = max(excitation_limit(entry) for entry in rows)
+        highest = max(BEYOND * min(limit, 400.0), HARMONICS * self.valve.natural_frequency)
+        shown = spectrogram(rows_of(rows), rows[0].sample_period, highest)
+        return campbell_picture.campbell(shown, self.frequencies or self._constant(shown))
+
+    def _constant(self, shown: Spectrogram) -> dict[str, campbell_picture.Frequency]:
+        return {
+            side.name: campbell_picture.constant(side.natural_frequency, shown)
+            for side in self.sides
+            if np.isfinite(side.natural_frequency)
+        }
+
+    def _transmissibility(self) -> Exhibit:
+        return transmissibility_picture.transmissibility(self._both())
+
+    def _loops(self) -> Exhibit:
+        self._need_a_model()
+        return loops_picture.force_loops(loops_of(self.records, self.sides))
+
+    def _whiteness(self) -> Exhibit:
+        runs = self._both()
+        found = {name: whiteness(runs.residuals(name), runs.period) for name in runs.simulated}
+        return whiteness_picture.residual_whiteness(found)
+
+    def _need_a_model(self) -> None:
+        if not self.sides:
+            raise InputError("no model of this valve is known from the record")
+
+    def _both(self) -> Runs:
+        self._need_a_model()
+        if self._runs is None:
+            self._runs = runs_of(self.records, self.valve, self.sides)
+        return self._runs
+
+
+def force_exhibits(records: Sequence[ForceRecord], curves: Curves) -> list[Exhibit | LeftOut]:
+    """Return every picture that ``records`` of force allow; ``curves`` are those of the analysis."""
+    wanted: tuple[tuple[str, Callable[[], Exhibit]], ...] = (
+        (bands_picture.TITLE_FORCE, lambda: _bands(records)),
+        (campbell_picture.TITLE, lambda: _over_time(records)),
+        (transmissibility_picture.TITLE, _no_body),
+        (loops_picture.TITLE, lambda: _loops(records, curves)),
+        (whiteness_picture.TITLE, lambda: _whiteness(curves)),
+    )
+    return [made(title, build) for title, build in wanted]
+
+
+def fit_exhibits(found: Fit, valve: Valve, records: Sequence[Record]) -> list[Exhibit | LeftOut]:
+    """Return the evidence of ``found``, fitted to ``records``."""
+    side = Numbers(
+        found.model.name.replace("_", " "),
+        found.model,
+        found.values,
+        found.sensor.get(SPOOL_GAIN, 0.0),
+        found.sensor.get(SPOOL_DELAY, 0.0),
+    )
+    ellipse = made(
+        ellipse_picture.TITLE,
+        lambda: ellipse_picture.confidence_ellipse(
+            ellipse_picture.ellipse_of(found.parameters, found.observable, found.correlation)
+        ),
+    )
+    return [*AccelerationEvidence(records, valve, (side,)).exhibits(), ellipse]
+
+
+def gap_exhibits(
+    result: GapResult, base: Model, valve: Valve, records: Sequence[Record]
+) -> list[Exhibit | LeftOut]:
+    """Return the evidence of ``result``, an analysis of ``records`` of two accelerometers.
+
+    The records are shown as they were measured: what the analysis took out of a channel is still in them.
+    """
+    before = _numbers(BASE, base, base.values_for(valve), result.base)
+    after = _numbers(FOUND, result.model, result.model.values_for(valve), result.parameters)
+    shown = AccelerationEvidence(records, valve, (before, after)).exhibits()
+    return [*shown, _ellipse(result)]
+
+
+def gap_force_exhibits(result: GapResult, records: Sequence[ForceRecord]) -> list[Exhibit | LeftOut]:
+    """Return the evidence of ``result``, an analysis of force ``records``."""
+    return [*force_exhibits(records, result.curves), _ellipse(result)]
+
+
+@dataclass(frozen=True, slots=True)
+class Replayed:
+    """What a replay of one valve leaves for its evidence.
+
+    Attributes:
+        name: of the valve in the record.
+        valve: its description.
+        records: stretches of the record, spread over its time where it is long.
+        trace: of the drift tests.
+        events: of the monitor.
+        latest: estimate, ``None`` where there is none.
+        refits: where they were asked for.
+        first: stamp of the record's start, ns.
+    """
+
+    name: str
+    valve: Valve
+    records: Sequence[Record]
+    trace: DriftTrace
+    events: Sequence[Event]
+    latest: Estimate | None
+    refits: Sequence[Refit]
+    first: int
+
+
+def replay_exhibits(one: Replayed) -> list[Exhibit | LeftOut]:
+    """Return the evidence of one valve: its drifts first, then the record beside the model."""
+    marks = [
+        Mark((event.stamp - one.first) * 1e-9, event.kind.replace("_", " "), event.state is EventState.RAISED)
+        for event in one.events
+    ]
+    units = {} if one.latest is None else {q.name: q.unit for q in one.latest.parameters}
+    drifts = [
+        made(title_of(name), partial(drift, name, units.get(name, ""), points, one.first, marks))
+        for name, points in one.trace.points.items()
+    ]
+    if not drifts:
+        drifts = [LeftOut("Drift of the parameters", "the estimator gave no estimate in this record")]
+    shown = AccelerationEvidence(one.records, one.valve, _sides(one), _frequencies(one)).exhibits()
+    return [*drifts, *shown, made(ellipse_picture.TITLE, partial(_drift_ellipse, one))]
+
+
+def _no_body() -> Exhibit:
+    raise InputError("a record of force and displacement holds no acceleration of the body")
+
+
+def _bands(records: Sequence[ForceRecord]) -> Exhibit:
+    period = records[0].period
+    rows = [entry for entry in records if entry.period == period]
+    spectra = cross_spectra([entry.displacement for entry in rows], [entry.force for entry in rows], period)
+    return bands_picture.information_bands(bands_of(spectra), "displacement, m rms")
+
+
+def _over_time(records: Sequence[ForceRecord]) -> Exhibit:
+    period, first = records[0].period, min(entry.start for entry in records)
+    rows = sorted((entry for entry in records if entry.period == period), key=lambda entry: entry.start)
+    highest = BEYOND_OF_FORCES * max(_reaches(entry.displacement, period) for entry in rows)
+    parts = [(entry.start - first, entry.displacement, entry.force) for entry in rows]
+    return campbell_picture.campbell(spectrogram(parts, period, highest), {}, "N²/Hz")
+
+
+def _reaches(row: Array, period: float) -> float:
+    """Return the frequency, Hz, below which nearly all of the power of ``row`` lies."""
+    power = np.abs(np.fft.rfft((row - row.mean()) * np.hanning(row.size))) ** 2
+    share = np.cumsum(power) / max(float(power.sum()), 1e-300)
+    return max(
+        float(np.fft.rfftfreq(row.size, period)[int(np.searchsorted(share, MOST))]), 5.0 / (row.size * period)
+    )
+
+
+def _loops(records: Sequence[ForceRecord], curves: Curves) -> Exhibit:
+    """Return the loops of the stretch that the curves show."""
+    for entry in records:
+        if entry.time[0] <= curves.time[0] and curves.time[-1] <= entry.time[-1] + 0.5 * entry.period:
+            displacement = np.interp(curves.time, entry.time, entry.displacement)
+            centred = displacement - displacement.mean()
+            velocity = np.gradient(centred, entry.period)
+            models = {BASE: curves.before, FOUND: curves.after}
+            part = (float(curves.time[0]), centred, velocity, curves.measured, models)
+            return loops_picture.force_loops(loops_from([part], entry.period))
+    raise InputError("the stretch that the analysis shows is not among the records")
+
+
+def _whiteness(curves: Curves) -> Exhibit:
+    period = float(np.median(np.diff(curves.time)))
+    sides = {BASE: curves.before, FOUND: curves.after}
+    found = {name: whiteness([curves.measured - row], period) for name, row in sides.items()}
+    return whiteness_picture.residual_whiteness(found, "N")
+
+
+def _numbers(name: str, model: Model, values: Mapping[str, float], found: Sequence[Quantity]) -> Numbers:
+    own = {quantity.name: quantity.value for quantity in found}
+    full = {**values, **{key: value for key, value in own.items() if key in values}}
+    return Numbers(name, model, full, own.get(GAIN, 0.0), own.get(DELAY, 0.0))
+
+
+def _ellipse(result: GapResult) -> Exhibit | LeftOut:
+    return made(
+        ellipse_picture.TITLE,
+        lambda: ellipse_picture.confidence_ellipse(
+            ellipse_picture.ellipse_of(result.parameters, result.correlated, result.correlation)
+        ),
+    )
+
+
+def _sides(one: Replayed) -> tuple[Numbers, ...]:
+    if one.latest is None:
+        return ()
+    known = {q.name: q.value for q in one.latest.parameters if np.isfinite(q.value)}
+    model = load_model(MODEL)
+    own = {name: value for name, value in known.items() if name in {p.name for p in model.parameters}}
+    if "spring_stiffness" not in own or "viscous_coefficient" not in own:
+        return ()
+    return (Numbers(NAME, model, {**model.values_for(one.valve), **own}),)
+
+
+def _frequencies(one: Replayed) -> dict[str, Frequency] | None:
+    """Return the estimated natural frequency over time, in the time of the records."""
+    if not one.records:
+        return None
+    begin = min(entry.start for entry in one.records)
+    rows = np.array([(stamp - begin, *rest) for stamp, *rest in one.trace.natural if np.isfinite(rest[0])])
+    if not rows.size:
+        return None
+    return {"estimated": Frequency(1e-9 * rows[:, 0], rows[:, 1], Z_95 * np.nan_to_num(rows[:, 2]))}
+
+
+def _drift_ellipse(one: Replayed) -> Exhibit:
+    for found in reversed(one.refits):
+        if found.fitted:
+            correlation = np.reshape(found.correlations, (len(found.fitted),) * 2)
+            return ellipse_picture.confidence_ellipse(
+                ellipse_picture.ellipse_of(tuple(found.parameters), tuple(found.fitted), correlation)
+            )
+    raise InputError("the online estimates hold no covariance of both; --refits does, or ./spool fit")

@@ -1,0 +1,456 @@
+"""Spectra as evidence: information by frequency band, and the Campbell diagram.
+
+Welch, P. D.: The use of fast Fourier transform for the estimation of power spectra, IEEE Trans. Audio
+Electroacoust. 15 (1967), for averages of pieces that overlap; Bendat, J. S., Piersol, A. G.: Random Data, 4th
+edition (2010), section 9.2, for errors of frequency responses and coherence.
+
+For an answer Y = H X + N of noise density S_n over T s the Fisher information of a number q of H is
+
+    I = 2 T int |dH/dq|^2 S_x / S_n df
+
+(Whittle's likelihood; Ljung, L.: System Identification, 2nd edition (1999), section 7.4 and 8.4). With
+q = log k or log c the inverse square root is the relative standard deviation that the band alone would give.
+It is a bound from above: what a piece of the averages smears of a resonance counts as noise here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import matplotlib.pyplot as plt
+import numpy as np
+from numpy.typing import NDArray
+from spool_core.errors import InputError
+from spool_core.uncertainty import Z_95, number, percent
+from spool_estimator.identification.record import Record
+from spool_tools.report.evidence.exhibit import AFTER, BEFORE, DARK, DASHED, MEASURED, WIDTH, Exhibit, plain
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+#: s of a piece at most: lines of 0.5 Hz, finer than the resonance of any spool is wide.
+LONGEST_PIECE = 2.0
+#: s of a piece at least, and pieces at least: fewer averages make any coherence look high.
+SHORTEST_PIECE, LEAST_PIECES = 0.25, 6
+#: Squared correlation of the powers of neighbouring Hann pieces that overlap by half (Welch 1967).
+OVERLAP = 1.0 / 36.0
+#: Share of the largest power density of the drive below which nothing is said of a frequency.
+EXCITED = 1e-4
+#: Hz, below which accelerometers show their drift.
+LOWEST = 1.0
+
+#: Hz, edges of the bands; the last one ends at half the sample rate.
+EDGES = (2.0, 5.0, 10.0, 20.0, 35.0, 60.0, 100.0, 200.0, 400.0)
+#: Relative step of the response's derivatives.
+STEP = 1e-4
+#: Share of incoherent power at least: no coherence is known better than its averages tell.
+LEAST_NOISE = 1e-6
+
+BANDS_TITLE = "What the record could have told"
+BANDS_CAPTION = (
+    "By frequency band: how much the drive moves, how much of the answer follows from it (coherence), and "
+    "where the knowledge about spring and drag comes from: shares of the Fisher information of a linear "
+    "model, given this drive and what is incoherent. Good: power and coherence on both sides of the natural "
+    "frequency, and information in more than one band. Bad: all information in one band (one speed of the "
+    "machine: spring, mass and drag are hardly told apart), or none where the question is."
+)
+TITLE_FORCE = "What the record excites"
+CAPTION_FORCE = (
+    "By frequency band: how much the displacement moves, and how much of the force follows linearly from it "
+    "(coherence). Good: several bands with motion, coherence near 1. Low coherence with much motion: a force "
+    "that is not linear, as dry friction is, or one that does not follow from the motion."
+)
+
+#: Columns and lines at most: what a page shows of them, within its size.
+COLUMNS, LINES = 320, 220
+#: s of a piece, and columns at least.
+PIECE, LEAST = 1.0, 6
+
+CAMPBELL_TITLE = "Spectrum over time (Campbell)"
+CAMPBELL_CAPTION = (
+    "Darker: more power at that frequency and time (each step of the scale is a tenfold of power); dots: the "
+    "strongest line of the excitation; lines: the natural frequency. Good: where the dots cross the natural "
+    "frequency the spool answers darkly, and the natural frequency stays level. Bad: a dark line that is "
+    "neither on the dots nor a multiple (another machine, mains hum), a natural frequency that wanders "
+    "(spring, or dry friction that holds the spool), dark columns over all frequencies (hits, spikes)."
+)
+#: Decades of power shown below the largest.
+DECADES = 6.0
+#: Relative distance at which the machine's line counts as at the natural frequency.
+NEAR = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class CrossSpectra:
+    """Averaged one-sided densities of a drive x and an answer y; every array has shape (f,).
+
+    Attributes:
+        frequency: Hz.
+        drive: power density of x, unit(x)^2/Hz.
+        answer: of y, unit(y)^2/Hz.
+        cross: of both, conj(X) Y.
+        averages: independent averages that the overlapping pieces are worth.
+        seconds: of data.
+    """
+
+    frequency: Array
+    drive: Array
+    answer: Array
+    cross: Complex
+    averages: float
+    seconds: float
+
+    @property
+    def response(self) -> Complex:
+        """H1 estimate of the frequency response, y over x: noise of the answer averages out of it."""
+        return np.asarray(self.cross / np.maximum(self.drive, 1e-300))
+
+    @property
+    def coherence(self) -> Array:
+        """Share of the answer's power that follows linearly from the drive, 0 to 1."""
+        power = np.maximum(self.drive * self.answer, 1e-300)
+        return np.asarray(np.clip(np.abs(self.cross) ** 2 / power, 0.0, 1.0))
+
+    @property
+    def relative_error(self) -> Array:
+        """Standard deviation of the response's magnitude over it, and of its phase in rad.
+
+        Bendat and Piersol (2010), table 9.6: sqrt(1 - coherence) / sqrt(2 averages coherence).
+        """
+        coherence = np.maximum(self.coherence, 1e-12)
+        return np.asarray(np.sqrt((1.0 - coherence) / (2.0 * self.averages * coherence)))
+
+    @property
+    def excited(self) -> NDArray[np.bool_]:
+        """Where the drive has power enough to say something."""
+        inside = self.frequency >= LOWEST
+        return np.asarray(inside & (self.drive > EXCITED * float(self.drive[inside].max(initial=0.0))))
+
+
+def cross_spectra(drives: Sequence[Array], answers: Sequence[Array], period: float) -> CrossSpectra:
+    """Return the spectra of rows of samples, ``period`` s apart, each row without a gap.
+
+    Raises:
+        InputError: the rows are too short for enough averages.
+    """
+    sizes = [row.size for row in drives]
+    total, longest = sum(sizes), max(sizes, default=0)
+    # Pieces overlap by half: n of them need (n + 1) / 2 of their length.
+    seconds = min(LONGEST_PIECE, longest * period, 2.0 * total * period / (LEAST_PIECES + 1))
+    piece = round(seconds / period)
+    if seconds < SHORTEST_PIECE or piece < 16:
+        raise InputError(
+            f"{total * period:.2f} s without a gap are too short to average spectra: "
+            f"{0.5 * SHORTEST_PIECE * (LEAST_PIECES + 1):.1f} s are needed"
+        )
+    taper = np.asarray(np.hanning(piece + 2)[1:-1], dtype=np.float64)
+    scale = 2.0 * period / float(np.sum(taper**2))
+    sums = [np.zeros(piece // 2 + 1, np.complex128) for _ in range(3)]
+    count = 0
+    for drive, answer in zip(drives, answers, strict=True):
+        for first in range(0, drive.size - piece + 1, max(1, piece // 2)):
+            x, y = (_lines(row[first : first + piece], taper) for row in (drive, answer))
+            for place, part in enumerate((np.abs(x) ** 2, np.abs(y) ** 2, np.conj(x) * y)):
+                sums[place] += part
+            count += 1
+    if count < LEAST_PIECES // 2:
+        raise InputError(f"only {count} pieces of {seconds:.2f} s hold no gap: too few to average")
+    xx, yy, xy = (scale / count * part for part in sums)
+    worth = count / (1.0 + 2.0 * OVERLAP * (count - 1) / count)
+    frequency = np.asarray(np.fft.rfftfreq(piece, period), dtype=np.float64)
+    return CrossSpectra(frequency, xx.real.copy(), yy.real.copy(), xy, worth, total * period)
+
+
+def linear_transmissibility(frequency: Array, mass: float, damping: float, stiffness: float) -> Complex:
+    """Return spool over body acceleration of a linear valve at ``frequency`` (Hz), shape (f,).
+
+    (k + i w c) / (k - m w^2 + i w c), with kg, N s/m and N/m.
+    """
+    omega = 2.0 * math.pi * frequency
+    force = stiffness + 1j * omega * damping
+    return np.asarray(force / (force - mass * omega**2))
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """One band.
+
+    Attributes:
+        low, high: Hz.
+        drive: rms of the drive in it, in its unit.
+        coherence: mean over the band, weighed by the drive's power; NaN without drive.
+        stiffness, damping: Fisher information of the logarithm of each number, 1; NaN where it is not known.
+    """
+
+    low: float
+    high: float
+    drive: float
+    coherence: float
+    stiffness: float
+    damping: float
+
+
+def bands_of(
+    spectra: CrossSpectra, mass: float = np.nan, damping: float = np.nan, stiffness: float = np.nan
+) -> tuple[Band, ...]:
+    """Return the bands of ``spectra``; without mass (kg), drag (N s/m) and spring (N/m) no information."""
+    frequency = spectra.frequency
+    step = float(frequency[1])
+    information = {}
+    noise = np.maximum((1.0 - spectra.coherence), LEAST_NOISE) * spectra.answer
+    weight = 2.0 * spectra.seconds * step * spectra.drive / np.maximum(noise, 1e-300)
+    for name, changed in (
+        ("stiffness", (damping, stiffness * (1.0 + STEP))),
+        ("damping", (damping * (1.0 + STEP), stiffness)),
+    ):
+        with np.errstate(invalid="ignore", divide="ignore"):  # no mass, no spring: nothing is known of them
+            slope = (
+                linear_transmissibility(frequency, mass, *changed)
+                - linear_transmissibility(frequency, mass, damping, stiffness)
+            ) / STEP
+        information[name] = np.where(spectra.excited, np.abs(slope) ** 2 * weight, 0.0)
+    top = float(frequency[-1])
+    edges = [*(edge for edge in EDGES if edge < top), top]
+    found = []
+    for low, high in pairwise(edges):
+        inside = (frequency >= low) & (frequency < high)
+        power = spectra.drive[inside]
+        total = float(power.sum())
+        heard = inside & spectra.excited
+        seen = spectra.drive[heard]
+        coherence = float(spectra.coherence[heard] @ seen / seen.sum()) if heard.any() else np.nan
+        parts = [float(information[name][inside].sum()) for name in ("stiffness", "damping")]
+        found.append(Band(low, high, float(np.sqrt(total * step)), coherence, *parts))
+    return tuple(found)
+
+
+def information_bands(bands: Sequence[Band], what: str = "body acceleration, m/s² rms") -> Exhibit:
+    """Return the picture of ``bands``; ``what`` the drive is, with its unit."""
+    informed = all(np.isfinite(band.stiffness) and np.isfinite(band.damping) for band in bands)
+    rows = 3 if informed else 2
+    figure, axes = plt.subplots(rows, 1, figsize=(WIDTH, 1.9 * rows + 0.6), layout="constrained", sharex=True)
+    places = np.arange(len(bands))
+    axes[0].bar(places, [band.drive for band in bands], 0.6, color=MEASURED)
+    axes[1].bar(
+        places, [0.0 if np.isnan(band.coherence) else band.coherence for band in bands], 0.6, color=MEASURED
+    )
+    axes[1].set_ylim(0.0, 1.05)
+    plain(axes[0], "", what)
+    plain(axes[1], "", "coherence, 1")
+    if informed:
+        spring, drag = (_shares([getattr(band, name) for band in bands]) for name in ("stiffness", "damping"))
+        axes[2].bar(places - 0.2, spring, 0.38, color=AFTER, label="of the spring")
+        axes[2].bar(
+            places + 0.2, drag, 0.38, color=BEFORE, hatch="//", edgecolor=DARK, lw=0.3, label="of the drag"
+        )
+        axes[2].legend(fontsize=8, frameon=False)
+        plain(axes[2], "", "information, %")
+    axes[-1].set_xticks(places, [f"{band.low:g}–{band.high:g}" for band in bands], fontsize=8)
+    axes[-1].set_xlabel("frequency, Hz", fontsize=9)
+    seen = _bands_seen(bands, informed=informed)
+    return (
+        Exhibit(BANDS_TITLE, figure, BANDS_CAPTION, seen)
+        if informed
+        else Exhibit(TITLE_FORCE, figure, CAPTION_FORCE, seen)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Spectrogram:
+    """Spectrogram.
+
+    Attributes:
+        time: s since the record's start, middle of each column, shape (t,); rising.
+        frequency: Hz, shape (f,).
+        density: of the answer, unit^2/Hz, shape (f, t).
+        line: frequency of the drive's strongest line in each column, Hz, shape (t,).
+        length: s of a column's piece.
+    """
+
+    time: Array
+    frequency: Array
+    density: Array
+    line: Array
+    length: float
+
+
+def spectrogram(rows: Sequence[tuple[float, Array, Array]], period: float, highest: float) -> Spectrogram:
+    """Return the spectrogram of ``rows``: start (s), drive and answer, samples ``period`` s apart.
+
+    Args:
+        rows: stretches without gaps in order of time.
+        period: s.
+        highest: Hz, that is shown.
+
+    Raises:
+        InputError: they are too short for some columns.
+    """
+    total = sum(answer.size for _, _, answer in rows) * period
+    seconds = min(PIECE, total / LEAST)
+    piece = round(seconds / period)
+    if piece < 32:
+        raise InputError(f"{total:.2f} s are too short for a spectrum over time")
+    hop = max(piece // 2, round(total / COLUMNS / period))
+    taper = np.hanning(piece + 2)[1:-1]
+    scale = 2.0 * period / float(np.sum(taper**2))
+    frequency = np.fft.rfftfreq(piece, period)
+    shown = frequency <= highest
+    shown[0] = False
+    times, columns, lines = [], [], []
+    for start, drive, answer in rows:
+        for first in range(0, answer.size - piece + 1, hop):
+            driving, power = (
+                scale * np.abs(np.fft.rfft((row - row.mean()) * taper)) ** 2
+                for row in (drive[first : first + piece], answer[first : first + piece])
+            )
+            times.append(start + (first + 0.5 * piece) * period)
+            columns.append(power[shown])
+            lines.append(float(frequency[shown][int(np.argmax(driving[shown]))]))
+    if len(times) < LEAST // 2:
+        raise InputError("its stretches without gaps are too short for a spectrum over time")
+    density = np.array(columns).T
+    group = -(-density.shape[0] // LINES)
+    if group > 1:
+        count = density.shape[0] // group
+        density = density[: count * group].reshape(count, group, -1).mean(axis=1)
+        frequencies = frequency[shown][: count * group].reshape(count, group).mean(axis=1)
+    else:
+        frequencies = frequency[shown]
+    return Spectrogram(np.array(times), np.asarray(frequencies), density, np.array(lines), seconds)
+
+
+def rows_of(records: Sequence[Record]) -> list[tuple[float, Array, Array]]:
+    """Return start (s since the first sample of all), body and spool of each of ``records``."""
+    begin = min(entry.start for entry in records)
+    ordered = sorted(records, key=lambda entry: entry.start)
+    return [((entry.start - begin) * 1e-9, entry.body, entry.spool) for entry in ordered]
+
+
+@dataclass(frozen=True, slots=True)
+class Frequency:
+    """Natural frequency over time: ``value`` (Hz) at ``time`` (s), and half width of its 95 % interval."""
+
+    time: Array
+    value: Array
+    half_width: Array
+
+
+def constant(frequency: float, shown: Spectrogram) -> Frequency:
+    """Return a natural frequency that does not change, Hz."""
+    time = shown.time[[0, -1]]
+    return Frequency(time, np.full(2, frequency), np.zeros(2))
+
+
+def campbell(shown: Spectrogram, natural: Mapping[str, Frequency], unit: str = "(m/s²)²/Hz") -> Exhibit:
+    """Return the picture of ``shown`` with the natural frequencies by name, at most two."""
+    power = np.log10(np.maximum(shown.density, 1e-30))
+    top = float(power.max())
+    figure, axis = plt.subplots(figsize=(WIDTH, 4.4), layout="constrained")
+    # Gaps of a record stay white: each piece of the picture ends where its columns do.
+    columns = np.flatnonzero(np.diff(shown.time) > 3.0 * shown.length + 3.0 * np.median(np.diff(shown.time)))
+    edges = [0, *(columns + 1).tolist(), shown.time.size]
+    half = 0.5 * float(np.median(np.diff(shown.time)))
+    image = None
+    for first, stop in pairwise(edges):
+        extent = (
+            float(shown.time[first]) - half, float(shown.time[stop - 1]) + half,
+            float(shown.frequency[0]), float(shown.frequency[-1]),
+        )  # fmt: skip
+        image = axis.imshow(
+            power[:, first:stop], origin="lower", aspect="auto", extent=extent, cmap="Greys",
+            vmin=top - DECADES, vmax=top, interpolation="none",
+        )  # fmt: skip
+    axis.plot(
+        shown.time,
+        shown.line,
+        ls="",
+        marker=".",
+        ms=2.5,
+        color="#009E73",
+        label="strongest line of the excitation",
+    )
+    looks = ((BEFORE, DASHED), (AFTER, "-"))[-max(1, len(natural)) :]
+    for (name, one), (colour, dash) in zip(natural.items(), looks, strict=False):
+        axis.plot(one.time, one.value, color=colour, ls=dash, lw=1.6, label=f"natural frequency, {name}")
+        if np.any(one.half_width > 0.0):
+            axis.fill_between(
+                one.time,
+                one.value - one.half_width,
+                one.value + one.half_width,
+                color=colour,
+                alpha=0.3,
+                lw=0,
+            )
+    axis.set_xlim(float(shown.time[0]) - half, float(shown.time[-1]) + half)
+    axis.set_ylim(float(shown.frequency[0]), float(shown.frequency[-1]))
+    plain(axis, "time since the start of the record, s", "frequency, Hz")
+    if image is not None:
+        figure.colorbar(image, ax=axis, label=f"log10 of the power density, {unit}", shrink=0.9)
+    handles, names = axis.get_legend_handles_labels()
+    figure.legend(handles, names, fontsize=8, loc="outside lower center", ncols=3)
+    return Exhibit(CAMPBELL_TITLE, figure, CAMPBELL_CAPTION, _campbell_seen(shown, natural))
+
+
+def _lines(row: Array, taper: Array) -> Complex:
+    return np.asarray(np.fft.rfft((row - row.mean()) * taper))
+
+
+def _shares(values: list[float]) -> list[float]:
+    total = sum(values)
+    return [100.0 * value / total if total > 0.0 else 0.0 for value in values]
+
+
+def _bands_seen(bands: Sequence[Band], *, informed: bool) -> str:
+    loudest = max(bands, key=lambda band: band.drive)
+    parts = [f"The drive moves most from {_hertz(loudest)}"]
+    weak = [band for band in bands if band.coherence < 0.8]
+    if weak:
+        parts.append(f"the coherence is below 0.8 from {' and from '.join(map(_hertz, weak))}")
+    if not informed:
+        return f"{'; '.join(parts)}."
+    for name, said in (("stiffness", "the spring"), ("damping", "the drag")):
+        values = [getattr(band, name) for band in bands]
+        best = int(np.argmax(values))
+        total = sum(values)
+        if not total > Z_95**2:  # not even to 100 %
+            parts.append(f"it says nothing about {said}")
+            continue
+        parts.append(
+            f"{_shares(values)[best]:.0f} % of what it says about {said} comes from {_hertz(bands[best])}; "
+            f"all of it tells {said} to {percent(Z_95 / float(np.sqrt(total)))} on either side (95 %) or "
+            "better, "
+            "were the spool's law linear"
+        )
+    return f"{'; '.join(parts)}."
+
+
+def _hertz(band: Band) -> str:
+    return f"{band.low:g} to {band.high:g} Hz"
+
+
+def _campbell_seen(shown: Spectrogram, natural: Mapping[str, Frequency]) -> str:
+    parts = [
+        f"Strongest line of the excitation from {number(float(shown.line.min()), 3)} to "
+        f"{number(float(shown.line.max()), 3)} Hz over {number(float(shown.time[-1] - shown.time[0]), 3)} s"
+    ]
+    for name, one in natural.items():
+        known = one.value[np.isfinite(one.value)]
+        if not known.size:
+            parts.append(f"the natural frequency ({name}) is not known")
+            continue
+        low, high = float(known.min()), float(known.max())
+        span = (
+            f"{number(low, 3)} Hz"
+            if high - low < 5e-3 * high
+            else f"{number(low, 3)} to {number(high, 3)} Hz"
+        )
+        middle = float(np.median(known))
+        share = float(np.mean(np.abs(shown.line / middle - 1.0) < NEAR))
+        parts.append(
+            f"natural frequency ({name}) {span}; the excitation's strongest line is within "
+            f"{100.0 * NEAR:.0f} % of it during {100.0 * share:.0f} % of the time"
+        )
+    return f"{'; '.join(parts)}."

@@ -1,1 +1,0 @@
-"""Keystores for secured DDS, as SROS 2 reads them."""
