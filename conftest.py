@@ -146,7 +146,7 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 def _away_from_other_ros_programs() -> Iterator[None]:
     """Give this worker a free domain: what a test starts without a domain of its own lands there."""
     try:
-        from spool_core.node.free_domain import claimed_domain  # noqa: PLC0415 - not beneath every package
+        from spool_core.node.network import claimed_domain  # noqa: PLC0415 - not beneath every package
     except ImportError:
         yield
         return
@@ -166,6 +166,6 @@ def domain_id(claim_domain: Callable[[], AbstractContextManager[int]]) -> Iterat
 @pytest.fixture(scope="session")
 def claim_domain() -> Callable[[], AbstractContextManager[int]]:
     """Return what claims a ROS domain, for fixtures that several tests share."""
-    from spool_core.node.free_domain import claimed_domain  # noqa: PLC0415 - not beneath every package
+    from spool_core.node.network import claimed_domain  # noqa: PLC0415 - not beneath every package
 
     return claimed_domain

@@ -18,7 +18,7 @@ from spool_bag.recording.snapshot import HEALTH_EVENT, Message, SnapshotKeeper
 from spool_bag.recording.snapshot_writer import SnapshotWriter
 from spool_bag.recording.writer import PartLimits
 from spool_core.block import Block
-from spool_core.format.cdr import encode_block
+from spool_core.cdr import encode_block
 
 #: Blocks of 400 samples a day.
 SIZE, PERIOD = 400, 0.0005

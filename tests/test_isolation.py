@@ -16,7 +16,7 @@ import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
 from spool_core.errors import InputError
-from spool_core.node import free_domain
+from spool_core.node import network as free_domain
 from spool_msgs.msg import AccelerationBlock
 
 if TYPE_CHECKING:

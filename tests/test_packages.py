@@ -7,7 +7,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from spool_core.libraries import OLDEST
+from spool_core.errors import OLDEST
 
 SOURCE = Path(__file__).resolve().parent.parent / "ros2_ws" / "src"
 PACKAGES = sorted(path.parent for path in SOURCE.glob("*/package.xml"))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from spool_bag.reading.reader import BagReader
-from spool_core.quantity import Validity
+from spool_core.uncertainty import Validity
 from spool_estimator.estimate import State
 from spool_estimator.estimator import Estimator
 from spool_estimator.stream_estimator import EstimatorSettings

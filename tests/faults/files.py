@@ -18,8 +18,8 @@ from spool_bag.recording.recovery import RecoveryResult, recover
 from spool_bag.recording.verification import verify
 from spool_bag.recording.writer import BagWriter, PartLimits
 from spool_core.block import Block
+from spool_core.cdr import encode_block
 from spool_core.errors import InputError
-from spool_core.format.cdr import encode_block
 from spool_monitor.history.state_file import StateFile
 
 from .outcome import Outcome

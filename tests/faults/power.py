@@ -50,7 +50,7 @@ def record(bag: Path, times: Path) -> None:
     from spool_bag.recording.message_queue import Recorded  # noqa: PLC0415
     from spool_bag.recording.recording import Recording, RecordingSettings  # noqa: PLC0415
     from spool_bag.recording.writer import PartLimits  # noqa: PLC0415
-    from spool_core.format.cdr import encode_block  # noqa: PLC0415
+    from spool_core.cdr import encode_block  # noqa: PLC0415
 
     class Quiet:
         def info(self, message: str) -> None: ...

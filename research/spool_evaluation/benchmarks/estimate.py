@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 from spool_bag.reading.reader import BagReader
 from spool_core.errors import InputError
-from spool_core.node.free_domain import isolate
+from spool_core.node.network import isolate
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.refit import RefitSettings, WindowRefits, WindowTask, refit
 from spool_sim.model import MODELS

@@ -17,7 +17,7 @@ from pathlib import Path
 import yaml
 from rich.console import Console
 from spool_core.errors import InputError
-from spool_core.node.free_domain import isolate
+from spool_core.node.network import isolate
 from spool_tools.demo.processes import Nodes
 
 from .load import valve_source

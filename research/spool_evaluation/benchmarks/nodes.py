@@ -9,7 +9,7 @@ from pathlib import Path
 
 from spool_bag.reading.information import describe
 from spool_core.errors import InputError
-from spool_core.node.free_domain import isolate
+from spool_core.node.network import isolate
 from spool_tools.demo.processes import Nodes
 
 from spool_evaluation.results.timing import Timing

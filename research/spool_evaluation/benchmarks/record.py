@@ -17,9 +17,9 @@ from pathlib import Path
 
 from rich.console import Console
 from spool_bag.reading.reader import BagReader
+from spool_core.cdr import block_sequence
 from spool_core.errors import InputError
-from spool_core.format.cdr import block_sequence
-from spool_core.node.free_domain import isolate
+from spool_core.node.network import isolate
 from spool_tools.demo.processes import Nodes
 
 from .load import plain_recorder, valve_source

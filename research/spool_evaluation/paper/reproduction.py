@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 
 import numpy as np
-from spool_core.kernels.processors import processors
+from spool_core.system import processors
 
 from .data import MODELS, SERIES, PaperSeries, printed_parameters
 from .fit import PaperFit, fit, fit_both, fit_held

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from typing import TypeVar
 
-from spool_core.kernels.processors import processors
+from spool_core.system import processors
 from spool_tools.console.terminal import progress
 
 Item = TypeVar("Item")

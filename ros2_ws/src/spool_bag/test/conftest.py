@@ -10,7 +10,7 @@ import pytest
 from spool_bag.format.definitions import ACCELERATION_BLOCK
 from spool_bag.recording.writer import BagWriter
 from spool_core.block import Block
-from spool_core.format.cdr import encode_block
+from spool_core.cdr import encode_block
 
 START = 1_700_000_000_000_000_000
 PERIOD = 0.0005

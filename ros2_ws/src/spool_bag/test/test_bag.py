@@ -24,8 +24,8 @@ from spool_bag.reading.reader import WINDOW, BagReader
 from spool_bag.recording.recovery import recover
 from spool_bag.recording.writer import BagWriter
 from spool_core.block import Block
+from spool_core.cdr import OilTemperature, encode_block, encode_temperature
 from spool_core.errors import InputError
-from spool_core.format.cdr import OilTemperature, encode_block, encode_temperature
 
 TOPIC = "/valve_1/acceleration"
 MakeBlock = Callable[..., Block]
@@ -381,7 +381,7 @@ def test_information_counts_losses_and_refusals(tmp_path: Path, block: MakeBlock
 
 FILL = """
 import resource, sys
-from spool_core.format.cdr import encode_block
+from spool_core.cdr import encode_block
 from spool_bag.format.definitions import ACCELERATION_BLOCK
 from spool_bag.recording.writer import BagWriter, RecordingError
 from spool_core.block import Block

@@ -24,8 +24,8 @@ from spool_bag.recording.recovery import recover
 from spool_bag.recording.writer import BagWriter
 from spool_bag.tables.export import export_bag
 from spool_core.block import Block
+from spool_core.cdr import encode_block
 from spool_core.errors import InputError
-from spool_core.format.cdr import encode_block
 
 MakeBlock = Callable[..., Block]
 

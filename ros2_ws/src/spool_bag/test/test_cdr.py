@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE, typestore
 from spool_core.block import Block
-from spool_core.format.cdr import (
+from spool_core.cdr import (
     CdrError,
     OilTemperature,
     block_sequence,

@@ -24,8 +24,8 @@ from spool_bag.reading.reader import BagReader
 from spool_bag.recording.recovery import RecoveryResult, recover
 from spool_bag.recording.writer import BagWriter
 from spool_core.block import Block
+from spool_core.cdr import OilTemperature, encode_block, encode_temperature
 from spool_core.errors import InputError
-from spool_core.format.cdr import OilTemperature, encode_block, encode_temperature
 
 START = 1_700_000_000_000_000_000
 VALVES = ("valve_1", "valve_2")

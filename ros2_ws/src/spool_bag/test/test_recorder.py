@@ -8,8 +8,8 @@ import pytest
 from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE
 from spool_bag.recording.recorder import TOPICS, LossCount, new_bag, select_topics, valve_namespaces
 from spool_core.block import Block
+from spool_core.cdr import encode_block
 from spool_core.errors import InputError
-from spool_core.format.cdr import encode_block
 
 GRAPH = {
     "/valve_1/acceleration": [ACCELERATION_BLOCK],

@@ -12,9 +12,8 @@ from spool_bag.format.cdr_blocks import decode_blocks
 from spool_bag.reading import ordering
 from spool_bag.reading.ordering import Item, OrderingWindows, keyed_of
 from spool_bag.reading.timeline import Timeline
-from spool_core.block import Block
-from spool_core.block_run import BlockRun
-from spool_core.format.cdr import CdrError, OilTemperature, decode_block, encode_block
+from spool_core.block import Block, BlockRun
+from spool_core.cdr import CdrError, OilTemperature, decode_block, encode_block
 
 START, PERIOD, STEP = 1_700_000_000_000_000_000, 5e-4, 20_000_000
 #: What may be wrong with a message, or other than in the one before.

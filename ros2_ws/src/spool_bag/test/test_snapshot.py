@@ -21,7 +21,7 @@ from spool_bag.recording.snapshot import (
 from spool_bag.recording.snapshot_writer import SnapshotWriter
 from spool_bag.recording.writer import BagWriter, PartLimits
 from spool_core.block import Block
-from spool_core.format.cdr import encode_block
+from spool_core.cdr import encode_block
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

@@ -10,9 +10,8 @@ from spool_bag.format.definitions import ACCELERATION_BLOCK
 from spool_bag.reading.reader import BagReader
 from spool_bag.reading.span import Span
 from spool_bag.recording.writer import BagWriter, PartLimits
-from spool_core.block import Block
-from spool_core.block_run import BlockRun
-from spool_core.format.cdr import encode_block
+from spool_core.block import Block, BlockRun
+from spool_core.cdr import encode_block
 
 STEP = 20_000_000
 

@@ -14,11 +14,11 @@ from mcap.reader import make_reader
 from spool_bag.reading.reader import BagReader
 from spool_bag.recording.writer import BagWriter
 from spool_core.errors import InputError
-from spool_core.files.staging import leftovers, staged
+from spool_core.system import leftovers, staged
 
 WRITE = """
 import sys
-from spool_core.format.cdr import encode_block
+from spool_core.cdr import encode_block
 from spool_bag.format.definitions import ACCELERATION_BLOCK
 from spool_bag.recording.writer import BagWriter
 from spool_core.block import Block

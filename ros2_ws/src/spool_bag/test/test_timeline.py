@@ -15,7 +15,7 @@ from spool_bag.reading.timeline import Timeline, duration_of
 from spool_bag.recording.writer import BagWriter
 from spool_bag.tables.export import export_bag
 from spool_core.block import Block
-from spool_core.format.cdr import encode_block
+from spool_core.cdr import encode_block
 
 MakeBlock = Callable[..., Block]
 HOUR = 3_600_000_000_000

@@ -8,8 +8,8 @@ import signal
 import sys
 from types import FrameType
 
-from spool_core.libraries import libraries_reported
-from spool_core.text.standard_streams import drop_output, keep_standard_streams
+from spool_core.errors import libraries_reported
+from spool_core.text import drop_output, keep_standard_streams
 
 INTERRUPTED, NOBODY_READS = 130, 141  # what a shell says of SIGINT and SIGPIPE
 

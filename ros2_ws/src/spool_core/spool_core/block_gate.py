@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from spool_core.block import BlockRun, RecentCounts, joined_runs
+
 from .block import Block, joined
-from .block_run import BlockRun, joined_runs
 from .rate_check import RateCheck, RateState
-from .recent import RecentCounts
 
 #: A block's stamp, end (ns), sequence and sample period (s).
 Place = tuple[int, int, int, float]

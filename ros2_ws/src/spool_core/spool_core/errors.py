@@ -1,6 +1,20 @@
-"""Input error: what a user can put right."""
+"""Errors that become one line for the user: wrong input, and a library that is missing."""
 
 from __future__ import annotations
+
+import importlib.metadata
+import shlex
+import sys
+import sysconfig
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+#: First release that has what the suite imports, where distributions still ship older ones: Debian 12 and
+#: Ubuntu 24.04 have pydantic 1.10, typer 0.7 and 0.9, textual 0.1 and 0.52.
+OLDEST = {"pydantic": "2.0", "typer": "0.29", "textual": "8.0"}
+#: Import names whose package has another one.
+PACKAGES = {"yaml": "PyYAML", "nptdms": "npTDMS"}
 
 
 class InputError(ValueError):
@@ -8,3 +22,56 @@ class InputError(ValueError):
 
     The command line prints it as it is and exits with 2; a node refuses the transition.
     """
+
+
+@contextmanager
+def libraries_reported(program: str) -> Iterator[None]:
+    """Turn the failed import of a library into one line on standard error and exit code 2.
+
+    Args:
+        program: name for the line.
+
+    Raises:
+        SystemExit: a library is missing or too old.
+        ImportError: a module of the suite itself cannot be imported.
+    """
+    try:
+        yield
+    except ImportError as error:
+        said = unmet_library(error)
+        if said is None:
+            raise
+        print(f"{program}: {said}", file=sys.stderr, flush=True)
+        raise SystemExit(2) from None
+
+
+def unmet_library(error: ImportError) -> str | None:
+    """Return which library an import failed for and what to do; ``None`` for a module of the suite itself."""
+    name = (error.name or "").partition(".")[0]
+    if not name or name.startswith("spool_") or name in sys.stdlib_module_names:
+        return None
+    package = PACKAGES.get(name, name)
+    wanted = f"{package}>={OLDEST[name]}" if name in OLDEST else package
+    try:
+        found = importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return f"the Python package {wanted} is missing: {how_to_install(wanted)}"
+    if name in OLDEST and _release(found) < _release(OLDEST[name]):
+        return f"{package} {found} is too old, {wanted} is needed: {how_to_install(wanted)}"
+    return f"{package} {found} cannot be used ({error}): {how_to_install(f'--upgrade {package}')}"
+
+
+def how_to_install(wanted: str) -> str:
+    """Return what to type for the package ``wanted``, with options of pip before it.
+
+    A Python that the system manages takes packages in a virtual environment only (PEP 668).
+    """
+    managed = Path(sysconfig.get_path("stdlib"), "EXTERNALLY-MANAGED").exists()
+    if managed and sys.prefix == sys.base_prefix:
+        return "build in a virtual environment, see 'Installation on a ROS 2' in spool_bringup/README.md"
+    words = [sys.executable, "-m", "pip", "install", *wanted.split()]
+    return f"type {' '.join(map(shlex.quote, words))}"
+
+
+def _release(version: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in version.split(".")[:2] if part.isdigit())

@@ -11,8 +11,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from spool_core.block import BlockRun
+
 from .block import Block
-from .block_run import BlockRun
 
 #: Relative departure of ``sample_period`` from the stamps that is a fault. A stiffness goes with the square
 #: of time: 0.25 % of the period are 0.5 % of the stiffness. Quartz clocks agree to 0.02 % or better.

@@ -1,12 +1,11 @@
-"""Uncertainty: 95 % intervals and numbers as people read them; every ``±`` of the suite is written here."""
+"""Quantities with units and intervals, and how many of their digits are shown."""
 
 from __future__ import annotations
 
+import enum
 import math
 from dataclasses import dataclass, replace
 from decimal import ROUND_CEILING, ROUND_HALF_EVEN, ROUND_HALF_UP, Decimal
-
-from .quantity import Quantity
 
 #: Quantile of the standard normal distribution for a two-sided 95 % interval (NIST handbook 1.3.6.7.1).
 #: Not Student's t: what is shown comes from hundreds of samples and more, and t of 60 degrees of freedom
@@ -110,6 +109,56 @@ def unit_text(unit: str) -> str:
     return "" if unit in ("", "1") else f" {unit}"
 
 
+def rate_power(unit: str) -> int:
+    """Return with which power of the sampling rate a parameter of ``unit`` grows, e.g. 2 for `N/m`."""
+    if unit in _RATE_POWERS:
+        return _RATE_POWERS[unit]
+    power = 0
+    for sign, part in zip((1, -1), unit.split("/"), strict=False):
+        for factor in part.strip("() ").split():
+            base, _, exponent = factor.partition("^")
+            power += sign * _RATE_POWERS.get(base, 0) * int(exponent or 1)
+    return power
+
+
+def at_uncertain_rate(quantity: Quantity, rate_std: float) -> Quantity:
+    """Return a parameter whose deviation includes that of the sampling rate, ``rate_std`` (relative)."""
+    power = rate_power(quantity.unit)
+    if rate_std <= 0.0 or power == 0 or not math.isfinite(quantity.standard_deviation):
+        return quantity
+    deviation = math.hypot(quantity.standard_deviation, rate_std * power * quantity.value)
+    return replace(quantity, standard_deviation=deviation)
+
+
+class Validity(enum.IntEnum):
+    """Validity of a quantity: whether it holds; the numbers are those of ``spool_msgs/msg/Quantity``."""
+
+    UNKNOWN = 0
+    VALID = 1
+    HELD = 2
+    IMPLAUSIBLE = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """Quantity: ``value`` and ``standard_deviation`` in ``unit``; NaN where not known."""
+
+    name: str
+    unit: str
+    value: float = math.nan
+    standard_deviation: float = math.nan
+    validity: Validity = Validity.UNKNOWN
+
+    @property
+    def known(self) -> bool:
+        """Whether the value may be used: valid, or held from when it was."""
+        return self.validity in (Validity.VALID, Validity.HELD)
+
+    def to_dict(self) -> dict[str, float | str]:
+        """Return value, standard deviation and unit as results in JSON have them."""
+        return {"value": self.value, "std": self.standard_deviation, "unit": self.unit}
+
+
 def _last_digit(value: float, deviation: float) -> int:
     """Return the decimal exponent of the last digit shown."""
     half = Z_95 * deviation
@@ -156,24 +205,3 @@ def _written(value: Decimal, power: int, last: int) -> str:
 
 def _finite(value: float) -> float:
     return value if math.isfinite(value) else 0.0
-
-
-def rate_power(unit: str) -> int:
-    """Return with which power of the sampling rate a parameter of ``unit`` grows, e.g. 2 for `N/m`."""
-    if unit in _RATE_POWERS:
-        return _RATE_POWERS[unit]
-    power = 0
-    for sign, part in zip((1, -1), unit.split("/"), strict=False):
-        for factor in part.strip("() ").split():
-            base, _, exponent = factor.partition("^")
-            power += sign * _RATE_POWERS.get(base, 0) * int(exponent or 1)
-    return power
-
-
-def at_uncertain_rate(quantity: Quantity, rate_std: float) -> Quantity:
-    """Return a parameter whose deviation includes that of the sampling rate, ``rate_std`` (relative)."""
-    power = rate_power(quantity.unit)
-    if rate_std <= 0.0 or power == 0 or not math.isfinite(quantity.standard_deviation):
-        return quantity
-    deviation = math.hypot(quantity.standard_deviation, rate_std * power * quantity.value)
-    return replace(quantity, standard_deviation=deviation)

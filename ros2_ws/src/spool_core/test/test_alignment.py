@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.alignment.aligner import Aligner, AlignerSettings, Channel
-from spool_core.alignment.sample_clock import SampleClock
+from spool_core.alignment.sensor_clock import SampleClock
 from spool_core.alignment.sensor_stream import CONFIRM, Refusal, SensorStream
 from spool_core.block import Block
 from spool_core.block_gate import BlockGate, Verdict

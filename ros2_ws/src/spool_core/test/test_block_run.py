@@ -9,9 +9,8 @@ from itertools import pairwise
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_core.block import Block, joined
+from spool_core.block import Block, BlockRun, joined, joined_runs
 from spool_core.block_gate import SharedGate
-from spool_core.block_run import BlockRun, joined_runs
 from spool_core.rate_check import RateCheck
 
 START = 1_700_000_000_000_000_000

@@ -15,7 +15,7 @@ import spool_core
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from spool_core.kernels import kernel_files
-from spool_core.kernels.kernel_folder import refusal
+from spool_core.kernels.kernel_files import refusal
 
 CODE = """
 import sys

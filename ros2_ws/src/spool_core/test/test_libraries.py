@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from spool_core import libraries
-from spool_core.libraries import how_to_install, libraries_reported, unmet_library
+from spool_core import errors as libraries
+from spool_core.errors import how_to_install, libraries_reported, unmet_library
 
 
 @pytest.fixture(name="old_pydantic")

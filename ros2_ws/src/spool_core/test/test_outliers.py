@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from spool_core.block import Block
-from spool_core.kernels.outliers import OutlierFilter, impossible
+from spool_core.kernels.samples import OutlierFilter, impossible
 
 PERIOD = 1e-3
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hypothesis import given
 from hypothesis import strategies as st
-from spool_core.text.printable import printable
+from spool_core.text import printable
 
 
 @given(st.text(st.characters(exclude_categories=()), max_size=50))

@@ -5,7 +5,7 @@ import stat
 from pathlib import Path
 
 import pytest
-from spool_core.private import others_may_write, private_file, private_folder
+from spool_core.system import others_may_write, private_file, private_folder
 
 
 def mode(path: Path) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 
-SAID = "from spool_core.kernels.processors import processors; print(processors())"
+SAID = "from spool_core.system import processors; print(processors())"
 
 
 def test_a_process_bound_to_one_processor_has_one() -> None:

@@ -5,7 +5,7 @@ import math
 
 import pytest
 from spool_core.errors import InputError
-from spool_core.quantity import Quantity, Validity
+from spool_core.uncertainty import Quantity, Validity
 
 
 def test_a_quantity_is_unknown_until_said_otherwise() -> None:

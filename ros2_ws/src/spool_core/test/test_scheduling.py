@@ -8,7 +8,7 @@ import sys
 
 import pytest
 from spool_core.errors import InputError
-from spool_core.scheduling import NICENESS, processor_list, run_before_others
+from spool_core.system import NICENESS, processor_list, run_before_others
 
 ALLOWED = sorted(os.sched_getaffinity(0))
 
@@ -34,7 +34,7 @@ def test_what_is_no_list_of_processors_here_is_refused(text: str) -> None:
 def test_a_process_is_bound_to_its_processors() -> None:
     last = ALLOWED[-1]
     said = answer(
-        "import os\nfrom spool_core.scheduling import use_processors\n"
+        "import os\nfrom spool_core.system import use_processors\n"
         f"use_processors('{last}')\nprint(os.sched_getaffinity(0))"
     )
     assert said == f"{{{last}}}"
@@ -44,7 +44,7 @@ def test_threads_run_before_others_and_work_beside_the_stream_does_not() -> None
     """Where the system does not grant it, the refusal says what is needed."""
     said = answer(
         "import os, threading\nfrom spool_core.errors import InputError\n"
-        "from spool_core.scheduling import give_way, run_before_others\n"
+        "from spool_core.system import give_way, run_before_others\n"
         "try:\n    run_before_others(7)\n"
         "except InputError as error:\n    print(error)\n    raise SystemExit\n"
         "found = []\n"

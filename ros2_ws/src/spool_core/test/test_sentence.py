@@ -7,7 +7,7 @@ from decimal import Decimal
 import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
-from spool_core.text.sentence import Account, ShareOfCause, change, duration, over, raised
+from spool_core.text import Account, ShareOfCause, change, duration, over, raised
 
 NUMBER = r"(-?[0-9.]+(?:e-?[0-9]+)?)"
 SENTENCE = re.compile(

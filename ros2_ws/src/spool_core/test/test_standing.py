@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from spool_core.kernels.standing import StandingWatch
+from spool_core.kernels.samples import StandingWatch
 
 PERIOD = 5e-4
 NOISE = np.random.default_rng(1).normal(0.0, 1.0, (2, 2_000)).astype(np.float32)

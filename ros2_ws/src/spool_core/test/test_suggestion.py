@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from spool_core.text.suggestion import did_you_mean
+from spool_core.text import did_you_mean
 
 MODELS = ("fluid", "coulomb", "stribeck", "coulomb_hydrodynamic")
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_core.block import Samples
 from spool_core.kernels.compiled import compiled
-from spool_core.kernels.standing import StandingArrays, scan
+from spool_core.kernels.samples import StandingArrays, scan
 
 from spool_estimator.motion.displacement import DisplacementArrays, follow_displacement
 from spool_estimator.motion.history import keep, sampled_pointwise

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.block import Samples
-from spool_core.kernels.standing import StandingWatch
-from spool_core.quantity import Quantity
+from spool_core.kernels.samples import StandingWatch
+from spool_core.uncertainty import Quantity
 
 from spool_estimator.recursion.conditioning import (
     BODY,

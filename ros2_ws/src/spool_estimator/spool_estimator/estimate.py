@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass, replace
 
-from spool_core.quantity import Quantity, Validity
+from spool_core.uncertainty import Quantity, Validity
 
 
 class State(enum.IntEnum):

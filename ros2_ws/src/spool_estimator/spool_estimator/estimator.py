@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 from spool_core.block import Samples
-from spool_core.kernels.standing import StandingWatch
-from spool_core.quantity import Quantity, Validity
+from spool_core.kernels.samples import StandingWatch
+from spool_core.uncertainty import Quantity, Validity
 from spool_sim.valve.description import Valve
 
 from spool_estimator.identification.oil import oil_law

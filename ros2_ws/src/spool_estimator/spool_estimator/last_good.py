@@ -6,8 +6,8 @@ from collections import deque
 from dataclasses import dataclass, field, replace
 from typing import Generic, TypeVar
 
-from spool_core.quantity import Quantity
 from spool_core.rate_check import REFUTE
+from spool_core.uncertainty import Quantity
 
 from .estimate import Estimate, State
 

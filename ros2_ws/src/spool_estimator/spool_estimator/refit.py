@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from spool_core.block import Block, Samples
 from spool_core.block_gate import BlockGate, Verdict
-from spool_core.kernels.outliers import OutlierFilter
-from spool_core.quantity import Quantity, Validity
+from spool_core.kernels.samples import OutlierFilter
+from spool_core.uncertainty import Quantity, Validity
 from spool_sim.model import Model
 from spool_sim.valve.description import Valve
 

@@ -7,7 +7,7 @@ import os
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 
-from spool_core.scheduling import give_way
+from spool_core.system import give_way
 
 from .refit import Refit, RefitSettings, RefitState, WindowTask, refit
 

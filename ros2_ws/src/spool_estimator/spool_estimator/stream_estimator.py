@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_core.block import Block, Samples
 from spool_core.block_gate import BlockGate, Fault, Verdict
-from spool_core.kernels.outliers import OutlierFilter
-from spool_core.kernels.standing import StandingWatch
-from spool_core.quantity import Quantity, Validity
+from spool_core.kernels.samples import OutlierFilter, StandingWatch
+from spool_core.uncertainty import Quantity, Validity
 
 from spool_estimator.identification.oil import OilLaw, OilReference
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_core.kernels.standing import StandingWatch
+from spool_core.kernels.samples import StandingWatch
 
 from spool_estimator import chunks
 from spool_estimator.chunks import LENGTHS, NOISE, SMALLEST_NOISE

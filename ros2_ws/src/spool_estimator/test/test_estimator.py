@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.block import Block
 from spool_core.block_gate import Fault
-from spool_core.quantity import Validity
+from spool_core.uncertainty import Validity
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.stream_estimator import EstimatorSettings

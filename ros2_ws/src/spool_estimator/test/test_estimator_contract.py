@@ -18,7 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.block import Block
 from spool_core.block_gate import STALE
-from spool_core.quantity import Validity
+from spool_core.uncertainty import Validity
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimators import ESTIMATORS
 from spool_estimator.stream_estimator import EstimatorSettings, StreamEstimator

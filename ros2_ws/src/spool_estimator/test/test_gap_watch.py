@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from spool_core.block import Block
-from spool_core.quantity import Quantity, Validity
+from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.gap_requests.gap_watch import LEARNED, GapChange, GapWatch
 from spool_estimator.gap_requests.gap_worker import RecentBlocks

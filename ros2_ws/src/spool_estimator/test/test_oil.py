@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 
 import pytest
-from spool_core.quantity import Quantity, Validity
+from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.identification.oil import LAG, LONGEST_AGE, USUAL_DEVIATION, OilReference, oil_law

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from spool_core.quantity import Validity
+from spool_core.uncertainty import Validity
 from spool_estimator.stream_estimator import Learned, _derived
 
 EXACT = 1e-6

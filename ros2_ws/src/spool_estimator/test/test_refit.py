@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from spool_core.block import Block
-from spool_core.quantity import Validity
+from spool_core.uncertainty import Validity
 from spool_estimator.estimate import State
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.refit import Refit, RefitSettings, RefitState, WindowRefits, WindowTask, refit

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from spool_core.errors import InputError
-from spool_core.kernels.processors import processors
+from spool_core.system import processors
 from spool_sim.valve.description import find_valve
 from spool_tools.console.outputs import suite_version
 from spool_tools.console.terminal import progress

@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-from spool_core.quantity import Quantity
+from spool_core.uncertainty import Quantity
 
 from spool_monitor.detectors import Judgement
 from spool_monitor.events.event_kind import Namur

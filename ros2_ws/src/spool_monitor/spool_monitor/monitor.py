@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 from spool_core.block import Block
 from spool_core.block_gate import BlockGate, Fault, Verdict
-from spool_core.kernels.outliers import OutlierFilter
-from spool_core.quantity import Quantity, Validity
+from spool_core.kernels.samples import OutlierFilter
+from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 
 from spool_monitor.detectors import check_settings

@@ -6,9 +6,8 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
-from spool_core.block import Block
+from spool_core.block import Block, BlockRun
 from spool_core.block_gate import BlockGate, SharedGate
-from spool_core.block_run import BlockRun
 from spool_estimator.estimate import Estimate
 from spool_estimator.gap_requests.gap_watch import GapWatch
 from spool_estimator.plausibility import ValveCheck

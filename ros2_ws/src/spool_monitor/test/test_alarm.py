@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_core.quantity import Quantity
+from spool_core.uncertainty import Quantity
 from spool_monitor.alarms.alarm import (
     Action,
     Alarm,

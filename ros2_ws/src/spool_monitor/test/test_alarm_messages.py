@@ -4,7 +4,7 @@ from enum import IntEnum
 
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
-from spool_core.quantity import Quantity
+from spool_core.uncertainty import Quantity
 from spool_monitor.alarms.alarm import AlarmState, Operator
 from spool_monitor.alarms.alarm_store import AlarmStore
 from spool_monitor.events.event import Event, EventState, Severity

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from spool_core.errors import InputError
-from spool_core.quantity import Quantity
+from spool_core.uncertainty import Quantity
 from spool_monitor.alarms.alarm import AlarmRefusedError, AlarmState, Operator
 from spool_monitor.alarms.alarm_store import AlarmStore
 from spool_monitor.detectors import event_kind

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from spool_core.errors import InputError
-from spool_core.quantity import Quantity, Validity
+from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 from spool_monitor.alarms.alarm import AlarmRefusedError, Operator
 from spool_monitor.detection import Detection

@@ -5,8 +5,8 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from spool_core.quantity import Quantity
-from spool_core.text.sentence import Account
+from spool_core.text import Account
+from spool_core.uncertainty import Quantity
 from spool_monitor.detectors import KINDS, event_kind
 from spool_monitor.events.condition import Condition, Finding
 from spool_monitor.events.event import Event, EventState, Severity

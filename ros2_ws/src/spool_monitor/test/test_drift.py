@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from spool_core.quantity import Quantity, Validity
+from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 from spool_monitor.drift.baseline import Baseline
 from spool_monitor.drift.parameter_drift import ALLOWANCE, ParameterDrift

@@ -4,7 +4,7 @@ import math
 import re
 
 import pytest
-from spool_core.quantity import Quantity, Validity
+from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.detectors import MonitorSettings

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from spool_core.node.managed_node import AUTOSTART
-from spool_core.quantity import Quantity, Validity
+from spool_core.uncertainty import Quantity, Validity
 from spool_monitor.detectors import Judgement
 from spool_monitor.events.event import Event, EventState, Severity
 from spool_monitor.health import BaselineState, Health, HealthLevel

@@ -11,7 +11,7 @@ from itertools import islice
 import numpy as np
 import pytest
 from spool_core.block import Block
-from spool_core.quantity import Validity
+from spool_core.uncertainty import Validity
 from spool_estimator.estimate import State
 from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.detectors import Judgement, MonitorSettings

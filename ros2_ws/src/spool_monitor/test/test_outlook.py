@@ -7,8 +7,8 @@ import re
 
 import numpy as np
 import pytest
-from spool_core.quantity import Quantity
-from spool_core.text.sentence import Account
+from spool_core.text import Account
+from spool_core.uncertainty import Quantity
 from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.detectors import KINDS, MonitorSettings
 from spool_monitor.drift.outlook import Outlook

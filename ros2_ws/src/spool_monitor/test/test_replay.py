@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_core.block import Block
-from spool_core.block_run import BlockRun
+from spool_core.block import Block, BlockRun
 from spool_estimator.estimate import Estimate
 from spool_estimator.estimator import settings_for
 from spool_estimator.estimators import ESTIMATORS, make_estimator

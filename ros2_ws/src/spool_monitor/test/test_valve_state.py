@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from spool_core.quantity import Quantity
+from spool_core.uncertainty import Quantity
 from spool_monitor.alarms.alarm import Operator
 from spool_monitor.events.event import Event, EventState, Severity
 from spool_monitor.history.state_file import StateFile
@@ -37,7 +37,7 @@ from spool_monitor.alarms.alarm import Operator
 from spool_monitor.events.event import Event, EventState, Severity
 from spool_monitor.monitor import Monitor
 from spool_monitor.history.valve_state import ValveState
-from spool_core.quantity import Quantity
+from spool_core.uncertainty import Quantity
 
 state = ValveState(Monitor(), Path(sys.argv[1]), print)
 state.open()

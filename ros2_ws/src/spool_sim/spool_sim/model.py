@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from spool_core.errors import InputError
-from spool_core.text.suggestion import did_you_mean
+from spool_core.text import did_you_mean
 
 from spool_sim.files.validation import Number, one_line, read_mapping
 from spool_sim.integration.composition import unique_parameters

@@ -9,13 +9,12 @@ from typing import Any, ClassVar
 from sensor_msgs.msg import Temperature
 from spool_core.errors import InputError
 from spool_core.node import qos
-from spool_core.node.block_publisher import BlockPublisher
+from spool_core.node.block_hub import BlockPublisher, Throttle
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, key
 from spool_core.node.managed_node import ManagedNode
 from spool_core.node.messages import to_time
 from spool_core.node.parameters import NodeParameter, Value
 from spool_core.node.running import run
-from spool_core.node.throttle import Throttle
 
 from spool_sim.excitation.kinds import load_excitation
 from spool_sim.valve.description import find_valve

@@ -8,7 +8,7 @@ import pytest
 from rclpy.serialization import serialize_message
 from spool_bag.format.definitions import ACCELERATION_BLOCK
 from spool_bag.recording.writer import BagWriter
-from spool_core.format.cdr import encode_block
+from spool_core.cdr import encode_block
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.messages import to_message
 from spool_monitor.detectors import MonitorSettings

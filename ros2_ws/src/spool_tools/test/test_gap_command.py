@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from spool_core.quantity import Quantity, Validity
+from spool_core.uncertainty import Quantity, Validity
 from spool_gap.registry import EFFECTS
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
 from spool_sim.integration.step_size import half_step_times

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from spool_bag.format.definitions import ACCELERATION_BLOCK
 from spool_bag.reading.reader import BagReader
 from spool_bag.recording.writer import BagWriter
+from spool_core.cdr import encode_block
 from spool_core.errors import InputError
-from spool_core.format.cdr import encode_block
 from spool_sim.excitation.kinds import Recorded
 from spool_sim.excitation.presets import PRESETS
 from spool_sim.simulator import Simulator

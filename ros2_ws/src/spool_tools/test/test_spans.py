@@ -10,8 +10,8 @@ from spool_bag.format.definitions import ACCELERATION_BLOCK, typestore
 from spool_bag.reading.reader import BagReader
 from spool_bag.recording.writer import BagWriter, PartLimits
 from spool_core.block import Block
+from spool_core.cdr import encode_block
 from spool_core.errors import InputError
-from spool_core.format.cdr import encode_block
 from spool_tools.cli import main
 from spool_tools.input.record_sources import span_of
 

@@ -9,13 +9,12 @@ from typing import Any, ClassVar
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from spool_core.alignment.aligner import Aligner, AlignerSettings, Channel
-from spool_core.node.block_publisher import BlockPublisher
+from spool_core.node.block_hub import BlockPublisher, Throttle
 from spool_core.node.diagnostics import DiagnosticPublisher, Level
 from spool_core.node.managed_node import ManagedNode
 from spool_core.node.parameters import NodeParameter, Value
 from spool_core.node.running import run
-from spool_core.node.throttle import Throttle
-from spool_core.text.sentence import plural
+from spool_core.text import plural
 
 from .readings import IMU, TYPES, UNITS, Reading, Samples, UnusableError
 from .sensor_report import SETTLED_LOOKS, SensorReport

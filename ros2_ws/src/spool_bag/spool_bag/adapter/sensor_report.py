@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass, field
 
 from spool_core.alignment.aligner import CLOCK_STEP, Aligner, Channel
+from spool_core.alignment.sensor_clock import LEAST_STEP
 from spool_core.alignment.sensor_stream import Refusal
-from spool_core.alignment.step_watch import LEAST_STEP
+from spool_core.block import RecentCounts
 from spool_core.node.diagnostics import Level, Status, key
-from spool_core.recent import RecentCounts
-from spool_core.text.sentence import plural
+from spool_core.text import plural
 
 #: Relative departure of the stamps from ``sample_rate`` that is a fault: the one at which
 #: :class:`spool_core.rate_check.RateCheck` refuses blocks.

@@ -12,10 +12,9 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_core.block import Block
+from spool_core.block import LARGEST, Block, BlockRun
 from spool_core.block_gate import LONGEST_PERIOD
-from spool_core.block_run import LARGEST, BlockRun
-from spool_core.format.cdr import LITTLE_ENDIAN, NANOSECONDS, CdrError, decode_block
+from spool_core.cdr import LITTLE_ENDIAN, NANOSECONDS, CdrError, decode_block
 
 #: Messages below which each is decoded by itself: comparing them all costs as much.
 FEW = 8

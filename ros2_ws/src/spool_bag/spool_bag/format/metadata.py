@@ -12,8 +12,8 @@ import yaml
 from rosbags.interfaces import Qos
 from rosbags.rosbag2.metadata import dump_qos_v9
 from spool_core.errors import InputError
-from spool_core.files.yaml_file import YamlError, load_yaml
-from spool_core.text.printable import printable
+from spool_core.files import YamlError, load_yaml
+from spool_core.text import printable
 
 FILE_NAME = "metadata.yaml"
 ROOT = "rosbag2_bagfile_information"

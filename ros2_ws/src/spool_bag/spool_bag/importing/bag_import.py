@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from spool_core.format.cdr import OilTemperature, encode_block, encode_temperature
-from spool_core.text.printable import printable
+from spool_core.cdr import OilTemperature, encode_block, encode_temperature
+from spool_core.text import printable
 
 from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE
 from spool_bag.format.metadata import RATE_STD

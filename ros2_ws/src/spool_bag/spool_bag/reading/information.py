@@ -9,9 +9,8 @@ from typing import Any
 
 from spool_core.block import Block
 from spool_core.block_gate import BlockGate, Verdict
-from spool_core.format.cdr import OilTemperature
-from spool_core.text.printable import printable
-from spool_core.text.sentence import plural
+from spool_core.cdr import OilTemperature
+from spool_core.text import plural, printable
 
 from spool_bag.mcap.mcap_walk import Damage
 

@@ -10,9 +10,8 @@ from itertools import pairwise
 from operator import itemgetter
 from typing import NamedTuple
 
-from spool_core.block import Block
-from spool_core.block_run import BlockRun
-from spool_core.format.cdr import OilTemperature
+from spool_core.block import Block, BlockRun
+from spool_core.cdr import OilTemperature
 
 #: ns by which a message may be late and is still put in its place.
 WINDOW = 5_000_000_000

@@ -9,12 +9,11 @@ from typing import Any, NamedTuple
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
-from spool_core.block import Block
-from spool_core.block_run import BlockRun
+from spool_core.block import Block, BlockRun
+from spool_core.cdr import CdrError, OilTemperature, decode_temperature
 from spool_core.errors import InputError
-from spool_core.files.staging import leftovers
-from spool_core.format.cdr import CdrError, OilTemperature, decode_temperature
-from spool_core.text.printable import printable
+from spool_core.system import leftovers
+from spool_core.text import printable
 
 from spool_bag.format.cdr_blocks import decode_blocks
 from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from spool_core.block_run import BlockRun
+from spool_core.block import BlockRun
 
 from .ordering import WINDOW, Item
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import NamedTuple
 
-from spool_core.block import Block
+from spool_core.block import Block, BlockRun
 from spool_core.block_gate import LONGEST_PERIOD, SHORTEST_PERIOD
-from spool_core.block_run import BlockRun
 
 #: ns, beyond what lost blocks explain, by which a stamp may be ahead: as the judgement of blocks has it.
 AHEAD = 1_000_000_000

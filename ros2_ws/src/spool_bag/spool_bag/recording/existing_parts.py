@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from rosbags.rosbag2.metadata import parse_qos
 from spool_core.errors import InputError
-from spool_core.files.yaml_file import load_yaml
+from spool_core.files import load_yaml
 
 from spool_bag.format.definitions import Definition
 from spool_bag.format.metadata import PartCount, TopicCount

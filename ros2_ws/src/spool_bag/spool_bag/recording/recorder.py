@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
 
+from spool_core.cdr import CdrError, block_sequence, header_stamp
 from spool_core.errors import InputError
-from spool_core.format.cdr import CdrError, block_sequence, header_stamp
 
 from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE
 

@@ -12,14 +12,13 @@ from typing import Any, ClassVar
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from spool_core.cdr import CdrError, header_stamp
 from spool_core.errors import InputError
-from spool_core.format.cdr import CdrError, header_stamp
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status
 from spool_core.node.managed_node import ManagedNode
 from spool_core.node.parameters import NodeParameter
 from spool_core.node.running import run
-from spool_core.text.printable import printable
-from spool_core.text.sentence import plural
+from spool_core.text import plural, printable
 from spool_msgs.srv import TakeSnapshot
 
 from spool_bag.format.definitions import ACCELERATION_BLOCK, starts_with_header

@@ -10,8 +10,8 @@ from rosbags.rosbag2.metadata import parse_qos
 from spool_core.block import Block
 from spool_core.block_gate import BlockGate
 from spool_core.errors import InputError
-from spool_core.files.yaml_file import load_yaml
-from spool_core.text.printable import printable
+from spool_core.files import load_yaml
+from spool_core.text import printable
 
 from spool_bag.format.definitions import Definition
 from spool_bag.mcap.mcap_definitions import Topic

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from rosbags.serde import SerdeError
-from spool_core.format.cdr import CdrError, header_stamp
+from spool_core.cdr import CdrError, header_stamp
 
 from spool_bag.format.definitions import ACCELERATION_BLOCK, typestore
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Protocol
 
 from spool_core.errors import InputError
-from spool_core.files.staging import remove
+from spool_core.system import remove
 
 from spool_bag.mcap.part_chain import begin_of
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from spool_core.errors import InputError
-from spool_core.files.yaml_file import YamlError, load_yaml
+from spool_core.files import YamlError, load_yaml
 
 from spool_bag.format.metadata import FILE_NAME, LARGEST, MOST_VALUES, ROOT
 from spool_bag.mcap.mcap_file import McapFile

@@ -12,7 +12,7 @@ from types import TracebackType
 
 from rosbags.interfaces import Qos
 from spool_core.errors import InputError
-from spool_core.files.staging import leftovers, partial_name, remove
+from spool_core.system import leftovers, partial_name, remove
 
 from spool_bag.format.definitions import Definition, definition
 from spool_bag.format.metadata import (

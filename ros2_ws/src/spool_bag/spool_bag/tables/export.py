@@ -15,9 +15,8 @@ import pyarrow.parquet as pa_parquet
 from spool_core.block import Block
 from spool_core.block_gate import BlockGate, Verdict
 from spool_core.errors import InputError
-from spool_core.files.staging import staged
-from spool_core.text.printable import printable
-from spool_core.text.sentence import plural
+from spool_core.system import staged
+from spool_core.text import plural, printable
 
 from spool_bag.reading.reader import BagReader
 from spool_bag.reading.span import Span

@@ -20,8 +20,8 @@ from spool_bag.reading.reader import BagReader
 from spool_bag.recording.writer import BagWriter
 from spool_bag.tables.export import export_bag
 from spool_core.block_gate import BlockGate, Verdict
+from spool_core.cdr import encode_block
 from spool_core.errors import InputError
-from spool_core.format.cdr import encode_block
 from spool_core.stamps import sampling_period
 
 HEADER = "time_s,body_m_s2,spool_m_s2"

@@ -10,7 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import yaml
-from spool_core.files.yaml_file import LARGEST, YamlError, load_yaml
+from spool_core.files import LARGEST, YamlError, load_yaml
 
 #: Name of the node of a host's first process; that of process 1 is ``host_1``, and so on.
 NAME = "host"

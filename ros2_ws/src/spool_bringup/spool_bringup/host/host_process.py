@@ -18,16 +18,12 @@ from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 from spool_core.errors import InputError
-from spool_core.node.block_hub import HUB
+from spool_core.node.block_hub import HUB, Throttle, Worker
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status
-from spool_core.node.log_folder import ensure_log_folder
-from spool_core.node.managed_node import ManagedNode
+from spool_core.node.managed_node import ManagedNode, Ticker
 from spool_core.node.parameters import NodeParameter, refuse_other_files, rule
-from spool_core.node.running import REFUSED, new_executor, one_line
-from spool_core.node.stopping import STOP, Phase, StopRequested
-from spool_core.node.throttle import Throttle
-from spool_core.node.ticker import Ticker
-from spool_core.node.worker import Worker
+from spool_core.node.program import STOP, Phase, StopRequested
+from spool_core.node.running import REFUSED, ensure_log_folder, new_executor, one_line
 from spool_estimator.node.estimator_node import EstimatorNode
 from spool_monitor.node.monitor_node import MonitorNode
 

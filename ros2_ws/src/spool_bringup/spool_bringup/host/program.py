@@ -6,10 +6,9 @@ import argparse
 import sys
 from functools import partial
 
-from spool_core.errors import InputError
-from spool_core.libraries import libraries_reported
-from spool_core.scheduling import run_before_others, use_processors
-from spool_core.text.standard_streams import keep_standard_streams
+from spool_core.errors import InputError, libraries_reported
+from spool_core.system import run_before_others, use_processors
+from spool_core.text import keep_standard_streams
 
 from .first_list import FirstList
 from .supervisor import Run, Supervisor

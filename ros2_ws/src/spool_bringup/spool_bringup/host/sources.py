@@ -8,7 +8,7 @@ from spool_core.errors import InputError
 from spool_core.node.managed_node import ManagedNode
 
 #: Group of entry points, as ``simulator = spool_sim.simulator_node:SimulatorNode``. A driver joins by one of
-#: its own: a managed node that sends by :class:`~spool_core.node.block_publisher.BlockPublisher`.
+#: its own: a managed node that sends by :class:`~spool_core.node.block_hub.BlockPublisher`.
 SOURCES = "spool.sources"
 NONE = "none"
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from spool_core.errors import InputError
-from spool_core.files.yaml_file import read_yaml
+from spool_core.files import read_yaml
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,11 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from spool_core.alignment.sensor_clock import LEAST_STEP, Array, Change, Line, SampleClock, Step, StepWatch
 from spool_core.block_gate import LARGEST_SAMPLE, LONGEST_PERIOD
 from spool_core.stamps import Rhythm, Stamps, judge_stamps, repeated
-
-from .sample_clock import Array, SampleClock
-from .step_watch import LEAST_STEP, Change, Line, Step, StepWatch
 
 #: Hz, rates that a sensor may have: the lowest is that of blocks, the highest far above what single messages
 #: can bring.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import importlib
 import importlib.util
@@ -17,16 +18,13 @@ from pathlib import Path
 from types import ModuleType
 from typing import TypeVar, cast
 
-from spool_core.private import private_folder
-
-from .kernel_files import MAGIC, keep_sealed
-from .kernel_folder import kernel_folder
+from spool_core.kernels.kernel_files import MAGIC, keep_sealed, kernel_folder
+from spool_core.system import private_folder
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
 #: s after which compiled kernels of another version of a package are taken away.
 OUTDATED = 30 * 86_400
-
 
 #: An import: the module, with its dots, and what is taken from it, in brackets or to the end of the line.
 _IMPORT = re.compile(
@@ -45,8 +43,19 @@ _NUMBA = _numba()
 COMPILED: bool = _NUMBA is not None
 
 
+def notice() -> str | None:
+    """Return what running uncompiled costs, in one line, or ``None`` where the kernels are compiled."""
+    if COMPILED:
+        return None
+    return "numba is not installed: the kernels run uncompiled, 100 times slower; install numba"
+
+
+if not COMPILED:  # imported once per process, so said once
+    logging.getLogger(__name__).warning(notice())
+
+
 def cache_folder() -> Path:
-    """Return where kernels are kept; see :func:`~spool_core.kernels.kernel_folder.kernel_folder`."""
+    """Return where kernels are kept; see :func:`~spool_core.kernels.kernel_files.kernel_folder`."""
     return kernel_folder()
 
 
@@ -70,6 +79,21 @@ def inlined(function: Function) -> Function:
     if _NUMBA is None:
         return function
     return cast(Function, _NUMBA.njit(nogil=True, forceinline=True)(function))
+
+
+@contextmanager
+def alone() -> Iterator[None]:
+    """Hold the lock of the kernels' cache; where there is no cache that can be written, hold nothing."""
+    try:
+        folder = cache_folder()
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = (folder / "compiling.lock").open("a")
+    except (OSError, RuntimeError):  # RuntimeError: there is no home folder
+        yield
+        return
+    with lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 @lru_cache(maxsize=256)
@@ -168,14 +192,3 @@ def _cached_in(folder: Path) -> Iterator[bool]:
         yield writable
     finally:
         _NUMBA.config.CACHE_DIR = before
-
-
-def notice() -> str | None:
-    """Return what running uncompiled costs, in one line, or ``None`` where the kernels are compiled."""
-    if COMPILED:
-        return None
-    return "numba is not installed: the kernels run uncompiled, 100 times slower; install numba"
-
-
-if not COMPILED:  # imported once per process, so said once
-    logging.getLogger(__name__).warning(notice())

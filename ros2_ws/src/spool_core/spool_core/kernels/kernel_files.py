@@ -1,4 +1,4 @@
-"""Kernel files: what numba keeps of compiled kernels, each sealed by a checksum.
+"""Compiled kernels on disk: their folder, and files that are sealed so that damage is seen.
 
 numba loads machine code from these files and runs it. A file that a power loss cut off, or in which a bit
 flipped, would raise an arbitrary error or crash the process. A file whose checksum differs is therefore taken
@@ -19,10 +19,13 @@ import multiprocessing
 import os
 import pickle
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
+
+from spool_core.system import others_may_write, private_folder, private_temporary_folder
 
 INDEX, DATA = ".nbi", ".nbc"
 #: First bytes of each file. Another layout of the files needs another number here.
@@ -50,10 +53,6 @@ def unsealed(name: str, stored: bytes) -> bytes:
     if stored[: len(MAGIC) + _DIGEST_SIZE] != MAGIC + _digest(name, content):
         raise ValueError("its checksum differs")
     return content
-
-
-def _digest(name: str, content: bytes) -> bytes:
-    return hashlib.sha256(name.encode() + b"\n" + content).digest()
 
 
 def damaged_files(folder: Path) -> list[Path]:
@@ -160,6 +159,65 @@ class SealedCacheFile:
         with (self._folder / "writing.lock").open("a") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             yield
+
+
+def wanted_kernel_folder(environment: Mapping[str, str]) -> Path:
+    """Return ``$NUMBA_CACHE_DIR/spool_kernels``, else the place in the user's cache folder.
+
+    Raises:
+        RuntimeError: there is no home folder.
+    """
+    chosen = environment.get("NUMBA_CACHE_DIR")
+    if chosen:
+        return Path(chosen) / "spool_kernels"
+    home = environment.get("XDG_CACHE_HOME")
+    return (Path(home) if home else Path.home() / ".cache") / "spool_sim" / "kernels"
+
+
+def refusal(folder: Path) -> str | None:
+    """Return why kernels are neither loaded from ``folder`` nor kept there, ``None`` where they are.
+
+    The folder is made, and restricted to its owner, where that is possible.
+    """
+    who = others_may_write(folder)
+    if who is not None:
+        return f"{who}, and code is loaded from there"
+    try:
+        private_folder(folder)
+        with tempfile.TemporaryFile(dir=folder):
+            return None
+    except OSError as error:
+        return f"it can't be written ({error.strerror})"
+
+
+@lru_cache(maxsize=8)
+def usable_kernel_folder(wanted: Path | None) -> Path:
+    """Return ``wanted`` where kernels may be kept there, else a private temporary folder, said once."""
+    reason = "there is no home folder" if wanted is None else refusal(wanted)
+    if wanted is not None and reason is None:
+        return wanted
+    other = private_temporary_folder("kernels")
+    if multiprocessing.parent_process() is None:
+        logging.getLogger(__name__).warning(
+            "compiled kernels are not kept in %s: %s; they are kept in %s",
+            wanted or "~/.cache",
+            reason,
+            other,
+        )
+    return other
+
+
+def kernel_folder() -> Path:
+    """Return where this process keeps kernels."""
+    try:
+        wanted = wanted_kernel_folder(os.environ)
+    except RuntimeError:
+        wanted = None
+    return usable_kernel_folder(wanted)
+
+
+def _digest(name: str, content: bytes) -> bytes:
+    return hashlib.sha256(name.encode() + b"\n" + content).digest()
 
 
 def _warn(about: Path, text: str, *arguments: object) -> None:

@@ -1,24 +1,27 @@
-"""Block hub: one subscription of a topic for all nodes of a process, decoded once, without copies."""
+"""Blocks between nodes: heard once a process, worked on in a thread, published."""
 
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import math
+import queue
+import threading
 import time
+import traceback
 from collections import deque
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
+import numpy as np
 from spool_msgs.msg import AccelerationBlock
 
 from spool_core.block import Block
-from spool_core.format.cdr import CdrError, decode_block
-
-from . import qos
-from .throttle import Throttle
-from .worker import Worker
+from spool_core.cdr import CdrError, decode_block
+from spool_core.node import qos
+from spool_core.node.messages import from_block
 
 #: Blocks of a topic that may wait in a process that hosts many nodes: five seconds at 50 blocks/s.
 HOSTED_DEPTH = 250
@@ -31,84 +34,6 @@ Take = Callable[[Sequence[Block]], None]
 Room = Callable[[], int]
 #: Message as it came, or a block that a source in this process handed over.
 Heard = bytes | Block
-
-
-@dataclass(slots=True)
-class TopicTimes:
-    """Times of a topic's blocks in a process that hosts many nodes.
-
-    Attributes:
-        messages, late: that came since the start; those done with later than a period after they were due.
-        work: s, of the worker thread, since the start.
-        longest_wait: s, from when blocks were due to their turn, since this was last read; they are due when
-            the last one comes that the others wait for.
-        age: s, from a block's last sample to its turn, by both clocks; the last one.
-        blocks_lost: by jumps of the sequence.
-        waiting: messages whose turn has not come.
-    """
-
-    messages: int = 0
-    waiting: int = 0
-    late: int = 0
-    work: float = 0.0
-    longest_wait: float = 0.0
-    age: float = 0.0
-    blocks_lost: int = 0
-    sequence: int = -1
-    end: int = 0
-    _told: tuple[int, int, int, float] = (0, 0, 0, 0.0)
-
-    def since(self) -> TopicTimes:
-        """Return messages, late and lost ones, and work since the last call."""
-        now = self.messages, self.late, self.blocks_lost, self.work
-        before, self._told = self._told, now
-        messages, late, lost, work = (one - other for one, other in zip(now, before, strict=True))
-        return TopicTimes(int(messages), late=int(late), blocks_lost=int(lost), work=work)
-
-    def take(self, blocks: Sequence[Block], due: float, begun: float, done: float) -> None:
-        """Count blocks that were due, begun and done at these times of the monotonic clock."""
-        self.messages += len(blocks)
-        self.work += done - begun
-        self.longest_wait = max(self.longest_wait, begun - due)
-        last = blocks[-1]
-        length = len(last.body) * last.sample_period
-        if math.isfinite(length):  # else it is refused
-            self.late += len(blocks) if done - due > length > 0.0 else 0
-            self.age = time.time() - (done - begun) - 1e-9 * last.stamp - length
-        for block in blocks:
-            missing = block.sequence - self.sequence - 1
-            # Stamps leave room for what is lost: else it is another source, or one that began anew.
-            if (
-                self.sequence >= 0
-                and missing > 0
-                and 1e-9 * (block.stamp - self.end) > 0.5 * missing * length
-            ):
-                self.blocks_lost += missing
-            self.sequence, self.end = block.sequence, block.end
-
-
-@dataclass(slots=True)
-class _Topic:
-    """Topic of a valve's blocks: its takers, and the messages whose turn has not come with their times.
-
-    ``together``: blocks that are taken together, and ``most`` of them; ``busy``: their turn is asked for;
-    ``period``: s, between two blocks, 0 before any; ``last``: when one was heard, s of the monotonic clock;
-    ``local``: a source in this process hands its blocks over.
-    """
-
-    name: str
-    takers: list[tuple[Any, Take, Room]] = field(default_factory=list)
-    subscription: Any = None
-    owner: Any = None
-    times: TopicTimes = field(default_factory=TopicTimes)
-    heard: deque[tuple[Heard, float]] = field(default_factory=partial(deque, maxlen=HOSTED_DEPTH))
-    together: int = 1
-    most: int = 1
-    busy: bool = False
-    period: float = 0.0
-    last: float = -math.inf
-    local: bool = False
-    throttle: Throttle = field(default_factory=Throttle)
 
 
 class BlockHub:
@@ -286,5 +211,271 @@ class BlockHub:
         return blocks
 
 
+#: Owner of the job with which a worker ends.
+_END = object()
+_THREAD = threading.local()
+
+#: s between two lines about the same: an operator's log of a day holds 8640 at most.
+PERIOD = 10.0
+
+
+@dataclass(slots=True)
+class TopicTimes:
+    """Times of a topic's blocks in a process that hosts many nodes.
+
+    Attributes:
+        messages, late: that came since the start; those done with later than a period after they were due.
+        work: s, of the worker thread, since the start.
+        longest_wait: s, from when blocks were due to their turn, since this was last read; they are due when
+            the last one comes that the others wait for.
+        age: s, from a block's last sample to its turn, by both clocks; the last one.
+        blocks_lost: by jumps of the sequence.
+        waiting: messages whose turn has not come.
+    """
+
+    messages: int = 0
+    waiting: int = 0
+    late: int = 0
+    work: float = 0.0
+    longest_wait: float = 0.0
+    age: float = 0.0
+    blocks_lost: int = 0
+    sequence: int = -1
+    end: int = 0
+    _told: tuple[int, int, int, float] = (0, 0, 0, 0.0)
+
+    def since(self) -> TopicTimes:
+        """Return messages, late and lost ones, and work since the last call."""
+        now = self.messages, self.late, self.blocks_lost, self.work
+        before, self._told = self._told, now
+        messages, late, lost, work = (one - other for one, other in zip(now, before, strict=True))
+        return TopicTimes(int(messages), late=int(late), blocks_lost=int(lost), work=work)
+
+    def take(self, blocks: Sequence[Block], due: float, begun: float, done: float) -> None:
+        """Count blocks that were due, begun and done at these times of the monotonic clock."""
+        self.messages += len(blocks)
+        self.work += done - begun
+        self.longest_wait = max(self.longest_wait, begun - due)
+        last = blocks[-1]
+        length = len(last.body) * last.sample_period
+        if math.isfinite(length):  # else it is refused
+            self.late += len(blocks) if done - due > length > 0.0 else 0
+            self.age = time.time() - (done - begun) - 1e-9 * last.stamp - length
+        for block in blocks:
+            missing = block.sequence - self.sequence - 1
+            # Stamps leave room for what is lost: else it is another source, or one that began anew.
+            if (
+                self.sequence >= 0
+                and missing > 0
+                and 1e-9 * (block.stamp - self.end) > 0.5 * missing * length
+            ):
+                self.blocks_lost += missing
+            self.sequence, self.end = block.sequence, block.end
+
+
+class HangError(BaseException):
+    """Hang: what runs for so long is broken off; no handler of exceptions may keep it."""
+
+
+class Worker:
+    """Worker that runs jobs in order, each for an owner.
+
+    A job that does not return is given up with its thread: another thread goes on with the jobs of all other
+    owners, and nothing of theirs is lost.
+
+    Attributes:
+        done: jobs that returned.
+    """
+
+    def __init__(self) -> None:
+        self.done = 0
+        self._jobs: queue.SimpleQueue[tuple[object, Callable[[Any], None], Any]] = queue.SimpleQueue()
+        self._current: tuple[object, float] | None = None
+        self._refused: set[int] = set()
+        self._turn = threading.Lock()
+        self._thread = self._begun()
+
+    @property
+    def waiting(self) -> int:
+        """Number of jobs that wait."""
+        return self._jobs.qsize()
+
+    def put(self, owner: object, job: Callable[[Any], None], argument: Any) -> None:
+        """Let ``job(argument)`` run when its turn comes; those of an owner that hangs are dropped."""
+        self._jobs.put((owner, job, argument))
+
+    def hanging(self, longest: float) -> object | None:
+        """Return the owner whose job runs for more than ``longest`` s, ``None`` where there is none."""
+        current = self._current
+        if current is None or time.monotonic() - current[1] <= longest:
+            return None
+        return current[0]
+
+    def excuse(self, seconds: float) -> None:
+        """Count the job that runs as hanging only in so many s."""
+        if self._current is not None:
+            self._current = self._current[0], time.monotonic() + seconds
+
+    def give_up(self, owner: object) -> bool:
+        """Leave the job of ``owner`` that hangs, and go on with those of others.
+
+        Return whether that was done: it may have returned just now.
+        """
+        with self._turn:
+            if self._current is None or self._current[0] is not owner:
+                return False
+            self._refused.add(id(owner))
+            left, self._current = self._thread, None
+            self._thread = self._begun()
+            if (
+                left.ident is not None
+            ):  # in Python it ends at its next step; a kernel that never returns stays
+                ctypes.pythonapi.PyThreadState_SetAsyncExc(
+                    ctypes.c_ulong(left.ident), ctypes.py_object(HangError)
+                )
+            return True
+
+    def admit(self, owner: object) -> None:
+        """Take jobs of ``owner`` again."""
+        self._refused.discard(id(owner))
+
+    def close(self, timeout: float = 2.0) -> None:
+        """Run what waits and end."""
+        self.put(_END, lambda _: None, None)
+        self._thread.join(timeout)
+
+    def _begun(self) -> threading.Thread:
+        thread = threading.Thread(target=self._run, name="worker", daemon=True)
+        self._thread = thread
+        thread.start()
+        return thread
+
+    def _run(self) -> None:
+        me, _THREAD.worker = threading.current_thread(), self
+        try:
+            while True:
+                owner, job, argument = self._jobs.get()
+                if owner is _END:
+                    return
+                if id(owner) in self._refused:
+                    continue
+                with self._turn:
+                    self._current = owner, time.monotonic()
+                try:
+                    job(argument)
+                except Exception:  # of what does not guard itself: the jobs of others go on
+                    traceback.print_exc()
+                with self._turn:  # a thread that was given up takes no further job: it is broken off
+                    if self._thread is not me:
+                        return
+                    self._current = None
+                    self.done += 1
+        except HangError:
+            return
+
+
+@dataclass(slots=True)
+class Throttle:
+    """Throttle: passes the first of a kind and then one in ``period`` s, with how many there were between.
+
+    ``clock`` gives s of a steady clock.
+    """
+
+    period: float = PERIOD
+    clock: Callable[[], float] = time.monotonic
+    _kept_back: dict[str, int] = field(default_factory=dict)
+    _said: dict[str, float] = field(default_factory=dict)
+
+    def take(self, kind: str) -> int:
+        """Return how many of ``kind`` to tell of now, this one included; 0: none."""
+        now = self.clock()
+        count = self._kept_back.get(kind, 0) + 1
+        if kind in self._said and now - self._said[kind] < self.period:
+            self._kept_back[kind] = count
+            return 0
+        self._said[kind], self._kept_back[kind] = now, 0
+        return count
+
+
+@dataclass(slots=True)
+class _Topic:
+    """Topic of a valve's blocks: its takers, and the messages whose turn has not come with their times.
+
+    ``together``: blocks that are taken together, and ``most`` of them; ``busy``: their turn is asked for;
+    ``period``: s, between two blocks, 0 before any; ``last``: when one was heard, s of the monotonic clock;
+    ``local``: a source in this process hands its blocks over.
+    """
+
+    name: str
+    takers: list[tuple[Any, Take, Room]] = field(default_factory=list)
+    subscription: Any = None
+    owner: Any = None
+    times: TopicTimes = field(default_factory=TopicTimes)
+    heard: deque[tuple[Heard, float]] = field(default_factory=partial(deque, maxlen=HOSTED_DEPTH))
+    together: int = 1
+    most: int = 1
+    busy: bool = False
+    period: float = 0.0
+    last: float = -math.inf
+    local: bool = False
+    throttle: Throttle = field(default_factory=Throttle)
+
+
 #: Hub of this process.
 HUB = BlockHub()
+
+#: s that a job may wait for the disk, as state files on a slow one take seconds.
+LONGEST_DISK = 30.0
+
+
+@contextlib.contextmanager
+def waiting_for_disk() -> Iterator[None]:
+    """Say that the job of this thread waits for the disk meanwhile: it does not hang."""
+    worker: Worker | None = getattr(_THREAD, "worker", None)
+    if worker is not None:
+        worker.excuse(LONGEST_DISK)
+    try:
+        yield
+    finally:
+        if worker is not None:
+            worker.excuse(0.0)
+
+
+class BlockPublisher:
+    """Block publisher of a managed node; it sends while the node is active.
+
+    Nodes of this process have the samples themselves, which nobody may change afterwards; while it is there
+    they listen to no other publisher of the topic. A message is made only where another process listens.
+    """
+
+    def __init__(self, node: Any, topic: str, blocks_per_second: float) -> None:
+        self._node = node
+        self._publisher = node.create_lifecycle_publisher(
+            AccelerationBlock, topic, qos.samples_offered(blocks_per_second)
+        )
+        self._topic = node.resolve_topic_name(topic)
+        self._there = True
+        HUB.offer(self._topic)
+
+    @property
+    def listeners(self) -> int:
+        """Number of nodes of this process and of subscriptions of others that listen."""
+        return int(self._publisher.get_subscription_count()) + HUB.takers(self._topic)
+
+    def publish(self, block: Block, valve_id: str) -> None:
+        """Send ``block`` as one of the valve ``valve_id``."""
+        if not self._publisher.is_activated:
+            return
+        if HUB.takers(self._topic):
+            body, spool = (np.ascontiguousarray(one, dtype=np.float32) for one in (block.body, block.spool))
+            HUB.hand_over(self._topic, replace(block, body=body, spool=spool, source=valve_id))
+        if self._publisher.get_subscription_count():
+            self._publisher.publish(from_block(block, valve_id))
+
+    def destroy(self) -> None:
+        """Send no more; nodes of this process listen to other publishers again. Once more does nothing."""
+        if not self._there:
+            return
+        self._there = False
+        HUB.withdraw(self._topic)
+        self._node.destroy_publisher(self._publisher)

@@ -11,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from spool_core.block_gate import BlockGate, Fault
-from spool_core.text.sentence import plural
+from spool_core.text import plural
 
 from . import qos
 

@@ -1,10 +1,12 @@
-"""Managed node: the life cycle that every node of the suite shares."""
+"""Managed node: lifecycle, parameters, inputs and timers of every node of the suite."""
 
 from __future__ import annotations
 
 import contextlib
 import functools
 import gc
+import heapq
+import itertools
 import threading
 import time
 import traceback
@@ -21,12 +23,10 @@ from rclpy.qos import QoSProfile
 
 from spool_core.block import Block
 from spool_core.errors import InputError
-from spool_core.kernels.compile_lock import alone as one_at_a_time
-
-from .block_hub import HUB
-from .parameters import NodeParameter, Value, declare
-from .stopping import STOP, Phase
-from .ticker import Ticker
+from spool_core.kernels.compiled import alone as one_at_a_time
+from spool_core.node.block_hub import HUB
+from spool_core.node.parameters import NodeParameter, Value, declare
+from spool_core.node.program import STOP, Phase
 
 #: s of compiling after which it is said: kernels that are cached are loaded in less.
 COMPILES = 3.0
@@ -39,13 +39,6 @@ P = ParamSpec("P")
 
 #: What this process has compiled.
 _COMPILED: set[Callable[[], object]] = set()
-
-
-@functools.cache
-def _steady_clock() -> Clock:
-    """Return the one steady clock of this process: the events executor keeps a thread for each clock."""
-    return Clock(clock_type=ClockType.STEADY_TIME)
-
 
 AUTOSTART = NodeParameter(
     "autostart", True, "Configure and activate at start, without a life cycle manager.", read_only=True
@@ -414,3 +407,45 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
         self._present.update(changes)
         # Who asked is not told by ROS 2; the change itself travels on /parameter_events as well.
         self.get_logger().info(f"parameters changed: {said}")
+
+
+class Ticker:
+    """Ticker whose :meth:`run` calls what is due; its host does that every :data:`STEP` s.
+
+    The events executor looks through all timers of a clock at each of their turns, so that those of a hundred
+    valves would cost more than what they do.
+    """
+
+    #: s, a fifth of the shortest period that a node asks for.
+    STEP = 0.02
+
+    def __init__(self) -> None:
+        self._due: list[tuple[float, int, float, Callable[[], None]]] = []
+        self._numbers = itertools.count()
+        self._ended: set[int] = set()
+
+    def every(self, period: float, callback: Callable[[], None]) -> Callable[[], None]:
+        """Call back every ``period`` s from now on; return what ends it."""
+        number = next(self._numbers)
+        # Those that begin together are spread over the period.
+        phase = (number * 0.618) % 1.0
+        heapq.heappush(self._due, (time.monotonic() + phase * period, number, period, callback))
+        return lambda: self._ended.add(number)
+
+    def run(self) -> None:
+        """Call what is due; what is late is called once."""
+        now = time.monotonic()
+        while self._due and self._due[0][0] <= now:
+            due, number, period, callback = heapq.heappop(self._due)
+            if number in self._ended:
+                self._ended.discard(number)
+                continue
+            callback()
+            later = due + period if due + period > now else now + period
+            heapq.heappush(self._due, (later, number, period, callback))
+
+
+@functools.cache
+def _steady_clock() -> Clock:
+    """Return the one steady clock of this process: the events executor keeps a thread for each clock."""
+    return Clock(clock_type=ClockType.STEADY_TIME)

@@ -10,7 +10,7 @@ from spool_msgs.msg import AccelerationBlock
 from spool_msgs.msg import Quantity as QuantityMessage
 
 from spool_core.block import Block
-from spool_core.quantity import Quantity, Validity
+from spool_core.uncertainty import Quantity, Validity
 
 NANOSECONDS = 1_000_000_000
 

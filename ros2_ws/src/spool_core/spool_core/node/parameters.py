@@ -17,8 +17,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 
 from spool_core.errors import InputError
-from spool_core.files.parameter_file import parameters_of
-from spool_core.files.yaml_file import load_yaml, refuse_other_kind
+from spool_core.files import load_yaml, parameters_of, refuse_other_kind
 
 Value = bool | int | float | str | list[str] | list[float]
 

@@ -1,4 +1,4 @@
-"""Run one node as a process: start, spin, end cleanly on SIGINT and SIGTERM."""
+"""Running of a node: executor, logs, shutdown, and what is said at the start."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ import os
 import re
 import shlex
 import sys
+import tempfile
 from collections.abc import Sequence
+from pathlib import Path
 
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
@@ -18,13 +20,12 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 
 from spool_core.errors import InputError
-from spool_core.text.standard_streams import keep_standard_streams
-
-from .exposure import network_warnings
-from .log_folder import ensure_log_folder
-from .managed_node import AUTOSTART, ManagedNode
-from .parameters import refuse_other_files, rule
-from .stopping import STOP, Phase, StopRequested
+from spool_core.node.managed_node import AUTOSTART, ManagedNode
+from spool_core.node.network import network_warnings
+from spool_core.node.parameters import refuse_other_files, rule
+from spool_core.node.program import STOP, Phase, StopRequested
+from spool_core.system import private_temporary_folder
+from spool_core.text import keep_standard_streams
 
 #: s, how long a quiet node may take to notice SIGINT or SIGTERM.
 SIGNAL_LATENCY = 0.2
@@ -94,12 +95,6 @@ def one_line(error: Exception) -> str:
     return text
 
 
-def _say(text: str | None) -> None:
-    if text:
-        with contextlib.suppress(OSError):  # nobody reads it
-            print(text, file=sys.stderr, flush=True)
-
-
 def describe(node_class: type[ManagedNode]) -> str:
     """Return what ``--help`` shows: what the node does, its parameters with default, unit and range."""
     lines = [
@@ -129,6 +124,30 @@ def new_executor() -> Executor:
     return EventsExecutor()
 
 
+def ensure_log_folder() -> str | None:
+    """Let ROS 2 log to a temporary folder where it can't write in its own; return one line about that.
+
+    Its own is ``ROS_LOG_DIR``, else ``$ROS_HOME/log``, else ``~/.ros/log``.
+    """
+    folder, reason = _own(), "there is no home folder"
+    if folder is not None:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                return None
+        except OSError as error:
+            reason = error.strerror or str(error)
+    other = private_temporary_folder("log")
+    os.environ["ROS_LOG_DIR"] = str(other)
+    return f"log folder {folder or '~/.ros/log'} can't be written ({reason}): logs go to {other}"
+
+
+def _say(text: str | None) -> None:
+    if text:
+        with contextlib.suppress(OSError):  # nobody reads it
+            print(text, file=sys.stderr, flush=True)
+
+
 def _start(node: ManagedNode) -> bool:
     done = TransitionCallbackReturn.SUCCESS
     return bool(node.trigger_configure() == done and node.trigger_activate() == done)
@@ -148,3 +167,14 @@ def _end(node: ManagedNode | None, executor: Executor | None) -> None:
     for child in multiprocessing.active_children():
         child.terminate()
     rclpy.try_shutdown()
+
+
+def _own() -> Path | None:
+    named = os.environ.get("ROS_LOG_DIR")
+    if named:
+        return Path(named).expanduser()
+    home = os.environ.get("ROS_HOME")
+    try:
+        return (Path(home).expanduser() if home else Path.home() / ".ros") / "log"
+    except RuntimeError:
+        return None

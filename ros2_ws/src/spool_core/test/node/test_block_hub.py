@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 from spool_core.block import Block
-from spool_core.format.cdr import encode_block
-from spool_core.node.block_hub import HOSTED_DEPTH, BlockHub
-from spool_core.node.worker import Worker
+from spool_core.cdr import encode_block
+from spool_core.node.block_hub import HOSTED_DEPTH, BlockHub, Worker
 
 SIZE, PERIOD = 40, 5e-4
 

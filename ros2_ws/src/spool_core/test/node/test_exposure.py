@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import pytest
-from spool_core.node.exposure import WHEELS, network_warnings
+from spool_core.node.network import WHEELS, network_warnings
 
 LOCAL = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 ENFORCED = {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce", "ROS_SECURITY_KEYSTORE": "/k"}

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 from spool_core.block import Block
 from spool_core.node.messages import from_block, from_quantity, nanoseconds, to_block, to_quantity, to_time
-from spool_core.quantity import Quantity, Validity
+from spool_core.uncertainty import Quantity, Validity
 from spool_msgs.msg import AccelerationBlock
 from spool_msgs.msg import Quantity as QuantityMessage
 

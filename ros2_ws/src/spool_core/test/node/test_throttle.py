@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from spool_core.node.throttle import Throttle
+from spool_core.node.block_hub import Throttle
 
 
 def test_the_first_is_told_at_once_and_later_ones_with_their_number() -> None:

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import pytest
-from spool_core.quantity import Validity
+from spool_core.uncertainty import Validity
 from spool_msgs.msg import Quantity
 
 

@@ -9,9 +9,8 @@ from statistics import fmean, median
 
 import numpy as np
 from spool_core.block import Block
-from spool_core.quantity import Quantity
-from spool_core.text.sentence import Account, over, raised, urgency
-from spool_core.uncertainty import percent
+from spool_core.text import Account, over, raised, urgency
+from spool_core.uncertainty import Quantity, percent
 
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.identification.signals.clipping import flat_share

@@ -12,7 +12,7 @@ from importlib.metadata import entry_points
 
 from spool_core.block import Block, joined
 from spool_core.errors import InputError
-from spool_core.scheduling import give_way
+from spool_core.system import give_way
 from spool_sim.model import Model
 from spool_sim.valve.description import Valve
 

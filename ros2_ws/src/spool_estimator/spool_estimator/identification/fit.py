@@ -16,8 +16,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.errors import InputError
-from spool_core.quantity import Quantity, Validity
-from spool_core.uncertainty import rate_power
+from spool_core.uncertainty import Quantity, Validity, rate_power
 from spool_sim.model import Model
 from spool_sim.terms import Parameter
 from spool_sim.valve.description import Valve

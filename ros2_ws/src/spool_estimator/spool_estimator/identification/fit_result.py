@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_core.quantity import Quantity
+from spool_core.uncertainty import Quantity
 from spool_sim.model import Model
 
 Array = NDArray[np.float64]

@@ -11,11 +11,11 @@ from sensor_msgs.msg import Temperature
 from spool_core.block import Block
 from spool_core.block_gate import SharedGate
 from spool_core.node import qos
+from spool_core.node.block_hub import Throttle
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, block_faults, block_values, key
 from spool_core.node.managed_node import ManagedNode
 from spool_core.node.messages import nanoseconds
 from spool_core.node.parameters import NodeParameter
-from spool_core.node.throttle import Throttle
 from spool_msgs.msg import ModelEstimate, ValveDescription, WindowRefit
 from spool_sim.model import load_model
 from spool_sim.valve.description import Valve, find_valve

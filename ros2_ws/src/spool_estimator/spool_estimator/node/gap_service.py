@@ -11,7 +11,7 @@ from typing import Any
 from spool_core.block import Block
 from spool_core.node import qos
 from spool_core.node.messages import to_quantity, to_time
-from spool_core.quantity import Quantity, Validity
+from spool_core.uncertainty import Quantity, Validity
 from spool_msgs.msg import GapAnalysis, HealthEvent
 from spool_sim.model import Model
 from spool_sim.valve.description import Valve

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from spool_core.errors import InputError
-from spool_core.text.printable import printable
+from spool_core.text import printable
 
 from .identity import Identity, PathPattern, joined, of_table, start_of
 from .manifest import Entry, Manifest

@@ -12,7 +12,7 @@ from spool_bag.format.metadata import MACHINE, custom_data
 from spool_bag.reading.information import BagInformation, ValveSummary, describe
 from spool_bag.reading.reader import BagReader
 from spool_core.errors import InputError
-from spool_core.text.sentence import plural
+from spool_core.text import plural
 
 OK, DAMAGED, DUPLICATE = "ok", "damaged", "duplicate"
 

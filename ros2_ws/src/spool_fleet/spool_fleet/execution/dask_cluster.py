@@ -7,8 +7,7 @@ from importlib import import_module
 from itertools import islice
 from typing import Any
 
-from spool_core.errors import InputError
-from spool_core.libraries import how_to_install
+from spool_core.errors import InputError, how_to_install
 
 from .executor import TRIES, Done, Found, Item
 

@@ -12,7 +12,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from itertools import islice
 
-from spool_core.kernels.processors import limit_processors
+from spool_core.system import limit_processors
 
 from .executor import TRIES, Done, Found, Item
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from spool_core.errors import InputError
-from spool_core.text.printable import printable
+from spool_core.text import printable
 
 from spool_fleet.analyses.base import Rows, Subject, analyses
 

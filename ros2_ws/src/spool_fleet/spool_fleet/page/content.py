@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_core.text.sentence import plural
+from spool_core.text import plural
 
 from spool_fleet.tables.query import ask
 from spool_fleet.trends.change_test import MONTH

@@ -12,7 +12,7 @@ from urllib.parse import quote
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
-from spool_core.text.sentence import plural
+from spool_core.text import plural
 from spool_core.uncertainty import LEGEND, interval, number, with_interval
 from spool_tools.report.provenance import provenance
 

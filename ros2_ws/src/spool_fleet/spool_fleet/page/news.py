@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
 
-from spool_core.text.sentence import plural
+from spool_core.text import plural
 
 from spool_fleet.tables.query import ask
 from spool_fleet.trends.change_test import MONTH

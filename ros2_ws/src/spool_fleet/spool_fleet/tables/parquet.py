@@ -12,7 +12,7 @@ from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
-from spool_core.files.staging import staged
+from spool_core.system import staged
 
 from spool_fleet.catalogue.manifest import Entry, Manifest, StoredResult
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from spool_core.errors import InputError
-from spool_core.text.suggestion import did_you_mean
+from spool_core.text import did_you_mean
 
 
 @dataclass(frozen=True, slots=True)

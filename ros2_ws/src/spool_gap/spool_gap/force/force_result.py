@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from scipy import signal
 from scipy.special import expit
 from spool_core.errors import InputError
-from spool_core.quantity import Quantity, Validity
-from spool_core.uncertainty import PLUS_MINUS, percent, with_interval
+from spool_core.uncertainty import PLUS_MINUS, Quantity, Validity, percent, with_interval
 from spool_sim.model import Model
 from spool_sim.terms import term
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from spool_core.quantity import Quantity, Validity
+from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.identification.nuisances.hum import MAINS, STRAY, Hum
 from spool_estimator.identification.nuisances.nuisance import Nuisance
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from spool_core.quantity import Quantity
-from spool_core.uncertainty import PLUS_MINUS, percent, with_interval
+from spool_core.uncertainty import PLUS_MINUS, Quantity, percent, with_interval
 
 from spool_gap.fitting.descent import Fitted
 from spool_gap.registry import EFFECTS

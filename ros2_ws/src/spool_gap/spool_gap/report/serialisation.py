@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from spool_core.quantity import Quantity
+from spool_core.uncertainty import Quantity
 from spool_estimator.identification.nuisances.nuisance import Nuisance
 
 from spool_gap.profile_likelihood import ProfileLikelihood

@@ -6,8 +6,8 @@ import math
 from abc import abstractmethod
 from typing import ClassVar
 
-from spool_core.quantity import Quantity, Validity
-from spool_core.text.sentence import Account
+from spool_core.text import Account
+from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.identification.signals.channel_faults import ChannelFault
 
 from spool_monitor.events.condition import Finding

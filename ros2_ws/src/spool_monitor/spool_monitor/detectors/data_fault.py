@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 
 from spool_core.block_gate import BlockGate, Fault
-from spool_core.kernels.outliers import OutlierFilter
-from spool_core.quantity import Quantity, Validity
-from spool_core.text.sentence import plural
-from spool_core.uncertainty import number
+from spool_core.kernels.samples import OutlierFilter
+from spool_core.text import plural
+from spool_core.uncertainty import Quantity, Validity, number
 
 from spool_monitor.events.condition import Condition, Finding
 from spool_monitor.events.event import Event, Severity

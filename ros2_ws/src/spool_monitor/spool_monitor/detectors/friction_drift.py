@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import ClassVar
 
-from spool_core.text.sentence import Account, ShareOfCause
+from spool_core.text import Account, ShareOfCause
 
 from spool_monitor.drift.friction_causes import RankedCause, rank_friction
 from spool_monitor.drift.parameter_drift import ParameterDrift

@@ -6,8 +6,8 @@ import math
 from typing import ClassVar
 
 from spool_core.errors import InputError
-from spool_core.quantity import Quantity, Validity
-from spool_core.text.sentence import Account
+from spool_core.text import Account
+from spool_core.uncertainty import Quantity, Validity
 
 from spool_monitor.drift.parameter_drift import ALLOWANCE
 from spool_monitor.events.condition import Finding

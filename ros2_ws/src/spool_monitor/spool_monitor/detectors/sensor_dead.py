@@ -6,9 +6,8 @@ import math
 from typing import ClassVar
 
 from spool_core.kernels.compiled import compiled
-from spool_core.quantity import Quantity, Validity
-from spool_core.text.sentence import Account
-from spool_core.uncertainty import number
+from spool_core.text import Account
+from spool_core.uncertainty import Quantity, Validity, number
 
 from spool_monitor.events.condition import Finding
 from spool_monitor.events.event import Severity

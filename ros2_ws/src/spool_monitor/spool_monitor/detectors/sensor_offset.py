@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import ClassVar
 
-from spool_core.quantity import Quantity, Validity
+from spool_core.uncertainty import Quantity, Validity
 
 from spool_monitor.events.condition import Finding
 from spool_monitor.events.event import Severity

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
-from spool_core.quantity import Quantity, Validity
+from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 
 from spool_monitor.events.condition import Finding

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from spool_core.quantity import Quantity, Validity
-from spool_core.text.sentence import Account
+from spool_core.text import Account
+from spool_core.uncertainty import Quantity, Validity
 
 from spool_monitor.events.condition import Finding
 from spool_monitor.events.event import Severity

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import ClassVar
 
-from spool_core.text.sentence import Account
+from spool_core.text import Account
 
 from spool_monitor.events.condition import Finding
 from spool_monitor.events.event_kind import EventCause, EventKind, Namur

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from spool_core.quantity import Quantity, Validity
+from spool_core.uncertainty import Quantity, Validity
 
 from spool_monitor.events.condition import Condition, Finding
 from spool_monitor.events.event import Event, Severity

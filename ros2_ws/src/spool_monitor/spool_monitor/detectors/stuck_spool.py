@@ -6,7 +6,7 @@ import math
 from typing import ClassVar
 
 from spool_core.kernels.compiled import compiled
-from spool_core.quantity import Quantity, Validity
+from spool_core.uncertainty import Quantity, Validity
 
 from spool_monitor.events.condition import Finding
 from spool_monitor.events.event import Severity

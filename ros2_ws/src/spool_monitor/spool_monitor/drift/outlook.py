@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_core.text.sentence import duration
+from spool_core.text import duration
 
 Array = NDArray[np.float64]
 

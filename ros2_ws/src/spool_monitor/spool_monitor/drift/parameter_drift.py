@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from spool_core.quantity import Quantity, Validity
-from spool_core.text.sentence import change, duration
+from spool_core.text import change, duration
+from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 
 from spool_monitor.events.event import Severity

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from spool_core.quantity import Quantity
-from spool_core.text.sentence import Account, duration, over, raised, urgency
+from spool_core.text import Account, duration, over, raised, urgency
+from spool_core.uncertainty import Quantity
 
 from .event import Event, EventState, Severity, condition_name
 from .event_kind import EventKind

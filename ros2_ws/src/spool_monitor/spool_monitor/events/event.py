@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-from spool_core.quantity import Quantity
+from spool_core.uncertainty import Quantity
 
 
 class EventState(enum.IntEnum):

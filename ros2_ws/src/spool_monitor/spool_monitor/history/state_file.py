@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from spool_core.private import FILE_MODE, private_folder, restrict
+from spool_core.system import FILE_MODE, private_folder, restrict
 
 #: Written by this version; it reads older ones. A later version that changes what a key means counts up.
 FORMAT = 1

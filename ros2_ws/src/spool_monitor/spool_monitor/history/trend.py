@@ -12,8 +12,8 @@ from types import MappingProxyType
 from typing import Any
 
 from spool_core.errors import InputError
-from spool_core.private import FILE_MODE, private_file, restrict
-from spool_core.quantity import Quantity, Validity
+from spool_core.system import FILE_MODE, private_file, restrict
+from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate
 
 MINUTE, HOUR, DAY = 60, 3600, 86400

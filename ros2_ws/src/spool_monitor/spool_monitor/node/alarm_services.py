@@ -8,11 +8,11 @@ from typing import Any
 
 from spool_core.errors import InputError
 from spool_core.node import qos
+from spool_core.node.block_hub import waiting_for_disk
 from spool_core.node.diagnostics import Level, Status
 from spool_core.node.managed_node import ManagedNode
 from spool_core.node.messages import to_quantity
-from spool_core.node.worker import waiting_for_disk
-from spool_core.quantity import Quantity, Validity
+from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate
 from spool_msgs.msg import AlarmList
 from spool_msgs.srv import AcknowledgeAlarm, ManageBaseline, ResetAlarms, ShelveAlarm, SuppressAlarm

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from spool_core.block_gate import BlockGate
 from spool_core.node.diagnostics import Level, Status, block_faults, block_values, key
-from spool_core.quantity import Quantity
+from spool_core.uncertainty import Quantity
 
 from spool_monitor.detection import Detection
 from spool_monitor.detectors import JUDGEMENT_TEXTS, Judgement

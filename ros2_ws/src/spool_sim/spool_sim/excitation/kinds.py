@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 from spool_core.errors import InputError
-from spool_core.text.suggestion import did_you_mean
+from spool_core.text import did_you_mean
 
 from spool_sim.files.validation import NotNegative, Positive, one_line, read_mapping
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, ValidationError
 from spool_core.errors import InputError
-from spool_core.files.yaml_file import read_yaml
+from spool_core.files import read_yaml
 
 #: Faults that one line of error names.
 MOST_FAULTS = 10

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_core.kernels.processors import processors
+from spool_core.system import processors
 
 from spool_sim.terms import Term
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from spool_core.text.printable import printable
+from spool_core.text import printable
 
 from spool_tools.console.cli_options import AroundOption, BagArgument, Force, SinceOption, UntilOption
 from spool_tools.console.command import Command

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 from spool_core.errors import InputError
-from spool_core.text.sentence import plural
+from spool_core.text import plural
 
 from spool_tools.console.cli_options import Force, JsonFile, ReportFile
 from spool_tools.console.command import Command

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import typer
-from spool_core.text.printable import printable
-from spool_core.text.sentence import plural
+from spool_core.text import plural, printable
 
 from spool_tools.console.cli_options import BagArgument, Force, NewBag
 from spool_tools.console.command import Command

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 from xml.etree import ElementTree
 
 from spool_core.errors import InputError
-from spool_core.files.staging import remove, staged
+from spool_core.system import remove, staged
 
 if TYPE_CHECKING:
     from spool_bag.mcap.mcap_walk import Damage

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
-from spool_core.text.printable import printable
+from spool_core.text import printable
 
 #: s between lines where there is no terminal.
 INTERVAL = 10.0

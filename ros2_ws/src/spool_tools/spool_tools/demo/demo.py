@@ -25,7 +25,7 @@ from spool_bag.reading.information import BagInformation, describe
 from spool_bag.reading.reader import BagReader
 from spool_core.errors import InputError
 from spool_core.node import qos
-from spool_core.node.free_domain import isolate
+from spool_core.node.network import isolate
 from spool_core.node.parameters import rule
 from spool_core.uncertainty import LEGEND, with_interval
 from spool_msgs.msg import HealthEvent, ModelEstimate, Quantity, ValveHealth

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from spool_bag.reading.reader import BagReader
 from spool_core.block_gate import malformed
-from spool_core.text.sentence import plural
+from spool_core.text import plural
 from spool_core.uncertainty import LEGEND, PLUS_MINUS, Z_95, Shown, interval
 
 from spool_tools.report import page as html

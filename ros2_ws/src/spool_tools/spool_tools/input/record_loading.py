@@ -20,7 +20,7 @@ from spool_bag.reading.span import Span
 from spool_bag.tables.column_names import BODY, OIL_TEMPERATURE, SPOOL
 from spool_core.block import Block
 from spool_core.errors import InputError
-from spool_core.text.suggestion import did_you_mean
+from spool_core.text import did_you_mean
 from spool_estimator.identification.record import Record, records_from_blocks
 from spool_estimator.identification.record_parts import PartKeeper
 from spool_estimator.identification.signals.channel_faults import ChannelFault, faults_of, without_outliers

@@ -17,11 +17,10 @@ from spool_bag.importing.records.logger_record import LoggerRecord, read_record
 from spool_bag.reading.information import BagInformation, summarise
 from spool_bag.reading.reader import BagReader
 from spool_bag.reading.span import ALWAYS, Span
-from spool_core.block import Block
-from spool_core.block_run import BlockRun
+from spool_core.block import Block, BlockRun
+from spool_core.cdr import OilTemperature
 from spool_core.errors import InputError
-from spool_core.format.cdr import OilTemperature
-from spool_core.text.printable import printable
+from spool_core.text import printable
 from spool_sim.valve.description import Valve, valve_from_mapping
 
 #: s before and after an alarm, as a snapshot of it keeps.

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.errors import InputError
-from spool_core.quantity import Quantity
-from spool_core.uncertainty import LEGEND, Z_95, number, percent, with_interval
+from spool_core.uncertainty import LEGEND, Z_95, Quantity, number, percent, with_interval
 from spool_estimator.identification.fit import fit
 from spool_estimator.identification.fit_result import Fit, FitSettings
 from spool_estimator.identification.record import Record

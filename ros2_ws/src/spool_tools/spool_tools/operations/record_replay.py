@@ -12,10 +12,10 @@ import numpy as np
 from spool_bag.format.metadata import rate_std
 from spool_bag.reading.information import MOST_STEPS
 from spool_bag.reading.timeline import Timeline, duration_of, step_text
-from spool_core.block_run import BlockRun
+from spool_core.block import BlockRun
+from spool_core.cdr import OilTemperature
 from spool_core.errors import InputError
-from spool_core.format.cdr import OilTemperature
-from spool_core.text.sentence import plural
+from spool_core.text import plural
 from spool_core.uncertainty import at_uncertain_rate
 from spool_estimator.estimate import Estimate
 from spool_estimator.estimator import phase_of, settings_for

@@ -21,10 +21,10 @@ from rich.console import Console
 from rich.table import Table
 from spool_bag.names import check_valve
 from spool_core.errors import InputError
-from spool_core.files.yaml_file import YamlError, load_yaml
+from spool_core.files import YamlError, load_yaml
 from spool_core.node import qos
 from spool_core.node.parameters import BUILT_IN
-from spool_core.text.suggestion import did_you_mean
+from spool_core.text import did_you_mean
 from spool_core.uncertainty import LEGEND, PLUS_MINUS, interval
 from spool_msgs.msg import GapAnalysis
 from spool_msgs.srv import ManageBaseline, TakeSnapshot

@@ -15,9 +15,9 @@ from spool_bag.names import check_valve
 from spool_bag.reading.reader import BagReader
 from spool_bag.recording.writer import BagWriter
 from spool_core.block_gate import BlockGate, Verdict
+from spool_core.cdr import OilTemperature, encode_block, encode_temperature
 from spool_core.errors import InputError
-from spool_core.format.cdr import OilTemperature, encode_block, encode_temperature
-from spool_core.text.sentence import plural
+from spool_core.text import plural
 from spool_sim.excitation.kinds import Excitation, Recorded, load_excitation
 from spool_sim.excitation.presets import PRESETS
 from spool_sim.files.validation import one_line, read_mapping

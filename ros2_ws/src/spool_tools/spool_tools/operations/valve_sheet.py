@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from spool_core.errors import InputError
-from spool_core.text.suggestion import did_you_mean
+from spool_core.text import did_you_mean
 from spool_sim.sensors import PAPER_CHAIN
 from spool_sim.valve.description import FILM, Valve, valve_from_mapping
 from spool_sim.valve.lubrication import fluid_friction_coefficient

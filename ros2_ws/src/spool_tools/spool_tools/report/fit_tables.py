@@ -9,11 +9,11 @@ from typing import Any
 
 from rich.console import Console
 from rich.table import Table
-from spool_core.quantity import Quantity
 from spool_core.uncertainty import (
     LEGEND,
     PLUS_MINUS,
     UNKNOWN,
+    Quantity,
     exact,
     interval,
     number,

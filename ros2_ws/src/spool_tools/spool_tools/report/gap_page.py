@@ -12,8 +12,7 @@ from collections.abc import Sequence
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
-from spool_core.quantity import Quantity
-from spool_core.uncertainty import LEGEND, interval, with_interval
+from spool_core.uncertainty import LEGEND, Quantity, interval, with_interval
 from spool_gap.profile_likelihood import RISE_95, ProfileLikelihood
 from spool_gap.registry import EFFECTS
 from spool_gap.result import COUNTED, Curves, GapResult, RankedHypothesis, Share, Surface, Where

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from spool_core.text.sentence import plural
+from spool_core.text import plural
 from spool_core.uncertainty import LEGEND, with_interval
 
 from . import page as html

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from spool_core.errors import InputError
-from spool_core.text.printable import printable
+from spool_core.text import printable
 
 from spool_bag.importing.tables.table import MOST_CHANNELS
 

@@ -12,7 +12,7 @@ import pyarrow.compute as pa_compute
 import pyarrow.ipc as pa_ipc
 import pyarrow.parquet as pa_parquet
 from spool_core.errors import InputError
-from spool_core.text.printable import printable
+from spool_core.text import printable
 
 from spool_bag.importing.tables.growing import GrowingColumns
 from spool_bag.importing.tables.table import STAMP, Channel, Group, Table, Values

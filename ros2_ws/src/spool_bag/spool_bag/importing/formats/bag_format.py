@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.serde import SerdeError
 from spool_core.errors import InputError
-from spool_core.text.printable import printable
-from spool_core.text.sentence import plural
+from spool_core.text import plural, printable
 
 from spool_bag.format.definitions import ACCELERATION_BLOCK, typestore
 from spool_bag.format.metadata import COMPRESSED, storage_of

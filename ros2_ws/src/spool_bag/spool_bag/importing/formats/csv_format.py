@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.errors import InputError
-from spool_core.text.printable import printable
+from spool_core.text import printable
 
 from spool_bag.importing.csv_text.cells import (
     GROUP_MARKS,

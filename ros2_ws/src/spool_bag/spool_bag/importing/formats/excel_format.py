@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from spool_core.errors import InputError
-from spool_core.text.printable import printable
+from spool_core.text import printable
 
 from spool_bag.importing.csv_text.cells import HOLES, Kind, kind_of
 from spool_bag.importing.csv_text.layout import Layout, column_kinds, layout_of

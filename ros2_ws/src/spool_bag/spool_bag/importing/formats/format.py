@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from spool_core.errors import InputError
-from spool_core.libraries import how_to_install
-from spool_core.text.printable import printable
+from spool_core.errors import InputError, how_to_install
+from spool_core.text import printable
 
 from spool_bag.importing.tables.table import Group, Table, Values, numbered
 

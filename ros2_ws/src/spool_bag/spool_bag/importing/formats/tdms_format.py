@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from spool_core.errors import InputError
-from spool_core.text.printable import printable
+from spool_core.text import printable
 
 from spool_bag.importing.tables.table import STAMP, Channel, Group, Table, Values, as_numbers
 from spool_bag.importing.units.header import split_header

@@ -8,8 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 from spool_core.block import Block
+from spool_core.cdr import OilTemperature
 from spool_core.errors import InputError
-from spool_core.format.cdr import OilTemperature
 
 from spool_bag.tables.column_names import BODY, OIL_TEMPERATURE, SPOOL
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from spool_core.errors import InputError
-from spool_core.text.printable import printable
+from spool_core.text import printable
 
 from spool_bag.importing.units.units import READINGS, Sensitivity, quantity_of
 from spool_bag.tables.column_names import BODY, DISPLACEMENT, FORCE, OIL_TEMPERATURE, SPOOL, TIME

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from spool_core.errors import InputError
-from spool_core.text.printable import printable
+from spool_core.text import printable
 
 from spool_bag.importing.csv_text.dialect import listed
 from spool_bag.importing.tables.table import LOG_TIME, STAMP, Channel, Group, Table

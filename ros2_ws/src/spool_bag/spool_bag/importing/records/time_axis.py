@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from spool_core.block_gate import SHORTEST_PERIOD
 from spool_core.errors import InputError
 from spool_core.stamps import JITTER, number_error, ticks
-from spool_core.text.printable import printable
+from spool_core.text import printable
 
 from spool_bag.importing.tables.table import LOG_TIME, STAMP, Channel, Group, Table, Values
 from spool_bag.importing.units.header import WORDS, split_header

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_core.errors import InputError
 from spool_core.stamps import BACKWARDS, JITTER, Rhythm, Stamps, first_step, judge, repeated, resolution
-from spool_core.text.sentence import plural
+from spool_core.text import plural
 
 #: Relative difference up to which --rate and the rate of a time axis are the same.
 SAME = 0.005

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_core.alignment.step_watch import (
+from spool_core.alignment.sensor_clock import (
     CERTAIN,
     CHUNK,
     LAG_CERTAIN,
@@ -25,7 +25,7 @@ from spool_core.alignment.step_watch import (
 )
 from spool_core.errors import InputError
 from spool_core.stamps import JITTER, Rhythm, Stamps, judge_stamps, unpaired
-from spool_core.text.printable import printable
+from spool_core.text import printable
 
 #: s by which two clocks may run apart over a record before that is a warning.
 WANDERS = 1e-3

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_core.alignment.resampling import margin, resampled
+from spool_core.alignment.aligner import margin, resampled
 from spool_core.errors import InputError
 
 from spool_bag.importing.tables.table import MOST_SAMPLES

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from spool_core.errors import InputError
-from spool_core.text.printable import printable
+from spool_core.text import printable
 
 from spool_bag.importing.units.header import split_header
 from spool_bag.importing.units.units import quantity_of

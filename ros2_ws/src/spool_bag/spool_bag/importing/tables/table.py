@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.errors import InputError
-from spool_core.text.printable import printable
+from spool_core.text import printable
 
 #: Samples of one record that are read: 4 hours at 2 kHz; 16 B each are kept, 24 while they are read.
 MOST_SAMPLES = 30_000_000

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
-from spool_core.kernels.processors import processors
+from spool_core.system import processors
 
 Item = TypeVar("Item")
 Found = TypeVar("Found")

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_core.kernels.outliers import impossible
+from spool_core.kernels.samples import impossible
 
 from .channel_pair import CORNER, DELAY, GAIN, LOW, ChannelPair, ClockStep, PairFit
 from .clipping import flat_share

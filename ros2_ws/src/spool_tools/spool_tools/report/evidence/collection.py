@@ -9,8 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.errors import InputError
-from spool_core.quantity import Quantity
-from spool_core.uncertainty import Z_95
+from spool_core.uncertainty import Z_95, Quantity
 from spool_estimator.estimate import Estimate
 from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, Fit
 from spool_estimator.identification.free_run import excitation_limit

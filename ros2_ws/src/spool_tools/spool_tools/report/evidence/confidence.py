@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, signal
 from spool_core.errors import InputError
-from spool_core.quantity import Quantity
-from spool_core.uncertainty import Z_95, number, with_interval
+from spool_core.uncertainty import Z_95, Quantity, number, with_interval
 from spool_monitor.drift.drift_trace import DriftPoint
 from spool_tools.report.evidence.exhibit import (
     AFTER,

@@ -9,7 +9,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
-from spool_core.private import FILE_MODE, private_folder, restrict
+from spool_core.system import FILE_MODE, private_folder, restrict
 
 
 class ActLog:

@@ -8,7 +8,7 @@ import os
 import secrets
 from pathlib import Path
 
-from spool_core.private import FILE_MODE, private_folder
+from spool_core.system import FILE_MODE, private_folder
 
 #: Random bytes of a token: it can't be guessed.
 RANDOM = 32

@@ -1,4 +1,4 @@
-"""Sentences of events: the one place where what people read of an alarm is put together.
+"""Text for people: sentences, suggestions for misspelt words, and what a terminal can print.
 
 The order is fixed: what and how large, against what it was; since when; the causes with their shares; how
 sure; how urgent; what to do. An event that ended says what is over, after how long, and what is seen now; it
@@ -7,9 +7,14 @@ advises nothing.
 
 from __future__ import annotations
 
+import difflib
 import math
+import os
+import sys
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from decimal import Decimal
+from pathlib import PurePath
 
 from spool_core.uncertainty import UNKNOWN, compared, unit_text
 
@@ -20,6 +25,9 @@ WORTH_SAYING = 0.1
 NOW = 0.1
 
 _MINUTE, _HOUR, _DAY = 60.0, 3600.0, 86400.0
+
+#: Least similarity of a name that is suggested: difflib's own default.
+SIMILAR = 0.6
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,6 +147,65 @@ def duration(seconds: float) -> str:
     return f"{seconds / _HOUR:.0f} h" if seconds < 2.0 * _DAY else f"{seconds / _DAY:.0f} days"
 
 
+def plural(count: int, thing: str) -> str:
+    """Return e.g. ``1 valve`` or ``20 valves``."""
+    return f"{count} {thing}" + ("" if count == 1 else "s")
+
+
+def did_you_mean(given: str, known: Iterable[str]) -> str:
+    """Return ``"; did you mean NAME?"`` for the known name nearest to ``given``, empty where none is near.
+
+    Upper and lower case, ``-`` for ``_`` and the folder and ending of a path make no difference.
+    """
+    by_form = {_form(name): name for name in known}
+    for form in (_form(given), _form(PurePath(given).stem)):
+        near = difflib.get_close_matches(form, by_form, n=1, cutoff=SIMILAR)
+        if near:
+            return f"; did you mean {by_form[near[0]]}?"
+    return ""
+
+
+def printable(text: object, longest: int = 2000) -> str:
+    """Return ``text`` with every character that is not printable (Unicode) written as its escape.
+
+    Args:
+        text: of any origin.
+        longest: characters kept; what is longer ends in ``...``.
+    """
+    whole = str(text)
+    cut = whole if len(whole) <= longest else whole[: longest - 3] + "..."
+    return cut if cut.isprintable() else "".join(map(_shown, cut))
+
+
+def keep_standard_streams() -> None:
+    """Open ``/dev/null`` in place of closed standard streams.
+
+    The next file that is opened would get their number, and what libraries print would go into it.
+    """
+    for descriptor in (0, 1, 2):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            # The lowest free number is given, which is this one.
+            os.open(os.devnull, os.O_RDONLY if descriptor == 0 else os.O_WRONLY)
+            os.set_inheritable(descriptor, True)  # what is started needs its streams as well
+    if sys.stdout is None:
+        sys.stdout = open(1, "w", closefd=False)  # noqa: SIM115 - open for the life of the process
+    if sys.stderr is None:
+        sys.stderr = open(2, "w", closefd=False)  # noqa: SIM115
+
+
+def drop_output() -> None:
+    """Let what is still to be printed go nowhere: the reader (``| head``) has ended."""
+    null = os.open(os.devnull, os.O_WRONLY)
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:
+            os.dup2(null, stream.fileno())
+    os.close(null)
+
+
 def _causes(causes: tuple[ShareOfCause, ...]) -> list[str]:
     said = [cause for cause in causes if cause.share >= WORTH_SAYING]
     if not said:
@@ -168,6 +235,11 @@ def _in_digits(difference: Decimal, like: str) -> str:
     return f"{difference.scaleb(-int(power or 0)):.{decimals}f}{mark}{power}"
 
 
-def plural(count: int, thing: str) -> str:
-    """Return e.g. ``1 valve`` or ``20 valves``."""
-    return f"{count} {thing}" + ("" if count == 1 else "s")
+def _form(name: str) -> str:
+    return name.lower().replace("-", "_").replace(" ", "_")
+
+
+def _shown(letter: str) -> str:
+    if letter.isprintable():
+        return letter
+    return letter.encode("unicode_escape", "surrogatepass").decode("ascii")

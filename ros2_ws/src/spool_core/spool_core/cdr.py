@@ -1,4 +1,4 @@
-"""CDR serialisation of the two message types that are read and written in bulk, coded by hand for speed.
+"""CDR of an AccelerationBlock: written and read without ROS.
 
 Layout: OMG DDSI-RTPS 2.5, 10.2 (encapsulation) and XCDR1; every primitive is aligned to its own size
 counted from the end of the four encapsulation bytes.
@@ -20,19 +20,6 @@ NANOSECONDS = 1_000_000_000
 LONGEST_NAME = 256
 
 
-class CdrError(ValueError):
-    """CDR bytes are not those of the expected message."""
-
-
-@dataclass(frozen=True, slots=True)
-class OilTemperature:
-    """Oil temperature: ``stamp`` in ns, ``celsius`` in deg C, ``variance`` in deg C squared, 0: unknown."""
-
-    stamp: int
-    celsius: float
-    variance: float = 0.0
-
-
 class _Order:
     """Byte order: its precompiled layouts."""
 
@@ -47,19 +34,17 @@ class _Order:
 _LITTLE, _BIG = _Order("<"), _Order(">")
 
 
-def _header(data: bytes) -> tuple[_Order, int, int, int]:
-    """Return byte order, stamp (ns), length of the ``frame_id``, where an 8-byte field behind it starts."""
-    if data[:4] == LITTLE_ENDIAN:  # as nearly all are
-        order = _LITTLE
-    elif len(data) < 4 or data[0] != 0 or data[1] > 1:
-        raise CdrError("unknown CDR encapsulation")
-    else:
-        order = _LITTLE if data[1] else _BIG
-    try:
-        seconds, nanoseconds, length = order.head.unpack_from(data, 4)
-    except struct.error as error:
-        raise CdrError(f"message is shorter than a header: {error}") from error
-    return order, seconds * NANOSECONDS + nanoseconds, length, ((12 + length + 7) & ~7) + 4
+class CdrError(ValueError):
+    """CDR bytes are not those of the expected message."""
+
+
+@dataclass(frozen=True, slots=True)
+class OilTemperature:
+    """Oil temperature: ``stamp`` in ns, ``celsius`` in deg C, ``variance`` in deg C squared, 0: unknown."""
+
+    stamp: int
+    celsius: float
+    variance: float = 0.0
 
 
 def header_stamp(data: bytes) -> int:
@@ -130,6 +115,21 @@ def decode_temperature(data: bytes) -> OilTemperature:
         return OilTemperature(stamp, *order.pair.unpack_from(data, at))
     except struct.error as error:
         raise CdrError(f"not a Temperature: {error}") from error
+
+
+def _header(data: bytes) -> tuple[_Order, int, int, int]:
+    """Return byte order, stamp (ns), length of the ``frame_id``, where an 8-byte field behind it starts."""
+    if data[:4] == LITTLE_ENDIAN:  # as nearly all are
+        order = _LITTLE
+    elif len(data) < 4 or data[0] != 0 or data[1] > 1:
+        raise CdrError("unknown CDR encapsulation")
+    else:
+        order = _LITTLE if data[1] else _BIG
+    try:
+        seconds, nanoseconds, length = order.head.unpack_from(data, 4)
+    except struct.error as error:
+        raise CdrError(f"message is shorter than a header: {error}") from error
+    return order, seconds * NANOSECONDS + nanoseconds, length, ((12 + length + 7) & ~7) + 4
 
 
 def _encode_header(stamp: int, frame_id: str) -> bytes:

@@ -1,10 +1,11 @@
-"""YAML files of users: read within bounds, and recognised where one is given in place of another.
+"""Files that people write: YAML with the place of each error, and files of parameters.
 
 A few hundred bytes of YAML can stand for gigabytes, or end the stack.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -125,6 +126,31 @@ def kind_of(content: Any) -> str | None:
     return "valve" if _OF_A_VALVE & {key for key in content if isinstance(key, str)} else None
 
 
+def parameters_of(path: str | Path, node: str) -> dict[str, Any]:
+    """Return the parameters that the file ``path`` gives ``node``, its full name, e.g. ``/valve_1/monitor``.
+
+    Sections apply in the order of the file, as rclpy applies them: of two values the later one counts. In the
+    name of a section ``*`` stands for one part of a node's name and ``**`` for any number of parts.
+
+    Raises:
+        InputError: as :func:`~.yaml_file.read_yaml`, or the file has no section of parameters.
+    """
+    content = read_yaml(path, "parameters")
+    sections = list(_sections(content, "")) if isinstance(content, dict) else []
+    if not sections:
+        raise InputError(
+            f"{path}: no parameters of nodes in it: write a section such as /**/monitor with "
+            f"{NODE_PARAMETERS}, as in config/valve.yaml"
+        )
+    given: dict[str, Any] = {}
+    for name, values in sections:
+        if not isinstance(values, dict):
+            raise InputError(f"{path}: {name}: {NODE_PARAMETERS} must be a list of 'name: value' lines")
+        if _matches(name, node):
+            given |= dict(_flat(values, ""))
+    return given
+
+
 def _holds_parameters(content: dict[Any, Any]) -> bool:
     return NODE_PARAMETERS in content or any(
         _holds_parameters(one) for one in content.values() if isinstance(one, dict)
@@ -170,3 +196,26 @@ def _refuse_repeated_keys(node: yaml.Node | None) -> None:
 
 def _short(problem: object) -> str:
     return " ".join(str(problem).split())[:200]
+
+
+def _sections(content: dict[Any, Any], name: str) -> Iterator[tuple[str, Any]]:
+    """Yield name and parameters of each section; a name may be spread over nested keys."""
+    for key, value in content.items():
+        if key == NODE_PARAMETERS:
+            yield name, value
+        elif isinstance(value, dict):
+            yield from _sections(value, f"{name}/{str(key).strip('/')}")
+
+
+def _matches(section: str, node: str) -> bool:
+    pattern = re.escape(section).replace(r"/\*\*", r"(/\w+)*").replace(r"/\*", r"/\w+")
+    return re.fullmatch(pattern, node) is not None
+
+
+def _flat(values: dict[Any, Any], prefix: str) -> Iterator[tuple[str, Any]]:
+    """Yield parameters by their full names: nested keys are joined by dots."""
+    for key, value in values.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value

@@ -1,1 +1,0 @@
-"""Files: bounded YAML, and writing that leaves nothing half done."""

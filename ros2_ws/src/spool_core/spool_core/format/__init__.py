@@ -1,1 +1,0 @@
-"""Serialised form of the messages that are read in bulk."""

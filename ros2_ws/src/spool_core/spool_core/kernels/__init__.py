@@ -1,1 +1,0 @@
-"""Compiled kernels: compilation, its cache and the processors."""

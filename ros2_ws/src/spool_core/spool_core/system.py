@@ -1,0 +1,284 @@
+"""What the operating system gives: private folders, files written whole or not at all, scheduling."""
+
+from __future__ import annotations
+
+import contextlib
+import grp
+import multiprocessing
+import multiprocessing.connection
+import os
+import pwd
+import re
+import shutil
+import signal
+import stat
+import tempfile
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from spool_core.errors import InputError
+
+FILE_MODE = 0o600
+FOLDER_MODE = 0o700
+
+_MARK = ".partial-"
+
+#: Niceness of what gives way to the stream where processors are short.
+NICENESS = 10
+
+_limit: int | None = None
+
+
+def private_folder(folder: Path) -> None:
+    """Make ``folder`` readable by its owner only, with those above it that are missing.
+
+    Folders above it that exist are left as they are. A folder of another user's keeps its mode.
+
+    Raises:
+        OSError: it can't be made.
+    """
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    for path in reversed(missing):
+        path.mkdir(mode=FOLDER_MODE, exist_ok=True)
+    if folder not in missing:
+        restrict(folder, FOLDER_MODE)
+
+
+def private_file(path: Path) -> None:
+    """Make the file ``path``, or restrict it, so that its owner only can read and write it.
+
+    Raises:
+        OSError: it can't be made.
+    """
+    os.close(os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, FILE_MODE))
+    restrict(path, FILE_MODE)
+
+
+def restrict(path: Path, mode: int) -> None:
+    """Set the permissions of ``path`` where it is this user's; nothing happens elsewhere."""
+    try:
+        status = path.stat()
+        if status.st_uid == os.geteuid() and stat.S_IMODE(status.st_mode) != mode:
+            path.chmod(mode)
+    except OSError:
+        return
+
+
+def private_temporary_folder(name: str) -> Path:
+    """Return a folder below the system's temporary one that only this user can reach; the same at each call.
+
+    Where another user took the place a new one is made.
+
+    Raises:
+        OSError: none can be made.
+    """
+    base = Path(tempfile.gettempdir()) / f"spool_{os.geteuid()}"
+    try:
+        private_folder(base / name)
+        restrict(base, FOLDER_MODE)
+        if others_may_write(base / name) is None and os.access(base / name, os.W_OK):
+            return base / name
+    except OSError:
+        pass
+    return Path(tempfile.mkdtemp(prefix=f"spool_{name}_"))
+
+
+def others_may_write(folder: Path) -> str | None:
+    """Return who besides this user and root may change what lies in ``folder``, ``None`` where nobody may.
+
+    Every folder above it counts too: who may write there may put another one in its place, unless the sticky
+    bit (``/tmp``) forbids it. A group without other members is the user's own.
+    """
+    try:
+        path = folder.resolve()
+    except (OSError, RuntimeError) as error:
+        return f"{folder} can't be followed ({error})"
+    # Of a folder that is not there yet those above it decide.
+    there = [one for one in (path, *path.parents) if os.path.lexists(one)]
+    for one in there:
+        try:
+            status = one.stat()
+        except OSError as error:
+            return f"{one} can't be looked at ({error.strerror})"
+        if status.st_uid not in (0, os.geteuid()):
+            return f"{one} belongs to {_user(status.st_uid)}"
+        sticky = status.st_mode & stat.S_ISVTX and one != path
+        if status.st_mode & stat.S_IWOTH and not sticky:
+            return f"everybody may write in {one}"
+        if status.st_mode & stat.S_IWGRP and not sticky and not _own_group(status.st_gid):
+            return f"group {_group(status.st_gid)} may write in {one}"
+    return None
+
+
+def partial_name(target: Path) -> Path:
+    """Return where ``target`` is written until it is whole: ``.NAME.partial-PID`` beside it."""
+    return target.with_name(f".{target.name}{_MARK}{os.getpid()}")
+
+
+def leftovers(target: Path) -> list[Path]:
+    """Return what processes that ended before they were done left of ``target``."""
+    pattern = re.compile(re.escape(f".{target.name}{_MARK}") + r"(\d{1,10})")
+    try:
+        found = [(entry, pattern.fullmatch(entry.name)) for entry in target.absolute().parent.iterdir()]
+    except OSError:
+        return []
+    return sorted(entry for entry, name in found if name and not _running(int(name[1])))
+
+
+def remove(path: Path) -> None:
+    """Remove a file or folder, whatever of it is there; a link is removed, not what it points to."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
+
+
+@contextmanager
+def staged(target: Path, *, replace: bool = True) -> Iterator[Path]:
+    """Yield the path to write to; it gets the name ``target`` at the end, or is removed on any exception.
+
+    What was left of ``target`` by a process that was killed is removed first.
+
+    Raises:
+        FileExistsError: at the end, where something has the name ``target`` and ``replace`` is false.
+    """
+    for left in leftovers(target):
+        remove(left)
+    part = partial_name(target)
+    remove(part)
+    try:
+        yield part
+        if replace:
+            part.replace(target)
+        else:
+            _appear(part, target)
+    finally:
+        remove(part)
+
+
+def give_way() -> None:
+    """Begin a process that works beside the stream: it gives way to it, and leaves Ctrl-C to its parent.
+
+    It ends with its parent, however that ends: a pool's process would wait for work for ever.
+    """
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if os.sched_getscheduler(0) != os.SCHED_OTHER:  # of a parent that runs before all others
+        with contextlib.suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    os.nice(NICENESS)
+
+
+def processor_list(text: str) -> set[int]:
+    """Return the processors of a list such as ``2,4-6``.
+
+    Raises:
+        InputError: it is no such list, or names a processor that this process may not use.
+    """
+    found: set[int] = set()
+    for part in text.split(","):
+        match = re.fullmatch(r"(\d{1,4})(?:-(\d{1,4}))?", part.strip())
+        if match is None:
+            raise InputError(f"cpus: {text!r} is no list of processors: write 2 or 2,3 or 2-3")
+        found |= set(range(int(match[1]), int(match[2] or match[1]) + 1))
+    allowed = os.sched_getaffinity(0)
+    if not found or found - allowed:
+        named = ", ".join(map(str, sorted(allowed)))
+        raise InputError(f"cpus: {text!r}: this process may use {named}")
+    return found
+
+
+def use_processors(text: str) -> None:
+    """Bind this process, and what it starts, to the processors of a list such as ``2,4-6``.
+
+    Raises:
+        InputError: as of :func:`processor_list`.
+    """
+    os.sched_setaffinity(0, processor_list(text))
+
+
+def run_before_others(priority: int) -> None:
+    """Run this process, and threads that it starts, under SCHED_FIFO at ``priority``, 1 to 99.
+
+    Raises:
+        InputError: the priority is none, or the system does not grant it.
+    """
+    if not 1 <= priority <= 99:
+        raise InputError(f"priority: {priority} is none of SCHED_FIFO: 1 to 99")
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except OSError as error:
+        raise InputError(
+            f"priority: SCHED_FIFO {priority} is not granted ({error.strerror}): it needs CAP_SYS_NICE or a "
+            f"limit of at least {priority} (LimitRTPRIO= of the service, rtprio in /etc/security/limits.conf)"
+        ) from None
+
+
+def processors() -> int:
+    """Return the number of processors that the system lets this process run on, at least 1."""
+    allowed = getattr(os, "sched_getaffinity", None)  # Linux only
+    found = len(allowed(0)) if allowed else os.cpu_count() or 1
+    return found if _limit is None else min(found, _limit)
+
+
+def limit_processors(most: int) -> None:
+    """Let this process use ``most`` processors at most: one of several workers that share them."""
+    global _limit  # noqa: PLW0603 - it is of the process
+    _limit = most
+
+
+def _own_group(number: int) -> bool:
+    """Whether nobody but this user (and root) is in the group ``number``: Debian's user private groups."""
+    if number == 0:
+        return True
+    try:
+        user = pwd.getpwuid(os.geteuid())
+        group = grp.getgrgid(number)
+    except KeyError:
+        return False
+    return number == user.pw_gid and group.gr_name == user.pw_name and set(group.gr_mem) <= {user.pw_name}
+
+
+def _user(number: int) -> str:
+    try:
+        return pwd.getpwuid(number).pw_name
+    except KeyError:
+        return f"user {number}"
+
+
+def _group(number: int) -> str:
+    try:
+        return grp.getgrgid(number).gr_name
+    except KeyError:
+        return str(number)
+
+
+def _appear(part: Path, target: Path) -> None:
+    """Give the finished file its name, unless something has taken it meanwhile."""
+    try:
+        os.link(part, target, follow_symlinks=False)
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without hard links
+        if os.path.lexists(target):
+            raise FileExistsError(target) from None
+        part.rename(target)
+
+
+def _running(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        return True
+    return True
+
+
+def _end_with(sentinel: int) -> None:
+    multiprocessing.connection.wait([sentinel])
+    os._exit(1)
