@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from spool_bag.mcap.mcap_file import McapFile
 from spool_bag.reading.reader import BagReader
-from spool_bag.recording.existing_parts import numbered
+from spool_bag.recording.parts import numbered
 
 from tests.month import DAY
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 from mcap.opcode import Opcode
-from spool_bag.format.definitions import ACCELERATION_BLOCK
 from spool_bag.mcap.mcap_file import McapFile
 from spool_bag.mcap.mcap_record import FRAME, MAGIC
+from spool_bag.mcap.metadata import ACCELERATION_BLOCK
 from spool_bag.reading.reader import BagReader
 from spool_bag.recording.recovery import RecoveryResult, recover
 from spool_bag.recording.verification import verify

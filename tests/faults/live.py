@@ -21,7 +21,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from spool_bag.reading.reader import BagReader
-from spool_bag.recording.existing_parts import numbered
+from spool_bag.recording.parts import numbered
 from spool_core.block import Block
 from spool_core.node import qos
 from spool_core.node.messages import from_block

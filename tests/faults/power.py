@@ -46,8 +46,8 @@ def record(bag: Path, times: Path) -> None:
     """Record :data:`COUNT` blocks in parts, ten times as fast as real time; remember when each was put."""
     import time  # noqa: PLC0415 - this runs in a process of its own
 
-    from spool_bag.format.definitions import ACCELERATION_BLOCK, definition  # noqa: PLC0415
-    from spool_bag.recording.message_queue import Recorded  # noqa: PLC0415
+    from spool_bag.mcap.metadata import ACCELERATION_BLOCK, definition  # noqa: PLC0415
+    from spool_bag.recording.recorder import Recorded  # noqa: PLC0415
     from spool_bag.recording.recording import Recording, RecordingSettings  # noqa: PLC0415
     from spool_bag.recording.writer import PartLimits  # noqa: PLC0415
     from spool_core.cdr import encode_block  # noqa: PLC0415

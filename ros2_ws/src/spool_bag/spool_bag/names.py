@@ -1,4 +1,4 @@
-"""Names of valves: ROS namespaces without the leading slash."""
+"""Names of the topics of a valve, and of the columns of tables."""
 
 from __future__ import annotations
 
@@ -7,6 +7,13 @@ import re
 from spool_core.errors import InputError
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
+
+TIME = "time_s"
+BODY = "body_m_s2"
+SPOOL = "spool_m_s2"
+OIL_TEMPERATURE = "oil_temperature_C"
+DISPLACEMENT = "displacement_m"
+FORCE = "force_N"
 
 
 def check_valve(valve: str) -> None:

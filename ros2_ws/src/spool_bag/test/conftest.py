@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from spool_bag.format.definitions import ACCELERATION_BLOCK
+from spool_bag.mcap.metadata import ACCELERATION_BLOCK
 from spool_bag.recording.writer import BagWriter
 from spool_core.block import Block
 from spool_core.cdr import encode_block

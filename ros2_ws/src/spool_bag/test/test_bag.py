@@ -18,7 +18,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
-from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE, typestore
+from spool_bag.mcap.metadata import ACCELERATION_BLOCK, TEMPERATURE, typestore
 from spool_bag.reading.information import describe
 from spool_bag.reading.reader import WINDOW, BagReader
 from spool_bag.recording.recovery import recover
@@ -382,7 +382,7 @@ def test_information_counts_losses_and_refusals(tmp_path: Path, block: MakeBlock
 FILL = """
 import resource, sys
 from spool_core.cdr import encode_block
-from spool_bag.format.definitions import ACCELERATION_BLOCK
+from spool_bag.mcap.metadata import ACCELERATION_BLOCK
 from spool_bag.recording.writer import BagWriter, RecordingError
 from spool_core.block import Block
 import numpy as np

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
-from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE
 from spool_bag.mcap.mcap_record import FRAME, MAGIC
+from spool_bag.mcap.metadata import ACCELERATION_BLOCK, TEMPERATURE
 from spool_bag.reading.information import describe
 from spool_bag.reading.reader import BagReader
 from spool_bag.recording.recovery import RecoveryResult, recover

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from spool_bag.format.definitions import ACCELERATION_BLOCK, typestore
+from spool_bag.mcap.metadata import ACCELERATION_BLOCK, typestore
 from spool_bag.reading.information import describe
 from spool_bag.reading.reader import BagReader
 from spool_bag.recording.snapshot import (
@@ -17,8 +17,8 @@ from spool_bag.recording.snapshot import (
     Message,
     Snapshot,
     SnapshotKeeper,
+    SnapshotWriter,
 )
-from spool_bag.recording.snapshot_writer import SnapshotWriter
 from spool_bag.recording.writer import BagWriter, PartLimits
 from spool_core.block import Block
 from spool_core.cdr import encode_block

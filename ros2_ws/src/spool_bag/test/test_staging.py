@@ -19,7 +19,7 @@ from spool_core.system import leftovers, staged
 WRITE = """
 import sys
 from spool_core.cdr import encode_block
-from spool_bag.format.definitions import ACCELERATION_BLOCK
+from spool_bag.mcap.metadata import ACCELERATION_BLOCK
 from spool_bag.recording.writer import BagWriter
 from spool_core.block import Block
 import numpy as np

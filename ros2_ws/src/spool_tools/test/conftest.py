@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from rclpy.serialization import serialize_message
-from spool_bag.format.definitions import ACCELERATION_BLOCK
+from spool_bag.mcap.metadata import ACCELERATION_BLOCK
 from spool_bag.recording.writer import BagWriter
 from spool_core.cdr import encode_block
 from spool_estimator.estimator import Estimator, settings_for

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from spool_bag.format.definitions import typestore
 from spool_bag.importing.records.choices import columns_of
+from spool_bag.mcap.metadata import typestore
 from spool_bag.reading.reader import BagReader
 from spool_core.block import Block
 from spool_core.errors import InputError

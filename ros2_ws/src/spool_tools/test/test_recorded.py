@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from spool_bag.format.definitions import ACCELERATION_BLOCK
+from spool_bag.mcap.metadata import ACCELERATION_BLOCK
 from spool_bag.reading.reader import BagReader
 from spool_bag.recording.writer import BagWriter
 from spool_core.cdr import encode_block

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE
+from spool_bag.mcap.metadata import ACCELERATION_BLOCK, TEMPERATURE
+from spool_bag.reading.information import Timeline
 from spool_bag.reading.reader import BagReader
-from spool_bag.reading.timeline import Timeline
 from spool_bag.recording.writer import BagWriter
 from spool_core.block import Block
 from spool_core.cdr import OilTemperature, encode_block, encode_temperature

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from spool_bag.format.definitions import ACCELERATION_BLOCK, typestore
+from spool_bag.mcap.metadata import ACCELERATION_BLOCK, typestore
 from spool_bag.reading.reader import BagReader
 from spool_bag.recording.writer import BagWriter, PartLimits
 from spool_core.block import Block

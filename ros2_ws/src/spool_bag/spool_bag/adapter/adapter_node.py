@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+import math
+import re
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+from geometry_msgs.msg import AccelStamped, Vector3Stamped
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from spool_core.alignment.aligner import Aligner, AlignerSettings, Channel
+from sensor_msgs.msg import Imu
+from spool_core.alignment.aligner import CLOCK_STEP, Aligner, AlignerSettings, Channel
+from spool_core.alignment.sensor_clock import LEAST_STEP
+from spool_core.alignment.sensor_stream import Refusal
+from spool_core.block import RecentCounts
 from spool_core.node.block_hub import BlockPublisher, Throttle
-from spool_core.node.diagnostics import DiagnosticPublisher, Level
+from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, key
 from spool_core.node.managed_node import ManagedNode
+from spool_core.node.messages import nanoseconds
 from spool_core.node.parameters import NodeParameter, Value
 from spool_core.node.running import run
 from spool_core.text import plural
-
-from .readings import IMU, TYPES, UNITS, Reading, Samples, UnusableError
-from .sensor_report import SETTLED_LOOKS, SensorReport
+from std_msgs.msg import Float64MultiArray
 
 #: s between two looks at the sensors, and looks between two reports of an unchanged state: about once a
 #: second, and a sensor that stopped is told of within ``stale_after`` and a look.
@@ -25,6 +32,31 @@ LOOK, LOOKS = 0.25, 4
 
 #: Messages that may wait: half a second of the fastest rate that single messages can come at.
 DEPTH = 5000
+
+#: m/s^2 in one of each unit; g is the standard acceleration of free fall (ISO 80000-3).
+UNITS: Mapping[str, float] = {"m/s^2": 1.0, "g": 9.80665}
+
+IMU, ACCEL, ARRAY = "sensor_msgs/msg/Imu", "geometry_msgs/msg/AccelStamped", "std_msgs/msg/Float64MultiArray"
+VECTOR = "geometry_msgs/msg/Vector3Stamped"
+TYPES: Mapping[str, Any] = {
+    IMU: Imu, ACCEL: AccelStamped, VECTOR: Vector3Stamped, ARRAY: Float64MultiArray,
+}  # fmt: skip
+_AXIS = re.compile(r"[+-]?[xyz]")
+_COLUMN = re.compile(r"[+-]?column\d{1,4}")
+
+#: What ``linear_acceleration_covariance[0]`` holds where an Imu measures no acceleration (sensor_msgs/Imu).
+NOT_MEASURED = -1.0
+#: Parts of a second in ``builtin_interfaces/Time``: more is no time.
+NANOSECONDS = 1_000_000_000
+
+Samples = list[tuple[int, float]]
+
+#: Relative departure of the stamps from ``sample_rate`` that is a fault: the one at which
+#: :class:`spool_core.rate_check.RateCheck` refuses blocks.
+WRONG_RATE = 0.0025
+
+#: Looks after which a step of one clock is reported: both may have been set, and one is seen first.
+SETTLED_LOOKS = 4
 
 
 def _of(channel: str, topic: str) -> tuple[NodeParameter, ...]:
@@ -222,6 +254,212 @@ class AdapterNode(ManagedNode):
 def main() -> int:
     """Run the node."""
     return run(AdapterNode)
+
+
+class UnusableError(ValueError):
+    """A message holds no sample that can be used; the text says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """Reading: takes the samples of one sensor out of a message.
+
+    ``kind`` is one of ``TYPES``; ``axis`` is ``+x``, ``+y``, ``+z``, with a minus where it points the other
+    way, ``+column0`` and so on of an array; ``unit`` one of ``UNITS``; ``gain`` is multiplied on top.
+    ``frame`` is the only ``frame_id`` taken, empty: any. ``by_arrival``: the arrival's time counts, not the
+    header's.
+    ``time_column``: of an array, in s; -1 for none. ``sample_rate`` (Hz) of arrays with several samples each.
+    """
+
+    kind: str
+    axis: str
+    unit: str = "m/s^2"
+    gain: float = 1.0
+    frame: str = ""
+    by_arrival: bool = False
+    time_column: int = -1
+    sample_rate: float = 0.0
+
+    def refusal(self) -> str | None:
+        """Return what is wrong with ``axis`` for this type of message, or ``None``."""
+        if self.kind == ARRAY:
+            good, wanted = _COLUMN.fullmatch(self.axis), "+column0, -column0, +column1 and so on"
+        else:
+            good, wanted = _AXIS.fullmatch(self.axis), "+x, +y, +z, -x, -y or -z"
+        return None if good else f"{self.axis!r} is no axis of {self.kind}: write {wanted}"
+
+    @property
+    def samples(self) -> Callable[[Any, int], Samples]:
+        """What takes a message and the time of its arrival (ns), and returns stamps (ns) and values (m/s^2).
+
+        Raises:
+            UnusableError: there is no sample in it for this sensor.
+
+        """
+        name = self.axis.lstrip("+-").removeprefix("column")
+        factor = UNITS[self.unit] * self.gain * (-1.0 if self.axis.startswith("-") else 1.0)
+        if self.kind == ARRAY:
+            return lambda message, arrival: self._of_array(message, arrival, int(name), factor)
+
+        def of_vector(message: Any, arrival: int) -> Samples:
+            header = message.header
+            if self.frame and header.frame_id != self.frame:
+                raise UnusableError(f"frame_id is {header.frame_id!r}, not {self.frame!r}")
+            if self.kind == IMU:
+                if message.linear_acceleration_covariance[0] == NOT_MEASURED:
+                    raise UnusableError("this Imu says that it measures no acceleration")
+                vector = message.linear_acceleration
+            else:
+                vector = message.vector if self.kind == VECTOR else message.accel.linear
+            stamp = arrival if self.by_arrival else nanoseconds(header.stamp)
+            if not self.by_arrival and header.stamp.nanosec >= NANOSECONDS:
+                stamp = 0
+            return [(stamp, factor * getattr(vector, name))]
+
+        return of_vector
+
+    def _of_array(self, message: Any, arrival: int, column: int, factor: float) -> Samples:
+        dimensions = message.layout.dim
+        data = message.data[message.layout.data_offset :]
+        columns = dimensions[-1].size if len(dimensions) > 1 else len(data)
+        if columns < 1 or len(data) % columns or not data:
+            raise UnusableError(f"{len(data)} numbers are no rows of {columns} columns")
+        highest = max(column, self.time_column)
+        if highest >= columns:
+            raise UnusableError(f"there is no column {highest}: it has {columns}, counted from 0")
+        values = [factor * value for value in data[column::columns]]
+        if self.time_column >= 0:
+            times = data[self.time_column :: columns]
+            return [
+                (round(1e9 * time) if math.isfinite(time) and abs(time) < 1e10 else 0, value)
+                for time, value in zip(times, values, strict=True)
+            ]
+        if len(values) == 1:
+            return [(arrival, values[0])]
+        if self.sample_rate <= 0.0:
+            raise UnusableError(f"{len(values)} samples in a message: set sample_rate, or time_column")
+        step, last = 1e9 / self.sample_rate, len(values) - 1
+        return [(arrival - round((last - place) * step), value) for place, value in enumerate(values)]
+
+
+@dataclass(slots=True)
+class SensorReport:
+    """Sensor report: ``silent`` s since a sensor's last message; ``unusable`` messages, the last reason.
+
+    ``unpaired``: looks in a row at which one clock was set against the other.
+    """
+
+    topics: dict[Channel, str]
+    stale_after: float
+    silent: dict[Channel, float] = field(default_factory=lambda: dict.fromkeys(Channel, math.inf))
+    unusable: dict[Channel, int] = field(default_factory=lambda: dict.fromkeys(Channel, 0))
+    reason: dict[Channel, str] = field(default_factory=lambda: dict.fromkeys(Channel, ""))
+    listeners: int = 0
+    recent: RecentCounts = field(default_factory=RecentCounts)
+    unpaired: int = 0
+    _counted: tuple[int, int] = (0, 0)
+    _unusable_before: dict[Channel, int] = field(default_factory=lambda: dict.fromkeys(Channel, 0))
+
+    def advance(self, aligner: Aligner, seconds: float) -> None:
+        """Count what was lost and refused in the ``seconds`` since it was asked last."""
+        lost = sum(stream.lost for stream in aligner.streams.values())
+        refused = sum(stream.refused.total() for stream in aligner.streams.values())
+        refused += sum(self.unusable.values())
+        self.recent.advance(seconds)
+        self.recent.count(max(0, lost - self._counted[0]), max(0, refused - self._counted[1]))
+        self._counted = lost, refused
+        fault = aligner.fault
+        self.unpaired = self.unpaired + 1 if fault is not None and fault.cause == CLOCK_STEP else 0
+
+    def status(self, aligner: Aligner, now: int) -> Status:
+        """Return the state of the sensors at ``now`` (ns, on the clock that stamps them)."""
+        level, message = self._judgement(aligner)
+        return Status("sensors", level, message, self._values(aligner, now))
+
+    def _judgement(self, aligner: Aligner) -> tuple[Level, str]:
+        faults = [self._silence(aligner, channel) for channel in Channel]
+        for found in (*faults, self._mismatch(aligner)):
+            if found is not None:
+                return found
+        if not aligner.settled or aligner.fault is not None:
+            return Level.WARNING, "finding the sensors' rates"
+        if self.recent.lost or self.recent.refused:
+            why = next((text for text in self.reason.values() if text), "")
+            text = (
+                f"{plural(self.recent.lost, 'sample')} lost, {self.recent.refused} refused in the last minute"
+            )
+            return Level.WARNING, f"{text}: {why}" if why else text
+        if aligner.wandered:
+            text = f"{1e3 * abs(aligner.wandered):.2g} ms apart by now"
+            return Level.WARNING, f"the sensors' clocks drift against each other, {text}: synchronise them"
+        drift = "" if math.isnan(aligner.drift) else f", drift {1e6 * aligner.drift:+.1f} ppm"
+        steps = max(stream.found.resolution if stream.found else 0.0 for stream in aligner.streams.values())
+        coarse = f", stamps in steps of {1e3 * steps:g} ms" if 1e9 * steps >= LEAST_STEP else ""
+        return Level.OK, f"{aligner.sample_rate:.6g} Hz{drift}{coarse}"
+
+    def _silence(self, aligner: Aligner, channel: Channel) -> tuple[Level, str] | None:
+        stream, silent = aligner.streams[channel], self.silent[channel]
+        if silent <= self.stale_after:
+            return None
+        if stream.received == 0:
+            if self.unusable[channel]:
+                return Level.ERROR, f"{channel.value}: {self.reason[channel]}"
+            return Level.WARNING, f"{channel.value}: nothing came on {self.topics[channel]} so far"
+        return Level.STALE, f"{channel.value}: nothing on {self.topics[channel]} for {silent:.1f} s"
+
+    def _mismatch(self, aligner: Aligner) -> tuple[Level, str] | None:
+        """Return what keeps the two from being one stream, or ``None``."""
+        settings = aligner.settings
+        for channel, stream in aligner.streams.items():
+            if stream.clock is None and stream.refused[Refusal.RATE]:
+                return Level.ERROR, f"{channel.value}: {Refusal.RATE.value}"
+            if stream.clock is None and stream.doubt:
+                advice = "let the driver stamp each sample, or set stamps to arrival"
+                return (
+                    Level.ERROR,
+                    f"{channel.value}: its stamps show no sample rate ({stream.doubt}): {advice}",
+                )
+            rate = stream.clock.rate if stream.clock is not None else math.nan
+            if settings.sample_rate > 0.0 and abs(rate / settings.sample_rate - 1.0) > WRONG_RATE:
+                wanted = f"sample_rate says {settings.sample_rate:.6g} Hz: set it to 0 or to what is right"
+                return Level.ERROR, f"{channel.value}: its stamps show {rate:.6g} Hz, {wanted}"
+        fault = aligner.fault
+        if fault is not None and (fault.cause != CLOCK_STEP or self.unpaired >= SETTLED_LOOKS):
+            return Level.ERROR, fault.text
+        if abs(aligner.apart) > settings.longest_wait:
+            advice = "synchronise their clocks, or set stamps to arrival"
+            return Level.ERROR, f"the sensors' stamps are {abs(aligner.apart):.6g} s apart: {advice}"
+        return None
+
+    def _values(self, aligner: Aligner, now: int) -> dict[str, object]:
+        values: dict[str, object] = {}
+        for channel, stream in aligner.streams.items():
+            name, clock = channel.value, stream.clock
+            values |= {
+                key(f"{name}_rate", "Hz"): clock.rate if clock else math.nan,
+                key(f"{name}_jitter", "s"): 1e-9 * clock.jitter if clock else math.nan,
+                key(f"{name}_step_limit", "s"): 1e-9 * stream.step_limit,
+                f"{name}_received": stream.received,
+                f"{name}_lost": stream.lost,
+                f"{name}_restarts": stream.restarts,
+                f"{name}_clock_steps": stream.steps,
+                **{f"{name}_refused_{one.name.lower()}": stream.refused[one] for one in Refusal},
+                f"{name}_unusable": self.unusable[channel],
+                key(f"{name}_silent", "s"): self.silent[channel],
+                key(f"{name}_age", "s"): 1e-9 * (now - stream.newest) if stream.newest else math.nan,
+            }
+        return values | {
+            key("sample_rate", "Hz"): aligner.sample_rate,
+            key("offset", "s"): aligner.offset,
+            key("drift", "ppm"): 1e6 * aligner.drift,
+            key("spool_behind", "s"): aligner.apart,
+            key("clock_step", "s"): aligner.clock_step,
+            key("wandered", "s"): aligner.wandered,
+            "late_samples": aligner.late,
+            "blocks_sent": aligner.sent,
+            "blocks_dropped": aligner.dropped,
+            "listeners": self.listeners,
+        }
 
 
 if __name__ == "__main__":

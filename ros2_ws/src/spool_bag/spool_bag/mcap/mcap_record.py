@@ -1,4 +1,4 @@
-"""Record layout of an MCAP file, and whether bytes can be a record: for resynchronising behind damage.
+"""Records of an MCAP file, read and written byte by byte, and the definitions among them.
 
 Layout: the MCAP format specification, section "Records" (https://mcap.dev/spec): opcode, length as uint64,
 content.
@@ -8,9 +8,13 @@ from __future__ import annotations
 
 import re
 import struct
+from dataclasses import dataclass, field
+from io import BytesIO
 from typing import NamedTuple
 
+from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
+from mcap.records import Channel, Schema, Statistics
 
 MAGIC = b"\x89MCAP0\r\n"
 FRAME = struct.Struct("<BQ")
@@ -35,6 +39,10 @@ _PACKED = (b"\x04\0\0\0zstd", b"\x03\0\0\0lz4")
 _PLAIN_CHUNK = re.compile(rb"\x06(?=[\s\S]{5}\x00{3}[\s\S]{28}\x00{4})")
 _INDEX = re.compile(rb"\x07(?=[\s\S]{5}\x00{3}[\s\S]{5}\x00)")
 _LOOSE = re.compile(rb"[\x03-\x05](?=[\s\S]{5}\x00{3})")
+
+#: B of one definition and of all of a file; the longest of ROS 2's own, with its dependencies, have 50 kB.
+LARGEST_DEFINITION = 1 << 18
+MOST_DEFINITIONS = 1 << 24
 
 
 class Frame(NamedTuple):
@@ -118,6 +126,102 @@ def kind_of(opcode: int, content: bytes, length: int) -> int | None:
     return opcode if opcode < Opcode.DATA_END or opcode >= _FIRST_PRIVATE else None
 
 
+def candidates(piece: bytes, *, chunked: bool) -> list[int]:
+    """Return where in ``piece`` a record could begin: chunks, their indexes, or in their absence others."""
+    if not chunked:
+        return [found.start() for found in _LOOSE.finditer(piece)]
+    places = [found.start() for pattern in (_PLAIN_CHUNK, _INDEX) for found in pattern.finditer(piece)]
+    for name in _PACKED:
+        before = FRAME.size + CHUNK_HEAD.size - 4
+        at = piece.find(name, before)
+        while at >= 0:
+            places.append(at - before)
+            at = piece.find(name, at + 1)
+    return sorted(places)
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """Topic: what a channel carries."""
+
+    name: str
+    type: str
+    schema: str
+    schema_encoding: str
+    encoding: str
+    qos: str
+    digest: str
+
+
+@dataclass(slots=True)
+class Definitions:
+    """Definitions: topics by channel number; writers repeat them, which costs a comparison only."""
+
+    topics: dict[int, Topic] = field(default_factory=dict)
+    _schemas: dict[int, _Schema] = field(default_factory=dict)
+    _known: dict[tuple[int, bytes], bytes] = field(default_factory=dict)
+    _size: int = 0
+
+    def take(self, opcode: int, content: bytes) -> None:
+        """Take the ``content`` of a schema or channel.
+
+        Raises:
+            ValueError: not one, or more than the bounds.
+            mcap.exceptions.McapError: it ends too early.
+        """
+        key = (opcode, content[:2])
+        if self._known.get(key) == content:
+            return
+        if len(content) > LARGEST_DEFINITION or self._size + len(content) > MOST_DEFINITIONS:
+            raise ValueError(
+                f"a definition of more than {LARGEST_DEFINITION} bytes, or {MOST_DEFINITIONS} bytes of them"
+            )
+        self._size += len(content)
+        stream = ReadDataStream(BytesIO(content))
+        if opcode == Opcode.SCHEMA:
+            schema = Schema.read(stream)
+            self._schemas[schema.id] = _Schema(
+                schema.name, schema.data.decode("utf-8", "replace"), schema.encoding
+            )
+        else:
+            self._add(Channel.read(stream))
+        self._known[key] = content
+
+    def _add(self, channel: Channel) -> None:
+        schema = self._schemas.get(channel.schema_id) or _Schema("", "", "")
+        about = channel.metadata
+        qos, digest = about.get("offered_qos_profiles", ""), about.get("topic_type_hash", "")
+        self.topics[channel.id] = Topic(
+            channel.topic, *schema, encoding=channel.message_encoding, qos=qos, digest=digest
+        )
+
+
+def summary_counts(summary: bytes, definitions: Definitions) -> tuple[dict[int, int], tuple[int, int]] | None:
+    """Return messages by channel and first and last time (ns) that a summary tells; add what it defines.
+
+    ``None`` where it has no statistics.
+
+    Raises:
+        ValueError, struct.error, mcap.exceptions.McapError: the section is damaged.
+    """
+    counts: tuple[dict[int, int], tuple[int, int]] | None = None
+    at = 0
+    while at < len(summary):
+        opcode, length = FRAME.unpack_from(summary, at)
+        at += FRAME.size
+        if at + length > len(summary):
+            raise ValueError("a record of the summary is cut off")
+        content = summary[at : at + length]
+        if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            definitions.take(opcode, content)
+        elif opcode == Opcode.STATISTICS:
+            told = Statistics.read(ReadDataStream(BytesIO(content)))
+            times = told.message_start_time, told.message_end_time
+            counts = dict(told.channel_message_counts), times
+        at += length
+    return counts
+
+
 def _fields_fit(at: int, fields: int, content: bytes, length: int) -> bool:
     """Return whether the fields from ``at`` on, each behind its length, end where the content ends.
 
@@ -133,15 +237,7 @@ def _fields_fit(at: int, fields: int, content: bytes, length: int) -> bool:
     return at == length
 
 
-def candidates(piece: bytes, *, chunked: bool) -> list[int]:
-    """Return where in ``piece`` a record could begin: chunks, their indexes, or in their absence others."""
-    if not chunked:
-        return [found.start() for found in _LOOSE.finditer(piece)]
-    places = [found.start() for pattern in (_PLAIN_CHUNK, _INDEX) for found in pattern.finditer(piece)]
-    for name in _PACKED:
-        before = FRAME.size + CHUNK_HEAD.size - 4
-        at = piece.find(name, before)
-        while at >= 0:
-            places.append(at - before)
-            at = piece.find(name, at + 1)
-    return sorted(places)
+class _Schema(NamedTuple):
+    name: str
+    text: str
+    encoding: str

@@ -1,25 +1,29 @@
-"""Summary of a bag: what it holds and what was lost on the way into it."""
+"""What is in a bag: topics, valves, what was lost, and the samples over time."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from spool_core.block import Block
-from spool_core.block_gate import BlockGate, Verdict
+from spool_core.block import Block, BlockRun
+from spool_core.block_gate import LONGEST_PERIOD, SHORTEST_PERIOD, BlockGate, Verdict
 from spool_core.cdr import OilTemperature
 from spool_core.text import plural, printable
 
-from spool_bag.mcap.mcap_walk import Damage
-
-from .reader import BagReader
-from .span import Span
-from .timeline import Timeline, duration_of, step_text
+from spool_bag.mcap.mcap_file import Damage
+from spool_bag.reading.blocks import Span
+from spool_bag.reading.reader import BagReader
 
 #: Steps of a valve's time that are listed one by one.
 MOST_STEPS = 10
+
+#: ns, beyond what lost blocks explain, by which a stamp may be ahead: as the judgement of blocks has it.
+AHEAD = 1_000_000_000
+#: ns of blocks lost in one piece that a jump in sequence explains: a day.
+LONGEST_LOSS = 86_400_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,6 +150,121 @@ def describe(path: Path | str, span: Span | None = None) -> BagInformation:
     )
 
 
+def summarise(name: str, items: Iterable[Block | OilTemperature]) -> ValveSummary:
+    """Return what ``items`` hold of the valve ``name``, whatever they were read from."""
+    one = _Pass()
+    for item in items:
+        one.take(item)
+    return one.summary(name, 0)
+
+
+class TimeSpan(NamedTuple):
+    """Time span: stamps of the first sample and behind the last, what had passed ``before``; in ns."""
+
+    first: int
+    end: int
+    before: int
+
+
+class ClockStep(NamedTuple):
+    """Clock step: ``at`` s after the record's beginning, by ``by`` s (negative: back)."""
+
+    at: float
+    by: float
+
+
+@dataclass(slots=True)
+class Timeline:
+    """Time base of one valve: the spans that its blocks cover, in their order.
+
+    A block that does not follow begins a new span only if the next one follows it: a wrong stamp is none.
+    """
+
+    spans: list[TimeSpan] = field(default_factory=list)
+    _last: _BlockPlace | None = None
+    _unconfirmed: _BlockPlace | None = None
+
+    def take(self, block: Block) -> None:
+        """Take a block; malformed ones are left out."""
+        usual = SHORTEST_PERIOD <= block.sample_period <= LONGEST_PERIOD
+        if not (usual and block.body.size and block.stamp > 0):
+            return
+        place = _BlockPlace(block.stamp, block.end, block.sequence)
+        if self._last is None:
+            self.spans.append(TimeSpan(place.first, place.end, 0))
+        elif _follows(self._last, place):
+            span = self.spans[-1]
+            if place.end > span.end:
+                self.spans[-1] = span._replace(end=place.end)
+        elif self._unconfirmed is not None and _follows(self._unconfirmed, place):
+            before = self.spans[-1].before + self.spans[-1].end - self.spans[-1].first
+            self.spans.append(TimeSpan(self._unconfirmed.first, place.end, before))
+        else:
+            self._unconfirmed = place
+            return
+        self._last, self._unconfirmed = place, None
+
+    def take_run(self, run: BlockRun) -> None:
+        """Take the blocks of ``run``, as ``take`` does one by one."""
+        for block in run.blocks():
+            self.take(block)
+            if self._last is not None and self._last.first == block.stamp and self._unconfirmed is None:
+                # The others follow it, and only the last one says where the span ends.
+                self.take(run.last)
+                return
+
+    @property
+    def duration(self) -> int:
+        """All spans together, ns; never negative."""
+        return self.spans[-1].before + self.spans[-1].end - self.spans[-1].first if self.spans else 0
+
+    @property
+    def steps(self) -> list[ClockStep]:
+        """Where the clock was set, or a source started again."""
+        spans = self.spans
+        return [
+            ClockStep(later.before * 1e-9, (later.first - earlier.end) * 1e-9)
+            for earlier, later in pairwise(spans)
+        ]
+
+    def since(self, stamp: int, earliest: int = 0) -> int:
+        """Return the ns that had passed at ``stamp`` since the first sample; of several spans the last one.
+
+        ``earliest`` is a time that had passed already, for stamps that were told one after the other.
+        """
+        if not self.spans:
+            return 0
+        inside = [span for span in self.spans if span.first <= stamp <= span.end]
+        if not inside:
+            inside = [min(self.spans, key=lambda span: max(span.first - stamp, stamp - span.end))]
+        passed = [span.before + stamp - span.first for span in inside]
+        return next((one for one in passed if one >= earliest), passed[-1])
+
+
+def duration_of(timelines: Sequence[Timeline]) -> float | None:
+    """Return the time (s) that the valves' spans cover together, at least that of the longest valve."""
+    spans = sorted((span.first, span.end) for timeline in timelines for span in timeline.spans)
+    if not spans:
+        return None
+    covered, gaps, reached = 0, 0, spans[0][0]
+    for first, end in spans:
+        gaps += max(first - reached, 0)
+        covered += max(end - max(first, reached), 0)
+        reached = max(reached, end)
+    # Without a step, what lies between valves that were recorded one after another is time as well.
+    whole = all(len(timeline.spans) < 2 for timeline in timelines)
+    return max(covered + whole * gaps, *(timeline.duration for timeline in timelines)) / 1e9
+
+
+def step_text(valve: str, step: ClockStep) -> str:
+    """Return the line that tells people of a step."""
+    way = "back" if step.by < 0.0 else "ahead"
+    return (
+        f"/{valve}: its time goes {way} by {abs(step.by):.3f} s at {step.at:.1f} s (clock set or source "
+        "started again): time is counted on from there"
+    )
+
+
 def _shortfall(reader: BagReader, found: int, lost: int) -> list[str]:
     """Return what ``metadata.yaml`` counts beyond what is there and what damage explains."""
     short = reader.told - found - lost
@@ -220,9 +339,14 @@ def _renamed(content: dict[str, Any], **names: str) -> dict[str, Any]:
     return {names.get(name, name): value for name, value in content.items()}
 
 
-def summarise(name: str, items: Iterable[Block | OilTemperature]) -> ValveSummary:
-    """Return what ``items`` hold of the valve ``name``, whatever they were read from."""
-    one = _Pass()
-    for item in items:
-        one.take(item)
-    return one.summary(name, 0)
+class _BlockPlace(NamedTuple):
+    first: int
+    end: int
+    sequence: int
+
+
+def _follows(last: _BlockPlace, place: _BlockPlace) -> bool:
+    """Return whether ``place`` lies on the same clock as ``last``, blocks lost in between or not."""
+    missing = max(place.sequence - last.sequence - 1, 0)
+    ahead = min(2 * missing * (place.end - place.first), LONGEST_LOSS) + AHEAD
+    return last.end - AHEAD <= place.first <= last.end + ahead

@@ -15,16 +15,27 @@ from spool_core.errors import InputError
 from spool_core.system import leftovers
 from spool_core.text import printable
 
-from spool_bag.format.cdr_blocks import decode_blocks
-from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE
-from spool_bag.format.metadata import COMPRESSED, UNFINISHED, custom_data, storage_files
-from spool_bag.mcap.mcap_definitions import Topic
-from spool_bag.mcap.mcap_file import McapFile, McapMessage, MessageBatch, decompressed
-from spool_bag.mcap.mcap_walk import Damage
+from spool_bag.mcap.mcap_file import Damage, McapFile, McapMessage, MessageBatch, decompressed
+from spool_bag.mcap.mcap_record import Topic
+from spool_bag.mcap.metadata import (
+    ACCELERATION_BLOCK,
+    COMPRESSED,
+    TEMPERATURE,
+    UNFINISHED,
+    custom_data,
+    storage_files,
+)
 from spool_bag.mcap.part_chain import begin_of, losses_of
-
-from .ordering import LARGEST_QUEUE, LONGEST_QUEUE, WINDOW, Item, OrderingWindows, keyed_of
-from .span import Span
+from spool_bag.reading.blocks import (
+    LARGEST_QUEUE,
+    LONGEST_QUEUE,
+    WINDOW,
+    Item,
+    OrderingWindows,
+    Span,
+    decode_blocks,
+    keyed_of,
+)
 
 __all__ = ["LARGEST_QUEUE", "LONGEST_QUEUE", "WINDOW", "BagReader", "TopicInformation"]
 

@@ -21,17 +21,15 @@ from spool_core.node.running import run
 from spool_core.text import plural, printable
 from spool_msgs.srv import TakeSnapshot
 
-from spool_bag.format.definitions import ACCELERATION_BLOCK, starts_with_header
-from spool_bag.format.metadata import MACHINE
+from spool_bag.mcap.metadata import ACCELERATION_BLOCK, MACHINE, starts_with_header
 from spool_bag.names import check_valve
+from spool_bag.recording.recorder import Monitored, MonitoringWatch, Recorded
+from spool_bag.recording.snapshot import SnapshotWriter
+from spool_bag.recording.verification import signer
 
-from .message_queue import Recorded
-from .monitoring_watch import Monitored, MonitoringWatch
 from .recorder import LATCHED, TOPICS, LossCount, new_bag, select_topics
 from .recording import LARGEST_QUEUE, Recording, RecordingSettings
-from .signing import signer
 from .snapshot import Message, SnapshotKeeper
-from .snapshot_writer import SnapshotWriter
 from .writer import PartLimits
 
 #: s between looks for new topics: a late one loses at most that much.

@@ -13,9 +13,9 @@ from spool_core.errors import InputError
 from spool_core.files import load_yaml
 from spool_core.text import printable
 
-from spool_bag.format.definitions import Definition
-from spool_bag.mcap.mcap_definitions import Topic
-from spool_bag.mcap.mcap_walk import Damage
+from spool_bag.mcap.mcap_file import Damage
+from spool_bag.mcap.mcap_record import Topic
+from spool_bag.mcap.metadata import Definition
 from spool_bag.reading.reader import BagReader
 
 from .writer import BagWriter

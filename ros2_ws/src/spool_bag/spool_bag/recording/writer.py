@@ -1,9 +1,11 @@
-"""Writer of a rosbag2 directory with MCAP storage: a kill or a power loss costs a second at most."""
+"""Writer of a bag: a folder that is claimed, parts, metadata, and what survives a power cut."""
 
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import math
+import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,22 +16,20 @@ from rosbags.interfaces import Qos
 from spool_core.errors import InputError
 from spool_core.system import leftovers, partial_name, remove
 
-from spool_bag.format.definitions import Definition, definition
-from spool_bag.format.metadata import (
+from spool_bag.mcap.metadata import (
     BagMetadata,
+    Definition,
     PartCount,
     TopicCount,
+    definition,
     metadata_text,
     qos_text,
     sync_folder,
     write_metadata,
 )
 from spool_bag.mcap.part_chain import BEGIN, END, LOSSES, QUOTA, PartBegin, PartEnd
-
-from .existing_parts import existing_parts
-from .folder_claim import FolderClaim
-from .mcap_part import McapPart
-from .message_queue import Recorded
+from spool_bag.recording.parts import McapPart, existing_parts
+from spool_bag.recording.recorder import Recorded
 
 #: B: what is written faster than it was recorded closes no chunk by time; this is 8 s of a valve at 2 kHz,
 #: which a damaged chunk then costs. A packed sample record takes no more room so than in chunks of 1 MiB.
@@ -67,17 +67,6 @@ class PartLimits:
     def margin(self) -> float:
         """B that are left free of a part and of the quota."""
         return min(MARGIN, MARGIN_SHARE * self.largest)
-
-
-@dataclass(slots=True)
-class _Channel:
-    """Channel of a bag: topic, definition, number in the present part, and the last latched message."""
-
-    topic: TopicCount
-    described: Definition
-    latched: bool
-    part: int | None = None
-    last: tuple[bytes, int, int] | None = None
 
 
 class BagWriter:
@@ -520,6 +509,44 @@ class BagWriter:
         write_metadata(self._folder, about)
         self._described = time.monotonic()
         self._metadata_interval = max(METADATA_INTERVAL, METADATA_SHARE * (self._described - begin))
+
+
+class FolderClaim:
+    """Claim on ``folder`` (flock(2)), until it is let go of or the process ends, however that ends.
+
+    Raises:
+        InputError: another recorder has it.
+        OSError: the folder cannot be opened.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
+            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self.release()
+            raise InputError(
+                f"{folder}: another recorder writes in it: end that one, or name another output"
+            ) from None
+        except OSError:  # a file system without locks
+            return
+
+    def release(self) -> None:
+        """Let others write; once more does nothing."""
+        descriptor, self._descriptor = self._descriptor, -1
+        if descriptor >= 0:
+            os.close(descriptor)
+
+
+@dataclass(slots=True)
+class _Channel:
+    """Channel of a bag: topic, definition, number in the present part, and the last latched message."""
+
+    topic: TopicCount
+    described: Definition
+    latched: bool
+    part: int | None = None
+    last: tuple[bytes, int, int] | None = None
 
 
 def _present(described: Definition) -> Definition:

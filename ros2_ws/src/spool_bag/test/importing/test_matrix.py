@@ -13,8 +13,8 @@ from rosbags.rosbag2 import StoragePlugin
 from spool_bag.importing.bag_import import import_record
 from spool_bag.importing.records.choices import choices
 from spool_bag.importing.records.logger_record import read_record
+from spool_bag.reading.export import export_bag
 from spool_bag.reading.reader import BagReader
-from spool_bag.tables.export import export_bag
 from spool_core.errors import InputError
 
 from . import loggers as made

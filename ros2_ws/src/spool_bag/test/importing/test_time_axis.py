@@ -253,7 +253,7 @@ def test_day_numbers_are_dates(tmp_path: Path, zero: float, kind: str) -> None:
 
 
 def test_the_deviation_of_a_coarse_rate_stays_with_the_bag(tmp_path: Path) -> None:
-    from spool_bag.format.metadata import rate_std  # noqa: PLC0415
+    from spool_bag.mcap.metadata import rate_std  # noqa: PLC0415
 
     coarse = csv(
         tmp_path / "x.csv", "time_s,body_m_s2,spool_m_s2", lambda at: f"{at / 833.0:.3f}", body, spool

@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_bag.importing.units.header import WORDS, split_header
-from spool_bag.importing.units.units import Sensitivity, converted, level_of, quantity_of
+from spool_bag.importing.tables.units import (
+    WORDS,
+    Sensitivity,
+    converted,
+    level_of,
+    quantity_of,
+    split_header,
+)
 from spool_core.errors import InputError
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from spool_bag.reading.information import Timeline
 from spool_bag.reading.reader import BagReader
-from spool_bag.reading.timeline import Timeline
 from spool_core.errors import InputError
 from spool_tools.input.record_loading import choose_valves
 from spool_tools.operations.record_replay import SHIPPED, replay_valve, valve_dictionary

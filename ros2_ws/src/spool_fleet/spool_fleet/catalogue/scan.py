@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from spool_bag.format.metadata import MACHINE, custom_data
+from spool_bag.mcap.metadata import MACHINE, custom_data
 from spool_bag.reading.information import BagInformation, ValveSummary, describe
 from spool_bag.reading.reader import BagReader
 from spool_core.errors import InputError

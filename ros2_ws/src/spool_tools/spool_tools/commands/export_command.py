@@ -30,7 +30,7 @@ def export(
 
     Example: ./spool export record_bag --out record.parquet
     """
-    from spool_bag.tables.export import export_bag  # noqa: PLC0415 - slow to load
+    from spool_bag.reading.export import export_bag  # noqa: PLC0415 - slow to load
 
     from spool_tools.input.record_sources import span_of  # noqa: PLC0415
 

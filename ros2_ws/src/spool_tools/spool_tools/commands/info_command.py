@@ -38,7 +38,7 @@ def info(
 
     Example: ./spool info record_bag
     """
-    from spool_bag.format.definitions import ACCELERATION_BLOCK  # noqa: PLC0415 - slow to load, as below
+    from spool_bag.mcap.metadata import ACCELERATION_BLOCK  # noqa: PLC0415 - slow to load, as below
     from spool_bag.reading.information import describe  # noqa: PLC0415
 
     from spool_tools.input.record_sources import is_table, span_of  # noqa: PLC0415

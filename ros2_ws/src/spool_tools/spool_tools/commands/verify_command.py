@@ -31,7 +31,7 @@ def verify(
     Example: ./spool verify recordings/press_4
     Example: ./spool verify recordings/press_4 --key keys/spool_public.pem
     """
-    from spool_bag.recording.signing import make_keys as made  # noqa: PLC0415 - slow to load, as below
+    from spool_bag.recording.verification import make_keys as made  # noqa: PLC0415 - slow to load, as below
     from spool_bag.recording.verification import verify as verified  # noqa: PLC0415
 
     from spool_tools.console.outputs import write_json  # noqa: PLC0415

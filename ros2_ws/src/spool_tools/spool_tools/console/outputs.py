@@ -27,7 +27,7 @@ from spool_core.errors import InputError
 from spool_core.system import remove, staged
 
 if TYPE_CHECKING:
-    from spool_bag.mcap.mcap_walk import Damage
+    from spool_bag.mcap.mcap_file import Damage
 
 
 STANDARD_OUTPUT = Path("-")

@@ -10,14 +10,13 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_bag.format.metadata import rate_std
-from spool_bag.importing.bag_import import import_notes
-from spool_bag.importing.records.blocks import start_of
+from spool_bag.importing.bag_import import import_notes, start_of
 from spool_bag.importing.records.choices import columns_of
 from spool_bag.importing.records.logger_record import LoggerRecord
+from spool_bag.mcap.metadata import rate_std
+from spool_bag.names import BODY, OIL_TEMPERATURE, SPOOL
+from spool_bag.reading.blocks import Span
 from spool_bag.reading.reader import BagReader
-from spool_bag.reading.span import Span
-from spool_bag.tables.column_names import BODY, OIL_TEMPERATURE, SPOOL
 from spool_core.block import Block
 from spool_core.errors import InputError
 from spool_core.text import did_you_mean

@@ -10,13 +10,12 @@ from datetime import datetime, timezone
 from itertools import islice
 from pathlib import Path
 
-from spool_bag.format.definitions import typestore
-from spool_bag.format.metadata import is_bag_file
-from spool_bag.importing.records.blocks import BLOCK_DURATION, start_of, stream_of
+from spool_bag.importing.bag_import import BLOCK_DURATION, start_of, stream_of
 from spool_bag.importing.records.logger_record import LoggerRecord, read_record
+from spool_bag.mcap.metadata import is_bag_file, typestore
+from spool_bag.reading.blocks import ALWAYS, Span
 from spool_bag.reading.information import BagInformation, summarise
 from spool_bag.reading.reader import BagReader
-from spool_bag.reading.span import ALWAYS, Span
 from spool_core.block import Block, BlockRun
 from spool_core.cdr import OilTemperature
 from spool_core.errors import InputError

@@ -17,7 +17,7 @@ from spool_bag.importing.records.choices import Choices
 from spool_bag.importing.records.logger_record import LoggerRecord, read_record
 from spool_bag.importing.tables.table import STAMP
 from spool_bag.importing.tables.table import Table as Channels
-from spool_bag.importing.units.units import quantity_of
+from spool_bag.importing.tables.units import quantity_of
 from spool_core.errors import InputError
 from spool_core.uncertainty import number
 from spool_estimator.identification.record_parts import LARGEST

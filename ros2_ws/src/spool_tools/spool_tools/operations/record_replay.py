@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from spool_bag.format.metadata import rate_std
-from spool_bag.reading.information import MOST_STEPS
-from spool_bag.reading.timeline import Timeline, duration_of, step_text
+from spool_bag.mcap.metadata import rate_std
+from spool_bag.reading.information import MOST_STEPS, Timeline, duration_of, step_text
 from spool_core.block import BlockRun
 from spool_core.cdr import OilTemperature
 from spool_core.errors import InputError

@@ -9,8 +9,7 @@ from typing import Annotated, Literal
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
-from spool_bag.format.definitions import ACCELERATION_BLOCK, TEMPERATURE
-from spool_bag.format.metadata import is_bag_file
+from spool_bag.mcap.metadata import ACCELERATION_BLOCK, TEMPERATURE, is_bag_file
 from spool_bag.names import check_valve
 from spool_bag.reading.reader import BagReader
 from spool_bag.recording.writer import BagWriter

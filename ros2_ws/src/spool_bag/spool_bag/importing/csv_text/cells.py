@@ -1,17 +1,24 @@
-"""Cells of a CSV file: what kind each column holds, and its text as numbers."""
+"""Text of a logger: its encoding, read in pieces, and the numbers in its cells."""
 
 from __future__ import annotations
 
+import codecs
+import gzip
 import re
-from collections.abc import Iterable
+import zlib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_core.errors import InputError
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
 
 _NUMBER = {
     ".": re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(inf|Inf|INF)"),
@@ -60,6 +67,57 @@ _TIMES = (
     ),
     (Kind.DATE, re.compile(_DATES, re.IGNORECASE)),
     (Kind.CLOCK, re.compile(_CLOCK)),
+)
+
+#: Dates as they are written, and as ISO 8601 has them, in the order in which they are replaced.
+_DATES_AS_WRITTEN = (
+    *(
+        (rf"(?i)^(\d{{1,2}})[- ]{month}[a-z]*\.?[- ](\d{{4}})", rf"\2-{number:02d}-\1")
+        for number, month in enumerate(_MONTHS, start=1)
+    ),
+    (r"^(\d{1,2})\.(\d{1,2})\.(\d{4}|\d{2})([T ,]|$)", r"\3-\2-\1\4"),
+)
+_SLASHED = {
+    "dmy": (r"^(\d{1,2})[/-](\d{1,2})[/-](\d{4}|\d{2})([T ,]|$)", r"\3-\2-\1\4"),
+    "mdy": (r"^(\d{1,2})[/-](\d{1,2})[/-](\d{4}|\d{2})([T ,]|$)", r"\3-\1-\2\4"),
+}
+_TIMES_AS_WRITTEN = (
+    (r"^(\d{2}-\d{1,2}-\d{1,2}([T ,]|$))", r"20\1"),
+    (r"^(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})", r"\1-\2-\3"),
+    (r"^(\d{4})-(\d)-", r"\1-0\2-"),
+    (r"^(\d{4}-\d{2})-(\d)([T ,]|$)", r"\1-0\2\3"),
+    (r"(?:T|,? +)(\d{1,2}:)", r" \1"),
+    (r" (\d):", r" 0\1:"),
+    (r"(\d{2}:\d{2}:\d{2})[,:](\d)", r"\1.\2"),
+    (r"(?i)\s*UTC$", "Z"),
+)
+
+#: B of a line and of unpacked text that are read: 30 million samples of 300 B.
+LONGEST_LINE = 1 << 20
+MOST_TEXT = 1 << 33
+_PIECE = 1 << 21
+#: B by which the encoding is known.
+_PROBE = 1 << 16
+
+#: Encodings of text that is not Unicode, and their usual names, most common first.
+_SINGLE = {
+    "cp1252": "Windows-1252 (Western European)",
+    "gb18030": "GBK (simplified Chinese)",
+    "cp932": "Shift-JIS (Japanese)",
+    "cp1251": "Windows-1251 (Cyrillic)",
+    "cp1250": "Windows-1250 (Central European)",
+    "big5": "Big5 (traditional Chinese)",
+    "cp949": "EUC-KR (Korean)",
+    "cp850": "DOS 850 (Western European)",
+}
+#: Words and units that stand above the samples of loggers; one of them found decides for an encoding.
+_WORDS = re.compile(
+    r"s²|°[cf]|µ[msvg]|gehäuse|öl|größe|für|prüf|über|zähler|länge|kanäle|(?<=[a-z])[éèçñãäöüß](?=[a-z])|"
+    r"时间|时刻|阀|通道|采样|采集|温度|加速度|速度|位移|压力|测量|数据|日期|油温|频率|单位|序号|传感|"
+    r"時間|時刻|測定|チャンネル|ボディ|スプール|サンプ|加速度|温度|変位|圧力|周波数|単位|日時|データ|"
+    r"время|корпус|золотник|канал|температур|ускорени|датчик|частот|масл|давлени|перемещ|дата|"
+    r"częst|przysp|próbk|położ|ciśn|zrychl|teplot|čas|idő|時|시간|가속도|온도|채널|밸브|스풀",
+    re.IGNORECASE,
 )
 
 
@@ -134,30 +192,6 @@ def moments(text: pa.ChunkedArray, order: str = "dmy") -> NDArray[np.int64]:
     return np.asarray(found + 12 * _HOUR_NS * (late - noon * short), dtype=np.int64)
 
 
-#: Dates as they are written, and as ISO 8601 has them, in the order in which they are replaced.
-_DATES_AS_WRITTEN = (
-    *(
-        (rf"(?i)^(\d{{1,2}})[- ]{month}[a-z]*\.?[- ](\d{{4}})", rf"\2-{number:02d}-\1")
-        for number, month in enumerate(_MONTHS, start=1)
-    ),
-    (r"^(\d{1,2})\.(\d{1,2})\.(\d{4}|\d{2})([T ,]|$)", r"\3-\2-\1\4"),
-)
-_SLASHED = {
-    "dmy": (r"^(\d{1,2})[/-](\d{1,2})[/-](\d{4}|\d{2})([T ,]|$)", r"\3-\2-\1\4"),
-    "mdy": (r"^(\d{1,2})[/-](\d{1,2})[/-](\d{4}|\d{2})([T ,]|$)", r"\3-\1-\2\4"),
-}
-_TIMES_AS_WRITTEN = (
-    (r"^(\d{2}-\d{1,2}-\d{1,2}([T ,]|$))", r"20\1"),
-    (r"^(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})", r"\1-\2-\3"),
-    (r"^(\d{4})-(\d)-", r"\1-0\2-"),
-    (r"^(\d{4}-\d{2})-(\d)([T ,]|$)", r"\1-0\2\3"),
-    (r"(?:T|,? +)(\d{1,2}:)", r" \1"),
-    (r" (\d):", r" 0\1:"),
-    (r"(\d{2}:\d{2}:\d{2})[,:](\d)", r"\1.\2"),
-    (r"(?i)\s*UTC$", "Z"),
-)
-
-
 def clocks(text: pa.ChunkedArray) -> NDArray[np.int64]:
     """Return times of day as ns since midnight; of the day after where midnight passes."""
     from pyarrow import compute  # noqa: PLC0415
@@ -166,3 +200,145 @@ def clocks(text: pa.ChunkedArray) -> NDArray[np.int64]:
     parsed = moments(call.binary_join_element_wise("1970-01-01", call.utf8_trim_whitespace(text), " "))
     passed = np.concatenate([[0], np.cumsum(np.diff(parsed) < -_DAY_NS // 2)])
     return np.asarray(parsed + _DAY_NS * passed, dtype=np.int64)
+
+
+@dataclass(frozen=True, slots=True)
+class TextPiece:
+    """Piece of a text: whole lines, as UTF-8, and the number of the first of them, from 1.
+
+    ``note``: which encoding was assumed; ``damage``: what is wrong with the text's end.
+    """
+
+    content: bytes
+    line: int
+    note: str = ""
+    damage: str = ""
+
+
+def pieces(path: Path) -> Iterator[TextPiece]:
+    """Yield the lines of a text file, plain or gzipped, in pieces of some MB.
+
+    Raises:
+        InputError: unreadable, cut off, binary, or beyond the bounds.
+    """
+    try:
+        with path.open("rb") as raw:
+            packed = raw.read(2) == b"\x1f\x8b"
+            raw.seek(0)
+            yield from _split(path, cast(BinaryIO, gzip.GzipFile(fileobj=raw)) if packed else raw)
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        raise InputError(
+            f"{path}: the compressed file is cut off or damaged ({error}): copy it again"
+        ) from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+def encoding_of(path: Path, start: bytes) -> tuple[str, str]:
+    """Return the encoding of a text by its first bytes, and a note where it is assumed, "" where it is sure.
+
+    Raises:
+        InputError: it is no text.
+    """
+    if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16", ""
+    text = start.rstrip(b"\0")  # space that a logger had reserved
+    even, odd = text[0::2].count(0), text[1::2].count(0)
+    if odd > 0.3 * len(text) and not even:
+        return "utf-16-le", ""
+    if even > 0.3 * len(text) and not odd:
+        return "utf-16-be", ""
+    if b"\0" in text or len(re.findall(rb"[\x01-\x08\x0e-\x1a\x1c-\x1f]", text)) > 0.01 * len(text):
+        raise InputError(
+            f"{path}: it is a binary file, not a CSV text, and of no format that is read: export the "
+            "record as CSV"
+        )
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(text)
+    except UnicodeDecodeError:
+        found = _legacy(text)
+        return found, f"text assumed to be {_SINGLE[found]}, since it is no UTF-8"
+    return ("utf-8-sig" if text.startswith(codecs.BOM_UTF8) else "utf-8"), ""
+
+
+def _split(path: Path, stream: BinaryIO) -> Iterator[TextPiece]:
+    rest, line, size, note = b"", 1, 0, ""
+    decoder: codecs.IncrementalDecoder | None = None
+    while read := stream.read(_PIECE):
+        if size == 0:
+            encoding, note = encoding_of(path, read[:_PROBE])
+            if encoding != "utf-8":
+                decoder = codecs.getincrementaldecoder(encoding)("replace")
+        size += len(read)
+        if size > MOST_TEXT:
+            raise InputError(
+                f"{path}: more than {MOST_TEXT >> 30} GB of text: split it, or convert it to a bag"
+            )
+        if decoder is not None:
+            read = decoder.decode(read).encode()
+        kept, nul, padding = read.partition(b"\0")
+        if nul:
+            _check_padding(path, stream, padding, line + (rest + kept).count(b"\n"))
+            read = kept
+        lines, end, rest_of_read = read.rpartition(b"\n")
+        if end:
+            whole = rest + lines + end
+            yield TextPiece(whole, line, note)
+            line += whole.count(b"\n")
+            rest = rest_of_read
+        else:
+            rest += read
+        if len(rest) > LONGEST_LINE:
+            raise InputError(
+                f"{path}: line {line} is longer than {LONGEST_LINE >> 20} MB: is this a CSV file with one "
+                "sample a line?"
+            )
+        if nul:
+            yield TextPiece(
+                rest, line, note, f"it ends in NUL bytes from line {line} on: was the logger switched off?"
+            )
+            return
+    if rest:
+        yield TextPiece(rest, line, note)
+
+
+def _check_padding(path: Path, stream: BinaryIO, padding: bytes, line: int) -> None:
+    """Check that a text's NUL bytes reach to its end, as where a logger's last lines were never written.
+
+    Raises:
+        InputError: text follows.
+    """
+    size = 0
+    while padding:
+        size += len(padding)
+        if padding.strip(b"\0\r\n\x1a ") or size > MOST_TEXT:
+            raise InputError(
+                f"{path}: line {line} holds NUL bytes and text follows: the file is damaged: copy it again"
+            )
+        padding = stream.read(_PIECE)
+
+
+def _legacy(text: bytes) -> str:
+    """Return the encoding in which a text, no UTF-8, makes most sense."""
+    lines = b"\n".join(line for line in text.split(b"\n")[:500] if re.search(rb"[\x80-\xff]", line))
+    if not lines:  # beyond the lines by which it is known
+        return "cp1252"
+    scores: dict[str, int] = {}
+    for encoding in _SINGLE:
+        try:
+            decoded = lines.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        scores[encoding] = len(_WORDS.findall(decoded))
+    best = max(scores, key=lambda name: scores[name], default="cp1252")
+    return best if scores.get(best) else _guessed(lines)
+
+
+def _guessed(lines: bytes) -> str:
+    try:
+        from charset_normalizer import from_bytes  # noqa: PLC0415 - 20 ms, for few files
+    except ImportError:
+        return "cp1252"
+    found = from_bytes(lines, cp_isolation=["cp1252", "gb18030", "cp932", "cp1251"]).best()
+    names = {codecs.lookup(name).name: name for name in _SINGLE}
+    return names.get(codecs.lookup(found.encoding).name, "cp1252") if found is not None else "cp1252"

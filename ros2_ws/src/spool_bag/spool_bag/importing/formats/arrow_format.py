@@ -14,9 +14,8 @@ import pyarrow.parquet as pa_parquet
 from spool_core.errors import InputError
 from spool_core.text import printable
 
-from spool_bag.importing.tables.growing import GrowingColumns
-from spool_bag.importing.tables.table import STAMP, Channel, Group, Table, Values
-from spool_bag.importing.units.header import split_header
+from spool_bag.importing.tables.table import STAMP, Channel, Group, GrowingColumns, Table, Values
+from spool_bag.importing.tables.units import split_header
 
 from .format import Format
 

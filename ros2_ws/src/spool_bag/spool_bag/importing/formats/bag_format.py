@@ -15,8 +15,6 @@ from rosbags.serde import SerdeError
 from spool_core.errors import InputError
 from spool_core.text import plural, printable
 
-from spool_bag.format.definitions import ACCELERATION_BLOCK, typestore
-from spool_bag.format.metadata import COMPRESSED, storage_of
 from spool_bag.importing.tables.table import (
     LOG_TIME,
     MOST_SAMPLES,
@@ -28,6 +26,7 @@ from spool_bag.importing.tables.table import (
     too_long,
 )
 from spool_bag.mcap.mcap_file import decompressed
+from spool_bag.mcap.metadata import ACCELERATION_BLOCK, COMPRESSED, storage_of, typestore
 
 from .format import Format
 

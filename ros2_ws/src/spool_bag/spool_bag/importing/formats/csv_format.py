@@ -16,16 +16,16 @@ from spool_bag.importing.csv_text.cells import (
     GROUP_MARKS,
     HOLES,
     Kind,
+    TextPiece,
     clocks,
     date_order,
     is_grouped,
     moments,
+    pieces,
     shape_of,
 )
-from spool_bag.importing.csv_text.dialect import BLANKS, Dialect, cells_of, dialect, is_proven
-from spool_bag.importing.csv_text.pieces import TextPiece, pieces
-from spool_bag.importing.tables.growing import GrowingColumns
-from spool_bag.importing.tables.table import STAMP, Channel, Group, Table, Values
+from spool_bag.importing.csv_text.layout import BLANKS, Dialect, cells_of, dialect, is_proven
+from spool_bag.importing.tables.table import STAMP, Channel, Group, GrowingColumns, Table, Values
 
 from .format import Format
 

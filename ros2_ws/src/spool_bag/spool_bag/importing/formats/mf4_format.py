@@ -12,7 +12,7 @@ import numpy as np
 from spool_core.errors import InputError
 
 from spool_bag.importing.tables.table import Channel, Group, Table, Values, as_numbers, check_size
-from spool_bag.importing.units.header import split_header
+from spool_bag.importing.tables.units import split_header
 
 from .format import Format
 

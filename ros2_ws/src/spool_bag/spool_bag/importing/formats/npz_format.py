@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from spool_bag.importing.tables.arrays import array_table
-from spool_bag.importing.tables.table import ArrayTable, check_size
+from spool_bag.importing.tables.table import ArrayTable, array_table, check_size
 
 from .format import Format
 

@@ -13,8 +13,7 @@ from spool_core.errors import InputError
 from spool_core.text import printable
 
 from spool_bag.importing.tables.table import STAMP, Channel, Group, Table, Values, as_numbers
-from spool_bag.importing.units.header import split_header
-from spool_bag.importing.units.units import factor, quantity_of
+from spool_bag.importing.tables.units import factor, quantity_of, split_header
 
 from .format import Format
 

@@ -1,22 +1,32 @@
-"""Clock offset and drift between two sensors, from what both measured, by cross-spectra of the two.
+"""Offset between two clocks, found in the signals; dry friction delays the spool.
 
 The spool follows the body through the valve's springs, so that a mere correlation is off by the group delay
 of that motion. The cross-spectrum is therefore explained by both: the response of a mass on springs to the
 motion of its base (Harris and Piersol, Harris' Shock and Vibration Handbook, 5th edition, chapter 2) and a
 delay that grows with time.
+
+Cross-spectra know a linear spool alone; friction moves their phase by some tenths of a millisecond. The
+suite's own fit of springs, viscous and dry friction tells the delay beside them. Of a spool the mass scales
+forces and nothing else, so that none needs to be known.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, optimize, signal
 from spool_core.errors import InputError
+from spool_estimator.identification.fit import fit
+from spool_estimator.identification.fit_result import SPOOL_DELAY, FitSettings
+from spool_estimator.identification.record import Record
+from spool_sim.model import load_model
+from spool_sim.valve.description import Valve
 
-from .clocks import ClockOffset
+from spool_bag.importing.records.clocks import ClockOffset
 
 #: Hz that both channels are brought to: no spool follows its body beyond a tenth of it.
 COMMON_RATE = 400.0
@@ -42,6 +52,14 @@ AMBIGUOUS = 0.97
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
+#: s of the pieces in which the delay is fitted, and how many, spread evenly: the line through four has two
+#: degrees of freedom left, by which its own scatter is known.
+PIECE, PIECES = 15.0, 4
+#: kg, of any spool: it scales forces alone.
+MASS = 0.2
+#: s: beyond the fit's own range the delay was not found.
+LARGEST = 4.9e-3
+
 
 def clock_offset(
     body: Array, body_period: float, spool: Array, spool_period: float, label: str
@@ -63,6 +81,43 @@ def clock_offset(
         )
     begin = _coarse(first, second, rate, label)
     return _fine(first, second, rate, begin, label)
+
+
+@dataclass(frozen=True, slots=True)
+class Remaining:
+    """Remaining delay of the spool: ``offset`` (s) at time 0, ``drift``, and standard deviations."""
+
+    offset: float
+    offset_std: float
+    drift: float
+    drift_std: float
+
+
+def remaining_delay(
+    time: Array, body: Array, spool: Array, period: float, gaps: Sequence[int], natural_frequency: float
+) -> Remaining | None:
+    """Return what is left of offset and drift of samples that were aligned already, shape (n,) each.
+
+    ``natural_frequency`` (Hz) of the spool, about. ``None`` where fewer than two pieces can be fitted.
+    """
+    model, settings = load_model("coulomb"), FitSettings(fit_delay=True, noise_seconds=0.0, starts=1)
+    stiffness = MASS * (2.0 * math.pi * natural_frequency) ** 2
+    valve = Valve(id="any", moving_mass=MASS, spring_stiffness=stiffness)
+    times, delays, deviations = [], [], []
+    for begin, end in _pieces(time.size, period, gaps):
+        record = Record("aligned", 0, period, body[begin:end], spool[begin:end])
+        found = fit([record], model, valve, settings)
+        delay = next((one for one in found.parameters if one.name == SPOOL_DELAY), None)
+        if (
+            delay is None
+            or not math.isfinite(delay.value + delay.standard_deviation)
+            or abs(delay.value) > LARGEST
+        ):
+            continue
+        times.append(float(time[begin:end].mean()))
+        delays.append(delay.value)
+        deviations.append(max(delay.standard_deviation, 1e-6))
+    return _line(np.array(times), np.array(delays), np.array(deviations))
 
 
 def _common(row: Array, period: float, rate: float) -> Array:
@@ -334,3 +389,30 @@ def _coherence(spectra: _Spectra, model: Complex) -> Array:
     joint = np.convolve(turned, smooth, "same")
     squared = np.clip(joint, 0.0, None) ** 2 / np.maximum(one * other, 1e-300)
     return np.asarray(np.minimum(squared, 0.999))
+
+
+def _pieces(size: int, period: float, gaps: Sequence[int]) -> list[tuple[int, int]]:
+    """Return up to :data:`PIECES` stretches without gaps, spread evenly."""
+    width = min(round(PIECE / period), size // PIECES)
+    if width * period < 0.5 * PIECE:
+        return []
+    starts = np.linspace(0, size - width, PIECES).astype(np.int64)
+    inside = [
+        (int(start), int(start) + width)
+        for start in starts
+        if not any(start < gap < start + width for gap in gaps)
+    ]
+    return list(dict.fromkeys(inside))
+
+
+def _line(times: Array, delays: Array, deviations: Array) -> Remaining | None:
+    """Return the weighted line through the delays; its scatter, where larger, stands for their deviations."""
+    if times.size < 2:
+        return None
+    design = np.column_stack([np.ones_like(times), times]) / deviations[:, np.newaxis]
+    covariance = np.linalg.inv(design.T @ design)
+    found = covariance @ (design.T @ (delays / deviations))
+    left = delays / deviations - design @ found
+    scatter = float(left @ left) / (times.size - 2) if times.size > 2 else 1.0
+    stds = np.sqrt(np.diag(covariance) * max(1.0, scatter))
+    return Remaining(float(found[0]), float(stds[0]), float(found[1]), float(stds[1]))

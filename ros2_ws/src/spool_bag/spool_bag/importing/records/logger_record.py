@@ -15,17 +15,16 @@ from spool_core.errors import InputError
 from spool_core.text import printable
 
 from spool_bag.importing.formats.format import open_table, read_channels
+from spool_bag.importing.records.clocks import Series, TopicTimes, check_one_time, merged
+from spool_bag.importing.records.roles import ChannelUse, use_of_time, uses_of
+from spool_bag.importing.records.time_axis import SAME, TimeBase, loose_time_base, time_base
 from spool_bag.importing.tables.table import STAMP, Channel, Group, Table, Values
-from spool_bag.tables.column_names import BODY, OIL_TEMPERATURE, SPOOL, TIME
+from spool_bag.names import BODY, OIL_TEMPERATURE, SPOOL, TIME
 
 from .choices import Choices, choices
 from .clocks import ClockOffset
 from .roles import REQUIRED, Source, chosen, counter_of, exclude, reference, time_of
 from .time_axis import counted, finite, fraction_of, other_times, period_check, read_axis
-from .time_base import SAME, TimeBase, loose_time_base, time_base
-from .topic_clocks import TopicTimes, check_one_time
-from .two_clocks import Series, merged
-from .unit_choice import ChannelUse, use_of_time, uses_of
 
 #: Relative deviation of a rate below which it is not stated: stamps do not show the error of their own clock,
 #: which is 1e-5 to 1e-4 of a quartz.

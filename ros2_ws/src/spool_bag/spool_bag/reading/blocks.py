@@ -1,17 +1,28 @@
-"""Reordering of messages by acquisition time within a window, with bounded memory."""
+"""Blocks as a bag holds them: decoded many at once, put in order, and limited to a stretch.
+
+The messages of a source have one layout as long as its blocks have one length: fields that then lie at
+the same places are compared and copied for all of them in a few steps.
+"""
 
 from __future__ import annotations
 
+import functools
 from bisect import bisect_left
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from heapq import heapify, heappop, heappush
 from itertools import pairwise
 from operator import itemgetter
 from typing import NamedTuple
 
-from spool_core.block import Block, BlockRun
-from spool_core.cdr import OilTemperature
+import numpy as np
+from numpy.typing import NDArray
+from spool_core.block import LARGEST, Block, BlockRun
+from spool_core.block_gate import LONGEST_PERIOD
+from spool_core.cdr import LITTLE_ENDIAN, NANOSECONDS, CdrError, OilTemperature, decode_block
+
+#: Messages below which each is decoded by itself: comparing them all costs as much.
+FEW = 8
 
 #: ns by which a message may be late and is still put in its place.
 WINDOW = 5_000_000_000
@@ -23,6 +34,32 @@ LARGEST_QUEUES = 4 * LARGEST_QUEUE
 OVERHEAD = 1000
 
 Item = Block | BlockRun | OilTemperature
+
+_STAMP, _KEY = itemgetter(0), itemgetter(0, 1, 2)
+
+#: ns by which times of reception may lie behind or ahead of the sensors' stamps: a part that begins or ends
+#: so close to a span is read as well.
+APART = 60_000_000_000
+#: Beyond any stamp, ns.
+ALWAYS = 1 << 62
+
+
+def decode_blocks(messages: Sequence[bytes]) -> Iterator[tuple[Block | BlockRun | None, int]]:
+    """Yield the blocks of ``messages``, CDR of one length, and how many messages each result took.
+
+    Regular blocks come as runs; ``None`` is a message that is not what its type says.
+    """
+    at = 0
+    while at < len(messages):
+        try:
+            block = decode_block(messages[at])
+        except CdrError:
+            yield None, 1
+            at += 1
+            continue
+        for found in _like(block, messages[at:]):
+            yield found, len(found) if isinstance(found, BlockRun) else 1
+            at += len(found) if isinstance(found, BlockRun) else 1
 
 
 class Keyed(NamedTuple):
@@ -77,9 +114,6 @@ def keyed_of(item: Item, arrival: int, size: int, count: int) -> Keyed:
         return Keyed(item.stamp, -1, arrival, item, size)
     step = item.step if isinstance(item, BlockRun) else 0
     return Keyed(item.stamp, item.sequence, arrival, item, size, count, step)
-
-
-_STAMP, _KEY = itemgetter(0), itemgetter(0, 1, 2)
 
 
 @dataclass(slots=True)
@@ -152,23 +186,6 @@ class OrderingWindow:
         return due
 
 
-def _ordered(queue: list[Keyed]) -> list[Keyed]:
-    """Return ``queue`` in the order of the keys; a run that others come between is cut there."""
-    queue = sorted(queue, key=_KEY)
-    if all(one.messages == 1 or one.before(_KEY(other)) == one.messages for one, other in pairwise(queue)):
-        return queue
-    found = []
-    heapify(queue)
-    while queue:
-        first = heappop(queue)
-        if first.messages > 1 and queue:
-            first, rest = first.cut(first.before(_KEY(queue[0])))
-            if rest is not None:
-                heappush(queue, rest)
-        found.append(first)
-    return found
-
-
 @dataclass(slots=True)
 class OrderingWindows:
     """Reordering windows, one for each valve; together they hold ``LARGEST_QUEUES`` at most."""
@@ -202,3 +219,126 @@ class OrderingWindows:
         for valve, window in self._windows.items():
             for held in window.rest():
                 yield valve, held.item
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """Span of time: stamps from ``since`` to before ``until``, ns since 1970; all by default."""
+
+    since: int = -ALWAYS
+    until: int = ALWAYS
+
+    @property
+    def is_all(self) -> bool:
+        """Whether nothing is left out."""
+        return self.since <= -ALWAYS and self.until >= ALWAYS
+
+    def touches(self, first: int, last: int) -> bool:
+        """Return whether a part with messages received from ``first`` to ``last`` (ns) may touch it."""
+        return last >= self.since - APART - WINDOW and first <= self.until + APART + WINDOW
+
+    def holds(self, stamp: int) -> bool:
+        """Return whether ``stamp`` lies in it."""
+        return self.since <= stamp < self.until
+
+    def cut(self, item: Item) -> Iterator[tuple[Item, int]]:
+        """Yield what of an item lies in it, with its number of messages."""
+        if not isinstance(item, BlockRun):
+            if self.holds(item.stamp):
+                yield item, 1
+            return
+        count, step = len(item), max(item.step, 1)
+        first = min(max(0, -(-(self.since - item.stamp) // step)), count)
+        end = min(max(0, -(-(self.until - item.stamp) // step)), count)
+        if first < end:
+            yield item.part(first, end), end - first
+
+
+def _like(first: Block, messages: Sequence[bytes]) -> Iterator[Block | BlockRun]:
+    """Yield ``first``, of the first of ``messages``, and those behind it that have its layout."""
+    step = _step(first)
+    if len(messages) < FEW or not step or messages[0][:4] != LITTLE_ENDIAN:
+        yield first
+        return
+    layout = _layout(int.from_bytes(messages[0][12:16], "little"), first.body.size, len(messages[0]))
+    rows = np.frombuffer(b"".join(messages), layout)
+    same = _same(rows)
+    stamps = rows["seconds"].astype(np.int64) * NANOSECONDS + rows["nanoseconds"]
+    sequences = rows["sequence"].astype(np.int64)
+    follows = (np.diff(stamps[:same]) == step) & (np.diff(sequences[:same]) == 1)
+    edges = [0, *(np.flatnonzero(~follows) + 1).tolist(), same]
+    body, spool = rows["body"], rows["spool"]
+    for begin, end in pairwise(edges):
+        if end - begin == 1:
+            yield first if begin == 0 else decode_block(messages[begin])
+            continue
+        yield BlockRun(
+            int(stamps[begin]),
+            int(sequences[begin]),
+            first.sample_period,
+            body[begin:end].astype(np.float32).reshape(-1),
+            spool[begin:end].astype(np.float32).reshape(-1),
+            first.source,
+            first.body.size,
+        )
+
+
+def _step(block: Block) -> int:
+    """Return the time (ns) from such a block to the next one, 0 where that is no whole number."""
+    nanoseconds = block.sample_period * 1e9
+    regular = 0 < block.body.size == block.spool.size and 1.0 <= nanoseconds <= 1e9 * LONGEST_PERIOD
+    if not (regular and nanoseconds.is_integer() and 0 <= block.sequence < LARGEST):
+        return 0
+    return block.body.size * int(nanoseconds)
+
+
+def _same(rows: NDArray[np.void]) -> int:
+    """Return how many of ``rows`` from the first on have all that makes a layout, and sequences that fit."""
+    same = (rows["sequence"] < LARGEST) & (rows["count"] == rows["count"][0])
+    for name in ("mark", "name", "period"):
+        same &= (rows[name] == rows[name][0]).all(axis=1)
+    same &= rows["other_count"] == rows["count"][0]
+    return rows.size if same.all() else int(np.argmin(same))
+
+
+@functools.lru_cache(maxsize=64)
+def _layout(name: int, samples: int, length: int) -> np.dtype[np.void]:
+    """Return where the fields lie in a message of ``length`` B with a ``frame_id`` of ``name`` B."""
+    at = ((12 + name + 7) & ~7) + 4
+    fields = {
+        "mark": ("u1", (4,), 0),
+        "seconds": ("<i4", (), 4),
+        "nanoseconds": ("<u4", (), 8),
+        "name": ("u1", (at - 12,), 12),
+        "sequence": ("<u8", (), at),
+        "period": ("u1", (8,), at + 8),
+        "count": ("<u4", (), at + 16),
+        "body": ("<f4", (samples,), at + 20),
+        "other_count": ("<u4", (), at + 20 + 4 * samples),
+        "spool": ("<f4", (samples,), at + 24 + 4 * samples),
+    }
+    return np.dtype(
+        {
+            "names": list(fields),
+            "formats": [(kind, shape) for kind, shape, _ in fields.values()],
+            "offsets": [offset for _, _, offset in fields.values()],
+            "itemsize": length,
+        }
+    )
+
+
+def _ordered(queue: list[Keyed]) -> list[Keyed]:
+    """Return ``queue`` in the order of the keys; a run that others come between is cut there."""
+    queue = sorted(queue, key=_KEY)
+    if all(one.messages == 1 or one.before(_KEY(other)) == one.messages for one, other in pairwise(queue)):
+        return queue
+    found = []
+    heapify(queue)
+    while queue:
+        first = heappop(queue)
+        if first.messages > 1 and queue:
+            first, rest = first.cut(first.before(_KEY(queue[0])))
+            if rest is not None:
+                heappush(queue, rest)
+        found.append(first)
+    return found

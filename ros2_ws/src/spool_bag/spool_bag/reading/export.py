@@ -1,4 +1,4 @@
-"""Export of a bag as a table for other tools."""
+"""Export of a bag as a table: Parquet or CSV."""
 
 from __future__ import annotations
 
@@ -18,11 +18,10 @@ from spool_core.errors import InputError
 from spool_core.system import staged
 from spool_core.text import plural, printable
 
+from spool_bag.names import BODY, OIL_TEMPERATURE, SPOOL, TIME
+from spool_bag.reading.blocks import Span
+from spool_bag.reading.information import Timeline, step_text
 from spool_bag.reading.reader import BagReader
-from spool_bag.reading.span import Span
-from spool_bag.reading.timeline import Timeline, step_text
-
-from .column_names import BODY, OIL_TEMPERATURE, SPOOL, TIME
 
 VALVE = "valve"
 BATCH_ROWS = 1 << 16

@@ -1,7 +1,8 @@
-"""Metadata of a bag: ``metadata.yaml`` of a rosbag2 directory (version 9, as ROS 2 Jazzy writes it)."""
+"""Metadata of a bag as rosbag2 writes it, and the definitions of the messages."""
 
 from __future__ import annotations
 
+import functools
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,8 +10,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
-from rosbags.interfaces import Qos
+from rosbags.interfaces import Nodetype, Qos
 from rosbags.rosbag2.metadata import dump_qos_v9
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
 from spool_core.errors import InputError
 from spool_core.files import YamlError, load_yaml
 from spool_core.text import printable
@@ -31,6 +34,19 @@ UNFINISHED = {"recording": "not finished"}
 RATE_STD = "import_rate_std"
 #: Key of ``custom_data`` that names the machine of which a bag was recorded.
 MACHINE = "machine"
+
+
+class _Dumper(yaml.SafeDumper):
+    """YAML dumper with an empty value for ``None``."""
+
+
+_Dumper.add_representer(type(None), lambda dumper, _: dumper.represent_scalar("tag:yaml.org,2002:null", ""))
+
+
+ACCELERATION_BLOCK = "spool_msgs/msg/AccelerationBlock"
+TEMPERATURE = "sensor_msgs/msg/Temperature"
+OUR_PACKAGE = "spool_msgs"
+SEPARATOR = "=" * 80
 
 
 @dataclass(slots=True)
@@ -77,17 +93,6 @@ class BagMetadata:
     custom: Mapping[str, str] = field(default_factory=dict)
 
 
-class _Dumper(yaml.SafeDumper):
-    """YAML dumper with an empty value for ``None``."""
-
-
-_Dumper.add_representer(type(None), lambda dumper, _: dumper.represent_scalar("tag:yaml.org,2002:null", ""))
-
-
-def _text(value: object) -> str:
-    return str(yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=4096))
-
-
 def qos_text(profiles: Sequence[Qos]) -> str:
     """Return the quality-of-service profiles as the channel's metadata spells them."""
     return _text(dump_qos_v9(list(profiles))).strip() if profiles else ""
@@ -107,47 +112,6 @@ def write_metadata(folder: Path, bag: BagMetadata) -> None:
         os.fsync(stream.fileno())
     temporary.replace(folder / FILE_NAME)
     sync_folder(folder)
-
-
-def _content(bag: BagMetadata) -> dict[str, Any]:
-    counts = {topic.name: sum(part.messages.get(topic.name, 0) for part in bag.parts) for topic in bag.topics}
-    starts = [part.start for part in bag.parts if part.start is not None]
-    start = min(starts, default=0)
-    duration = max((part.end for part in bag.parts if part.start is not None), default=start) - start
-    return {
-        "version": VERSION,
-        "storage_identifier": "mcap",
-        "duration": {"nanoseconds": max(duration, 0)},
-        "starting_time": {"nanoseconds_since_epoch": start},
-        "message_count": sum(counts.values()),
-        "topics_with_message_count": [
-            {
-                "topic_metadata": {
-                    "name": topic.name,
-                    "type": topic.type,
-                    "serialization_format": "cdr",
-                    "offered_qos_profiles": dump_qos_v9(list(topic.qos)),
-                    "type_description_hash": topic.digest,
-                },
-                "message_count": counts[topic.name],
-            }
-            for topic in bag.topics
-        ],
-        "compression_format": "",
-        "compression_mode": "",
-        "relative_file_paths": [part.file for part in bag.parts],
-        "files": [
-            {
-                "path": part.file,
-                "starting_time": {"nanoseconds_since_epoch": part.start or 0},
-                "duration": {"nanoseconds": part.duration},
-                "message_count": sum(part.messages.values()),
-            }
-            for part in bag.parts
-        ],
-        "custom_data": {**bag.custom, **({} if bag.finished else UNFINISHED)} or None,
-        "ros_distro": "jazzy",
-    }
 
 
 def sync_folder(folder: Path) -> None:
@@ -219,15 +183,6 @@ def storage_files(folder: Path) -> Storage:
     return Storage(paths, messages, warnings)
 
 
-def _parts_of(folder: Path, names: Sequence[str]) -> set[str]:
-    """Return the parts ``STEM_N.mcap`` that lie beside those that are listed."""
-    stems = {stem for name in names if (stem := name.rpartition("_")[0]) and name.endswith(".mcap")}
-    beside = (path.name for path in folder.glob("*_*.mcap") if path.is_file())
-    return {
-        name for name in beside if name.rpartition("_")[0] in stems and name[:-5].rpartition("_")[2].isdigit()
-    }
-
-
 def rate_std(path: Path) -> float:
     """Return the relative standard deviation of the sampling rate that a bag states, else 0."""
     try:
@@ -258,6 +213,118 @@ def storage_of(folder: Path) -> str | None:
         return None
 
 
+@dataclass(frozen=True, slots=True)
+class Definition:
+    """Definition of a message: ``text`` in ``encoding`` with dependencies, ``digest`` the RIHS01 hash."""
+
+    name: str
+    text: str
+    digest: str
+    encoding: str = "ros2msg"
+
+
+@functools.cache
+def typestore() -> Typestore:
+    """Return rosbags' store of the Jazzy types and ours.
+
+    Raises:
+        InputError: the package ``spool_msgs`` is not on AMENT_PREFIX_PATH.
+    """
+    store = get_typestore(Stores.ROS2_JAZZY)
+    folder = _message_folder(OUR_PACKAGE)
+    if folder is None:
+        raise InputError(
+            f"the messages of {OUR_PACKAGE} are not on AMENT_PREFIX_PATH: "
+            "start through ./spool or source the workspace's install/setup.bash"
+        )
+    types = {}
+    for path in sorted(folder.glob("*.msg")):
+        types.update(get_types_from_msg(path.read_text(encoding="utf-8"), f"{OUR_PACKAGE}/msg/{path.stem}"))
+    store.register(types)
+    return store
+
+
+@functools.cache
+def definition(name: str) -> Definition:
+    """Return the definition of message type ``name``, e.g. ``sensor_msgs/msg/Temperature``.
+
+    The text is the installed ``.msg`` file word for word (comments carry the units); rosbags'
+    own text stands in for types that are not installed.
+
+    Raises:
+        InputError: the type is unknown.
+    """
+    store = typestore()
+    if name not in store.fielddefs:
+        _register_installed(store, name)
+    parts = [_own_text(store, name)]
+    for other in _dependencies(store, name):
+        package, _, kind = other.split("/")
+        parts.append(f"{SEPARATOR}\nMSG: {package}/{kind}\n{_own_text(store, other)}")
+    return Definition(name, "".join(parts), store.hash_rihs01(name))
+
+
+def starts_with_header(name: str) -> bool:
+    """Return whether the first field of message type ``name`` is a std_msgs/Header."""
+    definition(name)
+    fields = typestore().fielddefs[name][1]
+    return bool(fields) and fields[0][1] == (Nodetype.NAME, "std_msgs/msg/Header")
+
+
+def _text(value: object) -> str:
+    return str(yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=4096))
+
+
+def _content(bag: BagMetadata) -> dict[str, Any]:
+    counts = {topic.name: sum(part.messages.get(topic.name, 0) for part in bag.parts) for topic in bag.topics}
+    starts = [part.start for part in bag.parts if part.start is not None]
+    start = min(starts, default=0)
+    duration = max((part.end for part in bag.parts if part.start is not None), default=start) - start
+    return {
+        "version": VERSION,
+        "storage_identifier": "mcap",
+        "duration": {"nanoseconds": max(duration, 0)},
+        "starting_time": {"nanoseconds_since_epoch": start},
+        "message_count": sum(counts.values()),
+        "topics_with_message_count": [
+            {
+                "topic_metadata": {
+                    "name": topic.name,
+                    "type": topic.type,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": dump_qos_v9(list(topic.qos)),
+                    "type_description_hash": topic.digest,
+                },
+                "message_count": counts[topic.name],
+            }
+            for topic in bag.topics
+        ],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [part.file for part in bag.parts],
+        "files": [
+            {
+                "path": part.file,
+                "starting_time": {"nanoseconds_since_epoch": part.start or 0},
+                "duration": {"nanoseconds": part.duration},
+                "message_count": sum(part.messages.values()),
+            }
+            for part in bag.parts
+        ],
+        "custom_data": {**bag.custom, **({} if bag.finished else UNFINISHED)} or None,
+        "ros_distro": "jazzy",
+    }
+
+
+def _parts_of(folder: Path, names: Sequence[str]) -> set[str]:
+    """Return the parts ``STEM_N.mcap`` that lie beside those that are listed."""
+    stems = {stem for name in names if (stem := name.rpartition("_")[0]) and name.endswith(".mcap")}
+    beside = (path.name for path in folder.glob("*_*.mcap") if path.is_file())
+    return {
+        name for name in beside if name.rpartition("_")[0] in stems and name[:-5].rpartition("_")[2].isdigit()
+    }
+
+
 def _told(path: Path) -> tuple[str, str, list[str], int]:
     """Return storage, compression, names of files and number of messages."""
     with path.open(encoding="utf-8") as stream:
@@ -273,3 +340,59 @@ def _told(path: Path) -> tuple[str, str, list[str], int]:
     count = info.get("message_count", 0)
     storage, compression = str(info["storage_identifier"]), str(info.get("compression_mode") or "")
     return storage, compression, names, count if isinstance(count, int) else 0
+
+
+def _register_installed(store: Typestore, name: str) -> None:
+    path = _message_file(name)
+    if path is None:
+        raise InputError(f"message type {name} is not known here: install its package or leave its topic out")
+    types = get_types_from_msg(path.read_text(encoding="utf-8"), name)
+    for kind in types:
+        if kind not in store.fielddefs:
+            store.register({kind: types[kind]})
+    for other in _direct(store, name):
+        if other not in store.fielddefs:
+            _register_installed(store, other)
+
+
+def _message_folder(package: str) -> Path | None:
+    for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
+        folder = Path(prefix) / "share" / package / "msg"
+        if prefix and folder.is_dir():
+            return folder
+    return None
+
+
+def _message_file(name: str) -> Path | None:
+    package, _, kind = name.split("/")
+    folder = _message_folder(package)
+    path = folder / f"{kind}.msg" if folder else None
+    return path if path and path.is_file() else None
+
+
+def _own_text(store: Typestore, name: str) -> str:
+    path = _message_file(name)
+    if path is not None:
+        return path.read_text(encoding="utf-8").rstrip("\n") + "\n"
+    text, _ = store.generate_msgdef(name, ros_version=2)
+    return text.split(SEPARATOR)[0].rstrip("\n") + "\n"
+
+
+def _direct(store: Typestore, name: str) -> list[str]:
+    found = []
+    for _, (node, detail) in store.fielddefs[name][1]:
+        inner = detail[0] if node in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (node, detail)
+        if inner[0] == Nodetype.NAME:
+            found.append(str(inner[1]))
+    return found
+
+
+def _dependencies(store: Typestore, name: str) -> list[str]:
+    """Return every type that ``name`` needs, each once, nearest first."""
+    queue, seen = _direct(store, name), []
+    while queue:
+        other = queue.pop(0)
+        if other not in seen:
+            seen.append(other)
+            queue.extend(_direct(store, other))
+    return seen

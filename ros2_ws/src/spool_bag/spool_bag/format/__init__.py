@@ -1,1 +1,0 @@
-"""Format of a bag: message bytes, message definitions and ``metadata.yaml``."""

@@ -1,1 +1,0 @@
-"""Text of a CSV file: pieces, dialect, cells."""

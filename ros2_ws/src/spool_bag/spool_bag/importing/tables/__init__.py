@@ -1,1 +1,0 @@
-"""Tables of a file: channels in groups, each on one clock."""

@@ -1,1 +1,0 @@
-"""Units of channels and their headers."""

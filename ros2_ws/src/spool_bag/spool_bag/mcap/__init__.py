@@ -1,1 +1,0 @@
-"""MCAP files, record by record."""

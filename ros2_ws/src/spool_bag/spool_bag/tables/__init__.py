@@ -1,1 +1,0 @@
-"""Tables of samples: names of their columns, export."""
