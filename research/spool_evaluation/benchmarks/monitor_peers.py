@@ -11,8 +11,7 @@ from typing import TypeAlias
 import numpy as np
 import ruptures
 from river import drift as river_drift
-from spool_monitor.drift.parameter_drift import CAP
-from spool_monitor.signals.sequential import CumulativeSum
+from spool_monitor.drift.parameter_drift import CAP, CumulativeSum
 
 from .change_points import ChangePoints
 

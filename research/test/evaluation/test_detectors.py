@@ -21,7 +21,7 @@ from spool_monitor.detectors import DETECTORS, LINE, Judgement, Moment, MonitorS
 from spool_monitor.events.event import EventState
 from spool_monitor.monitor import Monitor
 from spool_monitor.replay import Replay
-from spool_monitor.signals.spectrum import Line
+from spool_monitor.signals.window import Line
 from spool_sim.simulator import DEFAULT_START_STAMP
 
 

@@ -19,13 +19,16 @@ from spool_monitor.detectors.settings import (
 )
 from spool_monitor.drift.baseline import Baseline
 from spool_monitor.drift.parameter_drift import ParameterDrift
-from spool_monitor.events.condition import Condition
-from spool_monitor.events.event import Event
-from spool_monitor.signals.channel_signals import Signals, look
-from spool_monitor.signals.channel_watch import ChannelLook, ChannelWatch
-from spool_monitor.signals.response import ResponseTracker, ValveResponse
-from spool_monitor.signals.spectrum import Line, find_line
-from spool_monitor.signals.window import WindowTracker
+from spool_monitor.events.event import Condition, Event
+from spool_monitor.signals.channels import (
+    ChannelLook,
+    ChannelWatch,
+    ResponseTracker,
+    Signals,
+    ValveResponse,
+    look,
+)
+from spool_monitor.signals.window import Line, WindowTracker, find_line
 
 #: s after the last suspicion before parameters are judged again, in memories of the estimator.
 WARY = 2.5

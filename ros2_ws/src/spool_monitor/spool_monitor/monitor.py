@@ -1,7 +1,8 @@
-"""Monitor core: blocks and estimates in, events and health out, no clock of its own."""
+"""Monitor of one valve: blocks and estimates in, health and events out."""
 
 from __future__ import annotations
 
+import enum
 from dataclasses import dataclass, field
 
 from spool_core.block import Block
@@ -10,17 +11,13 @@ from spool_core.kernels.samples import OutlierFilter
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 
-from spool_monitor.detectors import check_settings
+from spool_monitor.detection import Detection
+from spool_monitor.detectors import Judgement, check_settings
 from spool_monitor.detectors.data_fault import DataFaultWatch
 from spool_monitor.detectors.settings import NATURAL_FREQUENCY, MonitorSettings
 from spool_monitor.detectors.stale import STALE_AFTER, StaleWatch
-from spool_monitor.events.condition import Condition
-from spool_monitor.events.event import Event, Severity
-from spool_monitor.events.event_kind import Namur
-from spool_monitor.signals.spectrum import Line
-
-from .detection import Detection
-from .health import BaselineState, Health, HealthLevel
+from spool_monitor.events.event import Condition, Event, Namur, Severity
+from spool_monitor.signals.window import Line
 
 #: s, an estimator that starts with the data needs this long for its first estimate.
 FIRST_ESTIMATE = 2.0
@@ -209,6 +206,51 @@ class Monitor:
             return "waiting for estimates"
         state = self.estimate.state.name.lower().replace("_", " ")
         return f"{state}, baseline {baseline.text}"
+
+
+class HealthLevel(enum.IntEnum):
+    """Level of a valve's health; the numbers are those of ``spool_msgs/msg/ValveHealth``."""
+
+    UNKNOWN = 0
+    OK = 1
+    WARNING = 2
+    ALARM = 3
+    STALE = 4
+
+
+class BaselineState(enum.IntEnum):
+    """State of the baseline; the numbers are those of ``spool_msgs/msg/ValveHealth``.
+
+    FROZEN means that the start values are learned and fixed. Whether somebody confirmed them is the stage of
+    the kept :class:`~.history.baseline_record.BaselineRecord`, and the text does not claim it.
+    """
+
+    UNKNOWN = 0
+    LEARNING = 1
+    FROZEN = 2
+
+    @property
+    def text(self) -> str:
+        """What people read: unknown, learning or learned."""
+        return "learned" if self is BaselineState.FROZEN else self.name.lower()
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """Health of the valve at ``stamp`` (ns); fields as in ``ValveHealth``."""
+
+    stamp: int
+    level: HealthLevel
+    baseline: BaselineState
+    summary: str
+    active: tuple[str, ...]
+    dominant_frequency: Quantity
+    amplification: Quantity
+    natural_frequency: Quantity
+    viscous_drift: Quantity
+    coulomb_drift: Quantity
+    judgements: tuple[tuple[str, Judgement], ...]
+    namur: Namur = Namur.UNKNOWN
 
 
 def _namur(level: HealthLevel, baseline: BaselineState, active: list[Condition]) -> Namur:

@@ -15,9 +15,9 @@ from spool_estimator.refit import Refit, WindowRefits, refit
 from spool_estimator.stream_estimator import StreamEstimator
 
 from spool_monitor.detectors.model_gap import gap_event
+from spool_monitor.drift.parameter_drift import DriftTrace
 from spool_monitor.events.event import Event, EventState
 
-from .drift.drift_trace import DriftTrace
 from .monitor import Monitor
 
 

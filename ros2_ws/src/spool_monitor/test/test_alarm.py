@@ -28,8 +28,7 @@ from spool_monitor.alarms.alarm import (
     unshelve,
 )
 from spool_monitor.detectors import event_kind
-from spool_monitor.events.event import Event, EventState, Severity
-from spool_monitor.events.event_kind import Namur
+from spool_monitor.events.event import Event, EventState, Namur, Severity
 
 SECOND = 1_000_000_000
 NOW = 100 * SECOND

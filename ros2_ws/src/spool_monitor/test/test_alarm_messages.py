@@ -7,8 +7,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from spool_core.uncertainty import Quantity
 from spool_monitor.alarms.alarm import AlarmState, Operator
 from spool_monitor.alarms.alarm_store import AlarmStore
-from spool_monitor.events.event import Event, EventState, Severity
-from spool_monitor.events.event_kind import Namur
+from spool_monitor.events.event import Event, EventState, Namur, Severity
 from spool_monitor.node.messages import to_alarm_list
 from spool_msgs.msg import Alarm, AlarmList, ValveHealth
 

@@ -12,9 +12,7 @@ from spool_core.uncertainty import Quantity
 from spool_monitor.alarms.alarm import AlarmRefusedError, AlarmState, Operator
 from spool_monitor.alarms.alarm_store import AlarmStore
 from spool_monitor.detectors import event_kind
-from spool_monitor.events.condition import Condition, Finding
-from spool_monitor.events.event import Event, EventState, Severity
-from spool_monitor.events.event_kind import Namur
+from spool_monitor.events.event import Condition, Event, EventState, Finding, Namur, Severity
 
 SECOND = 1_000_000_000
 CONDITIONS = (

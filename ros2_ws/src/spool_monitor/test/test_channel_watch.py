@@ -10,8 +10,7 @@ import pytest
 from spool_core.block import Block, Samples
 from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.events.event import Event, EventState
-from spool_monitor.health import HealthLevel
-from spool_monitor.monitor import Monitor
+from spool_monitor.monitor import HealthLevel, Monitor
 from spool_monitor.replay import Replay
 from spool_sim.excitation.kinds import from_mapping
 from spool_sim.sensors import Sensor

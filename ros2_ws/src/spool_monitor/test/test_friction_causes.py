@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from spool_monitor.drift.baseline import Baseline
-from spool_monitor.drift.friction_causes import rank_friction
-from spool_monitor.drift.parameter_drift import ParameterDrift
+from spool_monitor.drift.parameter_drift import ParameterDrift, rank_friction
 
 
 def moved(parameter: str, share: float, *, referred: bool = True) -> ParameterDrift:

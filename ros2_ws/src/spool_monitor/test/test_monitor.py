@@ -17,8 +17,7 @@ from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.detectors import Judgement, MonitorSettings
 from spool_monitor.detectors.stale import STALE_AFTER
 from spool_monitor.events.event import Event, EventState, Severity
-from spool_monitor.health import BaselineState, HealthLevel
-from spool_monitor.monitor import FIRST_BLOCK, FIRST_ESTIMATE, Monitor
+from spool_monitor.monitor import FIRST_BLOCK, FIRST_ESTIMATE, BaselineState, HealthLevel, Monitor
 from spool_monitor.replay import Replay
 from spool_sim.excitation.kinds import Excitation, from_mapping
 from spool_sim.excitation.presets import PRESETS

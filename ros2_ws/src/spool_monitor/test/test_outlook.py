@@ -11,10 +11,8 @@ from spool_core.text import Account
 from spool_core.uncertainty import Quantity
 from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.detectors import KINDS, MonitorSettings
-from spool_monitor.drift.outlook import Outlook
-from spool_monitor.events.condition import Condition, Finding
-from spool_monitor.events.event import EventState, Severity
-from spool_monitor.events.event_kind import EventKind
+from spool_monitor.drift.parameter_drift import Outlook
+from spool_monitor.events.event import Condition, EventKind, EventState, Finding, Severity
 from spool_monitor.monitor import Monitor
 from spool_monitor.replay import Replay
 from spool_sim.excitation.presets import PRESETS

@@ -7,9 +7,8 @@ import pytest
 from spool_monitor.detection import Detection, configured
 from spool_monitor.detectors import Moment, MonitorSettings
 from spool_monitor.detectors.resonance import KIND, Resonance
-from spool_monitor.events.condition import Condition
-from spool_monitor.events.event import Event, EventState, Severity
-from spool_monitor.signals.spectrum import Line
+from spool_monitor.events.event import Condition, Event, EventState, Severity
+from spool_monitor.signals.window import Line
 
 NATURAL = 15.0
 

@@ -12,8 +12,16 @@ from spool_estimator.identification.signals.clipping import DEPTHS, FLATTER, fla
 from spool_monitor.detection import configured
 from spool_monitor.detectors.sensor_dead import FOLLOWS, due_powers
 from spool_monitor.detectors.stuck_spool import due_power
-from spool_monitor.signals.channel_signals import Signals, levels, look, spectra
-from spool_monitor.signals.response import ResponseTracker, ValveResponse, descend, transfer
+from spool_monitor.signals.channels import (
+    ResponseTracker,
+    Signals,
+    ValveResponse,
+    descend,
+    levels,
+    look,
+    spectra,
+    transfer,
+)
 from spool_monitor.signals.window import WindowTracker
 
 RATE = 1000.0

@@ -10,7 +10,7 @@ import pytest
 from spool_core.block import Block
 from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.detectors import MonitorSettings
-from spool_monitor.drift.drift_trace import DriftTrace
+from spool_monitor.drift.parameter_drift import DriftTrace
 from spool_monitor.events.event import EventState
 from spool_monitor.monitor import Monitor
 from spool_monitor.replay import Replay

@@ -7,7 +7,7 @@ from datetime import datetime, timedelta, timezone
 
 from spool_core.uncertainty import interval, number
 from spool_monitor.detectors import friction_drift, spring_change
-from spool_monitor.events.event_kind import EventCause
+from spool_monitor.events.event import EventCause
 
 from spool_fleet.trends.change_test import MONTH
 from spool_fleet.trends.judgement import MACHINE

@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 from spool_core.errors import InputError
 
 from spool_monitor.detectors import event_kind
-from spool_monitor.events.event import Event, EventState, Severity, condition_name
-from spool_monitor.events.event_kind import Namur
+from spool_monitor.events.event import Event, EventState, Namur, Severity, condition_name
 
 
 class AlarmState(enum.IntEnum):

@@ -11,9 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 from spool_core.errors import InputError
 
 from spool_monitor.detectors import latching_kinds
-from spool_monitor.events.condition import Condition
-from spool_monitor.events.event import Event, condition_name
-from spool_monitor.events.event_kind import Namur
+from spool_monitor.events.event import Condition, Event, Namur, condition_name
 
 from .alarm import (
     Alarm,

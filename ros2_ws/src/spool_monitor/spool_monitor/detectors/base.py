@@ -14,12 +14,9 @@ from spool_estimator.estimate import Estimate
 
 from spool_monitor.drift.baseline import Baseline
 from spool_monitor.drift.parameter_drift import ParameterDrift
-from spool_monitor.events.condition import Finding
-from spool_monitor.events.event_kind import EventKind
-from spool_monitor.signals.channel_signals import Signals
-from spool_monitor.signals.channel_watch import ChannelLook
-from spool_monitor.signals.response import ValveResponse
-from spool_monitor.signals.spectrum import Line
+from spool_monitor.events.event import EventKind, Finding
+from spool_monitor.signals.channels import ChannelLook, Signals, ValveResponse
+from spool_monitor.signals.window import Line
 
 from .settings import MonitorLimit, MonitorSettings
 

@@ -10,10 +10,8 @@ from spool_core.text import Account
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.identification.signals.channel_faults import ChannelFault
 
-from spool_monitor.events.condition import Finding
-from spool_monitor.events.event import Severity
-from spool_monitor.events.event_kind import EventCause
-from spool_monitor.signals.channel_watch import ChannelLook
+from spool_monitor.events.event import EventCause, Finding, Severity
+from spool_monitor.signals.channels import ChannelLook
 
 from .base import CHANNELS, Detector, Judgement, Moment
 from .data_fault import KIND as DATA_FAULT

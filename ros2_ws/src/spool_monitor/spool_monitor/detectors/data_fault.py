@@ -9,9 +9,7 @@ from spool_core.kernels.samples import OutlierFilter
 from spool_core.text import plural
 from spool_core.uncertainty import Quantity, Validity, number
 
-from spool_monitor.events.condition import Condition, Finding
-from spool_monitor.events.event import Event, Severity
-from spool_monitor.events.event_kind import EventCause, EventKind, Namur
+from spool_monitor.events.event import Condition, Event, EventCause, EventKind, Finding, Namur, Severity
 
 KIND = EventKind(
     "data_fault",

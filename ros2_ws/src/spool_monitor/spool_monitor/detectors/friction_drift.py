@@ -7,11 +7,8 @@ from typing import ClassVar
 
 from spool_core.text import Account, ShareOfCause
 
-from spool_monitor.drift.friction_causes import RankedCause, rank_friction
-from spool_monitor.drift.parameter_drift import ParameterDrift
-from spool_monitor.events.condition import Finding
-from spool_monitor.events.event import Severity
-from spool_monitor.events.event_kind import EventCause, EventKind, Namur
+from spool_monitor.drift.parameter_drift import ParameterDrift, RankedCause, rank_friction
+from spool_monitor.events.event import EventCause, EventKind, Finding, Namur, Severity
 
 from .base import ESTIMATE, Detector, DriftTest, Moment, judgement
 from .settings import MonitorLimit

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from spool_estimator.gap_requests.gap_watch import MODEL_GAP, MODEL_GAP_CODE, REMEDY, GapChange
 
-from spool_monitor.events.event import Event, EventState, Severity
-from spool_monitor.events.event_kind import EventKind, Namur
+from spool_monitor.events.event import Event, EventKind, EventState, Namur, Severity
 
 KIND = EventKind(
     MODEL_GAP,

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from spool_core.uncertainty import Quantity, Validity
 
-from spool_monitor.events.condition import Finding
-from spool_monitor.events.event import Severity
+from spool_monitor.events.event import Finding, Severity
 
 from .base import LINE, Detector, Judgement, Moment
 from .data_fault import KIND as DATA_FAULT

@@ -10,10 +10,8 @@ from spool_core.text import Account
 from spool_core.uncertainty import Quantity, Validity
 
 from spool_monitor.drift.parameter_drift import ALLOWANCE
-from spool_monitor.events.condition import Finding
-from spool_monitor.events.event import Severity
-from spool_monitor.events.event_kind import EventKind, Namur
-from spool_monitor.signals.spectrum import Line
+from spool_monitor.events.event import EventKind, Finding, Namur, Severity
+from spool_monitor.signals.window import Line
 
 from .base import LINE, Detector, Judgement, Moment
 from .settings import MINIMUM_BODY, MonitorLimit, MonitorSettings

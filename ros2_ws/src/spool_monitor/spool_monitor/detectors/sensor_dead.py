@@ -9,11 +9,8 @@ from spool_core.kernels.compiled import compiled
 from spool_core.text import Account
 from spool_core.uncertainty import Quantity, Validity, number
 
-from spool_monitor.events.condition import Finding
-from spool_monitor.events.event import Severity
-from spool_monitor.events.event_kind import EventCause
-from spool_monitor.signals.channel_signals import Channel, Signals
-from spool_monitor.signals.response import transfer
+from spool_monitor.events.event import EventCause, Finding, Severity
+from spool_monitor.signals.channels import Channel, Signals, transfer
 from spool_monitor.signals.window import Array, Complex
 
 from .base import SIGNALS, Detector, Judgement, Moment

@@ -8,9 +8,7 @@ from typing import ClassVar
 
 from spool_core.uncertainty import Quantity, Validity
 
-from spool_monitor.events.condition import Finding
-from spool_monitor.events.event import Severity
-from spool_monitor.events.event_kind import EventCause
+from spool_monitor.events.event import EventCause, Finding, Severity
 
 from .base import SIGNALS, Detector, Judgement, Moment
 from .sensor_fault import sensor_fault

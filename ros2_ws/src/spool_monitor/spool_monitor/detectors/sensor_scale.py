@@ -10,11 +10,8 @@ import numpy as np
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 
-from spool_monitor.events.condition import Finding
-from spool_monitor.events.event import Severity
-from spool_monitor.events.event_kind import EventCause
-from spool_monitor.signals.channel_signals import Signals
-from spool_monitor.signals.response import MEMORY, ValveResponse
+from spool_monitor.events.event import EventCause, Finding, Severity
+from spool_monitor.signals.channels import MEMORY, Signals, ValveResponse
 
 from .base import ESTIMATE, SIGNALS, Detector, Judgement, Moment
 from .sensor_fault import sensor_fault

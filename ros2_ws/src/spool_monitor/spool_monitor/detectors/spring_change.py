@@ -7,8 +7,7 @@ from typing import ClassVar
 
 from spool_core.text import Account
 
-from spool_monitor.events.condition import Finding
-from spool_monitor.events.event_kind import EventCause, EventKind, Namur
+from spool_monitor.events.event import EventCause, EventKind, Finding, Namur
 
 from .base import ESTIMATE, Detector, DriftTest, Moment, judgement
 from .settings import MonitorLimit

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from spool_core.uncertainty import Quantity, Validity
 
-from spool_monitor.events.condition import Condition, Finding
-from spool_monitor.events.event import Event, Severity
-from spool_monitor.events.event_kind import EventCause, EventKind, Namur
+from spool_monitor.events.event import Condition, Event, EventCause, EventKind, Finding, Namur, Severity
 
 from .settings import MonitorLimit
 

@@ -8,10 +8,8 @@ from typing import ClassVar
 from spool_core.kernels.compiled import compiled
 from spool_core.uncertainty import Quantity, Validity
 
-from spool_monitor.events.condition import Finding
-from spool_monitor.events.event import Severity
-from spool_monitor.events.event_kind import EventKind, Namur
-from spool_monitor.signals.response import transfer
+from spool_monitor.events.event import EventKind, Finding, Namur, Severity
+from spool_monitor.signals.channels import transfer
 from spool_monitor.signals.window import Array
 
 from .base import ESTIMATE, SIGNALS, Detector, Judgement, Moment

@@ -18,8 +18,7 @@ from spool_msgs.msg import AlarmList
 from spool_msgs.srv import AcknowledgeAlarm, ManageBaseline, ResetAlarms, ShelveAlarm, SuppressAlarm
 
 from spool_monitor.alarms.alarm import Action, Alarm, AlarmRefusedError, AlarmState, Operator, Transition
-from spool_monitor.events.event import Event, Severity
-from spool_monitor.events.event_kind import Namur
+from spool_monitor.events.event import Event, Namur, Severity
 from spool_monitor.history.trend_writer import TrendWriter
 from spool_monitor.history.valve_state import ValveState
 

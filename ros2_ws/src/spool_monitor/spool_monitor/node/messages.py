@@ -11,7 +11,7 @@ from spool_msgs.msg import AlarmList, HealthEvent, ValveHealth
 from spool_monitor.alarms.alarm import Alarm
 from spool_monitor.detectors import JUDGEMENT_TEXTS, event_kind
 from spool_monitor.events.event import Event
-from spool_monitor.health import Health
+from spool_monitor.monitor import Health
 
 _QUANTITIES = ("dominant_frequency", "amplification", "natural_frequency", "viscous_drift", "coulomb_drift")
 

@@ -1,38 +1,45 @@
-"""Node ``monitor``: says what blocks and estimates of one valve mean."""
+"""Node ``monitor``: health, events and diagnostics of one valve."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
 
 from spool_core.block import Block
-from spool_core.block_gate import SharedGate
+from spool_core.block_gate import BlockGate, SharedGate
 from spool_core.errors import InputError
 from spool_core.node import qos
-from spool_core.node.diagnostics import DiagnosticPublisher
+from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, block_faults, block_values, key
 from spool_core.node.managed_node import ManagedNode
 from spool_core.node.parameters import NodeParameter, Value
+from spool_core.uncertainty import Quantity
 from spool_estimator.messages import from_message
 from spool_estimator.valve_messages import from_description
 from spool_msgs.msg import HealthEvent, ModelEstimate, ValveDescription, ValveHealth
 
 from spool_monitor.alarms.alarm_store import AlarmStore
-from spool_monitor.detectors import KINDS, LIMITS, MonitorSettings, check_settings, latching_kinds
+from spool_monitor.detection import Detection
+from spool_monitor.detectors import (
+    JUDGEMENT_TEXTS,
+    KINDS,
+    LIMITS,
+    Judgement,
+    MonitorSettings,
+    check_settings,
+    latching_kinds,
+)
 from spool_monitor.detectors.settings import NATURAL_FREQUENCY
-from spool_monitor.events.event import Event
-from spool_monitor.health import HealthLevel
+from spool_monitor.events.event import Event, Severity
 from spool_monitor.history.state_file import default_folder, valve_folder
 from spool_monitor.history.trend_writer import TrendWriter
 from spool_monitor.history.valve_state import TRENDS, ValveState
-from spool_monitor.monitor import Monitor
+from spool_monitor.monitor import Health, HealthLevel, Monitor
+from spool_monitor.node.alarm_services import AlarmServices
+from spool_monitor.node.messages import to_event_message, to_health_message
 from spool_monitor.warm_up import warm_up_monitor
-
-from .alarm_services import AlarmServices
-from .diagnostic_tasks import condition_status, data_status
-from .messages import to_event_message, to_health_message
 
 _SETTINGS = tuple(
     NodeParameter(
@@ -59,9 +66,11 @@ _KEEPING = (
 #: compiled, one after the other. Once it was heard, or without one, silence is told immediately.
 STARTS = 180.0
 
-
 #: Samples that may be judged together while nothing is wrong: as many as come together.
 MOST_TOGETHER = 1 << 30
+
+#: Of an active condition that is worst; without one all is well.
+_LEVELS = {None: Level.OK, Severity.WARNING: Level.WARNING, Severity.ALARM: Level.ERROR}
 
 
 class MonitorNode(ManagedNode):
@@ -232,3 +241,52 @@ class MonitorNode(ManagedNode):
             condition_status(detection, health),
             self._alarms.status(health.namur, self._trends),
         )
+
+
+def data_status(detection: Detection, gate: BlockGate, health: Health) -> Status:
+    """Return what arrives, and whether the sensors can be believed."""
+    sensors = _detector_status("data", detection, health, ())
+    level, text = sensors.level, sensors.message
+    faults = block_faults(gate)
+    if health.level is HealthLevel.STALE:
+        text = health.summary
+    elif gate.accepted == 0:
+        level, text = Level.WARNING, "waiting for data"
+    elif level is Level.OK:
+        level, text = (Level.WARNING, faults) if faults else (level, "no block lost or refused lately")
+    return Status("data", level, text, {**block_values(gate), **sensors.values})
+
+
+def condition_status(detection: Detection, health: Health) -> Status:
+    """Return what is wrong with the valve and how it moves."""
+    shown = (
+        health.dominant_frequency, health.amplification, health.natural_frequency, health.viscous_drift,
+        health.coulomb_drift,
+    )  # fmt: skip
+    return _detector_status("condition", detection, health, shown)
+
+
+def _detector_status(task: str, detection: Detection, health: Health, shown: Iterable[Quantity]) -> Status:
+    """Return what the detectors of ``task`` say; what they can't judge is said as well."""
+    ours = [one for one in detection.detectors if one.kind.task == task]
+    conditions = [detection.conditions[one.name] for one in ours]
+    active = [condition for condition in conditions if condition.active is not None]
+    worst = max((condition.active for condition in active if condition.active is not None), default=None)
+    level = _LEVELS[worst]
+    text = ", ".join(f"{one.kind} {one.cause}".strip().replace("_", " ") for one in active)
+    if not text:
+        open_ = {one.judgement for one in ours if one.judgement is not Judgement.JUDGED}
+        text = ", ".join(JUDGEMENT_TEXTS[judgement] for judgement in sorted(open_)) or "nothing found"
+    if health.level is HealthLevel.UNKNOWN and not active:
+        level = Level.WARNING
+    if health.level is HealthLevel.STALE:
+        level, text = Level.STALE, "no data"
+    return Status(
+        task,
+        level,
+        text,
+        {
+            **{key(value.name, value.unit): value.value for value in shown},
+            **{f"{one.name}_judgement": JUDGEMENT_TEXTS[one.judgement] for one in ours},
+        },
+    )

@@ -27,12 +27,11 @@ from spool_estimator.refit import Refit, RefitSettings, WindowRefits
 from spool_estimator.stream_estimator import StreamEstimator
 from spool_monitor.detectors import JUDGEMENT_TEXTS, LIMITS, MonitorSettings, check_settings
 from spool_monitor.detectors.settings import BASELINE_TIME, NATURAL_FREQUENCY
-from spool_monitor.drift.drift_trace import DriftTrace
+from spool_monitor.drift.parameter_drift import DriftTrace
 from spool_monitor.events.event import Event
-from spool_monitor.health import Health
 from spool_monitor.history.state_file import valve_folder
 from spool_monitor.history.valve_state import ValveState
-from spool_monitor.monitor import Monitor
+from spool_monitor.monitor import Health, Monitor
 from spool_monitor.replay import Replay
 from spool_sim.model import load_model
 from spool_sim.valve.description import Valve

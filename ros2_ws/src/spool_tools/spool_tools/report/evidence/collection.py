@@ -18,7 +18,7 @@ from spool_estimator.refit import Refit
 from spool_gap.force.force_record import ForceRecord
 from spool_gap.result import Curves, GapResult
 from spool_gap.simulation.point import DELAY, GAIN
-from spool_monitor.drift.drift_trace import DriftTrace
+from spool_monitor.drift.parameter_drift import DriftTrace
 from spool_monitor.events.event import Event, EventState
 from spool_sim.model import Model, load_model
 from spool_sim.valve.description import Valve

@@ -1,1 +1,0 @@
-"""Drift of parameters: start values, sequential tests, and the causes of what moved together."""

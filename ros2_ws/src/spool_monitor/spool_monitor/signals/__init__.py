@@ -1,1 +1,0 @@
-"""Signal measures of both channels: levels, spectra, response, travel."""
