@@ -79,7 +79,7 @@ MODULES: dict[str, str] = {
     "spool_gap.effect": EFFECTS,
     "spool_gap.sensor_effect": EFFECTS,
     "spool_gap.chain_effect": EFFECTS,
-    "spool_estimator.identification.signals.zero_phase": EFFECTS,
+    "spool_estimator.identification.signals.spectra": EFFECTS,
     "spool_estimator.stream_estimator": ESTIMATES,
 }
 #: Of a module only these functions are laws; all but NOT_LAWS elsewhere.

@@ -16,8 +16,7 @@ from sensor_msgs.msg import Imu
 from spool_core.block import Block, joined
 from spool_core.node.messages import to_block, to_time
 from spool_estimator.estimate import Estimate, State
-from spool_estimator.estimator import phase_of, settings_for
-from spool_estimator.estimators import make_estimator
+from spool_estimator.estimator import make_estimator, phase_of, settings_for
 from spool_estimator.messages import from_message
 from spool_monitor.monitor import Monitor
 from spool_monitor.replay import Replay

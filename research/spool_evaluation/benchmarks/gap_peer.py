@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.fft import rfft, rfftfreq
 from scipy.ndimage import median_filter
 from spool_estimator.identification.record import Record
-from spool_estimator.identification.signals.zero_phase import RelativeMotion, ZeroPhase, relative_motion
+from spool_estimator.identification.signals.spectra import RelativeMotion, ZeroPhase, relative_motion
 from spool_gap.effect import Motion
 from spool_gap.registry import EFFECTS
 from spool_sim.valve.description import Valve

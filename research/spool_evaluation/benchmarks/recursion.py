@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 import padasip
 from numpy.typing import NDArray
-from spool_estimator.recursion.exponential import ExponentialForgetting
+from spool_estimator.recursion.recursive import ExponentialForgetting
 
 from spool_evaluation.results.timing import Timing, best_of
 

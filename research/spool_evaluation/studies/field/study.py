@@ -129,7 +129,7 @@ def analysed(record: Path, valve: Path) -> dict[str, Any]:
     Raises:
         InputError: the record is refused.
     """
-    from spool_estimator.identification.record_parts import LARGEST  # noqa: PLC0415
+    from spool_estimator.identification.record import LARGEST  # noqa: PLC0415
     from spool_estimator.plausibility import check_records  # noqa: PLC0415 - counting needs none of its kernels
     from spool_gap.report.serialisation import result_to_dict  # noqa: PLC0415
     from spool_gap.workflow.analyse import analyse  # noqa: PLC0415

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from spool_estimator.estimate import Estimate, State
-from spool_estimator.estimator import settings_for
-from spool_estimator.estimators import make_estimator
+from spool_estimator.estimator import make_estimator, settings_for
 from spool_fleet.analyses.base import REFERENCE
 from spool_fleet.trends.observations import (
     COULOMB,

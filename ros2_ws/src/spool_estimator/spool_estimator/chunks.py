@@ -16,8 +16,7 @@ from spool_core.block import Samples
 from spool_core.kernels.compiled import compiled
 from spool_core.kernels.samples import StandingArrays, scan
 
-from spool_estimator.motion.displacement import DisplacementArrays, follow_displacement
-from spool_estimator.motion.history import keep, sampled_pointwise
+from spool_estimator.motion.history import DisplacementArrays, follow_displacement, keep, sampled_pointwise
 from spool_estimator.motion.prediction import (
     BAND_LIMITED,
     BODY,

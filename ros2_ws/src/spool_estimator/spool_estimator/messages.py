@@ -1,12 +1,15 @@
-"""Messages of estimates, and back."""
+"""Messages of the estimator: estimates and valves, to and from ROS."""
 
 from __future__ import annotations
 
-from spool_core.node.messages import from_quantity, nanoseconds, to_quantity, to_time
-from spool_msgs.msg import ModelEstimate, WindowRefit
+import math
 
-from .estimate import Estimate, State
-from .refit import Refit
+from spool_core.node.messages import from_quantity, nanoseconds, to_quantity, to_time
+from spool_msgs.msg import ModelEstimate, ValveDescription, WindowRefit
+from spool_sim.valve.description import Valve, valve_from_mapping
+
+from spool_estimator.estimate import Estimate, State
+from spool_estimator.refit import Refit
 
 _QUANTITIES = (
     "referred_viscous_coefficient",
@@ -18,6 +21,8 @@ _QUANTITIES = (
     "relative_displacement",
 )
 _NUMBERS = ("model", "last_sequence", "samples", "delay", "memory", "lost_blocks", "refused_blocks")
+
+_VALVE_NUMBERS = tuple(name for name in Valve.model_fields if name not in ("id", "oil"))
 
 
 def to_message(estimate: Estimate, valve_id: str) -> ModelEstimate:
@@ -66,3 +71,27 @@ def to_refit_message(refit: Refit, valve_id: str, *, refits: int, skipped: int) 
     message.header.frame_id = valve_id
     message.header.stamp = to_time(refit.stamp)
     return message
+
+
+def to_description(valve: Valve) -> ValveDescription:
+    """Return ``valve`` as a message, NaN for what is not known; the stamp is the caller's."""
+    given = valve.given
+    message = ValveDescription(
+        oil=valve.oil or "", **{name: given.get(name, math.nan) for name in _VALVE_NUMBERS}
+    )
+    message.header.frame_id = valve.id
+    return message
+
+
+def from_description(message: ValveDescription) -> Valve:
+    """Return the valve that ``message`` describes.
+
+    Raises:
+        InputError: a value is out of range; the key is named.
+
+    """
+    numbers = {name: getattr(message, name) for name in _VALVE_NUMBERS}
+    mapping = {name: value for name, value in numbers.items() if not math.isnan(value)}
+    return valve_from_mapping(
+        {"id": message.header.frame_id, "oil": message.oil or None, **mapping}, "valve description"
+    )

@@ -19,11 +19,11 @@ from spool_core.uncertainty import Z_95, compared
 from spool_sim.valve.description import FILM, Valve
 from spool_sim.valve.viscosity import OILS
 
+from spool_estimator.estimator import make_estimator
 from spool_estimator.identification.record import Record
 
 from .estimate import Estimate, State
 from .estimator import settings_for
-from .estimators import make_estimator
 
 #: Tracked estimates that are looked at: the first minute judges the file, later changes are the monitor's.
 MOST = 60

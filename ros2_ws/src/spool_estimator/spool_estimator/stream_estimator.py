@@ -1,23 +1,23 @@
-"""Stream estimator: blocks in, estimates out; what holds whichever way the parameters are found."""
+"""What estimators of a stream share: settings, the oil, and the last estimate that was good."""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections import deque
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.block import Block, Samples
 from spool_core.block_gate import BlockGate, Fault, Verdict
 from spool_core.kernels.samples import OutlierFilter, StandingWatch
+from spool_core.rate_check import REFUTE
 from spool_core.uncertainty import Quantity, Validity
 
+from spool_estimator.estimate import Estimate, State
 from spool_estimator.identification.oil import OilLaw, OilReference
-
-from .estimate import Estimate, State
-from .last_good import LATE, LastGood
 
 Array = NDArray[np.float64]
 
@@ -29,6 +29,13 @@ _UNITS = ("N/m", "N s/m", "N")
 
 #: Ways to forget: by an exponential, in excited directions only, or by a window that slides.
 EXPONENTIAL, WINDOW = FORGETTING = ("exponential", "window")
+
+Known = TypeVar("Known")
+
+#: Estimates that are kept: those of the time in which a wrong sample rate is found, and one before.
+KEPT = 5
+#: s before a wrong sample rate was found in which it may have set in.
+LATE = REFUTE + 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +108,54 @@ class Learned:
         if not self.certain:
             return Validity.UNKNOWN
         return Validity.VALID if self.excited else Validity.HELD
+
+
+@dataclass(slots=True)
+class LastGood(Generic[Known]):
+    """Last good estimates: the newest that track, each with what its estimator knew then."""
+
+    _kept: deque[tuple[Estimate, Known]] = field(default_factory=lambda: deque(maxlen=KEPT))
+
+    @property
+    def any(self) -> bool:
+        """Whether there is a good estimate."""
+        return bool(self._kept)
+
+    def keep(self, estimate: Estimate, knowledge: Known) -> None:
+        """Keep an estimate that tracks."""
+        self._kept.append((estimate, knowledge))
+
+    def back(self, stamp: int) -> Known | None:
+        """Forget what is newer than ``stamp`` (ns); return what was known with the newest that is not."""
+        while self._kept and self._kept[-1][0].stamp > stamp:
+            self._kept.pop()
+        return self._kept[-1][1] if self._kept else None
+
+    def held(self, now: Estimate, state: State) -> Estimate:
+        """Return the last good estimate as one that is held at ``now``; with none, that nothing is known."""
+        if not self._kept:
+            return replace(
+                now,
+                state=State.LEARNING if state is State.SETTLING else state,
+                parameters=tuple(_nothing(one) for one in now.parameters),
+                natural_frequency=_nothing(now.natural_frequency),
+                damping_ratio=_nothing(now.damping_ratio),
+                residual=_nothing(now.residual),
+                excitation=_nothing(now.excitation),
+                relative_displacement=_nothing(now.relative_displacement),
+                referred_viscous_coefficient=_nothing(now.referred_viscous_coefficient),
+            )
+        return replace(
+            self._kept[-1][0].held(),
+            stamp=now.stamp,
+            state=state,
+            last_sequence=now.last_sequence,
+            samples=now.samples,
+            delay=now.delay,
+            oil_temperature=now.oil_temperature,
+            lost_blocks=now.lost_blocks,
+            refused_blocks=now.refused_blocks,
+        )
 
 
 @dataclass(slots=True)
@@ -311,3 +366,7 @@ def _derived(learned: Learned, mass: float) -> dict[str, Quantity]:
 def _rms(name: str, unit: str, power: float) -> Quantity:
     validity = Validity.UNKNOWN if math.isnan(power) else Validity.VALID
     return Quantity(name, unit, math.sqrt(power), validity=validity)
+
+
+def _nothing(quantity: Quantity) -> Quantity:
+    return Quantity(quantity.name, quantity.unit)

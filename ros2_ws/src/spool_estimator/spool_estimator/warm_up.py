@@ -18,10 +18,8 @@ from spool_sim.valve.description import find_valve
 
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.motion.prediction import Prediction
-from spool_estimator.recursion.conditioning import COLUMNS, Conditioning
-from spool_estimator.recursion.exponential import ExponentialForgetting
-from spool_estimator.recursion.recursive import RecursiveLeastSquares
-from spool_estimator.recursion.window import ChunkWindow
+from spool_estimator.recursion.recursive import ExponentialForgetting, RecursiveLeastSquares
+from spool_estimator.recursion.window import COLUMNS, ChunkWindow, Conditioning
 from spool_estimator.stream_estimator import EXPONENTIAL, WINDOW
 
 #: s of data after which an estimator has started and stepped on.

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from spool_estimator.recursion.conditioning import (
+from spool_estimator.recursion.window import (
     BODY,
     COLUMNS,
     DIRECTION,

@@ -20,7 +20,7 @@ from spool_core.block import Block
 from spool_core.block_gate import STALE
 from spool_core.uncertainty import Validity
 from spool_estimator.estimate import Estimate, State
-from spool_estimator.estimators import ESTIMATORS
+from spool_estimator.estimator import ESTIMATORS
 from spool_estimator.stream_estimator import EstimatorSettings, StreamEstimator
 from spool_sim.excitation.kinds import MachineOrders
 from spool_sim.excitation.presets import PRESETS

@@ -5,9 +5,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 from spool_core.errors import InputError
 from spool_estimator.estimate import State
 from spool_estimator.estimator import Estimator
-from spool_estimator.messages import from_message, to_message
+from spool_estimator.messages import from_description, from_message, to_description, to_message
 from spool_estimator.stream_estimator import EstimatorSettings
-from spool_estimator.valve_messages import from_description, to_description
 from spool_msgs.msg import ModelEstimate, ValveDescription
 from spool_sim.excitation.presets import PRESETS
 from spool_sim.simulator import Simulator

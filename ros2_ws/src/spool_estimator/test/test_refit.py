@@ -14,8 +14,15 @@ from spool_core.block import Block
 from spool_core.uncertainty import Validity
 from spool_estimator.estimate import State
 from spool_estimator.estimator import Estimator, settings_for
-from spool_estimator.refit import Refit, RefitSettings, RefitState, WindowRefits, WindowTask, refit
-from spool_estimator.refit_worker import RefitWorker
+from spool_estimator.refit import (
+    Refit,
+    RefitSettings,
+    RefitState,
+    RefitWorker,
+    WindowRefits,
+    WindowTask,
+    refit,
+)
 from spool_sim.excitation.kinds import Part, Standstill
 from spool_sim.excitation.kinds import Sequence as Parts
 from spool_sim.excitation.presets import PRESETS

@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
-from spool_estimator.identification.nuisances.nuisance import Nuisance
+from spool_estimator.identification.nuisances.record_nuisance import Nuisance
 from spool_estimator.identification.record import Record
 
 from spool_gap.effect import Array

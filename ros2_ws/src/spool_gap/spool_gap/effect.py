@@ -14,7 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_estimator.identification.least_squares.unknown import Unknown
+from spool_estimator.identification.least_squares import Unknown
 from spool_sim.terms import Parameter, term
 
 Array = NDArray[np.float64]

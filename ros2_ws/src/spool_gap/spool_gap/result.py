@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.uncertainty import Quantity
-from spool_estimator.identification.nuisances.nuisance import Nuisance
+from spool_estimator.identification.nuisances.record_nuisance import Nuisance
 from spool_sim.model import Model
 
 from spool_gap.profile_likelihood import ProfileLikelihood

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
-from spool_estimator.identification.least_squares.unknown import Unknown
-from spool_estimator.identification.signals.zero_phase import ZeroPhase
+from spool_estimator.identification.least_squares import Unknown
+from spool_estimator.identification.signals.spectra import ZeroPhase
 from spool_sim.terms import Parameter
 
 from .effect import Array, Effect, Motion

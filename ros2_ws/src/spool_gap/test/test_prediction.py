@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from spool_estimator.identification.record import Record
-from spool_estimator.identification.signals.zero_phase import delayed
+from spool_estimator.identification.signals.spectra import delayed
 from spool_gap.likelihood.chain_part import CHAIN_PARTS, inverse
 from spool_gap.likelihood.prediction import Prediction, Structure, structure_of
 from spool_gap.likelihood.readings import readings_of

@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.block import Block, BlockRun
 from spool_estimator.estimate import Estimate
-from spool_estimator.estimator import settings_for
-from spool_estimator.estimators import ESTIMATORS, make_estimator
+from spool_estimator.estimator import ESTIMATORS, make_estimator, settings_for
 from spool_estimator.gap_requests.gap_watch import GapWatch
 from spool_monitor.detectors import MonitorSettings
 from spool_monitor.detectors.model_gap import gap_event

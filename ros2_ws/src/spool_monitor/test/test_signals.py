@@ -8,7 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from spool_core.block import Block
-from spool_estimator.identification.signals.clipping import DEPTHS, FLATTER, flat_top
+from spool_estimator.identification.signals.channel_faults import DEPTHS, FLATTER, flat_top
 from spool_monitor.detection import configured
 from spool_monitor.detectors.sensor_dead import FOLLOWS, due_powers
 from spool_monitor.detectors.stuck_spool import due_power

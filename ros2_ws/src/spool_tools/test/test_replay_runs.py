@@ -14,7 +14,7 @@ from spool_bag.reading.reader import BagReader
 from spool_bag.recording.writer import BagWriter
 from spool_core.block import Block
 from spool_core.cdr import OilTemperature, encode_block, encode_temperature
-from spool_estimator.identification.record_parts import PartKeeper
+from spool_estimator.identification.record import PartKeeper
 from spool_sim.excitation.presets import PRESETS
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve

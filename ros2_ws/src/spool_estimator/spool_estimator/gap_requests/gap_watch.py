@@ -13,7 +13,7 @@ from spool_core.text import Account, over, raised, urgency
 from spool_core.uncertainty import Quantity, percent
 
 from spool_estimator.estimate import Estimate, State
-from spool_estimator.identification.signals.clipping import flat_share
+from spool_estimator.identification.signals.channel_faults import flat_share
 
 #: Kind and code of the event.
 MODEL_GAP, MODEL_GAP_CODE = "model_gap", 500

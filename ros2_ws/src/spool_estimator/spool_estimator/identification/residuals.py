@@ -1,9 +1,20 @@
-"""Weighted differences of a free run and the record, and their slopes, as least squares takes them.
+"""Residuals of a fit: what they weigh, what they inform of, and the deviations that follow.
 
 Samples next to a jump of the dry friction are left out, a straight line in their place: where in its sample
 interval a reversal falls is chance, and the slopes of a sampled jump are spikes. The rest is weighed by the
 spectrum of what is left over, so that the weighted residual is white whatever sensors, resonance and
 excitation make of the noise. Windows fade at both ends: a step there would reach far through the weighing.
+
+Whittle's likelihood of a residual with power density S(f) is a sum of log S over the lines of its spectrum.
+For a residual of n independent lines in the band and p parameters
+
+    BIC = n mean(log S) + p log n
+
+up to a constant that all models of one set of data share. For a white residual it is the known n log(rms^2) +
+p log n. Every model is judged on all samples in the band, jumps of the friction included.
+
+They hold for noise of any colour and for noise whose strength changes along the record; how far the sensors'
+timing is not known, and other doubts, are added.
 """
 
 from __future__ import annotations
@@ -15,12 +26,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from spool_estimator.identification.least_squares.unknown import Unknown, bounds_of, sizes_of
-from spool_estimator.identification.signals.spectra import Spectrum, residual_spectrum
-from spool_estimator.identification.signals.zero_phase import ZeroPhase
-
-from .fit_result import SPOOL_DELAY, SPOOL_GAIN
-from .free_run import FreeRun, Response
+from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, FitSettings
+from spool_estimator.identification.free_run import FreeRun, Response
+from spool_estimator.identification.least_squares import Unknown, bounds_of, sizes_of
+from spool_estimator.identification.signals.spectra import Spectrum, ZeroPhase, residual_spectrum
 
 Array = NDArray[np.float64]
 
@@ -36,6 +45,11 @@ RINGING, RINGS = 5, 0.15
 HIGHEST_SHARE = 0.35
 #: Relative step of the slopes.
 STEP = 1e-3
+
+#: s of the blocks over which the weighted residual's slopes are summed.
+BLOCK = 0.5
+#: Change of the whole weighted residual by a typical size below which an unknown does not show.
+SHOWS = 1e-2
 
 
 class Residuals:
@@ -208,6 +222,96 @@ class Residuals:
                 self.spectrum[record] = residual_spectrum(rows, self.run.records[record].sample_period)
 
 
+def information_criterion(residuals: Residuals, point: Array, parameters: int) -> tuple[float, float]:
+    """Return BIC at ``point`` and the number of independent samples n that it counts.
+
+    Args:
+        residuals: gives windows and band.
+        point: fitted values, shape (u,).
+        parameters: how many of them the data tell.
+    """
+    run = residuals.run
+    responses = residuals.respond(point[np.newaxis])
+    total, count = 0.0, 0.0
+    for record, entry in enumerate(run.records):
+        rows = [
+            response.means[0] - window.measured_means
+            for response, window in zip(responses, run.windows, strict=True)
+            if window.record == record
+        ]
+        if not rows:
+            continue
+        spectrum = residual_spectrum(rows, entry.sample_period)
+        high = min(residuals.band[1], HIGHEST_SHARE * entry.sample_rate)
+        inside = (spectrum.frequency >= residuals.band[0]) & (spectrum.frequency <= high)
+        seconds = sum(row.size for row in rows) * entry.sample_period
+        samples = 2.0 * seconds * (high - residuals.band[0])
+        total += samples * float(np.mean(np.log(spectrum.density[inside])))
+        count += samples
+    return total + parameters * math.log(max(count, 2.0)), count
+
+
+def fit_covariance(
+    residuals: Residuals, point: Array, scales: Array, settings: FitSettings, doubts: Sequence[Array] = ()
+) -> Array:
+    """Return the covariance of the u unknowns at ``point`` (u,), shape (u, u).
+
+    Args:
+        residuals: weighed by their spectrum.
+        point: where the descent ended.
+        scales: typical sizes, shape (u,); an unknown whose typical size hardly shows has infinite variance.
+        settings: how well the sensors' timing is known, and whether it was fitted.
+        doubts: changes of the point, shape (u,) each, that other readings of the record give.
+    """
+    residual = residuals.at(point)
+    slopes = residuals.central_slopes(point)
+    shown = np.linalg.norm(slopes * scales, axis=0) > SHOWS
+    covariance = np.diag(np.where(shown, 0.0, math.inf))
+    slopes = slopes[:, shown]
+    if not shown.any():
+        return covariance
+    told = covariance_of(slopes, residual, _blocks(residuals.run, residual.size))
+    shifts = [doubt[shown] for doubt in doubts]
+    if settings.timing > 0.0 and not settings.fit_delay:
+        late = residuals.at_delay(point, settings.timing * residuals.run.records[0].sample_period)
+        shifts.append(np.linalg.lstsq(slopes, late - residual, rcond=None)[0])
+    for shift in shifts:
+        told += np.outer(shift, shift)
+    covariance[np.ix_(shown, shown)] = told
+    return covariance
+
+
+def covariance_of(slopes: Array, residual: Array, blocks: Sequence[slice]) -> Array:
+    """Return the covariance of a least-squares point, shape (u, u).
+
+    It is that of a weighted residual that is white with variance 1. Where the blocks show more spread (the
+    sandwich form; noise whose strength changes along the record, errors of the model), it is as large as they
+    show, and a little more where they are few (the variance of Student's t).
+
+    Args:
+        slopes: Jacobian, shape (n, u), of full rank.
+        residual: at the point, shape (n,), weighed.
+        blocks: pieces of the samples that hardly depend on each other.
+    """
+    bread = np.linalg.inv(slopes.T @ slopes)
+    scores = np.array([slopes[block].T @ residual[block] for block in blocks])
+    scores -= scores.mean(axis=0)
+    count = len(blocks)
+    sandwich = bread @ (scores.T @ scores) @ bread * count / max(1, count - slopes.shape[1])
+    # Where most of what is known of an unknown comes from: its share in each block.
+    shares = np.array([np.sum((slopes[block] @ bread) ** 2, axis=0) for block in blocks])
+    worth = shares.sum(axis=0) ** 2 / np.sum(shares**2, axis=0)
+    shown_spread = np.diag(sandwich) / np.diag(bread) * (1.0 + 2.0 / worth)
+    grown = np.sqrt(np.maximum(1.0, shown_spread))
+    return np.asarray(bread * np.outer(grown, grown))
+
+
+def standard_deviations(covariance: Array) -> Array:
+    """Return the square roots of the diagonal, shape (p,); NaN where rounding left no variance."""
+    variances = np.diag(covariance)
+    return np.asarray(np.sqrt(np.where(variances >= 0.0, variances, np.nan)))
+
+
 def _within(jumps: Array, reach: int) -> NDArray[np.bool_]:
     """Return which samples stand at most ``reach`` before or after the two around a jump, shape (n,)."""
     near = np.convolve(jumps, np.ones(2 * reach + 2))[reach : reach + jumps.size]
@@ -236,3 +340,19 @@ def _fade(count: int, reach: int) -> Array:
     weights = np.ones(count)
     weights[:reach], weights[count - reach :] = rise, rise[::-1]
     return weights
+
+
+def _blocks(run: FreeRun, total: int) -> list[slice]:
+    blocks: list[slice] = []
+    offset = 0
+    for window in run.windows:
+        size = int(fft.next_fast_len(window.measured.size, real=True))
+        length = max(8, round(BLOCK / run.records[window.record].sample_period))
+        count = max(1, window.measured.size // length)
+        edges = offset + size * np.arange(count + 1) // count
+        blocks += [
+            slice(low, high) for low, high in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
+        ]
+        offset += size
+    assert offset == total
+    return blocks

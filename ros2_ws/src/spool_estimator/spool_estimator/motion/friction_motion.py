@@ -1,6 +1,6 @@
-"""Motion of the spool over one sample and its derivatives by stiffness, viscous and dry friction.
+"""Motion with dry friction: sticking and slipping, step by step.
 
-    m z'' = -m w'' - k z - c v - F_c Sgn(v)
+m z'' = -m w'' - k z - c v - F_c Sgn(v)
 
 Between reversals the motion is linear: one Taylor step of order five. Reversal, sticking and release are
 located within the step. There the derivatives of v jump by the ratio of the accelerations after and before
@@ -10,10 +10,9 @@ ch. 7); while sticking they are zero.
 The acceleration jumps at a reversal. A sensor whose output is band-limited before it is sampled shows that
 jump at the sub-sample instant; ``spread`` holds what such samples differ by from the point values, on the
 four samples around: a sequence with the same moments up to the third as the jump itself.
-"""
 
-# A kernel takes numbers and arrays, in one piece:
-# ruff: noqa: PLR0912, PLR0915
+The same Taylor step as :mod:`.friction_motion` takes there, three times as fast; most samples are such.
+"""
 
 from __future__ import annotations
 
@@ -90,50 +89,6 @@ def derived(
         p + t * (q + t * 0.5 * (e1 + t * (1.0 / 3.0) * (e2 + t * 0.25 * e3))),
         q + t * (e1 + t * 0.5 * (e2 + t * (1.0 / 3.0) * (e3 + t * 0.25 * e4))),
     )
-
-
-@compiled
-def _stopping_time(
-    v: float, d1: float, d2: float, d3: float, d4: float, d5: float, s: float, low: float, high: float
-) -> float:
-    """Return when the slip in direction ``s`` ends: it goes on at ``low`` and has ended at ``high``, s."""
-    t = high
-    for _ in range(50):
-        value = s * velocity(v, d1, d2, d3, d4, d5, t)
-        slope = s * (d1 + t * (d2 + t * 0.5 * (d3 + t * (1.0 / 3.0) * (d4 + t * 0.25 * d5))))
-        if value > 0.0:
-            low = t
-        else:
-            high = t
-        newer = t - value / slope if slope < 0.0 else low
-        if not low < newer < high:
-            newer = 0.5 * (low + high)
-        if abs(newer - t) <= 1e-9 * high:
-            return newer
-        t = newer
-    return t
-
-
-@compiled
-def _release(n0: float, n1: float, n2: float, bound: float) -> tuple[float, float]:
-    """Return the first y in [0, 1] at which n0 + n1 y + n2 y^2 leaves [-bound, bound] and its sign, or 2."""
-    first, side = 2.0, 0.0
-    for sign in (-1.0, 1.0):
-        beyond = n0 - sign * bound
-        square = n1 * n1 - 4.0 * n2 * beyond
-        if square < 0.0:
-            continue
-        # Citardauq form besides the quadratic formula: no cancellation when the parabola is nearly a line.
-        half = -0.5 * (n1 + math.copysign(math.sqrt(square), n1))
-        if half != 0.0:
-            y = beyond / half
-            if 0.0 <= y <= 1.0 and y < first and sign * (n1 + 2.0 * n2 * y) > 0.0:
-                first, side = y, sign
-        if n2 != 0.0:
-            y = half / n2
-            if 0.0 <= y <= 1.0 and y < first and sign * (n1 + 2.0 * n2 * y) > 0.0:
-                first, side = y, sign
-    return first, side
 
 
 @compiled
@@ -252,3 +207,106 @@ def advance_sample(
             first, last = min(first, u), u
     state[0], state[1], state[2] = z, v, s
     return first, last
+
+
+@compiled
+def slip_matrix(period: float, mass: float, parameters: Array, matrix: Array) -> None:
+    """Fill ``matrix`` (shape (8, 8)) with what ``slip`` moves the state by.
+
+    While the spool slips on in one direction the step is linear: a column is what it makes of a unit of z, v,
+    direction, a0, am, a1, and, of the derivatives by any parameter, of their own z and v.
+    """
+    k, c, f = parameters[0], parameters[1], parameters[2]
+    per_mass = 1.0 / mass
+    unit = np.zeros(6)
+    for column in range(6):
+        unit[:] = 0.0
+        unit[column] = 1.0
+        z, v, s, a0, am, a1 = unit
+        b = -3.0 * a0 + 4.0 * am - a1
+        d = 2.0 * a0 - 4.0 * am + 2.0 * a1
+        excitation = -a0, -b / period, -2.0 * d / (period * period)
+        d1, d2, d3, d4, d5 = rates(z, v, s * f, excitation, k, c, per_mass)
+        matrix[0, column] = displacement(z, v, d1, d2, d3, d4, period)
+        matrix[1, column] = velocity(v, d1, d2, d3, d4, d5, period)
+        force_by = (z, v, d1, d2), (v, d1, d2, d3), (s, 0.0, 0.0, 0.0)
+        for j in range(3):
+            matrix[2 + 2 * j, column], matrix[3 + 2 * j, column] = derived(
+                0.0, 0.0, force_by[j], k, c, per_mass, period
+            )
+    for j in range(4):
+        nothing = (0.0, 0.0, 0.0, 0.0)
+        matrix[2 * j, 6], matrix[2 * j + 1, 6] = derived(1.0, 0.0, nothing, k, c, per_mass, period)
+        matrix[2 * j, 7], matrix[2 * j + 1, 7] = derived(0.0, 1.0, nothing, k, c, per_mass, period)
+
+
+@compiled
+def slip(state: Array, a0: float, am: float, a1: float, matrix: Array) -> bool:
+    """Move ``state`` on by one sample as ``advance_sample`` does, if the slip goes on for so long.
+
+    Where it ends within the sample, or the spool sticks, leave ``state`` as it is and return False.
+    """
+    z, v, s = state[0], state[1], state[2]
+    end = _row(matrix, 1, z, v, s, a0, am, a1)
+    if s * end <= 0.0:
+        return False
+    for j in range(3):
+        p, q = state[3 + 2 * j], state[4 + 2 * j]
+        i = 2 + 2 * j
+        state[3 + 2 * j] = matrix[i, 6] * p + matrix[i, 7] * q + _row(matrix, i, z, v, s, a0, am, a1)
+        i += 1
+        state[4 + 2 * j] = matrix[i, 6] * p + matrix[i, 7] * q + _row(matrix, i, z, v, s, a0, am, a1)
+    state[0] = _row(matrix, 0, z, v, s, a0, am, a1)
+    state[1] = end
+    return True
+
+
+@compiled
+def _stopping_time(
+    v: float, d1: float, d2: float, d3: float, d4: float, d5: float, s: float, low: float, high: float
+) -> float:
+    """Return when the slip in direction ``s`` ends: it goes on at ``low`` and has ended at ``high``, s."""
+    t = high
+    for _ in range(50):
+        value = s * velocity(v, d1, d2, d3, d4, d5, t)
+        slope = s * (d1 + t * (d2 + t * 0.5 * (d3 + t * (1.0 / 3.0) * (d4 + t * 0.25 * d5))))
+        if value > 0.0:
+            low = t
+        else:
+            high = t
+        newer = t - value / slope if slope < 0.0 else low
+        if not low < newer < high:
+            newer = 0.5 * (low + high)
+        if abs(newer - t) <= 1e-9 * high:
+            return newer
+        t = newer
+    return t
+
+
+@compiled
+def _release(n0: float, n1: float, n2: float, bound: float) -> tuple[float, float]:
+    """Return the first y in [0, 1] at which n0 + n1 y + n2 y^2 leaves [-bound, bound] and its sign, or 2."""
+    first, side = 2.0, 0.0
+    for sign in (-1.0, 1.0):
+        beyond = n0 - sign * bound
+        square = n1 * n1 - 4.0 * n2 * beyond
+        if square < 0.0:
+            continue
+        # Citardauq form besides the quadratic formula: no cancellation when the parabola is nearly a line.
+        half = -0.5 * (n1 + math.copysign(math.sqrt(square), n1))
+        if half != 0.0:
+            y = beyond / half
+            if 0.0 <= y <= 1.0 and y < first and sign * (n1 + 2.0 * n2 * y) > 0.0:
+                first, side = y, sign
+        if n2 != 0.0:
+            y = half / n2
+            if 0.0 <= y <= 1.0 and y < first and sign * (n1 + 2.0 * n2 * y) > 0.0:
+                first, side = y, sign
+    return first, side
+
+
+@compiled
+def _row(matrix: Array, i: int, z: float, v: float, s: float, a0: float, am: float, a1: float) -> float:
+    moved: float = matrix[i, 0] * z + matrix[i, 1] * v + matrix[i, 2] * s
+    driven: float = matrix[i, 3] * a0 + matrix[i, 4] * am + matrix[i, 5] * a1
+    return moved + driven

@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_core.kernels.compiled import compiled
 
+from spool_estimator.motion.friction_motion import slip, slip_matrix
+
 from .friction_motion import advance_sample
-from .slip_motion import slip, slip_matrix
 
 Array = NDArray[np.float64]
 Samples = NDArray[np.float32]

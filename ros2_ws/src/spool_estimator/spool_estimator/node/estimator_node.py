@@ -21,14 +21,11 @@ from spool_sim.model import load_model
 from spool_sim.valve.description import Valve, find_valve
 
 from spool_estimator.estimate import Estimate, State
-from spool_estimator.estimator import phase_of, settings_for
-from spool_estimator.estimators import ESTIMATORS, make_estimator
-from spool_estimator.messages import to_message, to_refit_message
+from spool_estimator.estimator import ESTIMATORS, make_estimator, phase_of, settings_for
+from spool_estimator.messages import to_description, to_message, to_refit_message
 from spool_estimator.plausibility import ValveCheck
-from spool_estimator.refit import RefitSettings, WindowRefits
-from spool_estimator.refit_worker import RefitWorker
+from spool_estimator.refit import RefitSettings, RefitWorker, WindowRefits
 from spool_estimator.stream_estimator import EXPONENTIAL, FORGETTING, StreamEstimator
-from spool_estimator.valve_messages import to_description
 from spool_estimator.warm_up import warm_up_estimator
 
 from .gap_service import GapService

@@ -1,4 +1,4 @@
-"""Recursive least squares with forgetting, in chunks of samples.
+"""Recursive least squares: growing, exponential and sliding memory.
 
 Least squares in information form: chunks of samples add their Gram matrix, forgetting takes information away.
 Forgetting is directional: along each principal direction of the new chunk at most as much is forgotten as
@@ -9,10 +9,14 @@ The covariance is the sandwich form for dependent residuals, carried through the
 (Liang and Zeger, Biometrika 73 (1986) 13, a chunk being a cluster; neighbours within LAGS chunks may depend
 on each other, with Bartlett's weights: Newey and West, Econometrica 55 (1987) 703). The first chunks are
 solved as one batch: before there is a fit, a residual is the signal itself and tells nothing of uncertainty.
+
+Ljung, System Identification, 1999, section 11.2.
 """
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -231,3 +235,204 @@ def times(one: Matrix, other: Matrix) -> Array:
             for k in range(size):
                 product[i, j] += one[i, k] * other[k, j]
     return product
+
+
+@dataclass(slots=True)
+class ExponentialForgetting:
+    """Exponential forgetting: an error of target = row . parameters counts ``factor`` times less a sample.
+
+    Args:
+        size: number of parameters p.
+        factor: forgetting factor, above 0 to 1; 1 - T / t for a memory of t s at a sample period of T s.
+        initial: diagonal of the covariance at the start, in units of the error's variance.
+        largest: a sum of the diagonal beyond which nothing more is forgotten, so that hours without
+            excitation do not wind it up.
+
+    Attributes:
+        parameters: shape (p,).
+        covariance: of the parameters in units of the error's variance, shape (p, p).
+        errors: weighted means of the squared error before the update and of its product with the one before,
+            and the sum of their weights, shape (3,).
+        samples: taken since the start.
+
+    """
+
+    size: int
+    factor: float
+    initial: float = 1.0e4
+    largest: float = math.inf
+    parameters: Array = field(init=False)
+    covariance: Array = field(init=False)
+    errors: Array = field(init=False)
+    samples: int = field(default=0, init=False)
+    _gain: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.parameters = np.zeros(self.size)
+        self.covariance = np.eye(self.size) * self.initial
+        self.errors = np.zeros(3)
+        self._gain = np.zeros(self.size + 1)
+
+    def update(self, rows: Array, target: Array) -> None:
+        """Take ``rows`` of shape (n, p) and ``target`` of shape (n,), sample after sample."""
+        _take(
+            np.ascontiguousarray(rows), target, self.factor, self.largest,
+            self.parameters, self.covariance, self.errors, self._gain,
+        )  # fmt: skip
+        self.samples += target.size
+
+    @property
+    def standard_deviations(self) -> Array:
+        """Standard deviations of the parameters, shape (p,).
+
+        The error counts as one of first order: where it resembles the one before, there are fewer
+        independent samples. At steady state they are high by a factor of up to the root of 2.
+        """
+        square, product, _ = self.errors
+        likeness = min(0.999, max(0.0, product / square)) if square > 0.0 else 0.0
+        variance = square * (1.0 + likeness) / (1.0 - likeness)
+        return np.asarray(np.sqrt(variance * np.maximum(np.diag(self.covariance), 0.0)))
+
+
+@dataclass(slots=True)
+class SlidingLeastSquares:
+    """Least squares of the last ``length`` chunks; takes and gives what ``RecursiveLeastSquares`` does.
+
+    Args:
+        scale: typical size of each parameter, shape (p,); a weak prior has this standard deviation.
+        length: chunks in the window.
+        noise: standard deviation of the target that the prior is weighed with.
+
+    """
+
+    scale: Array
+    length: int
+    noise: float
+    parameters: Array = field(init=False)
+    information: Array = field(init=False)
+    chunks: int = field(default=0, init=False)
+    _kept: deque[tuple[Array, Array, Array]] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.parameters = np.zeros(self.scale.size)
+        self.information = np.eye(self.scale.size) * self.noise**2
+        self._kept = deque(maxlen=self.length)
+
+    @property
+    def arrays(self) -> RegressionArrays:
+        """What kernels look at; they leave it as it is, for a window is moved on by ``advance`` alone."""
+        nothing = np.zeros((self.scale.size, self.scale.size))
+        return RegressionArrays(self.parameters, self.information, nothing, nothing, nothing[0])
+
+    def copy(self) -> SlidingLeastSquares:
+        """Return least squares that go on from here by themselves."""
+        other = SlidingLeastSquares(self.scale, self.length, self.noise)
+        other.parameters, other.information = self.parameters.copy(), self.information.copy()
+        other.chunks, other._kept = self.chunks, self._kept.copy()
+        return other
+
+    def advance(self, gram: Array, score: Array, mean_score: Array, weight: float = 1.0) -> Array:
+        """Take a chunk by its sums over scaled rows: row row^T, and row times the present error.
+
+        ``mean_score`` is the part of ``score`` that a known cause makes on average: it goes into ``bias``.
+        Each sample counts ``weight``.
+
+        Returns:
+            The change of the parameters, shape (p,).
+
+        """
+        present = self.parameters / self.scale
+        self.chunks += 1
+        if not np.any(gram):
+            return np.zeros(self.scale.size)
+        self._kept.append((weight * gram, weight * (score + gram @ present), weight * mean_score))
+        return self._solve(present)
+
+    def begin(self, parameters: Array, grams: Array, scores: Array, mean_score: Array) -> None:
+        """Begin anew with ``parameters`` that fit n chunks.
+
+        ``grams`` (n, p, p) and ``scores`` (n, p) are as for ``advance``, but weighted;
+        ``mean_score`` is that of all, (p,).
+        """
+        given = parameters / self.scale
+        self.parameters = np.array(parameters)
+        self.chunks += len(grams)
+        self._kept.clear()
+        mean = mean_score / len(grams)
+        self._kept.extend(
+            (gram, score + gram @ given, mean) for gram, score in zip(grams, scores, strict=True)
+        )
+        self.information = sum((gram for gram, _, _ in self._kept), np.eye(given.size) * self.noise**2)
+
+    def _solve(self, present: Array) -> Array:
+        # A weak pull towards the present parameters: what the window cannot tell stays as it is.
+        prior = np.eye(present.size) * self.noise**2
+        self.information = sum((gram for gram, _, _ in self._kept), prior)
+        product = sum((one for _, one, _ in self._kept), prior @ present)
+        moved = (np.linalg.solve(self.information, product) - present) * self.scale
+        self.parameters = self.parameters + moved
+        return np.asarray(moved)
+
+    @property
+    def bias(self) -> Array:
+        """Mean error that the known causes make, in units of ``scale``, shape (p,)."""
+        total = sum((mean for _, _, mean in self._kept), np.zeros(self.scale.size))
+        return np.asarray(np.linalg.solve(self.information, total), dtype=np.float64)
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the parameters, in units of ``scale``, shape (p, p)."""
+        present = self.parameters / self.scale
+        if len(self._kept) <= self.scale.size:
+            return np.eye(self.scale.size)
+        return sandwich(self.information, np.array([one - gram @ present for gram, one, _ in self._kept]))
+
+    @property
+    def standard_deviations(self) -> Array:
+        """Standard deviations of the parameters, shape (p,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)) * self.scale)
+
+
+@compiled
+def _take(
+    rows: Array,
+    target: Array,
+    factor: float,
+    largest: float,
+    parameters: Array,
+    covariance: Array,
+    errors: Array,
+    gain: Array,
+) -> None:
+    size = parameters.size
+    before = gain[size]
+    for n in range(target.size):
+        error = target[n]
+        for i in range(size):
+            error -= rows[n, i] * parameters[i]
+            gain[i] = 0.0
+        # The covariance is symmetric: columns are read as rows, which lie together.
+        for j in range(size):
+            x = rows[n, j]
+            for i in range(size):
+                gain[i] += covariance[j, i] * x
+        seen = factor
+        trace = 0.0
+        for i in range(size):
+            seen += rows[n, i] * gain[i]
+            trace += covariance[i, i]
+        growth = 1.0 / factor if trace < largest else 1.0
+        inverse = 1.0 / seen
+        for i in range(size):
+            share = gain[i] * inverse
+            parameters[i] += share * error
+            # Rounding that is not symmetric would grow as the covariance does, without end.
+            for j in range(i + 1):
+                value = growth * (covariance[i, j] - share * gain[j])
+                covariance[i, j] = value
+                covariance[j, i] = value
+        errors[2] = factor * errors[2] + 1.0
+        errors[0] += (error * error - errors[0]) / errors[2]
+        errors[1] += (error * before - errors[1]) / errors[2]
+        before = error
+    gain[size] = before

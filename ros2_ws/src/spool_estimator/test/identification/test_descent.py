@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
-from spool_estimator.identification.least_squares.descent import Descent, Stopping, descend
-from spool_estimator.identification.least_squares.unknown import Unknown, bounds_of
+from spool_estimator.identification.least_squares import Descent, Stopping, Unknown, bounds_of, descend
 
 TIME = np.linspace(0.0, 1.0, 200)
 #: Size, rate and offset of a decay.

@@ -11,11 +11,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from spool_core.errors import InputError
 from spool_core.uncertainty import rate_power
-from spool_estimator.identification.agreement import free_run_agreement
-from spool_estimator.identification.fit import fit
+from spool_estimator.identification.fit import fit, free_run_agreement
 from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, FitSettings
 from spool_estimator.identification.record import Record, first_seconds, records_from_blocks
-from spool_estimator.identification.signals.zero_phase import ZeroPhase, relative_motion
+from spool_estimator.identification.signals.spectra import ZeroPhase, relative_motion
 from spool_sim.excitation.kinds import Excitation, Multisine, SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion
 from spool_sim.model import MODELS

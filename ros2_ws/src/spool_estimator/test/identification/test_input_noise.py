@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from spool_estimator.identification.equation_error import NoiseEffect, noise_density
 from spool_estimator.identification.fit import fit
 from spool_estimator.identification.fit_result import FitSettings
-from spool_estimator.identification.input_noise import NoiseEffect, noise_density
 from spool_estimator.identification.record import Record, records_from_blocks
 from spool_sim.excitation.kinds import SweptSine
 from spool_sim.model import MODELS

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from spool_estimator.identification.record_parts import LARGEST
+from spool_estimator.identification.record import LARGEST
 from spool_gap.report.serialisation import result_to_dict
 from spool_gap.result import GapSettings
 from spool_gap.workflow.analyse import analyse

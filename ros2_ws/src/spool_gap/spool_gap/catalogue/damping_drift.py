@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from spool_estimator.identification.least_squares.unknown import Unknown
+from spool_estimator.identification.least_squares import Unknown
 from spool_sim.terms.damping_drift import LINE
 
 from spool_gap.effect import Array, Effect, Motion

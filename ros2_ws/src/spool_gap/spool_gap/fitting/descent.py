@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_estimator.identification.least_squares.descent import STEP, Stopping
-from spool_estimator.identification.least_squares.descent import descend as least_squares
-from spool_estimator.identification.least_squares.unknown import Unknown
+from spool_estimator.identification.least_squares import STEP, Stopping, Unknown
+from spool_estimator.identification.least_squares import descend as least_squares
 from spool_sim.terms import term
 
 from spool_gap.simulation.point import Point

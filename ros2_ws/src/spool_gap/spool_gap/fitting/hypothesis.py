@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_estimator.identification.least_squares.unknown import Unknown
+from spool_estimator.identification.least_squares import Unknown
 from spool_sim.model import Model
 from spool_sim.terms import Parameter, term
 from spool_sim.valve.description import Valve

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 
-from spool_estimator.identification.least_squares.unknown import Unknown
+from spool_estimator.identification.least_squares import Unknown
 
 from spool_gap.profile_likelihood import RISE_95, ProfileLikelihood, verdict_of
 from spool_gap.simulation.point import Point

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, linalg, signal
-from spool_estimator.identification.least_squares.unknown import Unknown
+from spool_estimator.identification.least_squares import Unknown
 from spool_sim.integration.composed_motion import Correction
 from spool_sim.terms import term
 from spool_sim.valve.description import Valve

@@ -12,10 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from spool_estimator.identification.record import Record
-from spool_estimator.identification.signals.channel_noise import ChannelNoise, noise_of
-from spool_estimator.identification.signals.clipping import at_rail, restored
-from spool_estimator.identification.signals.denoised_excitation import quiet
-from spool_estimator.identification.signals.zero_phase import ZeroPhase
+from spool_estimator.identification.signals.channel_faults import at_rail, restored
+from spool_estimator.identification.signals.spectra import ChannelNoise, ZeroPhase, noise_of, quiet
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

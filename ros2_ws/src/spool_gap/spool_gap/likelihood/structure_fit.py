@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_estimator.identification.least_squares.unknown import Unknown
+from spool_estimator.identification.least_squares import Unknown
 
 from .chain_part import DELAY, GAIN, Spectrum
 from .prediction import Prediction, Structure

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.identification.nuisances.hum import MAINS, STRAY, Hum
-from spool_estimator.identification.nuisances.nuisance import Nuisance
+from spool_estimator.identification.nuisances.record_nuisance import Nuisance
 
 from spool_gap.checks.saturation import Saturation
 from spool_gap.fitting.descent import Fitted

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from spool_core.uncertainty import Quantity
-from spool_estimator.identification.nuisances.nuisance import Nuisance
+from spool_estimator.identification.nuisances.record_nuisance import Nuisance
 
 from spool_gap.profile_likelihood import ProfileLikelihood
 from spool_gap.result import GapResult, HeldOutAgreement, RankedHypothesis, Remainder, Share, Where

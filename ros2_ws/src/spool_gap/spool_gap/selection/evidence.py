@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
-from spool_estimator.identification.least_squares.parallel import in_parallel
+from spool_estimator.identification.least_squares import in_parallel
 
 from spool_gap.fitting.hypothesis import Fitting, Hypothesis
 from spool_gap.simulation.point import DELAY, GAIN

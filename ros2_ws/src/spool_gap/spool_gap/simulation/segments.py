@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 from spool_core.errors import InputError
 from spool_estimator.identification.free_run import FreeRun, Window, excitation_limit
 from spool_estimator.identification.record import Record
-from spool_estimator.identification.signals.channel_noise import ChannelNoise, noise_of
-from spool_estimator.identification.signals.denoised_excitation import Quiet, quiet
-from spool_estimator.identification.signals.zero_phase import (
+from spool_estimator.identification.signals.spectra import (
+    ChannelNoise,
+    Quiet,
     RelativeMotion,
     ZeroPhase,
     delayed,
+    noise_of,
+    quiet,
     relative_motion,
 )
 from spool_sim.model import Model

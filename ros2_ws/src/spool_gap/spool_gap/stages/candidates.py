@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from spool_estimator.identification.least_squares.parallel import in_parallel
+from spool_estimator.identification.least_squares import in_parallel
 
 from spool_gap.fitting.hypothesis import Hypothesis
 from spool_gap.fitting.synchronised import holds_damper

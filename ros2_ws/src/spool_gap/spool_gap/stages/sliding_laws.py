@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_estimator.identification.least_squares.parallel import in_parallel
+from spool_estimator.identification.least_squares import in_parallel
 
 from spool_gap.fitting.hypothesis import Hypothesis
 from spool_gap.registry import EFFECTS

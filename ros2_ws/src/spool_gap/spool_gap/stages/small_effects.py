@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from spool_estimator.identification.least_squares.parallel import in_parallel
+from spool_estimator.identification.least_squares import in_parallel
 
 from spool_gap.fitting.hypothesis import Fitting, Hypothesis
 from spool_gap.result import RankedHypothesis

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_core.errors import InputError
 from spool_core.uncertainty import Quantity
-from spool_estimator.identification.agreement import free_run_agreement
-from spool_estimator.identification.fit import fit
+from spool_estimator.identification.fit import fit, free_run_agreement
 from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, Fit, FitSettings
 from spool_estimator.identification.record import Record
 from spool_sim.model import Model

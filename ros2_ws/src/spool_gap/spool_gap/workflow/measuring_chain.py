@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-from spool_estimator.identification.nuisances.nuisance import Nuisance
+from spool_estimator.identification.nuisances.record_nuisance import Nuisance
 from spool_estimator.identification.record import Record
 from spool_sim.valve.description import Valve
 

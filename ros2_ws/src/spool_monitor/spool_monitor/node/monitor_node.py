@@ -16,8 +16,7 @@ from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, bloc
 from spool_core.node.managed_node import ManagedNode
 from spool_core.node.parameters import NodeParameter, Value
 from spool_core.uncertainty import Quantity
-from spool_estimator.messages import from_message
-from spool_estimator.valve_messages import from_description
+from spool_estimator.messages import from_description, from_message
 from spool_msgs.msg import HealthEvent, ModelEstimate, ValveDescription, ValveHealth
 
 from spool_monitor.alarms.alarm_store import AlarmStore

@@ -22,9 +22,9 @@ from spool_estimator.identification.signals.channel_faults import (
     ChannelFault,
     PairLook,
     faults_of_rows,
+    flat_top,
     look_at_pair,
 )
-from spool_estimator.identification.signals.clipping import flat_top
 from spool_monitor.signals.window import Array, Complex, SignalWindow
 
 #: s before a standstill in which a channel's span is looked at.

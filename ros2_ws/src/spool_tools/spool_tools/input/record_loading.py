@@ -20,8 +20,7 @@ from spool_bag.reading.reader import BagReader
 from spool_core.block import Block
 from spool_core.errors import InputError
 from spool_core.text import did_you_mean
-from spool_estimator.identification.record import Record, records_from_blocks
-from spool_estimator.identification.record_parts import PartKeeper
+from spool_estimator.identification.record import PartKeeper, Record, records_from_blocks
 from spool_estimator.identification.signals.channel_faults import ChannelFault, faults_of, without_outliers
 from spool_sim.valve.description import Valve, find_valve, shipped_valves
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 from spool_estimator.identification.record import Record
-from spool_estimator.identification.signals.channel_noise import noise_of
-from spool_estimator.identification.signals.clipping import at_rail
+from spool_estimator.identification.signals.channel_faults import at_rail
+from spool_estimator.identification.signals.spectra import noise_of
 
 from spool_tools.input.record_loading import channel_faults, cleaned_stretches, outliers_text
 

@@ -15,8 +15,7 @@ from rich.table import Table
 from spool_bag.names import DISPLACEMENT, FORCE
 from spool_core.errors import InputError
 from spool_core.uncertainty import LEGEND, PLUS_MINUS, interval, percent, with_interval
-from spool_estimator.identification.record import Record
-from spool_estimator.identification.record_parts import LARGEST
+from spool_estimator.identification.record import LARGEST, Record
 from spool_estimator.plausibility import check_records
 from spool_gap.force.force_analyse import analyse_forces
 from spool_gap.force.force_record import ForceRecord

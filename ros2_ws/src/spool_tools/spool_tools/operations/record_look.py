@@ -20,7 +20,7 @@ from spool_bag.importing.tables.table import Table as Channels
 from spool_bag.importing.tables.units import quantity_of
 from spool_core.errors import InputError
 from spool_core.uncertainty import number
-from spool_estimator.identification.record_parts import LARGEST
+from spool_estimator.identification.record import LARGEST
 
 from spool_tools.console.outputs import write_file, write_json
 from spool_tools.console.terminal import cell

@@ -17,11 +17,9 @@ from spool_core.errors import InputError
 from spool_core.text import plural
 from spool_core.uncertainty import at_uncertain_rate
 from spool_estimator.estimate import Estimate
-from spool_estimator.estimator import phase_of, settings_for
-from spool_estimator.estimators import make_estimator
+from spool_estimator.estimator import make_estimator, phase_of, settings_for
 from spool_estimator.gap_requests.gap_watch import GapWatch
-from spool_estimator.identification.record import Record
-from spool_estimator.identification.record_parts import PartKeeper
+from spool_estimator.identification.record import PartKeeper, Record
 from spool_estimator.plausibility import ValveCheck, check_rate
 from spool_estimator.refit import Refit, RefitSettings, WindowRefits
 from spool_estimator.stream_estimator import StreamEstimator

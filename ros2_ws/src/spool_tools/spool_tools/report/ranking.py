@@ -17,8 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.errors import InputError
-from spool_estimator.identification.agreement import free_run_agreement
-from spool_estimator.identification.fit import fit
+from spool_estimator.identification.fit import fit, free_run_agreement
 from spool_estimator.identification.fit_result import Agreement, Fit, FitSettings
 from spool_estimator.identification.record import Record
 from spool_sim.model import Model

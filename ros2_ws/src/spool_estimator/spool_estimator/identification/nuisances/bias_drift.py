@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_sim.valve.description import Valve
 
+from spool_estimator.identification.nuisances.record_nuisance import Nuisance
 from spool_estimator.identification.record import Record
-from spool_estimator.identification.signals.channel_noise import noise_of
+from spool_estimator.identification.signals.spectra import noise_of
 
-from .nuisance import Nuisance
 from .record_nuisance import Cleaned, RecordNuisance
 
 Array = NDArray[np.float64]

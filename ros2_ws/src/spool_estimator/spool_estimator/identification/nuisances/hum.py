@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_sim.valve.description import Valve
 
+from spool_estimator.identification.nuisances.record_nuisance import Nuisance
 from spool_estimator.identification.record import Record
 
-from .nuisance import Nuisance
 from .record_nuisance import Cleaned, RecordNuisance
 
 Array = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""Nuisances that a record shows without any model, and what it is without them."""
+"""Nuisance of a record: what it adds to a channel, and how it is fitted."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ from typing import ClassVar
 from spool_sim.valve.description import Valve
 
 from spool_estimator.identification.record import Record
-
-from .nuisance import Nuisance
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,3 +39,24 @@ class RecordNuisance(ABC):
     @abstractmethod
     def clean(self, records: Sequence[Record], valve: Valve) -> Cleaned:
         """Return ``records`` of ``valve`` without it, and what was found; as given where there is none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Nuisance:
+    """Nuisance of the measuring chain that was found: no part of the valve, and never of the verdict.
+
+    Attributes:
+        id: of its kind.
+        channel: ``body``, ``spool`` or ``both``.
+        size: how large it is, in ``unit``, with its standard ``deviation`` (NaN where that is not known).
+        check: what to look at on the measuring chain.
+        corrected: it was taken out of the record before anything was fitted.
+    """
+
+    id: str
+    channel: str
+    size: float
+    unit: str
+    check: str
+    deviation: float = float("nan")
+    corrected: bool = False

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from spool_sim.valve.description import Valve
 
+from spool_estimator.identification.nuisances.record_nuisance import Nuisance
 from spool_estimator.identification.record import Record
-from spool_estimator.identification.signals.zero_phase import ZeroPhase
+from spool_estimator.identification.signals.spectra import ZeroPhase
 
-from .nuisance import Nuisance
 from .record_nuisance import Cleaned, RecordNuisance
 
 Array = NDArray[np.float64]

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from .zero_phase import ZeroPhase
+from spool_estimator.identification.signals.spectra import ZeroPhase
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

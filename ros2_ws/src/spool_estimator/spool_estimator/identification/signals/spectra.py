@@ -1,13 +1,21 @@
-"""Power densities: smoothed over frequency, their noise floor, and that of a residual."""
+"""Spectra and filters without phase: noise of channels, and the excitation without it.
+
+All columns pass one and the same linear operator, a gain over frequency without phase: a raised cosine from 0
+at ``low_cut`` to 1 at twice that. Integration divides by i omega, so nothing drifts. A record goes on beyond
+its ends as its mirror image through the end points; within ``1 / low_cut`` of the ends it is not to be used.
+
+Left in, the resonance would amplify it, and a fit would find more damping, or damping that drifts, better.
+Short overlapping pieces of the record keep those frequencies that stand out of the noise, without phase.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
+from scipy import fft, signal
 
 Array = NDArray[np.float64]
 
@@ -15,6 +23,34 @@ Array = NDArray[np.float64]
 QUANTILE = 0.25
 #: s of the pieces that the residual's spectrum is averaged over.
 SPECTRUM_PIECE = 2.0
+
+#: Samples beyond both ends that a delayed signal is interpolated from.
+EDGE = 256
+
+#: Share of the power that the excitation's band holds.
+BAND_SHARE = 0.999
+#: Band above the excitation, over its upper end, in which noise is looked at where an anti-alias filter
+#: leaves none further up.
+ABOVE = (1.3, 4.0)
+#: Density over that of white noise from which noise is coloured, or cut off by a filter: 10 dB are more than
+#: the density of any white noise scatters.
+LOUDER = 10.0
+#: Squared coherence of both channels from which the spool follows the body: chance gives as much to the mean
+#: of 5 lines in 20 pieces in none of 1e9.
+COHERENT = 0.5
+#: Lines that the coherence is averaged over, and lines at least from which a level is taken.
+NEIGHBOURS, FEWEST = 5, 8
+#: Standard deviations by which the density below exceeds the one above where it is not of white noise alone,
+#: and
+#: standard deviation of a median over that of a mean, for many samples.
+SURE, MEDIAN = 5.0, 1.25
+
+#: s of one piece, and pieces that overlap at each instant.
+PIECE, OVERLAP = 1.0, 4
+#: Power over that of the noise up to which lines are noise, and from which they are excitation.
+NOISE_ONLY, DRIVE_ONLY = 2.0, 5.0
+#: Lines on each side over which the power is averaged.
+DENOISED_EXCITATION_NEIGHBOURS = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,3 +95,261 @@ def residual_spectrum(rows: Sequence[Array], sample_period: float) -> Spectrum:
     # Noise is smooth, and weights must not follow chance.
     smooth = smoothed(np.average(densities, axis=0, weights=[row.size for row in rows]), 2)
     return Spectrum(np.asarray(frequency), np.maximum(smooth, 1e-6 * float(smooth.max()) + 1e-30))
+
+
+@dataclass(frozen=True, slots=True)
+class ZeroPhase:
+    """A zero-phase band-pass, the same for every column.
+
+    Attributes:
+        sample_period: s.
+        low_cut: Hz, 0 gain below; full gain from twice this on.
+        high_cut: Hz, full gain below; 0 gain from 1.25 times this on. Infinite for no upper edge.
+    """
+
+    sample_period: float
+    low_cut: float
+    high_cut: float = float("inf")
+
+    @property
+    def settling(self) -> int:
+        """Samples at each end that the mirror images reach."""
+        return round(1.0 / (self.low_cut * self.sample_period)) if self.low_cut > 0.0 else 0
+
+    def gain(self, frequency: Array) -> Array:
+        """Return the gain at ``frequency`` (Hz, >= 0), same shape."""
+        gain = np.ones(frequency.shape)
+        if self.low_cut > 0.0:
+            gain *= _rise(frequency / self.low_cut - 1.0)
+        if np.isfinite(self.high_cut):
+            gain *= 1.0 - _rise(4.0 * (frequency / self.high_cut - 1.0))
+        return gain
+
+    def apply(self, columns: Array, integrations: int = 0, *, interval_means: bool = False) -> Array:
+        """Return ``columns`` (..., n) filtered and integrated ``integrations`` times over time (s).
+
+        With ``interval_means`` each value is the mean from its sample to the next one.
+        """
+        n = columns.shape[-1]
+        reach = min(n - 1, 2 * self.settling + 16)
+        length = fft.next_fast_len(n + 2 * reach, real=True)
+        frequency = fft.rfftfreq(length, self.sample_period)
+        response = self.gain(frequency).astype(np.complex128)
+        if integrations:
+            response[0] = 0.0
+            response[1:] /= (2j * np.pi * frequency[1:]) ** integrations
+        if interval_means:
+            response *= interval_mean_response(frequency, self.sample_period)
+        padding = [(0, 0)] * (columns.ndim - 1) + [(reach, reach)]
+        continued = np.pad(columns, padding, mode="reflect", reflect_type="odd") if reach else columns
+        filtered = fft.irfft(fft.rfft(continued, length, axis=-1) * response, length, axis=-1)
+        return np.asarray(filtered[..., reach : reach + n])
+
+
+def delayed(rows: Array, delay: float, period: float) -> Array:
+    """Return ``rows`` (..., n), a sample every ``period`` s, later by ``delay`` s, band-limited between."""
+    count = rows.shape[-1]
+    reach = min(count - 1, EDGE)
+    padding = [(0, 0)] * (rows.ndim - 1) + [(reach, reach)]
+    padded = np.pad(rows, padding, mode="reflect", reflect_type="odd")
+    frequency = np.fft.rfftfreq(padded.shape[-1], period)
+    lines = np.fft.rfft(padded) * np.exp(-2j * np.pi * frequency * delay)
+    return np.asarray(np.fft.irfft(lines, padded.shape[-1])[..., reach : reach + count])
+
+
+def interval_mean_response(frequency: Array, sample_period: float) -> NDArray[np.complex128]:
+    """Return what the mean over the interval after each sample makes of ``frequency`` (Hz), same shape."""
+    turns = frequency * sample_period
+    return np.asarray(np.sinc(turns) * np.exp(1j * np.pi * turns))
+
+
+@dataclass(frozen=True, slots=True)
+class RelativeMotion:
+    """Motion of the spool in its body; every array has shape (n,).
+
+    Attributes:
+        displacement, velocity, acceleration: relative, m, m/s, m/s^2.
+        spool: acceleration of the spool itself, m/s^2.
+        settling: samples at each end that are not to be used.
+    """
+
+    displacement: Array
+    velocity: Array
+    acceleration: Array
+    spool: Array
+    settling: int
+
+
+def relative_motion(body: Array, spool: Array, conditioning: ZeroPhase) -> RelativeMotion:
+    """Return the relative motion from both accelerations (m/s^2, shape (n,))."""
+    relative = spool - body
+    return RelativeMotion(
+        conditioning.apply(relative, 2),
+        conditioning.apply(relative, 1),
+        conditioning.apply(relative),
+        conditioning.apply(spool),
+        conditioning.settling,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelNoise:
+    """Noise and excitation of one record.
+
+    Attributes:
+        body, spool: one-sided power density of the noise, (m/s^2)^2/Hz.
+        low, high: band that holds nearly all of the excitation, Hz.
+        rate: samples per second.
+        noisy_below: Hz, below which coloured noise drowns what the spool has of the body's motion; 0 where
+            that noise is white.
+        spool_is_bound: the spool's noise is an upper bound: its density falls with frequency even above the
+            excitation, as it does where harmonics of dry friction reach up there, or no such band is left.
+    """
+
+    body: float
+    spool: float
+    low: float
+    high: float
+    rate: float
+    noisy_below: float = 0.0
+    spool_is_bound: bool = True
+
+    @property
+    def body_rms(self) -> float:
+        """White noise of the body's channel, m/s^2."""
+        return float(np.sqrt(self.body * 0.5 * self.rate))
+
+    @property
+    def spool_rms(self) -> float:
+        """White noise of the spool's channel, m/s^2."""
+        return float(np.sqrt(self.spool * 0.5 * self.rate))
+
+
+def noise_of(body: Array, spool: Array, rate: float) -> ChannelNoise:
+    """Return noise and excitation band of readings (m/s^2, shape (n,)) that come at ``rate`` (Hz)."""
+    piece = int(min(body.size, max(256, 2 ** round(np.log2(rate)))))
+    frequency, density = signal.welch(body, rate, "hann", piece)
+    spool_density = signal.welch(spool, rate, "hann", piece)[1]
+    noise, spool_noise = floor_of(density), floor_of(spool_density)
+    total = np.cumsum(np.maximum(density - 3.0 * noise, 0.0))
+    if total[-1] <= 0.0:
+        return ChannelNoise(noise, spool_noise, 0.0, 0.5 * rate, rate)
+    share = total / total[-1]
+    low = float(frequency[np.searchsorted(share, 1.0 - BAND_SHARE)])
+    high = float(frequency[min(np.searchsorted(share, BAND_SHARE), frequency.size - 1)])
+    near = (frequency > ABOVE[0] * high) & (frequency < min(ABOVE[1] * high, 0.45 * rate))
+    if np.count_nonzero(near) >= FEWEST:
+        level = float(np.quantile(density[near], QUANTILE))
+        if level > LOUDER * noise:
+            noise = level
+            spool_noise = max(spool_noise, float(np.quantile(spool_density[near], QUANTILE)))
+    edge = _coherent_from(body, spool, rate, piece)
+    below = (frequency > 0.5) & (frequency < 0.8 * edge)
+    drowned = below.any() and float(np.median(spool_density[below])) > LOUDER * spool_noise
+    bound = _falls(frequency, spool_density, (ABOVE[0] * high, 0.45 * rate), body.size / piece)
+    return ChannelNoise(noise, spool_noise, low, high, rate, 0.8 * edge if drowned else 0.0, bound)
+
+
+@dataclass(frozen=True, slots=True)
+class Quiet:
+    """Gains over time and frequency.
+
+    Attributes:
+        gains: 0 to 1, shape (pieces, lines).
+        length: samples of a piece.
+        size: samples of the record.
+    """
+
+    gains: Array
+    length: int
+    size: int
+
+    def apply(self, samples: Array) -> Array:
+        """Return ``samples`` (n,) with the gains applied."""
+        hop = self.length // OVERLAP
+        padded = _padded(samples, self.length)
+        window = _window(self.length)
+        total, weight = np.zeros(padded.size), np.zeros(padded.size)
+        for number, gain in enumerate(self.gains):
+            part = slice(number * hop, number * hop + self.length)
+            total[part] += np.fft.irfft(np.fft.rfft(padded[part] * window) * gain, self.length)
+            weight[part] += window
+        inside = slice(self.length, self.length + self.size)
+        return np.asarray(total[inside] / weight[inside])
+
+
+def quiet(samples: Array, density: float | Callable[[Array], Array], rate: float) -> Quiet:
+    """Return what keeps the excitation in ``samples`` (n,) and takes noise of ``density`` off.
+
+    Args:
+        samples: as read, shape (n,).
+        density: one-sided power density of the noise, unit^2/Hz, at all frequencies (Hz), or by frequency.
+        rate: samples per second.
+    """
+    length = max(OVERLAP * 4, OVERLAP * round(PIECE * rate / OVERLAP))
+    length = min(length, OVERLAP * (samples.size // OVERLAP))
+    hop = length // OVERLAP
+    padded = _padded(samples, length)
+    window = _window(length)
+    level = (
+        density(np.asarray(np.fft.rfftfreq(length, 1.0 / rate), dtype=np.float64))
+        if callable(density)
+        else density
+    )
+    expected = level * 0.5 * rate * float(np.sum(window**2))
+    count = (padded.size - length) // hop + 1
+    gains = np.empty((count, length // 2 + 1))
+    for number in range(count):
+        power = np.abs(np.fft.rfft(padded[number * hop : number * hop + length] * window)) ** 2 / expected
+        total = np.concatenate([[0.0], np.cumsum(power)])
+        place = np.arange(power.size)
+        low, high = (
+            np.maximum(0, place - DENOISED_EXCITATION_NEIGHBOURS),
+            np.minimum(power.size, place + DENOISED_EXCITATION_NEIGHBOURS + 1),
+        )
+        mean = (total[high] - total[low]) / (high - low)
+        gains[number] = np.clip((mean - NOISE_ONLY) / (DRIVE_ONLY - NOISE_ONLY), 0.0, 1.0)
+    return Quiet(gains, length, samples.size)
+
+
+def _rise(share: Array) -> Array:
+    """Return the raised cosine from 0 (share <= 0) to 1 (share >= 1)."""
+    return np.asarray(0.5 - 0.5 * np.cos(np.pi * np.clip(share, 0.0, 1.0)))
+
+
+def _falls(frequency: Array, density: Array, band: tuple[float, float], pieces: float) -> bool:
+    """Return whether a density, averaged over ``pieces``, is higher in the lower half of a band (Hz)."""
+    middle = 0.5 * (band[0] + band[1])
+    lower = density[(frequency > band[0]) & (frequency < middle)]
+    upper = density[(frequency >= middle) & (frequency < band[1])]
+    if min(lower.size, upper.size) < FEWEST:
+        return True
+    scatter = MEDIAN * float(np.sqrt((1.0 / lower.size + 1.0 / upper.size) / max(pieces, 1.0)))
+    return float(np.median(lower)) > (1.0 + SURE * scatter) * float(np.median(upper))
+
+
+def _coherent_from(body: Array, spool: Array, rate: float, piece: int) -> float:
+    """Return the lowest frequency (Hz) at which the spool follows the body, 0 where that is not known."""
+    frequency, one = signal.welch(body, rate, "hann", piece)
+    other = signal.welch(spool, rate, "hann", piece)[1]
+    cross = signal.csd(body, spool, rate, "hann", piece)[1]
+    width = np.ones(NEIGHBOURS) / NEIGHBOURS
+    one, other, real, imaginary = (
+        np.convolve(row, width, mode="same") for row in (one, other, cross.real, cross.imag)
+    )
+    coherent = (real**2 + imaginary**2) / np.maximum(one * other, 1e-300) > COHERENT
+    return float(frequency[np.argmax(coherent)]) if coherent.any() and body.size > 10 * piece else 0.0
+
+
+def _window(length: int) -> Array:
+    return np.asarray(0.5 - 0.5 * np.cos(2.0 * np.pi * (np.arange(length) + 0.5) / length))
+
+
+def _padded(samples: Array, length: int) -> Array:
+    """Return ``samples`` with a piece before and one after, in whole hops: the mirror image."""
+    hop = length // OVERLAP
+    after = length + (-samples.size) % hop
+    reach = min(length, samples.size - 1)
+    inside = np.pad(samples, (reach, min(after, samples.size - 1)), mode="reflect", reflect_type="odd")
+    short = length - reach
+    return np.pad(inside, (short, max(0, length + samples.size + after - short - inside.size)))

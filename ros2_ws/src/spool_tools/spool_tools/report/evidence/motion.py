@@ -12,7 +12,7 @@ from spool_core.errors import InputError
 from spool_core.uncertainty import Z_95, number, percent
 from spool_estimator.identification.free_run import FreeRun, Window, excitation_limit
 from spool_estimator.identification.record import Record, first_seconds
-from spool_estimator.identification.signals.zero_phase import ZeroPhase, delayed, relative_motion
+from spool_estimator.identification.signals.spectra import ZeroPhase, delayed, relative_motion
 from spool_sim.integration.composed_motion import ComposedMotion
 from spool_sim.model import Model
 from spool_sim.valve.description import Valve

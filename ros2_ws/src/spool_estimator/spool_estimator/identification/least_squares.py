@@ -1,0 +1,358 @@
+"""Least squares: unknowns, the descent to the minimum, and which of them the data determine.
+
+The slopes of all unknowns are one batch of simulations, and so are the trials of all dampings. With
+``scipy.optimize.least_squares``, which runs its trials singly, fits take 1.4 times as long.
+
+The slopes of the forces along the measured motion, and of what friction takes up at rest, have full rank
+where every unknown shows in its own way. A direction in which they vanish is a change of several unknowns
+that nothing sees: products such as a friction coefficient times a load, differences of two lengths. Such
+unknowns have no value of their own; what has one is a combination whose gradient is at a right angle to every
+such direction.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_core.system import processors
+
+Array = NDArray[np.float64]
+
+#: Size of an unknown near 0, as a share of its typical size.
+SMALLEST_SIZE = 0.1
+
+#: Dampings that are tried together, over the present one; its first, least and largest value, and the factor
+#: on it where no trial falls.
+DAMPINGS = (1e-3, 1.0)
+FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING, BACK_OFF = 1.0, 1e-6, 1e3, 1e3
+#: Largest change of an unknown in one round, over its size.
+LONGEST_STEP = 0.7
+#: Step of an unknown over its size for slopes.
+STEP = 1e-3
+
+#: Singular value of the unit columns, relative to the largest, below which a direction is not seen.
+UNSEEN = 1e-4
+#: Largest sine of the angle between a combination's gradient and what is seen.
+IN_LINE = 1e-2
+
+Item = TypeVar("Item")
+Found = TypeVar("Found")
+
+
+@dataclass(frozen=True, slots=True)
+class Unknown:
+    """Unknown of a fit: name, unit (SI), bounds and typical size; ``absolute``: steps do not grow with it."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    scale: float
+    absolute: bool = False
+
+    def size(self, value: float) -> float:
+        """Return the size of ``value`` that steps are taken in proportion to."""
+        return self.scale if self.absolute else max(abs(value), SMALLEST_SIZE * self.scale)
+
+
+def bounds_of(unknowns: Sequence[Unknown]) -> tuple[Array, Array]:
+    """Return the lower and the upper bounds of ``unknowns``, shape (u,) each."""
+    low = np.array([unknown.low for unknown in unknowns])
+    high = np.array([unknown.high for unknown in unknowns])
+    return low, high
+
+
+def sizes_of(unknowns: Sequence[Unknown], point: Array) -> Array:
+    """Return the size of each number of ``point`` (u,), same shape."""
+    return np.array([unknown.size(value) for unknown, value in zip(unknowns, point.tolist(), strict=True)])
+
+
+class LeastSquares(Protocol):
+    """Least-squares problem: weighted residuals of several points together."""
+
+    @property
+    def unknowns(self) -> Sequence[Unknown]:
+        """What is fitted, the order of every point."""
+
+    def residuals(self, points: Array) -> Array:
+        """Return the weighted residuals at ``points`` (s, u), shape (s, m)."""
+
+    def costs(self, residuals: Array) -> Array:
+        """Return what is made small, from ``residuals`` (s, m), shape (s,)."""
+
+    def trust(self, residual: Array, changes: Array) -> Array | float:
+        """Return how far each of ``residual`` (m,) counts; ``changes`` (u, m) are those by the steps."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stopping:
+    """Stopping rule of a descent.
+
+    Attributes:
+        rounds: after which it ends without having converged.
+        enough: fall of the cost, as a share of it, below which it has converged.
+        least: the same as a number.
+        steps: over the size, for slopes; where one leads no further the next is tried.
+    """
+
+    rounds: int
+    enough: float
+    least: float = 0.0
+    steps: tuple[float, ...] = (STEP,)
+
+
+@dataclass(frozen=True, slots=True)
+class Descent:
+    """End of a descent.
+
+    Attributes:
+        start: number of the start that led there.
+        point: shape (u,).
+        cost: there.
+        converged: no more falls, or by too little to go on.
+        exhausted: no step falls at all.
+        information: normal matrix of the last slopes, in unknowns over ``sizes``, shape (u, u).
+        sizes: shape (u,).
+        numbers: length of the residual.
+    """
+
+    start: int
+    point: Array
+    cost: float
+    converged: bool
+    exhausted: bool
+    information: Array
+    sizes: Array
+    numbers: int
+
+
+def descend(problem: LeastSquares, starts: Array, stopping: Stopping, tries: int = 1) -> Descent:
+    """Return the deepest end of the descents from the best ``tries`` of ``starts`` (s, u)."""
+    starts = np.clip(starts, *bounds_of(problem.unknowns))
+    residuals = problem.residuals(starts)
+    order = np.argsort(problem.costs(residuals))[:tries]
+
+    def followed(place: int) -> Descent:
+        return _follow(problem, place, starts[place], residuals[place], stopping)
+
+    found = in_parallel(followed, order.tolist())
+    return min(found, key=lambda one: one.cost)
+
+
+@dataclass(frozen=True, slots=True)
+class Combination:
+    """A function of several unknowns that the records tell.
+
+    Attributes:
+        name: as text, ``a*b`` or ``a*(b - c)``.
+        unit: of it, put together from theirs.
+        value: at the point.
+        gradient: with respect to all names, shape (u,).
+    """
+
+    name: str
+    unit: str
+    value: float
+    gradient: Array
+
+
+def unseen_directions(slopes: Array, scales: Array) -> Array:
+    """Return an orthonormal basis (d, u) of the scaled changes that ``slopes`` (n, u) do not see.
+
+    Args:
+        slopes: of the forces, or of a weighted residual.
+        scales: typical size of each unknown; directions are in unknowns over these.
+    """
+    scaled = slopes * scales
+    size = np.linalg.norm(scaled, axis=0)
+    dead = size <= 1e-9 * float(size.max(initial=0.0))
+    columns = scaled / np.where(dead, 1.0, size)
+    columns[:, dead] = 0.0
+    _, strength, directions = np.linalg.svd(np.linalg.qr(columns, mode="r"))
+    unseen = directions[strength < UNSEEN * float(strength.max(initial=0.0))]
+    if not unseen.size:
+        return np.empty((0, slopes.shape[1]))
+    # Back from unit columns to scaled unknowns.
+    back = unseen / np.where(dead, 1.0, size / float(size.max()))
+    return np.asarray(np.linalg.qr(back.T)[0].T)
+
+
+def to_hold(unseen: Array, names: Sequence[str]) -> tuple[str, ...]:
+    """Return which of ``names`` to hold so that the rest is told, the last of the list first."""
+    held: list[str] = []
+    rows = unseen.copy()
+    for place in reversed(range(len(names))):
+        if not rows.shape[0]:
+            break
+        part = rows[:, place]
+        if float(np.abs(part).max()) < IN_LINE:
+            continue
+        held.append(names[place])
+        # What is still unseen with this one held.
+        lead = int(np.argmax(np.abs(part)))
+        rest = rows - np.outer(part / part[lead], rows[lead])
+        rows = np.delete(rest, lead, axis=0)
+        if rows.shape[0]:
+            rows = np.linalg.qr(rows.T)[0].T
+    return tuple(held)
+
+
+def combinations(
+    unseen: Array, names: Sequence[str], units: Sequence[str], values: Mapping[str, float], scales: Array
+) -> tuple[tuple[str, ...], list[Combination]]:
+    """Return the unknowns that are not told by themselves, and combinations of them that are.
+
+    Args:
+        unseen: from :func:`unseen_directions`, shape (d, u).
+        names, units: of the unknowns, and of given parameters after them.
+        values: at the point.
+        scales: as in :func:`unseen_directions`; 0 for what is given.
+    """
+    involved = [
+        place for place in range(len(names)) if unseen.size and np.abs(unseen[:, place]).max() >= IN_LINE
+    ]
+    lost = tuple(names[place] for place in involved)
+    told: list[Combination] = []
+    wanted = len(involved) - unseen.shape[0]
+    for combination in _candidates(involved, names, units, values):
+        if len(told) == wanted:
+            break
+        gradient = combination.gradient * scales
+        size = float(np.linalg.norm(gradient))
+        if size == 0.0 or float(np.linalg.norm(unseen @ gradient)) > IN_LINE * size:
+            continue
+        found = np.array([entry.gradient * scales for entry in (*told, combination)])
+        found /= np.linalg.norm(found, axis=1, keepdims=True)
+        if np.linalg.svd(found, compute_uv=False).min() > IN_LINE:
+            told.append(combination)
+    return lost, told
+
+
+def in_parallel(work: Callable[[Item], Found], items: Iterable[Item]) -> list[Found]:
+    """Return what ``work`` makes of each of ``items``, in their order."""
+    every = list(items)
+    threads = min(len(every), processors())
+    if threads < 2:
+        return [work(item) for item in every]
+    with ThreadPoolExecutor(threads) as pool:
+        return list(pool.map(work, every))
+
+
+def _follow(problem: LeastSquares, start: int, x: Array, residual: Array, stopping: Stopping) -> Descent:
+    low, high = bounds_of(problem.unknowns)
+    typical = np.array([unknown.scale for unknown in problem.unknowns])
+    damping = FIRST_DAMPING
+    cost = float(problem.costs(residual[np.newaxis])[0])
+    information: Array = np.eye(x.size)
+    sizes: Array = np.ones(x.size)
+    converged = exhausted = not x.size
+    reaches = list(stopping.steps)
+    for _ in range(stopping.rounds if x.size else 0):
+        sizes = sizes_of(problem.unknowns, x)
+        step = reaches[0] * sizes
+        step = np.where(x + step > high, -step, step)
+        changes = problem.residuals(x + np.diag(step)) - residual
+        trust = problem.trust(residual, changes)
+        # In units of the unknowns' sizes: stiffnesses and delays differ by ten powers of ten.
+        slopes = (changes * trust * (sizes / step)[:, np.newaxis]).T
+        information = slopes.T @ slopes
+        gradient = slopes.T @ (trust * residual)
+        limit = LONGEST_STEP * np.maximum(sizes, typical)
+        # What would leave its bounds stays there, and the others are solved for without it.
+        held = ((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0))
+        moves = _changes(information, gradient, damping, np.flatnonzero(~held))
+        trials = np.array([np.clip(x + np.clip(sizes * move, -limit, limit), low, high) for move in moves])
+        outcomes = problem.residuals(trials)
+        costs = problem.costs(outcomes)
+        winner = int(np.argmin(costs))
+        if not costs[winner] < cost:
+            if damping <= MOST_DAMPING:
+                damping *= BACK_OFF
+            elif len(reaches) > 1:
+                reaches, damping = reaches[1:], FIRST_DAMPING
+            else:
+                converged = exhausted = True
+                break
+            continue
+        fall = cost - float(costs[winner])
+        damping = float(np.clip(damping * DAMPINGS[winner] * 10.0, LEAST_DAMPING, MOST_DAMPING))
+        x, residual, cost = trials[winner], outcomes[winner], float(costs[winner])
+        if fall < max(stopping.enough * cost, stopping.least):
+            if len(reaches) == 1:
+                converged = True
+                break
+            reaches, damping = reaches[1:], FIRST_DAMPING
+    return Descent(start, x, cost, converged, exhausted, information, sizes, residual.size)
+
+
+def _changes(information: Array, gradient: Array, damping: float, own: NDArray[np.intp]) -> list[Array]:
+    """Return the changes over the unknowns' sizes for each of ``DAMPINGS``; 0 but for those in ``own``."""
+    diagonal = np.diag(information) + 1e-12 * np.trace(information)
+    found: list[Array] = []
+    for factor in DAMPINGS:
+        change = np.zeros(gradient.size)
+        if own.size:
+            matrix = information[np.ix_(own, own)] + np.diag(damping * factor * diagonal[own])
+            change[own] = -np.linalg.lstsq(matrix, gradient[own], rcond=1e-12)[0]
+        found.append(change)
+    return found
+
+
+def _candidates(
+    involved: Sequence[int], names: Sequence[str], units: Sequence[str], values: Mapping[str, float]
+) -> Iterator[Combination]:
+    """Yield products, differences, products with differences, differences with products."""
+    count = len(names)
+    point = np.array([values[name] for name in names])
+
+    def made(name: str, unit: str, value: float, parts: Mapping[int, float]) -> Combination:
+        gradient = np.zeros(count)
+        for place, slope in parts.items():
+            gradient[place] = slope
+        return Combination(name, unit, float(value), gradient)
+
+    for i, j in itertools.combinations(involved, 2):
+        yield made(
+            f"{names[i]}*{names[j]}",
+            _product(units[i], units[j]),
+            point[i] * point[j],
+            {i: point[j], j: point[i]},
+        )
+    for i, j in itertools.combinations(involved, 2):
+        if units[i] == units[j]:
+            for sign, mark in ((-1.0, "-"), (1.0, "+")):
+                yield made(
+                    f"{names[i]} {mark} {names[j]}", units[i], point[i] + sign * point[j], {i: 1.0, j: sign}
+                )
+    for i in involved:
+        for j, k in itertools.combinations([place for place in involved if place != i], 2):
+            if units[j] == units[k]:
+                yield made(
+                    f"{names[i]}*({names[j]} - {names[k]})",
+                    _product(units[i], units[j]),
+                    point[i] * (point[j] - point[k]),
+                    {i: point[j] - point[k], j: point[i], k: -point[i]},
+                )
+    for i in involved:
+        for j, k in itertools.combinations([place for place in range(count) if place != i], 2):
+            if (j in involved or k in involved) and _product(units[j], units[k]) == units[i]:
+                yield made(
+                    f"{names[i]} - {names[j]}*{names[k]}",
+                    units[i],
+                    point[i] - point[j] * point[k],
+                    {i: 1.0, j: -point[k], k: -point[j]},
+                )
+
+
+def _product(first: str, second: str) -> str:
+    if "1" in (first, second):
+        return second if first == "1" else first
+    if {first, second} == {"N/m", "m"}:
+        return "N"
+    return f"({first})*({second})"

@@ -1,1 +1,0 @@
-"""Least squares: unknowns, their descent, what the data tell of them."""

@@ -1,1 +1,0 @@
-"""Recursive least squares: conditioning, forgetting, windows."""
