@@ -62,14 +62,14 @@ MODULES: dict[str, str] = {
     },
     "spool_sim.valve.viscosity": SIMULATION,
     "spool_sim.valve.lubrication": SIMULATION,
-    "spool_sim.valve.oil_table": SIMULATION,
+    "spool_sim.valve.lubrication": SIMULATION,
     "spool_sim.valve.description": SIMULATION,
     "spool_sim.sensors": SIMULATION,
-    "spool_sim.excitation.base": SIMULATION,
-    "spool_sim.excitation.sines": SIMULATION,
-    "spool_sim.excitation.broadband": SIMULATION,
-    "spool_sim.excitation.recorded": SIMULATION,
-    "spool_sim.excitation.kinds": SIMULATION,
+    "spool_sim.excitation": SIMULATION,
+    "spool_sim.excitation": SIMULATION,
+    "spool_sim.excitation": SIMULATION,
+    "spool_sim.excitation": SIMULATION,
+    "spool_sim.excitation": SIMULATION,
     **{
         f"spool_gap.{folder}.{path.stem}": EFFECTS
         for folder in ("catalogue", "nuisances")
@@ -89,7 +89,7 @@ ONLY = {
         "viscous_coefficient_at", "at", "_drag_of", "natural_frequency", "damping_ratio",
     },
     "spool_sim.valve.lubrication": {"fluid_friction_coefficient", "film_parameter"},
-    "spool_sim.excitation.kinds": {"_steady", "_ramp", "duration"},
+    "spool_sim.excitation": {"_steady", "_ramp", "duration"},
     "spool_estimator.stream_estimator": {"_derived"},
 }  # fmt: skip
 

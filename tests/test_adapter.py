@@ -21,7 +21,7 @@ from spool_estimator.messages import from_message
 from spool_monitor.monitor import Monitor
 from spool_monitor.replay import Replay
 from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate, ValveHealth
-from spool_sim.excitation.kinds import load_excitation
+from spool_sim.excitation import load_excitation
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
 from std_msgs.msg import Float64MultiArray

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from spool_evaluation.benchmarks import sim, sim_compiled, sim_peer
 from spool_evaluation.benchmarks.sim import PLANT, SWEEP, Ours, TimedRun
 from spool_evaluation.results.timing import Timing
-from spool_sim.excitation.kinds import SweptSine
+from spool_sim.excitation import SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion
 from spool_sim.model import MODELS
 

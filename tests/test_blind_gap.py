@@ -19,7 +19,7 @@ from spool_blind.simulator.plant import Plant, move
 from spool_blind.spoiling import SPOILINGS
 from spool_blind.writing import write, write_record
 from spool_evaluation.studies.gap import judge
-from spool_sim.excitation.kinds import SweptSine
+from spool_sim.excitation import SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
 from spool_sim.integration.step_size import half_step_times
 from spool_sim.model import MODELS

@@ -20,7 +20,7 @@ from spool_core.node import qos
 from spool_core.node.messages import from_block, to_block
 from spool_core.node.parameters import rule
 from spool_msgs.msg import AccelerationBlock, ModelEstimate, ValveHealth
-from spool_sim.excitation.presets import PRESETS
+from spool_sim.excitation import PRESETS
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
 

@@ -24,7 +24,7 @@ from spool_estimator.estimator import phase_of
 from spool_estimator.messages import from_message
 from spool_monitor.replay import Replay
 from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate
-from spool_sim.excitation.kinds import load_excitation
+from spool_sim.excitation import load_excitation
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
 from spool_tools.input.record_sources import recorded_valve

@@ -20,7 +20,7 @@ from time import process_time
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_sim.excitation.kinds import SweptSine
+from spool_sim.excitation import SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
 from spool_sim.integration.step_size import half_step_times
 from spool_sim.model import MODELS

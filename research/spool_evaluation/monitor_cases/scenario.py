@@ -7,10 +7,9 @@ from typing import Literal
 
 import numpy as np
 from pydantic import Field
-from spool_sim.excitation.base import Array
-from spool_sim.excitation.kinds import MachineOrders
-from spool_sim.files.validation import NotNegative, Number
+from spool_sim.excitation import Array, MachineOrders
 from spool_sim.valve.description import Valve
+from spool_sim.valve.validation import NotNegative, Number
 
 #: s that the machine takes to stand still or to come up.
 FADE = 2.0

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.block import Block
-from spool_sim.excitation.base import Excitation
-from spool_sim.excitation.kinds import SteadySine, SteppedSine
+from spool_sim.excitation import Excitation, SteadySine, SteppedSine
 from spool_sim.model import Model, model_from_mapping
 from spool_sim.sensors import PAPER_CHAIN, Sensor
 from spool_sim.simulator import Simulator

@@ -18,7 +18,7 @@ from rich.table import Table
 from spool_estimator.identification.fit import fit
 from spool_estimator.identification.fit_result import Fit, FitSettings
 from spool_estimator.identification.record import Record
-from spool_sim.excitation.kinds import Excitation, MachineOrders, SteppedSine, SweptSine
+from spool_sim.excitation import Excitation, MachineOrders, SteppedSine, SweptSine
 from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor, SensorChannel
 from spool_sim.simulator import Simulator

@@ -13,7 +13,7 @@ from spool_core.errors import InputError
 from spool_core.node import qos
 from spool_core.node.messages import from_block, to_time
 from spool_msgs.msg import AccelerationBlock, ModelEstimate
-from spool_sim.excitation.presets import PRESETS
+from spool_sim.excitation import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve

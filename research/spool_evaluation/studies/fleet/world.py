@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from spool_sim.excitation.broadband import MachineOrders, Multisine
-from spool_sim.excitation.kinds import Excitation
+from spool_sim.excitation import Excitation, MachineOrders, Multisine
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import Valve, find_valve

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from spool_core.block import joined
 from spool_core.kernels.samples import StandingWatch
-from spool_sim.excitation.presets import PRESETS
+from spool_sim.excitation import PRESETS
 from spool_sim.integration.composed_motion import ComposedMotion
 from spool_sim.model import load_model
 from spool_sim.simulator import Simulator

@@ -20,7 +20,7 @@ sys.meta_path.insert(0, Blocker())
 USE = """
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.warm_up import warm_up
-from spool_sim.excitation.presets import PRESETS
+from spool_sim.excitation import PRESETS
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
 

@@ -17,8 +17,7 @@ from spool_core.uncertainty import Validity
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.stream_estimator import EstimatorSettings
-from spool_sim.excitation.kinds import Excitation, MachineOrders, Multisine, Part, Sequence, Standstill
-from spool_sim.excitation.presets import PRESETS
+from spool_sim.excitation import PRESETS, Excitation, MachineOrders, Multisine, Part, Sequence, Standstill
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve

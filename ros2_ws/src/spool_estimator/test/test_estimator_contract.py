@@ -22,8 +22,7 @@ from spool_core.uncertainty import Validity
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import ESTIMATORS
 from spool_estimator.stream_estimator import EstimatorSettings, StreamEstimator
-from spool_sim.excitation.kinds import MachineOrders
-from spool_sim.excitation.presets import PRESETS
+from spool_sim.excitation import PRESETS, MachineOrders
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from spool_estimator.motion.friction_motion import MOTION_STATES, advance_sample, spread_jump
-from spool_sim.excitation.presets import PRESETS
+from spool_sim.excitation import PRESETS
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
 from spool_sim.integration.step_size import half_step_times
 from spool_sim.model import load_model

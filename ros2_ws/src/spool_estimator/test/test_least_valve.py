@@ -7,7 +7,7 @@ import math
 from spool_estimator.estimate import State
 from spool_estimator.estimator import make_estimator, settings_for
 from spool_estimator.messages import from_description, to_description
-from spool_sim.excitation.presets import PRESETS
+from spool_sim.excitation import PRESETS
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve, valve_from_mapping
 

@@ -8,7 +8,7 @@ from spool_estimator.estimator import Estimator
 from spool_estimator.messages import from_description, from_message, to_description, to_message
 from spool_estimator.stream_estimator import EstimatorSettings
 from spool_msgs.msg import ModelEstimate, ValveDescription
-from spool_sim.excitation.presets import PRESETS
+from spool_sim.excitation import PRESETS
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
 

@@ -8,7 +8,7 @@ from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.identification.oil import LAG, LONGEST_AGE, USUAL_DEVIATION, OilReference, oil_law
-from spool_sim.excitation.presets import PRESETS
+from spool_sim.excitation import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import DEFAULT_START_STAMP, Simulator
 from spool_sim.valve.description import find_valve

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from spool_estimator.identification.record import Record
 from spool_estimator.plausibility import check_records
-from spool_sim.excitation.broadband import Multisine
-from spool_sim.excitation.sines import Standstill
+from spool_sim.excitation import Multisine, Standstill
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import Valve, find_valve

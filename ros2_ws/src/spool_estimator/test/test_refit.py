@@ -23,9 +23,8 @@ from spool_estimator.refit import (
     WindowTask,
     refit,
 )
-from spool_sim.excitation.kinds import Part, Standstill
-from spool_sim.excitation.kinds import Sequence as Parts
-from spool_sim.excitation.presets import PRESETS
+from spool_sim.excitation import PRESETS, Part, Standstill
+from spool_sim.excitation import Sequence as Parts
 from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator

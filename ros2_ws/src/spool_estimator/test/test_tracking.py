@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.stream_estimator import WINDOW
-from spool_sim.excitation.kinds import Excitation, Multisine, Part, Sequence
-from spool_sim.excitation.presets import PRESETS
+from spool_sim.excitation import PRESETS, Excitation, Multisine, Part, Sequence
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve

@@ -13,7 +13,7 @@ from spool_gap.report.serialisation import result_to_dict
 from spool_gap.result import GapResult, GapSettings
 from spool_gap.workflow.analyse import analyse
 from spool_gap.workflow.preparation import given_by
-from spool_sim.excitation.kinds import SweptSine
+from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS, model_from_mapping
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator

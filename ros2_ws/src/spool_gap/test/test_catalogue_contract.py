@@ -22,7 +22,7 @@ from spool_gap.simulation.shooting import pieces_of
 from spool_gap.simulation.simulate import Simulation
 from spool_gap.thresholds import THRESHOLDS
 from spool_gap.workflow.preparation import motions_for
-from spool_sim.excitation.kinds import SweptSine
+from spool_sim.excitation import SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
 from spool_sim.model import MODELS, Model
 from spool_sim.sensors import Sensor

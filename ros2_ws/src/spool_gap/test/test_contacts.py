@@ -14,7 +14,7 @@ from spool_gap.simulation.contacts import Contacts, find_contacts
 from spool_gap.simulation.segments import Stretch, stretches_of
 from spool_gap.simulation.shooting import RUN_IN
 from spool_gap.workflow.analyse import analyse
-from spool_sim.excitation.kinds import SweptSine
+from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS, Model
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator

@@ -14,7 +14,7 @@ from spool_gap.simulation.shooting import pieces_of
 from spool_gap.simulation.simulate import Simulation
 from spool_gap.simulation.switchable import SwitchableMotion
 from spool_gap.workflow.preparation import motions_for
-from spool_sim.excitation.kinds import SweptSine
+from spool_sim.excitation import SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
 from spool_sim.integration.step_size import half_step_times
 from spool_sim.model import MODELS, model_from_mapping

@@ -9,7 +9,7 @@ import pytest
 from spool_estimator.identification.record import Record
 from spool_gap.result import GapSettings
 from spool_gap.workflow.analyse import analyse
-from spool_sim.excitation.kinds import SweptSine
+from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS, Model
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator

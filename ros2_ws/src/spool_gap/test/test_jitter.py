@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from spool_estimator.identification.record import Record
 from spool_gap.result import GapResult
 from spool_gap.workflow.analyse import analyse
-from spool_sim.excitation.kinds import SweptSine
+from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator

@@ -14,7 +14,7 @@ from spool_estimator.identification.record import Record
 from spool_gap.registry import CHAIN, RECORD_NUISANCES
 from spool_gap.result import GapResult
 from spool_gap.workflow.analyse import analyse
-from spool_sim.excitation.kinds import SweptSine
+from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator

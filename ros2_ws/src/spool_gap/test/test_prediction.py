@@ -15,7 +15,7 @@ from spool_gap.likelihood.prediction import Prediction, Structure, structure_of
 from spool_gap.likelihood.readings import readings_of
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
 from spool_gap.workflow.preparation import motions_for
-from spool_sim.excitation.kinds import SweptSine
+from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS, Model
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator

@@ -12,7 +12,7 @@ from spool_gap.force.force_record import ForceRecord
 from spool_gap.profile_likelihood import RISE_95, verdict_of
 from spool_gap.result import GapSettings
 from spool_gap.workflow.analyse import analyse
-from spool_sim.excitation.kinds import SweptSine
+from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator

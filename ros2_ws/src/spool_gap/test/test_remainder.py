@@ -14,7 +14,7 @@ from spool_gap.simulation.response import responses
 from spool_gap.simulation.segments import stretches_of
 from spool_gap.simulation.simulate import Simulation
 from spool_gap.workflow.preparation import motions_for
-from spool_sim.excitation.kinds import SweptSine
+from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator

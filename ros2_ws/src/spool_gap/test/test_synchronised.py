@@ -16,7 +16,7 @@ from spool_gap.simulation.segments import Stretch, stretches_of
 from spool_gap.simulation.shooting import pieces_of
 from spool_gap.simulation.simulate import Simulation
 from spool_gap.workflow.preparation import motions_for
-from spool_sim.excitation.kinds import SteppedSine
+from spool_sim.excitation import SteppedSine
 from spool_sim.model import MODELS, model_from_mapping
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator

@@ -12,7 +12,7 @@ from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.events.event import Event, EventState
 from spool_monitor.monitor import HealthLevel, Monitor
 from spool_monitor.replay import Replay
-from spool_sim.excitation.kinds import from_mapping
+from spool_sim.excitation import from_mapping
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve

@@ -19,8 +19,7 @@ from spool_monitor.detectors.stale import STALE_AFTER
 from spool_monitor.events.event import Event, EventState, Severity
 from spool_monitor.monitor import FIRST_BLOCK, FIRST_ESTIMATE, BaselineState, HealthLevel, Monitor
 from spool_monitor.replay import Replay
-from spool_sim.excitation.kinds import Excitation, from_mapping
-from spool_sim.excitation.presets import PRESETS
+from spool_sim.excitation import PRESETS, Excitation, from_mapping
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve

@@ -15,7 +15,7 @@ from spool_monitor.drift.parameter_drift import Outlook
 from spool_monitor.events.event import Condition, EventKind, EventState, Finding, Severity
 from spool_monitor.monitor import Monitor
 from spool_monitor.replay import Replay
-from spool_sim.excitation.presets import PRESETS
+from spool_sim.excitation import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve

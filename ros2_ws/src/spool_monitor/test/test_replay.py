@@ -17,7 +17,7 @@ from spool_monitor.detectors.model_gap import gap_event
 from spool_monitor.events.event import Event, EventState
 from spool_monitor.monitor import Monitor
 from spool_monitor.replay import Replay
-from spool_sim.excitation.kinds import from_mapping, load_excitation
+from spool_sim.excitation import from_mapping, load_excitation
 from spool_sim.model import model_from_mapping
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator

@@ -19,7 +19,7 @@ from spool_estimator.warm_up import warm_up
 from spool_monitor.monitor import Monitor
 from spool_monitor.history.trend_writer import TravelCounter
 from spool_monitor.warm_up import warm_up_monitor
-from spool_sim.excitation.presets import PRESETS
+from spool_sim.excitation import PRESETS
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
 from spool_core.block import Block

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from spool_core.block import Block, Samples
 from spool_core.errors import InputError
 
-from spool_sim.excitation.kinds import Excitation
+from spool_sim.excitation import Excitation
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
 from spool_sim.integration.step_size import checked_substeps, half_step_times, substeps_for
 from spool_sim.valve.description import Valve
-from spool_sim.valve.oil_table import OilTable
+from spool_sim.valve.lubrication import OilTable
 
 from .model import Model, load_model
 from .sensors import Sensor, SensorChannel

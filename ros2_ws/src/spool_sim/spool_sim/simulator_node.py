@@ -16,7 +16,7 @@ from spool_core.node.messages import to_time
 from spool_core.node.parameters import NodeParameter, Value
 from spool_core.node.running import run
 
-from spool_sim.excitation.kinds import load_excitation
+from spool_sim.excitation import load_excitation
 from spool_sim.valve.description import find_valve
 
 from .sensors import Sensor

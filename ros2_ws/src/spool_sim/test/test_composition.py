@@ -12,12 +12,12 @@ import spool_sim
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.errors import InputError
-from spool_sim.excitation.kinds import SteadySine, SweptSine
+from spool_sim.excitation import SteadySine, SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState, Trajectory
 from spool_sim.integration.composition import kernel_of, laws_source
-from spool_sim.integration.energy import energy_balance
 from spool_sim.integration.step_size import (
     checked_substeps,
+    energy_balance,
     half_step_times,
     halving_error,
     slopes,

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.errors import InputError
-from spool_sim.excitation.base import Array
-from spool_sim.excitation.kinds import (
+from spool_sim.excitation import (
+    PRESETS,
+    Array,
     Excitation,
     MachineOrders,
     Multisine,
@@ -20,7 +21,6 @@ from spool_sim.excitation.kinds import (
     from_mapping,
     load_excitation,
 )
-from spool_sim.excitation.presets import PRESETS
 
 SEQUENCE: dict[str, Any] = {
     "kind": "sequence",

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from pydantic import ValidationError
 from spool_core.errors import InputError
-from spool_sim.excitation.kinds import Recorded, from_mapping
-from spool_sim.excitation.presets import PRESETS
+from spool_sim.excitation import PRESETS, Recorded, from_mapping
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import Valve
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pydantic import ValidationError
-from spool_sim.excitation.kinds import (
+from spool_sim.excitation import (
     Excitation,
     MachineOrders,
     Multisine,
@@ -29,8 +29,7 @@ from spool_sim.excitation.kinds import (
 from spool_sim.sensors import FractionalDelay, MeasuringChain, Sensor, SensorChannel
 from spool_sim.terms import TERMS, Term
 from spool_sim.valve.description import Valve
-from spool_sim.valve.lubrication import film_parameter, fluid_friction_coefficient
-from spool_sim.valve.oil_table import OilTable
+from spool_sim.valve.lubrication import OilTable, film_parameter, fluid_friction_coefficient
 from spool_sim.valve.viscosity import OILS
 
 #: Relative; values are given with seven digits.

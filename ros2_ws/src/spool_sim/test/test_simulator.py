@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from spool_core.block import Block
 from spool_core.block_gate import BlockGate, Verdict
 from spool_core.errors import InputError
-from spool_sim.excitation.kinds import SteadySine
-from spool_sim.excitation.presets import PRESETS
+from spool_sim.excitation import PRESETS, SteadySine
 from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor, SensorChannel
 from spool_sim.simulator import Simulator

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 from spool_core.errors import InputError
-from spool_sim.excitation.presets import PRESETS
+from spool_sim.excitation import PRESETS
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import (
     FILM,

@@ -14,7 +14,7 @@ from spool_estimator.messages import to_message
 from spool_monitor.detectors import MonitorSettings
 from spool_monitor.monitor import Monitor
 from spool_monitor.node.messages import to_health_message
-from spool_sim.excitation.presets import PRESETS
+from spool_sim.excitation import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from spool_core.errors import InputError
-from spool_sim.excitation.kinds import from_mapping
+from spool_sim.excitation import from_mapping
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve

@@ -16,7 +16,7 @@ from spool_bag.mcap.metadata import typestore
 from spool_bag.reading.reader import BagReader
 from spool_core.block import Block
 from spool_core.errors import InputError
-from spool_sim.excitation.presets import PRESETS
+from spool_sim.excitation import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve, shipped_valves

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from spool_sim.excitation.kinds import load_excitation
+from spool_sim.excitation import load_excitation
 from spool_sim.model import load_model
 from spool_sim.valve.description import find_valve, valve_from_mapping
 from spool_tools.cli import main

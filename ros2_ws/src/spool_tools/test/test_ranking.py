@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from spool_estimator.identification.fit_result import Fit
 from spool_estimator.identification.record import Record
-from spool_sim.excitation.kinds import SteadySine
+from spool_sim.excitation import SteadySine
 from spool_sim.model import load_model
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve

@@ -10,8 +10,7 @@ from spool_bag.reading.reader import BagReader
 from spool_bag.recording.writer import BagWriter
 from spool_core.cdr import encode_block
 from spool_core.errors import InputError
-from spool_sim.excitation.kinds import Recorded
-from spool_sim.excitation.presets import PRESETS
+from spool_sim.excitation import PRESETS, Recorded
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
 from spool_tools.cli import main

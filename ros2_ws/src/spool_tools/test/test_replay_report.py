@@ -14,7 +14,7 @@ from spool_monitor.drift.parameter_drift import DriftTrace
 from spool_monitor.events.event import EventState
 from spool_monitor.monitor import Monitor
 from spool_monitor.replay import Replay
-from spool_sim.excitation.presets import PRESETS
+from spool_sim.excitation import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve

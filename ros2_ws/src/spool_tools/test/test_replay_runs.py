@@ -15,7 +15,7 @@ from spool_bag.recording.writer import BagWriter
 from spool_core.block import Block
 from spool_core.cdr import OilTemperature, encode_block, encode_temperature
 from spool_estimator.identification.record import PartKeeper
-from spool_sim.excitation.presets import PRESETS
+from spool_sim.excitation import PRESETS
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
 from spool_tools.operations.record_replay import SHIPPED, replay_bag, replay_valve

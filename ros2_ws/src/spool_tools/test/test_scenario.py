@@ -11,7 +11,7 @@ from spool_monitor.detectors import MonitorSettings
 from spool_monitor.monitor import Monitor
 from spool_monitor.replay import Replay
 from spool_msgs.msg import ModelEstimate, ValveHealth
-from spool_sim.excitation.kinds import from_mapping, load_excitation
+from spool_sim.excitation import from_mapping, load_excitation
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve

@@ -18,7 +18,7 @@ from spool_bag.reading.reader import BagReader
 from spool_core.errors import InputError
 from spool_estimator.identification.fit import fit
 from spool_estimator.identification.record import records_from_blocks
-from spool_sim.excitation.kinds import load_excitation
+from spool_sim.excitation import load_excitation
 from spool_sim.model import load_model
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import signal
 from spool_estimator.identification.signals.channel_faults import faults_of, without_outliers
-from spool_sim.excitation.kinds import from_mapping
+from spool_sim.excitation import from_mapping
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve

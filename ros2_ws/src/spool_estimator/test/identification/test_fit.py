@@ -15,7 +15,7 @@ from spool_estimator.identification.fit import fit, free_run_agreement
 from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, FitSettings
 from spool_estimator.identification.record import Record, first_seconds, records_from_blocks
 from spool_estimator.identification.signals.spectra import ZeroPhase, relative_motion
-from spool_sim.excitation.kinds import Excitation, Multisine, SweptSine
+from spool_sim.excitation import Excitation, Multisine, SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion
 from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor

@@ -8,7 +8,7 @@ from spool_estimator.identification.equation_error import NoiseEffect, noise_den
 from spool_estimator.identification.fit import fit
 from spool_estimator.identification.fit_result import FitSettings
 from spool_estimator.identification.record import Record, records_from_blocks
-from spool_sim.excitation.kinds import SweptSine
+from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator

@@ -1,17 +1,17 @@
-"""Step size for any composition of force terms: chosen from its stiffest rate, checked by halving."""
+"""Step size of the integration, and the energy balance that checks it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from spool_core.errors import InputError
 
+from spool_sim.integration.composed_motion import Array, ComposedMotion, MotionState, Trajectory
 from spool_sim.terms import Term
-
-from .composed_motion import Array, ComposedMotion, MotionState
 
 #: rad that motion or forcing may turn within one step: the README's table of errors holds for it.
 LARGEST_STEP_ANGLE = 0.25
@@ -30,40 +30,6 @@ def slopes(
     """Return the steepest change of a term's force with displacement (N/m) and with velocity (N s/m)."""
     given = tuple(float(values[parameter.name]) for parameter in entry.parameters)
     return _slopes(entry, given, largest_displacement)
-
-
-@lru_cache(maxsize=256)  # of many hypotheses most terms keep their numbers
-def _slopes(entry: Term, given: tuple[float, ...], largest_displacement: float) -> tuple[float, float]:
-    smooth, sliding, memory, levels = (
-        entry.uncompiled(law) for law in ("force_law", "sliding_law", "memory_law", "levels_law")
-    )
-    places = np.linspace(-largest_displacement, largest_displacement, 21).tolist()
-    gap = 1e-3 * largest_displacement
-    reached = [0.0, places[0], places[-1]]
-    if levels is not None:
-        # A contact that is reached is hardly entered: what it does far inside does not count.
-        kinks = levels(*given)
-        places += [level + side for level in kinks for side in (-gap, gap)]
-        reached = [level + 20.0 * side for level in kinks for side in (-gap, gap)]
-    stiffness = damping = 0.0
-    for t in (0.0, LATEST_TIME):
-        if smooth is not None:
-            for z in places:
-                ahead, behind = smooth(z + 0.5 * gap, 0.0, t, *given), smooth(z - 0.5 * gap, 0.0, t, *given)
-                stiffness = max(stiffness, abs(ahead - behind) / gap)
-            for z in reached:
-                for speed in SPEEDS:
-                    for side in (-1.0, 1.0):
-                        change = smooth(z, 2.0 * side * speed, t, *given) - smooth(z, side * speed, t, *given)
-                        damping = max(damping, abs(change) / speed)
-    if sliding is not None:
-        for speed in SPEEDS:
-            for side in (-1.0, 1.0):
-                change = sliding(0.0, 2.0 * speed, side, *given) - sliding(0.0, speed, side, *given)
-                damping = max(damping, abs(change) / speed)
-    if memory is not None:
-        stiffness = max(stiffness, abs(memory(0.0, 1e-9, 1.0, *given)) / 1e-9)
-    return stiffness, damping
 
 
 def substeps_needed(
@@ -203,3 +169,108 @@ def checked_substeps(
             break
         substeps *= 2
     return substeps, error
+
+
+@dataclass(frozen=True, slots=True)
+class EnergyBalance:
+    """Energy balance of any composition in the frame of the body, J, from the first sample to the last.
+
+    Attributes:
+        supplied: work of the inertia force -m w''.
+        kinetic: gain of kinetic energy.
+        taken: work that each term took from the motion, by name: stored where the term has a potential, lost
+            where it dissipates, below 0 where it supplies.
+        stored: kinetic energy and what terms with a potential took.
+        dissipated: what all other terms took.
+    """
+
+    supplied: float
+    kinetic: float
+    taken: Mapping[str, float]
+    stored: float
+    dissipated: float
+
+    @property
+    def residual(self) -> float:
+        """What is missing: supplied - stored - dissipated, J."""
+        return self.supplied - self.stored - self.dissipated
+
+
+def energy_balance(
+    motion: ComposedMotion,
+    values: Mapping[str, float],
+    trajectory: Trajectory,
+    body_acceleration: Array,
+    *,
+    sample_period: float,
+    first_sample: int = 0,
+) -> EnergyBalance:
+    """Return where the energy of ``trajectory`` went, integrated by trapezia over its samples.
+
+    Args:
+        motion: the composition that made it.
+        values: parameters by name, constant.
+        trajectory: n samples, dense enough for the trapezia.
+        body_acceleration: at the same samples, m/s^2, shape (n,).
+        sample_period: s.
+        first_sample: number of the first sample since the start.
+    """
+    z, v = trajectory.displacement, trajectory.velocity
+    time: Array = np.asarray((first_sample + np.arange(z.size)) * sample_period, dtype=np.float64)
+
+    def work(force: Array) -> float:
+        return float(sample_period * np.sum(0.5 * (force[1:] * v[1:] + force[:-1] * v[:-1])))
+
+    taken: dict[str, float] = {}
+    memory = iter(trajectory.memory.T)
+    for entry in motion.terms:
+        if entry.name == "inertia":
+            continue
+        if "memory_law" in entry.laws:
+            force = next(memory)
+        else:
+            force = entry.force(z, v, trajectory.acceleration, values, time)
+        taken[entry.name] = work(force)
+    kinetic = 0.5 * values["mass"] * float(v[-1] ** 2 - v[0] ** 2)
+    conserved = sum(taken[entry.name] for entry in motion.terms if entry.conserves)
+    return EnergyBalance(
+        supplied=work(np.asarray(-values["mass"] * body_acceleration)),
+        kinetic=kinetic,
+        taken=taken,
+        stored=kinetic + conserved,
+        dissipated=sum(taken.values()) - conserved,
+    )
+
+
+@lru_cache(maxsize=256)  # of many hypotheses most terms keep their numbers
+def _slopes(entry: Term, given: tuple[float, ...], largest_displacement: float) -> tuple[float, float]:
+    smooth, sliding, memory, levels = (
+        entry.uncompiled(law) for law in ("force_law", "sliding_law", "memory_law", "levels_law")
+    )
+    places = np.linspace(-largest_displacement, largest_displacement, 21).tolist()
+    gap = 1e-3 * largest_displacement
+    reached = [0.0, places[0], places[-1]]
+    if levels is not None:
+        # A contact that is reached is hardly entered: what it does far inside does not count.
+        kinks = levels(*given)
+        places += [level + side for level in kinks for side in (-gap, gap)]
+        reached = [level + 20.0 * side for level in kinks for side in (-gap, gap)]
+    stiffness = damping = 0.0
+    for t in (0.0, LATEST_TIME):
+        if smooth is not None:
+            for z in places:
+                ahead, behind = smooth(z + 0.5 * gap, 0.0, t, *given), smooth(z - 0.5 * gap, 0.0, t, *given)
+                stiffness = max(stiffness, abs(ahead - behind) / gap)
+            for z in reached:
+                for speed in SPEEDS:
+                    for side in (-1.0, 1.0):
+                        change = smooth(z, 2.0 * side * speed, t, *given) - smooth(z, side * speed, t, *given)
+                        damping = max(damping, abs(change) / speed)
+    if sliding is not None:
+        for speed in SPEEDS:
+            for side in (-1.0, 1.0):
+                change = sliding(0.0, 2.0 * speed, side, *given) - sliding(0.0, speed, side, *given)
+                damping = max(damping, abs(change) / speed)
+    if memory is not None:
+        stiffness = max(stiffness, abs(memory(0.0, 1e-9, 1.0, *given)) / 1e-9)
+    return stiffness, damping

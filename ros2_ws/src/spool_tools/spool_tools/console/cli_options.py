@@ -95,7 +95,7 @@ ModelName = Annotated[
 
 def excitation_names(incomplete: str) -> list[str]:
     """Return the excitations that begin so."""
-    from spool_sim.excitation.presets import PRESETS  # noqa: PLC0415
+    from spool_sim.excitation import PRESETS  # noqa: PLC0415
 
     return [name for name in PRESETS if name.startswith(incomplete)]
 

@@ -29,7 +29,7 @@ from spool_core.node.network import isolate
 from spool_core.node.parameters import rule
 from spool_core.uncertainty import LEGEND, with_interval
 from spool_msgs.msg import HealthEvent, ModelEstimate, Quantity, ValveHealth
-from spool_sim.excitation.kinds import from_mapping
+from spool_sim.excitation import from_mapping
 
 from spool_tools.console.outputs import write_json
 from spool_tools.demo.processes import Nodes

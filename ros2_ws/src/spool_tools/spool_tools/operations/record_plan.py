@@ -19,7 +19,7 @@ from spool_gap.effect import Effect
 from spool_gap.registry import EFFECTS
 from spool_gap.registry import effect as find_effect
 from spool_gap.workflow.analyse import analyse
-from spool_sim.excitation.base import Excitation
+from spool_sim.excitation import Excitation
 from spool_sim.model import FLUID, Model, load_model
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator

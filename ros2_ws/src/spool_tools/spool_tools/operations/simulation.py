@@ -17,12 +17,11 @@ from spool_core.block_gate import BlockGate, Verdict
 from spool_core.cdr import OilTemperature, encode_block, encode_temperature
 from spool_core.errors import InputError
 from spool_core.text import plural
-from spool_sim.excitation.kinds import Excitation, Recorded, load_excitation
-from spool_sim.excitation.presets import PRESETS
-from spool_sim.files.validation import one_line, read_mapping
+from spool_sim.excitation import PRESETS, Excitation, Recorded, load_excitation
 from spool_sim.sensors import Sensor, Sensors, load_sensors
 from spool_sim.simulator import Simulator
 from spool_sim.valve.description import find_valve
+from spool_sim.valve.validation import one_line, read_mapping
 
 from spool_tools.console.outputs import making_room
 from spool_tools.console.terminal import progress

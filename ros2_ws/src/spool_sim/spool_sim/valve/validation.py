@@ -1,4 +1,4 @@
-"""Validation of a YAML file of the suite: what is wrong with it, in one line."""
+"""Validation of files against a schema, with the place and the remedy of each error."""
 
 from __future__ import annotations
 

@@ -1,1 +1,0 @@
-"""Excitation: body acceleration over time."""
