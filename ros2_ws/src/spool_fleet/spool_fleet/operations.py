@@ -15,16 +15,14 @@ from spool_sim.valve.description import find_valve
 from spool_tools.console.outputs import suite_version
 from spool_tools.console.terminal import progress
 
+from spool_fleet.catalogue.add import DAMAGED, PathPattern, Scan, read_table, scan
+from spool_fleet.execution import Executor, ProcessPool, RunResult, bring_up_to_date, run_tasks, tasks_due
+from spool_fleet.tables.query import QUESTIONS, sql_of
+
 from .analyses.base import chosen
 from .catalogue.add import Added, Naming, add, found_bags
-from .catalogue.identity import PathPattern, read_table
 from .catalogue.manifest import Manifest, Service
-from .catalogue.scan import DAMAGED, Scan, scan
-from .execution.executor import Executor
-from .execution.process_pool import ProcessPool
-from .execution.run import RunResult, bring_up_to_date, run_tasks, tasks_due
 from .tables.query import ask, rows_of
-from .tables.questions import QUESTIONS, sql_of
 
 
 def add_to_store(
@@ -79,7 +77,7 @@ def run_over_store(
     """
     from spool_tools.operations.record_replay import settings_from  # noqa: PLC0415 - slow to load
 
-    from .trends.table import sentences, write_trends  # noqa: PLC0415 - slow to load
+    from spool_fleet.trends.judgement import sentences, write_trends  # noqa: PLC0415 - slow to load
 
     keys, count = dict.fromkeys(chosen(analysis), suite_version()), workers or processors()
     lines = []
@@ -122,7 +120,7 @@ def add_service(
     Raises:
         InputError: no machine, valve or date, a date that is none, or a machine or valve that is not known.
     """
-    from .trends.table import write_trends  # noqa: PLC0415 - slow to load
+    from spool_fleet.trends.judgement import write_trends  # noqa: PLC0415 - slow to load
 
     given = {kind: text for kind, text in dates.items() if text is not None}
     if not given:
@@ -160,9 +158,10 @@ def write_page(store: Path, out: Path, reports: int, params_file: Path | None = 
     """
     from spool_tools.console.outputs import check_output, write_file  # noqa: PLC0415
 
+    from spool_fleet.page.content import write_reports  # noqa: PLC0415
+
     from .page.content import page_content  # noqa: PLC0415 - slow to load
     from .page.fleet_page import fleet_page  # noqa: PLC0415
-    from .page.reports import write_reports  # noqa: PLC0415
 
     check_output(out, "--out")
     with progress("drawing"):
@@ -186,7 +185,7 @@ def _executor(dask: str | None, workers: int) -> Iterator[Executor]:
     if dask is None:
         yield ProcessPool(workers)
         return
-    from .execution.dask_cluster import DaskCluster  # noqa: PLC0415 - an extra
+    from spool_fleet.execution import DaskCluster  # noqa: PLC0415 - an extra
 
     cluster = DaskCluster(dask, workers)
     try:

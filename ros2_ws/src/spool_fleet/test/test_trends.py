@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_fleet.catalogue.manifest import Service
-from spool_fleet.trends.change_test import MONTH, chance_score, likeliest_change
+from spool_fleet.trends.comparison import MONTH, Scatter, chance_score, likeliest_change
 from spool_fleet.trends.judgement import CHANGED, LEARNING, MACHINE, OK, UNKNOWN, Trend, judge
 from spool_fleet.trends.observations import (
+    BIN,
     COULOMB,
     DAY,
     PARAMETERS,
@@ -19,9 +20,9 @@ from spool_fleet.trends.observations import (
     VISCOUS,
     ObservedValve,
     Series,
+    Weekly,
+    weekly,
 )
-from spool_fleet.trends.sisters import Scatter
-from spool_fleet.trends.weekly import BIN, Weekly, weekly
 
 FIRST, WEEKS = 20_454.0, 40
 VALUES = {VISCOUS: 2.5, COULOMB: 0.5, STIFFNESS: 1632.0}

@@ -1,10 +1,11 @@
-"""Courses of a valve's parameters over time, relative to the healthy valve, as the page draws them."""
+"""Courses of parameters over time: the rows of trends, their levels, and what is drawn of them."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -12,17 +13,28 @@ from numpy.typing import NDArray
 from spool_core.uncertainty import Z_95
 
 from spool_fleet.tables.query import ask
-from spool_fleet.trends.judgement import AFFECTED
-from spool_fleet.trends.observations import PARAMETERS, VISCOUS, ObservedValve, Series
-from spool_fleet.trends.sisters import pooled_slope
-from spool_fleet.trends.weekly import BIN, REFERENCE, weekly
-
-from .levels import Level, levels_of
-from .trend_rows import NAMES, TrendRow
+from spool_fleet.trends.comparison import LEAST_WEEKS, pooled_slope
+from spool_fleet.trends.judgement import AFFECTED, CHANGED, LIMITS, MACHINE
+from spool_fleet.trends.observations import (
+    BIN,
+    COULOMB,
+    DAY,
+    PARAMETERS,
+    REFERENCE,
+    STIFFNESS,
+    VISCOUS,
+    ObservedValve,
+    Series,
+    spread,
+    weekly,
+)
 
 Array = NDArray[np.float64]
 #: Points of a course at most: two years of weeks; a chart has hardly more columns of pixels to tell apart.
 MOST_POINTS = 104
+
+#: What people call the parameters.
+NAMES = {VISCOUS: "viscous coefficient", COULOMB: "Coulomb force", STIFFNESS: "spring stiffness"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,6 +158,123 @@ def temperatures(store: Path) -> dict[tuple[str, str], tuple[Array, Array]]:
     return found
 
 
+@dataclass(frozen=True, slots=True)
+class Level:
+    """Level around which a parameter stays from day ``first`` to ``last``, relative to the baseline.
+
+    95 % of the weeks in which nothing changed lie within ``half_width`` of it; NaN: there are too few.
+    """
+
+    first: float
+    last: float
+    value: float
+    half_width: float
+
+
+def levels_of(
+    day: Array, value: Array, segment: NDArray[np.int64], trend: TrendRow, turns: Sequence[float]
+) -> tuple[Level, ...]:
+    """Return the baseline until the first service, and the usual value after each until a change begins.
+
+    The table of trends holds the first baseline alone, so a later one is the median of its weeks.
+
+    Args:
+        day, value, segment: of each week, shape (n,); segments are the services before it.
+        trend: of the parameter.
+        turns: days of the services that may have stepped it.
+    """
+    if not day.size:
+        return ()
+    first, last = float(day[0]), float(day[-1])
+    if not trend.baseline > 0.0:
+        return (Level(first, last, 1.0, math.nan),)
+    healthy = day < trend.since if trend.changed else np.ones(day.size, dtype=bool)
+    begins, ends = [first, *turns], [*turns, last]
+    found, around = [], [np.empty(0)]
+    for number, (begin, end) in enumerate(zip(begins, ends, strict=True)):
+        own = value[healthy & (segment == number)]
+        if own.size:
+            around.append(own / np.median(own))
+        if own.size or (number == 0 and begin < end):
+            found.append((begin, end, float(np.median(own)) if number else 1.0))
+    rows = np.concatenate(around)
+    half = Z_95 * spread(rows) if rows.size >= LEAST_WEEKS else math.nan
+    return tuple(Level(begin, end, middle, half * middle) for begin, end, middle in found)
+
+
+@dataclass(frozen=True, slots=True)
+class TrendRow:
+    """Row of the table ``trends``; see there."""
+
+    machine: str
+    valve: str
+    parameter: str
+    unit: str
+    bags: int
+    state: str
+    cause: str
+    reason: str
+    latest: float
+    since: float
+    noticed: float
+    baseline: float
+    baseline_std: float
+    change: float
+    change_std: float
+    rate: float
+    rate_std: float
+    threshold: float
+    months_to_threshold: float
+    months_earliest: float
+    months_latest: float
+
+    @property
+    def changed(self) -> bool:
+        """Whether a change was found, of the valve or of its machine."""
+        return self.state in (CHANGED, MACHINE)
+
+    @property
+    def share_of_limit(self) -> float:
+        """Change in shares of that at which the monitor warns; NaN where nothing changed."""
+        return self.change / self.threshold if self.changed else math.nan
+
+    @property
+    def limit(self) -> float:
+        """Relative change at which the monitor warns, without sign; NaN where the baseline is not known."""
+        one = LIMITS[self.parameter]
+        return one.default if one.unit == "1" else one.default / self.baseline
+
+
+def trend_rows(store: Path) -> dict[tuple[str, str], list[TrendRow]]:
+    """Return the trends by valve, in the order of ``PARAMETERS``."""
+    found: dict[tuple[str, str], list[TrendRow]] = {}
+    for row in ask(store, "trends").to_pylist():
+        if row["parameter"] not in PARAMETERS:
+            continue
+        one = TrendRow(
+            row["machine"], row["valve"], row["parameter"], row["unit"] or "", row["bags"] or 0,
+            row["state"], row["cause"] or "", row["reason"] or "",
+            *(day_of(row[name]) for name in ("latest", "since", "noticed")),
+            *(
+                _number(row[name])
+                for name in (
+                    "baseline", "baseline_std", "change", "change_std", "rate_per_month",
+                    "rate_per_month_std", "threshold", "months_to_threshold", "months_earliest",
+                    "months_latest",
+                )
+            ),
+        )  # fmt: skip
+        found.setdefault((one.machine, one.valve), []).append(one)
+    for trends in found.values():
+        trends.sort(key=lambda one: PARAMETERS.index(one.parameter))
+    return found
+
+
+def day_of(moment: datetime | None) -> float:
+    """Return ``moment`` in days since 1970."""
+    return math.nan if moment is None else moment.timestamp() / DAY
+
+
 def _stepping(services: Sequence[Told], valve: ObservedValve, parameter: str) -> list[Told]:
     """Return the services that may have stepped a parameter of ``valve``."""
     return [
@@ -213,3 +342,7 @@ def _thinned(row: Array) -> Array:
     if size <= 1:
         return row
     return np.array([np.median(row[begin : begin + size]) for begin in range(0, row.size, size)])
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value

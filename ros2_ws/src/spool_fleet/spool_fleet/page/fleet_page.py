@@ -16,17 +16,23 @@ from spool_core.text import plural
 from spool_core.uncertainty import LEGEND, interval, number, with_interval
 from spool_tools.report.provenance import provenance
 
+from spool_fleet.page.charts import Charts
+from spool_fleet.page.content import BagRow, news_of, report_name
+from spool_fleet.page.courses import NAMES, TrendRow
+from spool_fleet.page.status import (
+    LIGHTS,
+    cause_name,
+    cause_of,
+    change_sentence,
+    date,
+    limit_sentence,
+    percent,
+    time_left,
+)
 from spool_fleet.trends.judgement import MACHINE
 from spool_fleet.trends.observations import PARAMETERS
 
 from .content import PageContent, ValveContent
-from .drawing import Charts
-from .lights import LIGHTS
-from .news import news_of
-from .records import BagRow
-from .reports import report_name
-from .sentences import cause_name, cause_of, change_sentence, date, limit_sentence, percent, time_left
-from .trend_rows import NAMES, TrendRow
 
 #: Changes in the list of the worst, services and bags in trouble in their lists, at most.
 MOST_WORST, MOST_SERVICES, MOST_TROUBLES = 20, 50, 50

@@ -1,4 +1,4 @@
-"""Parquet tables of a fleet store: one file for each month and table, a row group for each record.
+"""Tables of a store: their columns, and the Parquet files that hold them.
 
 The same records give the same bytes: rows stand in the order of machine, valve, start and path, and nothing
 of the run goes into a file.
@@ -13,12 +13,72 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 from spool_core.system import staged
-
 from spool_fleet.catalogue.manifest import Entry, Manifest, StoredResult
 
-from .schema import RECORD_TABLES, SCHEMAS
-
 FOLDER = "tables"
+
+#: The analysis that rows of a table come from, where it is but one.
+_SOURCES = {"events": "monitor", "gaps": "gap"}
+
+_RECORD = [
+    ("bag", pa.string()),
+    ("machine", pa.string()),
+    ("valve", pa.string()),
+    ("start", pa.timestamp("us", "UTC")),
+]
+
+
+def _schema(*columns: tuple[str, str]) -> pa.Schema:
+    kinds = {
+        "text": pa.string(),
+        "number": pa.float64(),
+        "count": pa.int64(),
+        "time": pa.timestamp("us", "UTC"),
+    }
+    return pa.schema([*_RECORD, *((name, kinds[kind]) for name, kind in columns)])
+
+
+#: Tables of one row or more for each record, by name; each month has a file of each.
+RECORD_TABLES = {
+    "bags": _schema(
+        ("duration_s", "number"), ("rate_Hz", "number"), ("lost_blocks", "count"), ("status", "text"),
+        ("reason", "text"), ("oil_temperature_C", "number"), ("content", "text"),
+    ),
+    "analyses": _schema(("analysis", "text"), ("status", "text"), ("reason", "text")),
+    "parameters": _schema(
+        ("analysis", "text"), ("model", "text"), ("name", "text"), ("value", "number"), ("std", "number"),
+        ("unit", "text"),
+    ),
+    "events": _schema(
+        ("t_s", "number"), ("kind", "text"), ("state", "text"), ("severity", "text"), ("cause", "text"),
+        ("value", "number"), ("unit", "text"), ("message", "text"),
+    ),
+    "gaps": _schema(
+        ("verdict", "text"), ("confidence", "number"), ("nrmse_before", "number"), ("nrmse_after", "number"),
+    ),
+}  # fmt: skip
+
+#: Trends of each valve's parameters over all bags; one file.
+TRENDS = pa.schema(
+    [
+        ("machine", pa.string()), ("valve", pa.string()), ("parameter", pa.string()), ("unit", pa.string()),
+        ("bags", pa.int64()), ("first", pa.timestamp("us", "UTC")), ("latest", pa.timestamp("us", "UTC")),
+        ("baseline", pa.float64()), ("baseline_std", pa.float64()), ("state", pa.string()),
+        ("cause", pa.string()), ("since", pa.timestamp("us", "UTC")), ("noticed", pa.timestamp("us", "UTC")),
+        ("change", pa.float64()), ("change_std", pa.float64()), ("rate_per_month", pa.float64()),
+        ("rate_per_month_std", pa.float64()), ("threshold", pa.float64()),
+        ("months_to_threshold", pa.float64()), ("months_earliest", pa.float64()),
+        ("months_latest", pa.float64()), ("reason", pa.string()),
+    ]
+)  # fmt: skip
+#: Service events that were told; one file.
+SERVICES = pa.schema(
+    [
+        ("machine", pa.string()), ("valve", pa.string()), ("start", pa.timestamp("us", "UTC")),
+        ("kind", pa.string()), ("comment", pa.string()),
+    ]
+)  # fmt: skip
+SCHEMAS = {**RECORD_TABLES, "trends": TRENDS, "services": SERVICES}
 
 
 def table_file(store: Path, table: str, part: str) -> Path:
@@ -119,10 +179,6 @@ def _rows(table: str, entry: Entry, results: Sequence[StoredResult], kept: _Kept
         elif one.analysis == _SOURCES[table]:
             found += old
     return found
-
-
-#: The analysis that rows of a table come from, where it is but one.
-_SOURCES = {"events": "monitor", "gaps": "gap"}
 
 
 def _record(entry: Entry) -> list[Any]:

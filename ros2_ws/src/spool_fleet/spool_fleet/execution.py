@@ -1,0 +1,343 @@
+"""Execution of the tasks of a fleet: what is to be done, in processes here or on a Dask cluster."""
+
+from __future__ import annotations
+
+import gc
+import math
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field
+from importlib import import_module
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+
+from spool_core.errors import InputError, how_to_install
+from spool_core.system import limit_processors
+from spool_core.text import printable
+
+from spool_fleet.analyses.base import Rows, Subject, analyses
+from spool_fleet.catalogue.manifest import Manifest, StoredResult
+from spool_fleet.tables.parquet import missing_months, write_month
+
+if TYPE_CHECKING:
+    from spool_tools.operations.record_replay import ReplaySettings
+
+
+DONE, FAILED = "ok", "failed"
+#: Characters of a reason.
+LONGEST = 300
+
+Item = TypeVar("Item")
+Found = TypeVar("Found")
+
+#: Times that work is begun whose worker died: one killed worker is an accident, three are the work's doing.
+TRIES = 3
+
+#: Tasks for each worker that wait in its queue, so that none stands still.
+AHEAD = 2
+
+#: Tasks for each worker that wait at the scheduler.
+AHEAD_ON_CLUSTER = 2
+#: s in which a scheduler has to answer.
+PATIENCE = 10
+#: Address that means a cluster of processes of this host, which ends with the run.
+LOCAL = "local"
+
+
+@dataclass(slots=True)
+class RunResult:
+    """What a run did: numbers of bags and of analyses, and a line about each that failed."""
+
+    bags: int = 0
+    analyses: int = 0
+    failed: list[str] = field(default_factory=list)
+
+
+def tasks_due(
+    manifest: Manifest,
+    keys: Mapping[str, str],
+    settings: Callable[[str], ReplaySettings | None] = lambda _: None,
+) -> list[Task]:
+    """Return the tasks that a run has to do, in order of path.
+
+    Args:
+        manifest: the store's.
+        keys: key of each analysis by its name; results of another key are computed again.
+        settings: gives those of the monitor for a namespace, ``None`` for the shipped ones.
+    """
+    for month in missing_months(manifest):
+        manifest.forget(month)
+    tasks = []
+    for path, work in manifest.due(keys).items():
+        valve_file = manifest.of(path)[0].valve_file or None
+        parts = tuple((name, tuple(names)) for name, names in work.items())
+        tasks.append(Task(path, parts, valve_file, {name: settings(name) for name in work}))
+    return tasks
+
+
+def run_tasks(
+    manifest: Manifest,
+    tasks: Sequence[Task],
+    keys: Mapping[str, str],
+    executor: Executor,
+    advance: Callable[[float], None] = lambda _: None,
+) -> RunResult:
+    """Run ``tasks``, keep each result as it comes, and bring the tables up to date.
+
+    Args:
+        manifest: the store's.
+        tasks: as of ``tasks_due``.
+        keys: of each analysis, kept with its results: what they follow from besides the record.
+        executor: runs them.
+        advance: is told the number of bags that were done.
+    """
+    result = RunResult()
+    for done in executor.run(run_task, tasks):
+        outcomes = done.found if done.found is not None else failed(done.item, done.reason)
+        manifest.keep(done.item.path, keys, _stored(outcomes))
+        result.bags += 1
+        result.analyses += len(outcomes)
+        result.failed += [
+            f"{done.item.path}: {one.namespace}: {one.analysis}: {one.reason}"
+            for one in outcomes
+            if one.status != DONE
+        ]
+        advance(1)
+    result.failed.sort()
+    bring_up_to_date(manifest)
+    return result
+
+
+def bring_up_to_date(manifest: Manifest) -> None:
+    """Write the tables of every month that lacks something."""
+    for month in manifest.outdated():
+        write_month(manifest, month)
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """Task: which analyses of which valves of the bag at ``path``; ``valve_file`` as in ``Subject``.
+
+    ``settings`` holds those of each valve, by namespace.
+    """
+
+    path: str
+    work: tuple[tuple[str, tuple[str, ...]], ...]
+    valve_file: str | None = None
+    settings: Mapping[str, ReplaySettings | None] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Outcome of one analysis of one valve: its rows, or why there are none."""
+
+    namespace: str
+    analysis: str
+    status: str
+    reason: str
+    rows: Rows
+
+
+def run_task(task: Task) -> list[Outcome]:
+    """Return the outcomes of ``task``; an analysis that fails is one of them."""
+    return [_run(task, namespace, name) for namespace, names in task.work for name in names]
+
+
+def failed(task: Task, reason: str) -> list[Outcome]:
+    """Return the outcomes of a task that could not be run."""
+    return [
+        Outcome(namespace, name, FAILED, printable(reason, LONGEST), {})
+        for namespace, names in task.work
+        for name in names
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class Done(Generic[Item, Found]):
+    """Done work: what was ``found`` for ``item``, or the ``reason`` why nothing could be."""
+
+    item: Item
+    found: Found | None
+    reason: str = ""
+
+
+class Executor(Protocol):
+    """Executor: runs a function of one item, an item at a time on each worker, in no particular order."""
+
+    def run(self, work: Callable[[Item], Found], items: Iterable[Item]) -> Iterator[Done[Item, Found]]:
+        """Yield what was done as it becomes known; items are taken as workers become free."""
+        ...
+
+
+class ProcessPool:
+    """Process pool of ``workers`` processes, each of which uses one processor."""
+
+    def __init__(self, workers: int) -> None:
+        self.workers = workers
+
+    def run(self, work: Callable[[Item], Found], items: Iterable[Item]) -> Iterator[Done[Item, Found]]:
+        """Yield what was done, as the protocol says.
+
+        Who was at work when a worker died is not known: all that were under way are tried again, from the
+        third time on each alone, so that only the work that ends its process is given up.
+        """
+        waiting = iter(items)
+        again: list[tuple[Item, int]] = []
+        pool = _pool(self.workers)
+        try:
+            running: dict[Future[Found], tuple[Item, int]] = {}
+            while True:
+                while len(running) < self.workers * AHEAD and again:
+                    item, tries = again.pop()
+                    running[pool.submit(work, item)] = item, tries
+                for item in islice(waiting, max(0, self.workers * AHEAD - len(running))):
+                    running[pool.submit(work, item)] = item, 1
+                if not running:
+                    return
+                broken = False
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    item, tries = running.pop(future)
+                    error = future.exception()
+                    if isinstance(error, BrokenProcessPool):
+                        broken = True
+                        again.append((item, tries + 1))
+                    elif error is not None:
+                        yield Done(item, None, f"{type(error).__name__}: {error}")
+                    else:
+                        yield Done(item, future.result())
+                if broken:
+                    again += [(item, tries + 1) for item, tries in running.values()]
+                    running.clear()
+                    pool.shutdown(wait=False, cancel_futures=True)
+                    suspects = [item for item, tries in again if tries >= TRIES]
+                    again = [(item, tries) for item, tries in again if tries < TRIES]
+                    for item in suspects:
+                        yield _alone(work, item)
+                    pool = _pool(self.workers)
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def prepare_worker() -> None:
+    """Let a worker use one processor, leave Ctrl-C to the driver, and end with it."""
+    limit_processors(1)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    gc.freeze()
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+class DaskCluster:
+    """Dask cluster at ``address`` (such as ``tcp://10.0.0.5:8786``), or ``local`` with so many ``workers``.
+
+    Raises:
+        InputError: Dask is not installed, or no scheduler answers.
+    """
+
+    def __init__(self, address: str, workers: int) -> None:
+        try:
+            dask: Any = import_module("distributed")  # an extra
+        except ImportError:
+            raise InputError(f"--dask: Dask is not installed: {how_to_install('distributed')}") from None
+        self._dask = dask
+        self._cluster: Any = None
+        try:
+            if address == LOCAL:
+                self._cluster = dask.LocalCluster(
+                    n_workers=workers, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+                )
+            self._client: Any = dask.Client(self._cluster or address, timeout=PATIENCE)
+        except (OSError, ValueError, TimeoutError) as error:
+            raise InputError(f"--dask {address}: no scheduler answers there: {error}") from None
+
+    def run(self, work: Callable[[Item], Found], items: Iterable[Item]) -> Iterator[Done[Item, Found]]:
+        """Yield what was done, as the protocol says; workers may come and go."""
+        waiting = iter(items)
+        running: dict[Any, Item] = {}
+
+        def submit(item: Item) -> Any:
+            future = self._client.submit(work, item, pure=False, retries=TRIES)
+            running[future] = item
+            return future
+
+        first = [
+            submit(item) for item in islice(waiting, AHEAD_ON_CLUSTER * max(1, len(self._client.nthreads())))
+        ]
+        completed = self._dask.as_completed(first)
+        for future in completed:
+            item = running.pop(future)
+            error = future.exception()
+            if error is not None:
+                yield Done(item, None, f"{type(error).__name__}: {error}")
+            else:
+                yield Done(item, future.result())
+            for following in islice(waiting, 1):
+                completed.add(submit(following))
+
+    def close(self) -> None:
+        """Leave the scheduler, and end a cluster of this host."""
+        self._client.close()
+        if self._cluster is not None:
+            self._cluster.close()
+
+
+def _stored(outcomes: Sequence[Outcome]) -> Iterator[tuple[str, StoredResult]]:
+    for one in outcomes:
+        yield one.namespace, StoredResult(one.analysis, one.status, one.reason, one.rows)
+
+
+def _run(task: Task, namespace: str, name: str) -> Outcome:
+    subject = Subject(Path(task.path), namespace, task.valve_file, task.settings.get(namespace))
+    try:
+        rows = analyses()[name].run(subject)
+    except InputError as error:
+        return Outcome(namespace, name, FAILED, printable(error, LONGEST), {})
+    except Exception as error:  # one bag must not end a run over thousands; the reason is kept
+        text = f"{type(error).__name__}: {error}"
+        return Outcome(namespace, name, FAILED, printable(text, LONGEST), {})
+    return Outcome(namespace, name, DONE, "", _finite(rows))
+
+
+def _finite(rows: Mapping[str, list[list[Any]]]) -> Rows:
+    """Return ``rows`` with nothing in place of numbers that are none."""
+    return {
+        table: [
+            [None if isinstance(value, float) and not math.isfinite(value) else value for value in row]
+            for row in content
+        ]
+        for table, content in rows.items()
+    }
+
+
+def _alone(work: Callable[[Item], Found], item: Item) -> Done[Item, Found]:
+    """Return what ``work`` finds in a process of its own."""
+    pool = _pool(1)
+    try:
+        return Done(item, pool.submit(work, item).result())
+    except BrokenProcessPool:
+        return Done(item, None, "its analysis ended the worker process again and again")
+    except Exception as error:  # whatever the work raised
+        return Done(item, None, f"{type(error).__name__}: {error}")
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _pool(workers: int) -> ProcessPoolExecutor:
+    # Arenas of glibc keep what threads freed: one is enough for a worker that uses one processor.
+    os.environ.setdefault("MALLOC_ARENA_MAX", "1")
+    # What a bag needed is given back after it: workers are to stay as small as after their first.
+    os.environ.setdefault("MALLOC_TRIM_THRESHOLD_", "131072")
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(workers, mp_context=context, initializer=prepare_worker)
+
+
+def _end_with(parent: multiprocessing.process.BaseProcess) -> None:
+    parent.join()
+    os._exit(1)

@@ -1,1 +1,0 @@
-"""Tables: results as Parquet files, and queries over them."""
