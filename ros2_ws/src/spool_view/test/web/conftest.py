@@ -22,13 +22,10 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from spool_core.node import qos
 from spool_msgs.msg import Alarm, AlarmList, ModelEstimate, Quantity, ValveHealth
-from spool_view.web.operator.act_log import ActLog
-from spool_view.web.operator.acts import Act, Outcome
-from spool_view.web.operator.token import OperatorToken
+from spool_view.web.operator import Act, ActLog, OperatorToken, Outcome
 from spool_view.web.server.application import Application, application
-from spool_view.web.server.desk import Desk
-from spool_view.web.view.alarms import alarms_of
-from spool_view.web.view.board import Board
+from spool_view.web.server.operating import Desk
+from spool_view.web.view import Board, alarms_of
 from starlette.testclient import TestClient
 
 #: s; what is waited for comes much sooner on an idle machine.

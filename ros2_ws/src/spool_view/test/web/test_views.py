@@ -15,15 +15,22 @@ from spool_monitor.history.trend import Sums, TrendStore
 from spool_monitor.node.valve_condition import CONDITIONS, DRIFT, condition_of
 from spool_msgs.msg import AccelerationBlock, AlarmList, Quantity, ValveHealth
 from spool_msgs.srv import ManageBaseline
-from spool_view.web.operator.limits import RateLimit
-from spool_view.web.server.pages import LANGUAGES, SITE, language_of
-from spool_view.web.view.alarms import MOST, alarms_of
-from spool_view.web.view.board import MOST_VALVES, Board, HeardValve
-from spool_view.web.view.detail import detail_of
-from spool_view.web.view.machine import AT_REST, row_of
-from spool_view.web.view.spectrum import spectrum_of
-from spool_view.web.view.trends import TRENDS, trend_of
-from spool_view.web.view.values import shown
+from spool_view.web.operator import RateLimit
+from spool_view.web.server.application import LANGUAGES, SITE, language_of
+from spool_view.web.view import (
+    AT_REST,
+    MOST,
+    MOST_VALVES,
+    TRENDS,
+    Board,
+    HeardValve,
+    alarms_of,
+    detail_of,
+    row_of,
+    shown,
+    spectrum_of,
+    trend_of,
+)
 
 from .conftest import alarm, good_health, quantity, tracking
 

@@ -14,22 +14,31 @@ from spool_core.node.managed_node import ManagedNode
 from spool_core.node.parameters import NodeParameter, Value
 from spool_monitor.history.state_file import default_folder
 from spool_msgs.msg import AccelerationBlock
-
-from spool_view.web.operator.act_log import ActLog
-from spool_view.web.operator.acts import FREEZE, LEARN, Act, Outcome
-from spool_view.web.operator.token import OperatorToken
-from spool_view.web.server.application import application
-from spool_view.web.server.desk import Desk
-from spool_view.web.server.server_thread import ServerThread
-from spool_view.web.view.board import Board
-from spool_view.web.view.spectrum import spectrum_of
-
-from .acting import do
-from .calls import Calls
-from .listening import Listening
+from spool_msgs.srv import AcknowledgeAlarm, ManageBaseline, ResetAlarms, ShelveAlarm, TakeSnapshot
+from spool_view.web.node.listening import Calls, Listening
+from spool_view.web.operator import (
+    ACKNOWLEDGE,
+    ANALYSE,
+    FREEZE,
+    LEARN,
+    RESET,
+    SHELVE,
+    SNAPSHOT,
+    Act,
+    ActLog,
+    OperatorToken,
+    Outcome,
+)
+from spool_view.web.server.application import ServerThread, application
+from spool_view.web.server.operating import Desk
+from spool_view.web.view import Board, spectrum_of
+from std_srvs.srv import Trigger
 
 #: Folder of token and log below the state folder.
 FOLDER = "web_page"
+
+#: Nodes that do what the monitor does not.
+_NODES = {ANALYSE: "estimator", SNAPSHOT: "recorder"}
 
 
 class PageNode(ManagedNode):
@@ -171,6 +180,47 @@ class PageNode(ManagedNode):
         return outcome
 
 
+def do(calls: Calls, act: Act) -> Future[Outcome]:
+    """Ask for ``act``; the outcome comes once the valve's node has answered, or is not there."""
+    service, request = _request(act)
+    outcome: Future[Outcome] = Future()
+
+    def take(answer: Future[Any]) -> None:
+        outcome.set_result(_outcome(act, answer.result()))
+
+    calls.ask(act.valve, service, request).add_done_callback(take)
+    return outcome
+
+
 def _spectrum(blocks: list[bytes]) -> dict[str, Any] | None:
     """Return the spectrum of serialised blocks."""
     return spectrum_of([deserialize_message(one, AccelerationBlock) for one in blocks])
+
+
+def _request(act: Act) -> tuple[str, Any]:
+    by = {"who": act.who, "comment": act.comment}
+    if act.act == ANALYSE:
+        return "analyse_gap", Trigger.Request()
+    if act.act == SNAPSHOT:
+        return "take_snapshot", TakeSnapshot.Request(valve=act.valve, **by)
+    if act.act in (FREEZE, LEARN):
+        kind = ManageBaseline.Request
+        return "manage_baseline", kind(action=kind.FREEZE if act.act == FREEZE else kind.LEARN, **by)
+    by["alarm"] = act.alarm
+    if act.act == ACKNOWLEDGE:
+        return "acknowledge_alarm", AcknowledgeAlarm.Request(occurrence=act.occurrence, **by)
+    if act.act == RESET:
+        return "reset_alarms", ResetAlarms.Request(**by)
+    shelved = act.act == SHELVE
+    return "shelve_alarm", ShelveAlarm.Request(shelved=shelved, duration=60.0 * act.minutes, **by)
+
+
+def _outcome(act: Act, answer: Any) -> Outcome:
+    if answer is None:
+        node = _NODES.get(act.act, "monitor")
+        return Outcome(False, f"{act.valve}: its {node} does not answer")
+    if act.act == ANALYSE:
+        return Outcome(bool(answer.success), str(answer.message))
+    if not answer.success:
+        return Outcome(False, str(answer.reason))
+    return Outcome(True, ", ".join(getattr(answer, "changed", ())) or str(getattr(answer, "stage", "")))

@@ -1,26 +1,30 @@
-"""Operating: an operator's requests, each with the token, within a rate, and in the log."""
+"""Requests that are answered once: an operator's acts, records of a valve."""
 
 from __future__ import annotations
 
 import asyncio
 import json
-from dataclasses import asdict
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
+from spool_core.errors import InputError
+from spool_view.web.operator import Act, ActLog, ActRefusedError, OperatorToken, Outcome, RateLimit, act_of
+from spool_view.web.view import RANGES, Board, trend_of
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
-
-from spool_view.web.operator.acts import Act, ActRefusedError, Outcome, act_of
-from spool_view.web.operator.limits import RateLimit
-
-from .desk import Desk
+from starlette.responses import JSONResponse, PlainTextResponse, Response
 
 #: B of a request, s that it may take to come in.
 MOST_BODY, BODY = 4096, 5.0
 #: Acts a second, and at once; wrong tokens likewise.
 ACTS, ACTS_AT_ONCE = 1.0, 10.0
 WRONG, WRONG_AT_ONCE = 0.2, 10.0
+
+#: Trends that are read at a time.
+MOST_READINGS = 2
 
 
 class Operating:
@@ -81,6 +85,57 @@ class Operating:
         return await asyncio.wrap_future(self._desk.do(act))
 
 
+class Records:
+    """Records of one page; of valves that are heard only."""
+
+    def __init__(self, desk: Desk) -> None:
+        self._desk = desk
+        self._free: asyncio.Semaphore | None = None
+
+    async def trend(self, request: Request) -> Response:
+        """Answer with a trend."""
+        valve, length = request.query_params.get("valve", ""), request.query_params.get("range", "day")
+        parameter = request.query_params.get("parameter", "")
+        if valve not in self._desk.board.valves or length not in RANGES or len(parameter) > 200:
+            return _nothing()
+        self._free = self._free or asyncio.Semaphore(MOST_READINGS)
+        async with self._free:
+            try:
+                found = await run_in_threadpool(trend_of, self._desk.state_folder, valve, parameter, length)
+            except (InputError, OSError):  # names files: not for browsers
+                return _nothing()
+        return JSONResponse(found, headers={"cache-control": "no-store"})
+
+    async def gap(self, request: Request) -> Response:
+        """Answer with everything that the last gap analysis of a valve found."""
+        valve = self._desk.board.valves.get(request.query_params.get("valve", ""))
+        message = valve.gap if valve is not None else None
+        if message is None or not message.json:
+            return PlainTextResponse("no analysis is held: open the valve's page first", 404)
+        name = f"gap_{message.header.stamp.sec}.json"
+        headers = {"cache-control": "no-store", "content-disposition": f'attachment; filename="{name}"'}
+        return Response(message.json, media_type="application/json", headers=headers)
+
+
+@dataclass(frozen=True, slots=True)
+class Desk:
+    """Desk of a page: valves, where trends are kept, and, with an operator, ``do``, ``token`` and ``log``."""
+
+    board: Board
+    address: str
+    state_folder: Path
+    spectrum: Callable[[list[bytes]], dict[str, Any] | None]
+    do: Callable[[Act], Future[Outcome]]
+    token: OperatorToken | None
+    log: ActLog | None
+    warn: Callable[[str], object]
+
+    @property
+    def operable(self) -> bool:
+        """Whether an operator may act; else the page is read only."""
+        return self.token is not None and self.log is not None
+
+
 async def _content(request: Request) -> Any:
     """Return the decoded body.
 
@@ -107,3 +162,8 @@ async def _body(request: Request) -> bytes:
 
 def _answer(status: int, text: str) -> JSONResponse:
     return JSONResponse({"text": text}, status, {"cache-control": "no-store"})
+
+
+def _nothing() -> Response:
+    """Answer that there is none: no fault, a monitor that has just begun has kept nothing yet."""
+    return JSONResponse({"parameters": [], "start": []}, headers={"cache-control": "no-store"})

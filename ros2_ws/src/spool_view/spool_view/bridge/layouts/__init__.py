@@ -1,1 +1,0 @@
-"""Layouts of viewers, made of the topics of valves."""

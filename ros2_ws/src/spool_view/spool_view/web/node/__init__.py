@@ -1,1 +1,0 @@
-"""Node ``page``: listens to valves and asks their services."""

@@ -1,1 +1,0 @@
-"""Operator: token, log of acts, limits."""

@@ -1,1 +1,0 @@
-"""Server of the page: routes, streams of events, access control."""

@@ -1,1 +1,0 @@
-"""View of running valves: what was heard of them, and what browsers are shown."""
