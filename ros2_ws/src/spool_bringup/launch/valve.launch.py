@@ -12,7 +12,7 @@ from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import LifecycleNode, Node
 from launch_ros.parameter_descriptions import ParameterValue
-from spool_bringup.host.valve_list import read_valves
+from spool_bringup.host.arguments import read_valves
 from spool_core.errors import InputError
 from spool_core.node.parameters import refuse_other_files, rule
 

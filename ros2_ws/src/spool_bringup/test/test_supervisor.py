@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from spool_bringup.host.first_list import FirstList
+from spool_bringup.host.arguments import FirstList
 from spool_core.errors import InputError
 
 #: Each process says its number and its identifier, then beats until a signal ends it, or as its number says.

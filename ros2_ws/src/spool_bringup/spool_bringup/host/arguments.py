@@ -1,16 +1,26 @@
-"""ROS arguments of a host: which of them each of its processes and each hosted node gets."""
+"""Arguments of the host: which valves, from which list, on which middleware.
+
+Fast DDS allocates 100 samples for each of the 30 end points of a node before the first one is sent: 1 MB of
+2.3 MB that a managed node takes. A profile changes that (Fast DDS, "XML profiles", ``allocated_samples``).
+"""
 
 from __future__ import annotations
 
+import atexit
 import copy
+import fcntl
+import json
 import os
 import re
+import tempfile
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
 import yaml
-from spool_core.files import LARGEST, YamlError, load_yaml
+from spool_core.errors import InputError
+from spool_core.files import LARGEST, YamlError, load_yaml, read_yaml
 
 #: Name of the node of a host's first process; that of process 1 is ``host_1``, and so on.
 NAME = "host"
@@ -18,6 +28,25 @@ _PARAMETERS = "ros__parameters"
 _FILE, _PARAMETER, _REMAP = ("--params-file",), ("-p", "--param"), ("-r", "--remap")
 #: Rule that names the node, of any node or of one only.
 _NAMING = re.compile(r"^(?:[^:=]*:)?__(?:node|name):=(.+)$")
+
+#: B that a list takes at most, which the reader of YAML bounds.
+_LARGEST = 1 << 26
+
+PROFILE = """<?xml version="1.0" encoding="UTF-8"?>
+<dds xmlns="http://www.eprosima.com">
+ <profiles>
+  <data_writer profile_name="spool_writer" is_default_profile="true">
+   <topic><resourceLimitsQos><allocated_samples>1</allocated_samples></resourceLimitsQos></topic>
+   <historyMemoryPolicy>DYNAMIC_REUSABLE</historyMemoryPolicy>
+  </data_writer>
+  <data_reader profile_name="spool_reader" is_default_profile="true">
+   <topic><resourceLimitsQos><allocated_samples>1</allocated_samples></resourceLimitsQos></topic>
+   <historyMemoryPolicy>DYNAMIC_REUSABLE</historyMemoryPolicy>
+  </data_reader>
+ </profiles>
+</dds>
+"""
+FILES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")
 
 
 def node_name(number: int) -> str:
@@ -59,6 +88,88 @@ def names_for_all(arguments: Sequence[str]) -> set[str]:
                 if _split(key)[1] in ("*", "**"):
                     found |= {name.value.split(".")[0] for name, _ in section.value}
     return found
+
+
+@dataclass(frozen=True, slots=True)
+class ListedValve:
+    """Valve of the list: its namespace, and its valve file where it has one."""
+
+    namespace: str
+    valve_file: str = ""
+
+
+def read_valves(path: str) -> list[ListedValve]:
+    """Return the valves of the list in the file ``path``.
+
+    Raises:
+        InputError: it is no file, no list of valves, or a namespace stands twice.
+    """
+    if not Path(path).is_file():
+        raise InputError(
+            f"valves_file: {path} is no file: name the YAML file, e.g. a copy of config/valves.yaml"
+        )
+    entries = read_yaml(path, "valves")
+    if not isinstance(entries, list) or not entries:
+        raise InputError(f"{path}: give a list of valves, each with a namespace")
+    valves = []
+    for number, entry in enumerate(entries, 1):
+        if not isinstance(entry, dict) or "namespace" not in entry:
+            raise InputError(f"{path}: entry {number} has no namespace")
+        unknown = set(entry) - {"namespace", "valve_file"}
+        if unknown:
+            raise InputError(f"{path}: entry {number}: unknown key {min(map(str, unknown))}")
+        namespace = str(entry["namespace"]).strip("/")
+        valves.append(ListedValve(namespace, str(entry.get("valve_file", ""))))
+    names = [valve.namespace for valve in valves]
+    if len(set(names)) < len(names):
+        raise InputError(f"{path}: a namespace stands twice, valves must not mix")
+    return valves
+
+
+def share(valves: list[ListedValve], number: int, processes: int) -> list[ListedValve]:
+    """Return the valves of process ``number`` of so many: every so-manieth one."""
+    return valves[number::processes]
+
+
+class FirstList:
+    """First list of valves, shared by the processes of a host after a fork.
+
+    A file that is edited meanwhile changes nothing until the host is started anew: each process would take
+    its share of another list, so that some valves had two estimators and some none.
+    """
+
+    def __init__(self) -> None:
+        self._file = os.memfd_create("valves")
+
+    def read(self, path: str) -> list[ListedValve]:
+        """Return the list, read from ``path`` where no process has read it yet.
+
+        Raises:
+            InputError: as of :func:`~spool_bringup.host.arguments.read_valves`.
+        """
+        fcntl.lockf(self._file, fcntl.LOCK_EX)
+        try:
+            text = os.pread(self._file, _LARGEST, 0)
+            if text:
+                return [ListedValve(*one) for one in json.loads(text)]
+            valves = read_valves(path)
+            os.pwrite(self._file, json.dumps([[one.namespace, one.valve_file] for one in valves]).encode(), 0)
+            return valves
+        finally:
+            fcntl.lockf(self._file, fcntl.LOCK_UN)
+
+
+def economise() -> None:
+    """Let the middleware of this process allocate little ahead; a profile that the user has given stands."""
+    if any(name in os.environ for name in FILES):
+        return
+    with tempfile.NamedTemporaryFile("w", prefix="spool_", suffix=".xml", delete=False) as stream:
+        stream.write(PROFILE)
+    path = Path(stream.name)
+    atexit.register(path.unlink, missing_ok=True)  # processes that are forked end without it
+    for name in FILES:
+        os.environ[name] = str(path)
+    os.environ["RMW_FASTRTPS_USE_QOS_FROM_XML"] = "1"
 
 
 def _pairs(words: Sequence[str]) -> Iterator[tuple[str, str]]:

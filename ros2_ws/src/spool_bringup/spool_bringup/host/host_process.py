@@ -1,4 +1,4 @@
-"""Host process: the nodes of some valves on one executor, their blocks on one worker thread."""
+"""Process that hosts the nodes of many valves, and the sources of their samples."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import os
 import resource
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib.metadata import entry_points
 from typing import Any, ClassVar
 
 import rclpy
@@ -18,7 +19,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 from spool_core.errors import InputError
-from spool_core.node.block_hub import HUB, Throttle, Worker
+from spool_core.node.block_hub import HUB, Throttle, TopicTimes, Worker
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status
 from spool_core.node.managed_node import ManagedNode, Ticker
 from spool_core.node.parameters import NodeParameter, refuse_other_files, rule
@@ -27,12 +28,18 @@ from spool_core.node.running import REFUSED, ensure_log_folder, new_executor, on
 from spool_estimator.node.estimator_node import EstimatorNode
 from spool_monitor.node.monitor_node import MonitorNode
 
-from .arguments import NAME, arguments_of_nodes, arguments_of_process, names_for_all, node_name
-from .first_list import FirstList
-from .heartbeat import Heartbeat, notify
-from .sources import NONE, load_source
-from .valve_list import ListedValve, read_valves, share
-from .valve_timing import valve_timings
+from spool_bringup.host.arguments import (
+    NAME,
+    FirstList,
+    ListedValve,
+    arguments_of_nodes,
+    arguments_of_process,
+    names_for_all,
+    node_name,
+    read_valves,
+    share,
+)
+from spool_bringup.host.supervisor import Heartbeat, notify
 
 #: s that the executor waits for work before it looks for a signal, and between two looks at the nodes.
 TURN, LOOK = 0.1, 0.25
@@ -49,6 +56,11 @@ AGAIN = 5.0
 #: s of samples that are taken together: 30 valves cost 0.58 core with each block by itself, 0.47 with 0.1 s,
 #: 0.34 with 0.2 s, no less with 0.3 s; an event comes later by that.
 TOGETHER = 0.2
+
+#: Group of entry points, as ``simulator = spool_sim.simulator_node:SimulatorNode``. A driver joins by one of
+#: its own: a managed node that sends by :class:`~spool_core.node.block_hub.BlockPublisher`.
+SOURCES = "spool.sources"
+NONE = "none"
 
 
 @dataclass(slots=True)
@@ -356,6 +368,59 @@ class HostProcess:
         rclpy.try_shutdown()
 
 
+def load_source(name: str) -> type[ManagedNode] | None:
+    """Return the class of the source ``name``, ``None`` for none.
+
+    Raises:
+        InputError: no package offers it.
+    """
+    if name == NONE:
+        return None
+    offered = {one.name: one for one in entry_points(group=SOURCES)}
+    if name not in offered:
+        known = ", ".join([NONE, *sorted(offered)])
+        raise InputError(f"source: no package offers {name!r}; there are {known}")
+    kind = offered[name].load()
+    if not (isinstance(kind, type) and issubclass(kind, ManagedNode)):
+        raise InputError(f"source: {offered[name].value} of {name!r} is no managed node")
+    return kind
+
+
+def valve_timings(times: Mapping[str, TopicTimes], elapsed: float, resident: int) -> list[Status]:
+    """Return a task for each valve, and begin its next interval.
+
+    Args:
+        times: of each topic of blocks.
+        elapsed: s, since the last call.
+        resident: B, of the process; a valve is given its share.
+    """
+    return [
+        _timing(topic.strip("/").rpartition("/")[0], one, elapsed, resident // len(times))
+        for topic, one in times.items()
+    ]
+
+
 def _resident() -> int:
     with open("/proc/self/statm", encoding="ascii") as stream:
         return int(stream.read().split()[1]) * resource.getpagesize()
+
+
+def _timing(valve: str, times: TopicTimes, elapsed: float, resident: int) -> Status:
+    new = times.since()
+    values: dict[str, object] = {
+        "blocks": times.messages,
+        "blocks_late": times.late,
+        "blocks_lost": times.blocks_lost,
+        "blocks_waiting": times.waiting,
+        "block_age_s": times.age,
+        "longest_wait_s": times.longest_wait,
+        "cpu_share": new.work / elapsed,
+        "resident_B": resident,
+    }
+    times.longest_wait = 0.0
+    told = [
+        f"{count} blocks {what}" for count, what in ((new.late, "late"), (new.blocks_lost, "lost")) if count
+    ]
+    if not new.messages:
+        told = ["no blocks"]
+    return Status(valve, Level.WARNING if told else Level.OK, ", ".join(told) or "in time", values)

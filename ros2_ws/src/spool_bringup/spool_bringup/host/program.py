@@ -10,7 +10,8 @@ from spool_core.errors import InputError, libraries_reported
 from spool_core.system import run_before_others, use_processors
 from spool_core.text import keep_standard_streams
 
-from .first_list import FirstList
+from spool_bringup.host.arguments import FirstList
+
 from .supervisor import Run, Supervisor
 
 
@@ -43,7 +44,7 @@ def main() -> int:
     except InputError as error:
         parser.error(str(error))
     arguments = [*(words[at:] or ["--ros-args"]), "-p", f"processes:={options.processes}"]
-    from .middleware import economise  # noqa: PLC0415 - before the middleware is loaded
+    from spool_bringup.host.arguments import economise  # noqa: PLC0415 - before the middleware is loaded
 
     economise()
     if options.processes > 1:

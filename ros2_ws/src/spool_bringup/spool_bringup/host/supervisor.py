@@ -1,4 +1,4 @@
-"""Supervisor of host processes: begins them, ends them on a signal, and begins one again that ended.
+"""Supervisor of host processes: restarts what died or hangs.
 
 It loads nothing itself. The first process loads, forks the others, so that they share what was loaded, and
 goes on as the first one; all of them are the supervisor's (``PR_SET_CHILD_SUBREAPER`` of prctl(2)).
@@ -10,15 +10,16 @@ import contextlib
 import ctypes
 import gc
 import math
+import mmap
 import os
 import signal
+import socket
+import struct
 import sys
 import time
 import traceback
 from collections.abc import Callable, Sequence
 from types import FrameType
-
-from .heartbeat import Heartbeat, notify
 
 #: s before a process that died is begun again, twice as long for each further time in an hour, and at most.
 AGAIN, LONGEST_AGAIN = 2.0, 300.0
@@ -34,6 +35,33 @@ _PARENT_DEATH_SIGNAL, _CHILD_SUBREAPER = 1, 36
 
 #: Signals with which a host is asked to end.
 ASKING = (signal.SIGINT, signal.SIGTERM)
+
+
+class Heartbeat:
+    """Heartbeat of so many processes, in memory that they share after a fork."""
+
+    def __init__(self, count: int) -> None:
+        self._map = mmap.mmap(-1, _BEAT.size * count)
+
+    def beat(self, number: int, process: int | None = None) -> None:
+        """Say that ``process``, this one where it is left out, is number ``number`` and makes progress."""
+        _BEAT.pack_into(self._map, _BEAT.size * number, time.monotonic(), process or os.getpid())
+
+    def forget(self, number: int) -> None:
+        """Say that no process is number ``number``."""
+        _BEAT.pack_into(self._map, _BEAT.size * number, 0.0, 0)
+
+    def process(self, number: int) -> int:
+        """Return the identifier of process ``number``, 0 where it never made progress."""
+        return int(_BEAT.unpack_from(self._map, _BEAT.size * number)[1])
+
+    def age(self, number: int) -> float:
+        """Return how long ago process ``number`` did so, s."""
+        return time.monotonic() - float(_BEAT.unpack_from(self._map, _BEAT.size * number)[0])
+
+
+#: Time of the last beat by the monotonic clock, s, and the process that beats.
+_BEAT = struct.Struct("<dq")
 
 Run = Callable[[int, Heartbeat], int]
 
@@ -224,6 +252,21 @@ class Supervisor:
             self._due[number] = now + wait
             said = f"host {number} ended with {code}: begun again in {wait:g} s"
             print(said, file=sys.stderr, flush=True)
+
+
+def notify(text: str) -> None:
+    """Tell the service manager ``text`` (sd_notify(3)); without one nothing happens."""
+    address = os.environ.get("NOTIFY_SOCKET", "")
+    if not address:
+        return
+    if address.startswith("@"):
+        address = "\0" + address[1:]
+    try:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as connection:
+            connection.connect(address)
+            connection.sendall(text.encode())
+    except OSError:
+        return  # it went away: nobody is left to tell
 
 
 def _signal(process: int, number: int) -> None:
