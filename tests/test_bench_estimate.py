@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from spool_evaluation.benchmarks import estimate, recursion
+from spool_evaluation.benchmarks import estimate
+from spool_evaluation.benchmarks import estimate as recursion
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -7,9 +7,9 @@ import pytest
 from rich.console import Console
 from spool_blind.case import make
 from spool_evaluation.bench import run_bench, table_of
-from spool_evaluation.benchmarks import gap, gap_peer
-from spool_evaluation.benchmarks.gap import FRESH, seeds
-from spool_evaluation.benchmarks.gap_peer import library, named
+from spool_evaluation.benchmarks import gap
+from spool_evaluation.benchmarks import gap as gap_peer
+from spool_evaluation.benchmarks.gap import FRESH, library, named, seeds
 from spool_evaluation.results.timing import Timing
 from spool_evaluation.studies.gap import given
 from spool_gap.effect import Motion

@@ -6,9 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from spool_evaluation.benchmarks.change_points import ChangePoints
-from spool_evaluation.benchmarks.monitor import DriftStream, _delays, _false, _first
-from spool_evaluation.benchmarks.monitor_peers import PEERS
+from spool_evaluation.benchmarks.monitor import PEERS, ChangePoints, DriftStream, _delays, _false, _first
 
 
 def stream(step: float, seed: int = 1) -> DriftStream:

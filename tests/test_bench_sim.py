@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from spool_evaluation.benchmarks import sim, sim_compiled, sim_peer
+from spool_evaluation.benchmarks import sim, sim_peer
+from spool_evaluation.benchmarks import sim as sim_compiled
 from spool_evaluation.benchmarks.sim import PLANT, SWEEP, Ours, TimedRun
 from spool_evaluation.results.timing import Timing
 from spool_sim.excitation import SweptSine

@@ -13,11 +13,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from spool_blind.case import BlindCase, make
-from spool_blind.limit import limit_case
+from spool_blind.case import BlindCase, limit_case, make, write, write_record
 from spool_blind.simulator.plant import Plant, move
 from spool_blind.spoiling import SPOILINGS
-from spool_blind.writing import write, write_record
 from spool_evaluation.studies.gap import judge
 from spool_sim.excitation import SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState

@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from spool_blind.case import write
+
 from .case import make
-from .writing import write
 
 
 def main() -> None:

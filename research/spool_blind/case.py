@@ -1,21 +1,27 @@
-"""Blind case: a record, what is hidden in it, and how visible that is."""
+"""Blind case: a record, what is hidden in it, how visible that is, its files, and the limit of detection.
+
+Where friction is small, its other laws are Coulomb friction to any record.
+"""
 
 from __future__ import annotations
 
+import gzip
+import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
-from spool_blind.simulator.channels import Channels
-
-from .condition import ExperimentCondition, Scale, draw_condition
-from .effects import EFFECTS
-from .hidden import Hidden, Kind
-from .out_of_catalogue import OUT_OF_CATALOGUE
-from .visibility import Visibility, look, noncentrality, threshold
+from spool_blind.condition import DELAY_TOLERANCE, GAIN_TOLERANCE, ExperimentCondition, Scale, draw_condition
+from spool_blind.hidden import EFFECTS, OUT_OF_CATALOGUE, Hidden, Kind
+from spool_blind.simulator.plant import Channels
+from spool_blind.visibility import Visibility, look, noncentrality, threshold
 
 Array = NDArray[np.float64]
 
@@ -40,6 +46,20 @@ PAIRS: tuple[str, ...] = tuple(
     if EFFECTS[one].group != EFFECTS[other].group
     and {"gain", "delay"} != {EFFECTS[one].group, EFFECTS[other].group}
 )
+
+#: m, of the valve's lands; the oil is said to be what its description says, not what is in it.
+LAND_DIAMETER, LAND_LENGTH, RADIAL_CLEARANCE, VISCOSITY = 0.020, 0.032, 15.0e-6, 0.0612
+SPOOL_SHARE = 0.172 / 0.18
+
+#: Over the size that is drawn as clear.
+SMALLEST, LARGEST = 1e-4, 2.0
+#: Evidence at the limit is within this of the threshold, relative; so many cases are made at most.
+CLOSE, MOST = 0.1, 14
+
+#: Steps for slopes and room, in units of ``_SIZES``, and runs of the fit.
+STEP, ROOM, RUNS = 0.05, 200.0, 8
+#: Sizes of stiffness and damping (relative), gain, delay (of their tolerances), force (of inertia).
+_SIZES = np.array([0.002, 0.02, 0.05, 0.05, 0.02])
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,10 +171,6 @@ def make(
     raise RuntimeError(f"seed {seed}: {hidden} was not clear under any of {DRAWS} conditions")
 
 
-def _kind(name: str) -> Kind:
-    return EFFECTS[name] if name in EFFECTS else OUT_OF_CATALOGUE[name]
-
-
 class BlindTrial:
     """Trial of a size: the motion with something hidden, and how visible that is."""
 
@@ -223,6 +239,173 @@ def sample_times(condition: ExperimentCondition) -> Array:
     return np.arange(round(condition.duration * condition.sample_rate)) / condition.sample_rate
 
 
+class DescribedCase(Protocol):
+    """Case of any family, as far as its valve's description needs it."""
+
+    @property
+    def plant(self) -> Mapping[str, float]:
+        """Numbers of the plant."""
+
+    @property
+    def condition(self) -> ExperimentCondition:
+        """Condition of the experiment."""
+
+
+def valve_text(case: DescribedCase) -> str:
+    """Return the valve's description, YAML: its mass is true, its spring is the maker's number."""
+    mass = case.plant["mass"]
+    return (
+        "id: blind_valve\n"
+        f"moving_mass: {mass!r}\nspool_mass: {SPOOL_SHARE * mass!r}\n"
+        f"spring_stiffness: {case.condition.nominal_stiffness!r}\n"
+        f"land_diameter: {LAND_DIAMETER}\nland_length: {LAND_LENGTH}\n"
+        f"radial_clearance: {RADIAL_CLEARANCE:.7f}\ndynamic_viscosity: {VISCOSITY}\n"
+        "oil: HL68\noil_temperature: 20.0\n"
+    )
+
+
+def truth_of(case: BlindCase) -> dict[str, Any]:
+    """Return what is true of the case, for JSON, SI units."""
+    condition, seen = case.condition, case.visibility
+    return {
+        "seed": case.seed,
+        "kind": case.kind,
+        "hidden": case.hidden,
+        "accepted": list(case.accepted),
+        "factor": case.factor,
+        "effects": {name: dict(values) for name, values in case.truth.items()},
+        "plant": dict(case.plant),
+        "channels": {name: getattr(case.channels, name) for name in type(case.channels).__slots__},
+        "drive": condition.excitation.kind,
+        "amplitude_m_s2": condition.amplitude,
+        "levels": list(condition.excitation.levels),
+        "band_Hz": [condition.excitation.low, condition.excitation.high],
+        "sample_rate_Hz": condition.sample_rate,
+        "duration_s": condition.duration,
+        "nominal_stiffness_N_m": condition.nominal_stiffness,
+        "noise_share": condition.noise_share,
+        "visible": None
+        if seen is None
+        else {
+            "nrmse": seen.nrmse,
+            "noise_nrmse": seen.noise_nrmse,
+            "evidence": seen.evidence,
+            "threshold": case.threshold,
+        },
+    }
+
+
+def write(case: BlindCase, folder: Path) -> Path:
+    """Write ``record.csv.gz``, ``valve.yaml`` and ``truth.json`` into ``folder``; return the record."""
+    folder.mkdir(parents=True, exist_ok=True)
+    record = folder / "record.csv.gz"
+    write_record(record, case.time, case.body, case.spool)
+    (folder / "valve.yaml").write_text(valve_text(case))
+    (folder / "truth.json").write_text(json.dumps(truth_of(case), indent=1))
+    return record
+
+
+def write_record(path: Path, time: Array, body: Array, spool: Array) -> None:
+    """Write a record of two accelerometers as CSV, gzipped where the name says so; NaN is an empty cell."""
+    lines = ["time_s,body_m_s2,spool_m_s2\n"]
+    for row in zip(time.tolist(), body.tolist(), spool.tolist(), strict=True):
+        cells = [f"{row[0]:.9g}"] + ["" if math.isnan(value) else f"{value:.7g}" for value in row[1:]]
+        lines.append(",".join(cells) + "\n")
+    text = "".join(lines)
+    if path.suffix == ".gz":
+        with gzip.open(path, "wt", compresslevel=1) as file:
+            file.write(text)
+    else:
+        path.write_text(text)
+
+
+def limit_case(seed: int, hidden: str, *, moderate: bool = False) -> BlindCase | None:
+    """Return the case of ``seed`` at the size at which the evidence is at the threshold.
+
+    The test knows what is hidden and the noise, and base, gain and delay are refitted with it: the most
+    powerful one at its rate of false alarms (Neyman and Pearson 1933), as a mean over the noise. A single
+    record may be named below it.
+    A law of friction that contains Coulomb friction must be distinguished from that, too.
+
+    Args:
+        seed: of the condition and of the size that ``BlindCase.factor`` is relative to.
+        hidden: an effect.
+        moderate: under a moderate condition, see ``condition.draw_condition``.
+
+    Returns:
+        ``None`` where even the largest size is not seen.
+    """
+    low, high = math.log(SMALLEST), math.log(LARGEST)
+    best = make(seed, hidden, factor=LARGEST, moderate=moderate)
+    above = _over_threshold(best)
+    if above < 0.0:
+        return None
+    guess = high - 0.5 * above
+    for _ in range(MOST):
+        if abs(above) < CLOSE or high - low < 0.02:
+            break
+        # Evidence grows with the square of a small size; where it does not, the bracket is halved.
+        middle = guess if low < guess < high else 0.5 * (low + high)
+        case = make(seed, hidden, factor=math.exp(middle), moderate=moderate)
+        above = _over_threshold(case)
+        if above >= 0.0 or abs(above) < CLOSE:
+            best = case
+        if above >= 0.0:
+            high = middle
+        else:
+            low = middle
+        guess = middle - 0.5 * above
+    return best
+
+
+def contains_coulomb_friction(case: BlindCase) -> bool:
+    """Return whether what is hidden is one law of friction that contains Coulomb friction."""
+    return case.hidden in EFFECTS and EFFECTS[case.hidden].richer
+
+
+def over_coulomb_friction(case: BlindCase) -> float:
+    """Return the noncentrality of a test between ``case`` and Coulomb friction; base, gain, delay refitted.
+
+    Raises:
+        ValueError: what is hidden does not contain Coulomb friction.
+    """
+    if not contains_coulomb_friction(case):
+        richer = ", ".join(name for name, kind in EFFECTS.items() if kind.richer)
+        raise ValueError(f"{case.hidden} does not contain Coulomb friction; these do: {richer}")
+    condition = case.condition
+    force = condition.scale().force
+    target = _reading(case, case.plant, case.channels.gain, case.channels.delay)
+    known = condition.base.numbers
+
+    def remainder(x: Array) -> Array:
+        stiffness, damping, gain, delay, friction = (x - 1.0) * _SIZES
+        numbers = {
+            **known,
+            "stiffness": known["stiffness"] * (1.0 + stiffness),
+            "damping": known["damping"] * (1.0 + damping),
+            "coulomb_force": friction * force,
+        }
+        gain = case.channels.gain + gain * GAIN_TOLERANCE
+        return _reading(case, numbers, gain, case.channels.delay + delay * DELAY_TOLERANCE) - target
+
+    within = 1.0 / _SIZES[2:4]
+    found = least_squares(
+        remainder,
+        np.ones(5),
+        bounds=(
+            [1.0 - ROOM, 1.0 - 1.0 / _SIZES[1], *(1.0 - within), 1.0],
+            [1.0 + ROOM, 1.0 + ROOM, *(1.0 + within), 1.0 + ROOM],
+        ),
+        diff_step=STEP,
+        max_nfev=RUNS,
+    )
+    return noncentrality(remainder(found.x), known, condition.sample_rate, case.channels.noise)
+
+
+def _kind(name: str) -> Kind:
+    return EFFECTS[name] if name in EFFECTS else OUT_OF_CATALOGUE[name]
+
+
 def _record(seed: int, hidden: str, trial: BlindTrial, noise_seed: int, factor: float) -> BlindCase:
     t = sample_times(trial.condition)
     body, spool = trial.channels.read(trial.motion, t, np.random.default_rng(noise_seed))
@@ -241,3 +424,19 @@ def _record(seed: int, hidden: str, trial: BlindTrial, noise_seed: int, factor: 
         body=body,
         spool=spool,
     )
+
+
+def _over_threshold(case: BlindCase) -> float:
+    """Return the logarithm of the evidence over the threshold."""
+    evidence = 0.0 if case.visibility is None else case.visibility.evidence
+    if evidence > case.threshold and contains_coulomb_friction(case):
+        evidence = min(evidence, over_coulomb_friction(case))
+    return math.log(max(evidence, 1e-12) / case.threshold)
+
+
+def _reading(case: BlindCase, numbers: Mapping[str, float], gain: float, delay: float) -> Array:
+    """Return the spool's channel without noise, m/s^2, shape (n,)."""
+    condition = case.condition
+    plant = replace(condition.base, numbers=numbers)
+    channels = replace(case.channels, noise=0.0, gain=gain, delay=delay)
+    return channels.read(condition.move(plant), sample_times(condition), np.random.default_rng(0))[1]

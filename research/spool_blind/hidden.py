@@ -1,4 +1,4 @@
-"""Hidden effects: how large they are, and what they do to plant and channels."""
+"""Hidden effects: those of the catalogue, those outside of it, and what they do to plant and channels."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from .condition import ExperimentCondition, Scale
+from spool_blind.condition import ExperimentCondition, Scale
 
 Generator = np.random.Generator
 #: A limit is not drawn further in than this share of the peak.
@@ -54,6 +54,11 @@ class Hidden:
 
 Draw = Callable[[Generator, ExperimentCondition, Scale], Hidden]
 
+#: m/s^2: normal load of mixed friction is the spool's weight.
+GRAVITY = 9.80665
+#: Part of the moving mass that is the spool's own.
+SPOOL_SHARE = 0.172 / 0.18
+
 
 @dataclass(frozen=True, slots=True)
 class Kind:
@@ -72,6 +77,145 @@ class Kind:
     richer: bool = False
 
 
+def coulomb(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
+    """A constant force against the motion."""
+    force = between(generator, 0.12, 0.4) * scale.force
+    return Hidden({"coulomb_force": force}, {}, {"coulomb_force": force}, ("coulomb_force",))
+
+
+def stribeck(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
+    """Friction that falls with speed from a static value."""
+    static = between(generator, 0.25, 0.5) * scale.force
+    force = between(generator, 0.35, 0.65) * static
+    speed = between(generator, 0.2, 0.5) * scale.velocity
+    numbers = {"coulomb_force": force, "static_force": static, "stribeck_velocity": speed}
+    exponent = between(generator, 1.0, 2.0)
+    return Hidden({**numbers, "stribeck_exponent": exponent}, {}, numbers, ("coulomb_force", "static_force"))
+
+
+def mixed(generator: Generator, condition: ExperimentCondition, scale: Scale) -> Hidden:
+    """Contacts that fall with speed and a root of the speed that rises."""
+    rest = between(generator, 0.25, 0.5) * scale.force
+    speed = between(generator, 0.005, 0.02)
+    root = between(generator, 0.2, 0.5) * scale.force / float(np.sqrt(scale.velocity))
+    load = GRAVITY * SPOOL_SHARE * condition.base.numbers["mass"]
+    return Hidden(
+        {"root_drag": root, "contact_power": rest * speed, "contact_velocity": speed},
+        {},
+        {
+            "mixed_root_coefficient": root / load,
+            "mixed_inverse_coefficient": rest * speed / load,
+            "mixed_velocity": speed,
+        },
+        ("root_drag", "contact_power", "mixed_root_coefficient", "mixed_inverse_coefficient"),
+    )
+
+
+def asymmetric(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
+    """Another constant force in either direction."""
+    force = between(generator, 0.15, 0.4) * scale.force
+    excess = either_sign(generator, between(generator, 0.25, 0.6) * force)
+    return Hidden(
+        {"coulomb_force": force, "asymmetry": excess},
+        {},
+        {"forward_force": force + excess, "backward_force": force - excess},
+        ("coulomb_force", "asymmetry", "forward_force", "backward_force"),
+        simpler={"asymmetry": 0.0},
+    )
+
+
+def presliding(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
+    """Friction that builds up over a travel after each reversal (Dahl)."""
+    force = between(generator, 0.15, 0.4) * scale.force
+    stiffness = force / (between(generator, 0.03, 0.1) * scale.travel)
+    return Hidden(
+        {"coulomb_force": force, "bristle_stiffness": stiffness},
+        {},
+        {"dahl_force": force, "dahl_stiffness": stiffness},
+        ("coulomb_force", "bristle_stiffness", "dahl_force", "dahl_stiffness"),
+    )
+
+
+def quadratic(generator: Generator, condition: ExperimentCondition, scale: Scale) -> Hidden:
+    """Drag with the square of the speed."""
+    value = between(generator, 0.4, 1.2) * condition.base.numbers["damping"] / scale.velocity
+    return Hidden(
+        {"quadratic": value}, {}, {"quadratic_coefficient": value}, ("quadratic", "quadratic_coefficient")
+    )
+
+
+def cubic(generator: Generator, condition: ExperimentCondition, scale: Scale) -> Hidden:
+    """A spring that hardens, less often softens."""
+    share = between(generator, 0.1, 0.35) if generator.random() < 0.8 else -between(generator, 0.08, 0.15)
+    value = share * condition.base.numbers["stiffness"] / scale.travel_peak**2
+    return Hidden({"cubic": value}, {}, {"cubic_coefficient": value}, ("cubic", "cubic_coefficient"))
+
+
+def end_stop(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
+    """Elastic stops with loss; larger is nearer to the centre."""
+    gap = between(generator, 0.55, 0.85) * scale.travel_peak
+    stiffness = float(np.exp(between(generator, *np.log([2e5, 1e6]))))
+    loss = between(generator, 0.05, 0.3) * 2.0 * float(np.sqrt(stiffness * 0.18))
+    numbers = {"stop_gap": gap, "stop_stiffness": stiffness, "stop_damping": loss}
+    return Hidden(numbers, {}, {"stop_gap": gap}, edges={"stop_gap": scale.travel_peak})
+
+
+def backlash(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
+    """Play of the springs."""
+    value = between(generator, 0.04, 0.12) * scale.travel_peak
+    return Hidden({"backlash": value}, {}, {"backlash": value}, ("backlash",))
+
+
+def preload(generator: Generator, condition: ExperimentCondition, scale: Scale) -> Hidden:
+    """Springs that hold the spool in the centre up to a force."""
+    force = between(generator, 0.12, 0.35) * condition.base.numbers["stiffness"] * scale.travel
+    travel = between(generator, 1e-5, 3e-5)
+    return Hidden(
+        {"preload_force": force, "preload_travel": travel}, {}, {"preload_force": force}, ("preload_force",)
+    )
+
+
+def ripple(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
+    """A sine of its own."""
+    force = between(generator, 0.1, 0.3) * scale.force
+    frequency = between(generator, 20.0, 110.0)
+    return Hidden(
+        {"ripple_force": force, "ripple_frequency": frequency, "ripple_phase": between(generator, 0.0, 6.28)},
+        {},
+        {"force_amplitude": force, "force_frequency": frequency},
+        ("ripple_force", "force_amplitude"),
+    )
+
+
+def drift(generator: Generator, condition: ExperimentCondition, _: Scale) -> Hidden:
+    """Viscous drag that changes in proportion to time."""
+    change = -between(generator, 0.25, 0.5) if generator.random() < 0.7 else between(generator, 0.3, 0.6)
+    rate = change / condition.duration
+    return Hidden(
+        {"damping_rate": rate}, {}, {"damping_drift_rate": rate}, ("damping_rate", "damping_drift_rate")
+    )
+
+
+def gain(generator: Generator, _: ExperimentCondition, __: Scale) -> Hidden:
+    """A gain beyond the declared tolerance."""
+    error = either_sign(generator, between(generator, 0.06, 0.12))
+    return Hidden({}, {"gain": 1.0 + error}, {"gain_error": error}, ("gain_error",))
+
+
+def delay(generator: Generator, _: ExperimentCondition, __: Scale) -> Hidden:
+    """A delay beyond the declared tolerance."""
+    value = either_sign(generator, between(generator, 0.6e-3, 1.5e-3), 0.7)
+    return Hidden({}, {"delay": value}, {"delay": value}, ("delay",))
+
+
+def saturation(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
+    """A sensor that ends below the largest acceleration."""
+    value = between(generator, 0.5, 0.8) * scale.acceleration_peak
+    return Hidden(
+        {}, {"full_scale": value}, {"full_scale": value}, edges={"full_scale": scale.acceleration_peak}
+    )
+
+
 def between(generator: Generator, low: float, high: float) -> float:
     """Draw evenly from ``low`` to ``high``."""
     return float(generator.uniform(low, high))
@@ -80,3 +224,126 @@ def between(generator: Generator, low: float, high: float) -> float:
 def either_sign(generator: Generator, value: float, positive: float = 0.5) -> float:
     """Return ``value`` with a drawn sign, plus with the chance ``positive``."""
     return value if generator.random() < positive else -value
+
+
+EFFECTS: dict[str, Kind] = {
+    "coulomb_friction": Kind(coulomb, "friction", ("coulomb_friction",)),
+    "stribeck_friction": Kind(stribeck, "friction", ("stribeck_friction",), richer=True),
+    "mixed_friction": Kind(mixed, "friction", ("mixed_friction",), richer=True),
+    "asymmetric_friction": Kind(asymmetric, "friction", ("asymmetric_friction",), richer=True),
+    "presliding_friction": Kind(presliding, "friction", ("presliding_friction",)),
+    "quadratic_damping": Kind(quadratic, "damping", ("quadratic_damping",)),
+    "cubic_stiffness": Kind(cubic, "spring", ("cubic_stiffness",)),
+    "end_stop": Kind(end_stop, "spring", ("end_stop",)),
+    "spring_backlash": Kind(backlash, "spring", ("spring_backlash",)),
+    "spring_preload": Kind(preload, "spring", ("spring_preload",)),
+    "periodic_force": Kind(ripple, "outside", ("periodic_force",)),
+    "damping_drift": Kind(drift, "time", ("damping_drift",)),
+    "spool_gain_error": Kind(gain, "gain", ("spool_gain_error",)),
+    "spool_delay": Kind(delay, "delay", ("spool_delay",)),
+    "sensor_saturation": Kind(saturation, "range", ("sensor_saturation",)),
+}
+
+
+def lugre(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
+    """LuGre's friction: bristles whose limit falls with speed, and a damping of their own."""
+    static = between(generator, 0.25, 0.45) * scale.force
+    stiffness = static / (between(generator, 0.03, 0.1) * scale.travel)
+    return Hidden(
+        {
+            "static_force": static,
+            "coulomb_force": between(generator, 0.4, 0.6) * static,
+            "stribeck_velocity": between(generator, 0.2, 0.5) * scale.velocity,
+            "stribeck_exponent": 2.0,
+            "bristle_stiffness": stiffness,
+            "bristle_damping": between(generator, 0.1, 0.4) * float(np.sqrt(stiffness * 0.18)),
+        },
+        size=("static_force", "coulomb_force", "bristle_stiffness", "bristle_damping"),
+    )
+
+
+def sensor_low_pass(generator: Generator, condition: ExperimentCondition, _: Scale) -> Hidden:
+    """A low-pass in the spool's sensor alone; far above the excitation it would be a mere delay."""
+    return Hidden({}, {"low_pass": between(generator, 0.5, 1.4) * condition.excitation.high})
+
+
+def damping_by_position(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
+    """Drag that grows away from the centre: the overlap of the lands changes."""
+    value = between(generator, 1.0, 3.0) / (2.0 * scale.travel) ** 2 * 2.0
+    return Hidden({"damping_by_position": value}, size=("damping_by_position",))
+
+
+def stiffness_drift(generator: Generator, condition: ExperimentCondition, _: Scale) -> Hidden:
+    """A spring that changes with its temperature over the record."""
+    rate = either_sign(generator, between(generator, 0.06, 0.15)) / condition.duration
+    return Hidden({"stiffness_rate": rate}, size=("stiffness_rate",))
+
+
+def bouc_wen(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
+    """Hysteresis after Bouc and Wen."""
+    force = between(generator, 0.2, 0.45) * scale.force
+    travel = between(generator, 0.15, 0.5) * scale.travel
+    return Hidden({"hysteresis_force": force, "hysteresis_travel": travel}, size=("hysteresis_force",))
+
+
+def flow_force_step(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
+    """A force that sets in where a land opens."""
+    force = between(generator, 0.2, 0.5) * scale.force
+    place = either_sign(generator, between(generator, 0.3, 1.2) * scale.travel)
+    return Hidden(
+        {"step_force": -force, "step_place": place, "step_width": 0.1 * scale.travel}, size=("step_force",)
+    )
+
+
+def fractional_drag(generator: Generator, _: ExperimentCondition, scale: Scale) -> Hidden:
+    """Drag with the root of the speed, or a power near it."""
+    exponent = between(generator, 0.35, 0.6)
+    force = between(generator, 0.3, 0.6) * scale.force
+    return Hidden(
+        {"power_drag": force / scale.velocity**exponent, "power_exponent": exponent}, size=("power_drag",)
+    )
+
+
+def sampling_jitter(generator: Generator, condition: ExperimentCondition, _: Scale) -> Hidden:
+    """A spool channel whose sampling instants scatter."""
+    return Hidden({}, {"jitter": between(generator, 0.3, 0.6) / condition.sample_rate}, size=("jitter",))
+
+
+def slipping_mass(generator: Generator, condition: ExperimentCondition, scale: Scale) -> Hidden:
+    """A part that rides on the spool by friction and slips when pulled hard."""
+    share = between(generator, 0.15, 0.35)
+    mass = share * condition.base.numbers["mass"]
+    friction = between(generator, 0.3, 0.7) * mass * scale.acceleration
+    return Hidden({"loose_mass": mass, "loose_friction": friction}, size=("loose_mass", "loose_friction"))
+
+
+def sensor_mounting(generator: Generator, _: ExperimentCondition, __: Scale) -> Hidden:
+    """A spool sensor on an elastic mounting."""
+    return Hidden({}, {"mount_frequency": between(generator, 130.0, 220.0), "mount_damping": 0.05})
+
+
+def skew_spring(generator: Generator, condition: ExperimentCondition, scale: Scale) -> Hidden:
+    """A spring that is stiffer on one side."""
+    value = either_sign(generator, between(generator, 0.12, 0.3))
+    return Hidden(
+        {"skew_stiffness": value * condition.base.numbers["stiffness"] / scale.travel_peak},
+        size=("skew_stiffness",),
+    )
+
+
+OUT_OF_CATALOGUE: dict[str, Kind] = {
+    name: Kind(draw, "out_of_catalogue", ("unexplained",))
+    for name, draw in {
+        "lugre_friction": lugre,
+        "sensor_low_pass": sensor_low_pass,
+        "damping_by_position": damping_by_position,
+        "stiffness_drift": stiffness_drift,
+        "bouc_wen_hysteresis": bouc_wen,
+        "flow_force_step": flow_force_step,
+        "fractional_drag": fractional_drag,
+        "sampling_jitter": sampling_jitter,
+        "slipping_mass": slipping_mass,
+        "sensor_mounting": sensor_mounting,
+        "skew_spring": skew_spring,
+    }.items()
+}

@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from spool_blind.field.case import write_field
+
 from .case import make_field
-from .writing import write_field
 
 
 def main() -> None:

@@ -1,26 +1,42 @@
-"""Field case: a record as a measuring chain stores it, with its truth; nobody looks what it shows."""
+"""Field case: a record as a measuring chain stores it, its truth and how much that matters, and its files.
+
+A name is demanded only of an effect that matters. Its share is the difference between the records with and
+without it, the base refitted to the one without: stiffness, drag, and gain and delay within their tolerances
+take what they can.
+"""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import rfft, rfftfreq
+from scipy.optimize import lsq_linear
+from scipy.signal import welch
 
-from spool_blind.case import FROM_REST, NONE, kind_of, sample_times
-from spool_blind.condition import ExperimentCondition
-from spool_blind.effects import EFFECTS
-from spool_blind.simulator.plant import SpoolMotion
-
-from .condition import NOISE, draw_field_condition
-from .hiding import HiddenPhysics, draw_hidden, field_hidden_by
-from .importance import Importance, ImportanceJudge, plant_of
-from .measuring_chain import MeasuringChain
-from .nuisances.drawing import draw_nuisances, names_by
-from .nuisances.nuisance import BODY, CHANNELS, SPOOL, FieldNuisance, Seen
-from .seeds import window_of
+from spool_blind.case import (
+    FROM_REST,
+    NONE,
+    OUT_OF_CATALOGUE_TOLERANCE,
+    kind_of,
+    sample_times,
+    valve_text,
+    write_record,
+)
+from spool_blind.condition import DELAY_TOLERANCE, GAIN_TOLERANCE, ExperimentCondition
+from spool_blind.field.condition import NOISE, draw_field_condition
+from spool_blind.field.hiding import HiddenPhysics, draw_hidden, field_hidden_by
+from spool_blind.field.nuisances import BODY, CHANNELS, SPOOL, FieldNuisance, Seen, draw_nuisances, names_by
+from spool_blind.hidden import EFFECTS, Hidden
+from spool_blind.simulator.laws import dry
+from spool_blind.simulator.plant import Plant, SpoolMotion, transmissibility
+from spool_blind.visibility import threshold
 
 Array = NDArray[np.float64]
 
@@ -30,6 +46,28 @@ CONDITION, HIDDEN, NUISANCE_NAMES, NUISANCE_SIZES, NOISE_STREAM = range(5)
 #: s that a record ends ahead of its motion: delays of filters are taken off by looking ahead.
 LOOK_AHEAD = 0.05
 UNEXPLAINED = "unexplained"
+
+RECORD, VALVE, TRUTH = "record.csv.gz", "valve.yaml", "truth.json"
+
+#: Seeds by window: confidence is calibrated on the first, checked on the second; the third is touched by no
+#: choice and gives the errors that are reported. All others are development.
+WINDOWS: dict[str, range] = {
+    "calibration": range(100_000, 200_000),
+    "check": range(200_000, 300_000),
+    "report": range(300_000, 400_000),
+}
+DEVELOPMENT = "development"
+
+#: Share of the spool's acceleration (rms) that a name has to be worth: the default of `gap --least-share`.
+LEAST_SHARE = 0.0025
+#: Laws of friction that contain Coulomb friction, or come close to it where their passage is short.
+LIKE_COULOMB = (*(name for name, kind in EFFECTS.items() if kind.richer), "presliding_friction")
+#: Relative steps of stiffness, drag and friction for slopes.
+STEPS = {"stiffness": 0.002, "damping": 0.02, "coulomb_force": 0.02}
+#: Steps of a refit at most, and share of what is left above which another one is not worth its time.
+ROUNDS, ENOUGH = 6, 0.97
+#: Change of a number in one step at most.
+LARGEST_CHANGE = (0.6, 1.6)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +107,7 @@ class FieldCase:
 
     @property
     def window(self) -> str:
-        """Window of its seed, see :mod:`spool_blind.field.seeds`."""
+        """Window of its seed, see :mod:`spool_blind.field.case`."""
         return window_of(self.seed)
 
     @property
@@ -143,6 +181,270 @@ def accepted_verdicts(
     for one in nuisances:
         choices += [("", name) for name in one.may_be_named]
     return tuple(dict.fromkeys(_joined(row) for row in product(*choices)))
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuringChain:
+    """Measuring chain: gain, delay and range of the spool's channel, noise of both, and nuisances.
+
+    Attributes:
+        gain, delay, full_scale: of the spool's channel over the body's, 1, s and m/s^2 (0: none).
+        noise: rms of white noise by channel, m/s^2.
+        nuisances: in the order of the chain.
+        seed: of the noise.
+    """
+
+    gain: float
+    delay: float
+    full_scale: float
+    noise: Mapping[str, float]
+    nuisances: tuple[FieldNuisance, ...]
+    seed: int
+
+    def quiet(self, channel: str, motion: SpoolMotion, time: Array) -> Array:
+        """Return the reading (m/s^2) at ``time`` (s) without noise and nuisances."""
+        return self._sampled(channel, motion.spool if channel == SPOOL else motion.body, motion, time)
+
+    def record(self, motion: SpoolMotion, time: Array) -> tuple[Array, Array, Array]:
+        """Return the record as it is stored: time (s), body and spool (m/s^2)."""
+        body, spool = (self._reading(channel, motion, time) for channel in CHANNELS)
+        for one in self.nuisances:
+            time, body, spool = one.on_samples(time, body, spool)
+        return time, body, spool
+
+    def noise_of(self, channel: str, quiet: Array, rate: float) -> Array:
+        """Return all noise of a channel whose reading is ``quiet`` (m/s^2, ``rate`` Hz)."""
+        total = self._white(channel, quiet.size, rate)
+        for one in self._of(channel):
+            total = total + one.like_noise(channel, quiet, rate)
+        return total
+
+    def _of(self, channel: str) -> list[FieldNuisance]:
+        return [one for one in self.nuisances if channel in one.sizes]
+
+    def _white(self, channel: str, size: int, rate: float) -> Array:
+        noise = np.random.default_rng([self.seed, CHANNELS.index(channel)]).standard_normal(size)
+        noise *= self.noise[channel]
+        for one in self._of(channel):
+            noise = one.on_noise(channel, noise, rate)
+        return noise
+
+    def _sampled(self, channel: str, signal: Array, motion: SpoolMotion, instants: Array) -> Array:
+        if channel == BODY:
+            return np.interp(instants, motion.time, signal)
+        row = self.gain * np.interp(instants - self.delay, motion.time, signal)
+        return np.clip(row, -self.full_scale, self.full_scale) if self.full_scale > 0.0 else row
+
+    def _reading(self, channel: str, motion: SpoolMotion, time: Array) -> Array:
+        own = self._of(channel)
+        signal = motion.spool if channel == SPOOL else motion.body
+        instants = time
+        for one in own:
+            signal = one.on_motion(channel, signal, 1.0 / motion.step)
+            instants = one.instants(instants)
+        row = self._sampled(channel, signal, motion, instants)
+        rate = (time.size - 1) / (time[-1] - time[0])
+        row = row + self._white(channel, row.size, rate)
+        for one in own:
+            row = one.on_reading(channel, row + one.disturbance(channel, row, rate), time)
+        return (
+            np.clip(row, -self.full_scale, self.full_scale) if channel == SPOOL and self.full_scale else row
+        )
+
+
+def field_truth_of(case: FieldCase) -> dict[str, Any]:
+    """Return what is true of a field case, for JSON, SI units."""
+    condition = case.condition
+    return {
+        "seed": case.seed,
+        "window": case.window,
+        "kind": case.kind,
+        "hidden": case.hidden,
+        "accepted": list(case.accepted),
+        "factor": case.factor,
+        "effects": {name: dict(values) for name, values in case.truth.items()},
+        "importance": {
+            name: {
+                "with_without": one.with_without,
+                "share": one.share,
+                "evidence": one.evidence,
+                "threshold": one.threshold,
+                "matters": one.matters,
+            }
+            for name, one in case.importance.items()
+        },
+        "nuisances": [
+            {"id": one.id, "channel": one.channel, "size": one.size, "unit": one.unit}
+            for one in case.nuisances
+        ],
+        "plant": dict(case.plant),
+        "drive": condition.excitation.kind,
+        "amplitude_m_s2": condition.amplitude,
+        "band_Hz": [condition.excitation.low, condition.excitation.high],
+        "sample_rate_Hz": condition.sample_rate,
+        "duration_s": condition.duration,
+        "nominal_stiffness_N_m": condition.nominal_stiffness,
+        "noise_m_s2": dict(case.chain.noise),
+        "gain": case.chain.gain,
+        "delay_s": case.chain.delay,
+    }
+
+
+def write_field(case: FieldCase, folder: Path) -> tuple[Path, Path]:
+    """Write ``record.csv.gz``, ``valve.yaml`` and ``truth.json`` into ``folder``; return the first two."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_record(folder / RECORD, case.time, case.body, case.spool)
+    (folder / VALVE).write_text(valve_text(case))
+    (folder / TRUTH).write_text(json.dumps(field_truth_of(case), indent=1))
+    return folder / RECORD, folder / VALVE
+
+
+def window_of(seed: int) -> str:
+    """Return the window that ``seed`` belongs to, a key of ``WINDOWS`` or ``DEVELOPMENT``."""
+    return next((name for name, seeds in WINDOWS.items() if seed in seeds), DEVELOPMENT)
+
+
+@dataclass(frozen=True, slots=True)
+class Importance:
+    """Importance of one effect among those of its record.
+
+    Attributes:
+        with_without: rms of the difference between the records with and without it, over that of the spool's
+            acceleration, all numbers kept.
+        share: the same after the base is refitted: this one decides.
+        evidence: noncentrality of a likelihood-ratio test that knows it and the spectra of the noise.
+        threshold: evidence at which that test finds half of such records.
+    """
+
+    with_without: float
+    share: float
+    evidence: float
+    threshold: float
+
+    @property
+    def matters(self) -> bool:
+        """Whether a name for it is demanded."""
+        return self.share > LEAST_SHARE and self.evidence > self.threshold
+
+
+class ImportanceJudge:
+    """Judge of the importance of what is hidden in one record."""
+
+    def __init__(
+        self, condition: ExperimentCondition, chain: MeasuringChain, parts: Mapping[str, Hidden], time: Array
+    ) -> None:
+        self.condition, self.chain, self.parts, self.time = condition, chain, parts, time
+        self.plant = plant_of(condition, list(parts.values()))
+        self.motion = condition.move(self.plant)
+        self.spool = chain.quiet(SPOOL, self.motion, time)
+        self._density = self._densities()
+
+    def importance(self, name: str) -> Importance:
+        """Return how much the effect ``name`` matters."""
+        hidden = self.parts[name]
+        others = [part for other, part in self.parts.items() if other != name]
+        sensor = hidden.channel
+        numbers = plant_of(self.condition, others)
+        bare = MeasuringChain(
+            1.0 if "gain" in sensor else self.chain.gain,
+            0.0 if "delay" in sensor else self.chain.delay,
+            0.0 if "full_scale" in sensor else self.chain.full_scale,
+            self.chain.noise, (), 0,
+        )  # fmt: skip
+        without = self._reading(bare, numbers)
+        tolerance = 1.0 if name in EFFECTS else OUT_OF_CATALOGUE_TOLERANCE
+        found = self._left(bare, numbers, ("stiffness", "damping"), tolerance)
+        limit = threshold(max(1, len(hidden.truth)))
+        return Importance(float((self.spool - without).std() / self.spool.std()), *found, limit)
+
+    def is_coulomb(self, name: str) -> bool:
+        """Return whether the friction ``name`` is not distinguished from Coulomb friction of its own loss."""
+        if name not in LIKE_COULOMB:
+            return False
+        hidden = self.parts[name]
+        others = [part for other, part in self.parts.items() if other != name]
+        force = equivalent_force(hidden, self.motion)
+        numbers = plant_of(self.condition, [*others, Hidden({"coulomb_force": force})])
+        share, evidence = self._left(self.chain, numbers, tuple(STEPS), 1.0)
+        return not (share > LEAST_SHARE and evidence > threshold(max(1, len(hidden.truth) - 1)))
+
+    def _reading(self, chain: MeasuringChain, plant: Plant) -> Array:
+        return chain.quiet(SPOOL, self.condition.move(plant, like=self.plant), self.time)
+
+    def _left(
+        self, chain: MeasuringChain, plant: Plant, free: Sequence[str], tolerance: float
+    ) -> tuple[float, float]:
+        """Return share and evidence of what is left once the numbers ``free``, gain, delay are refitted."""
+        left = self.spool - self._reading(chain, plant)
+        for _ in range(ROUNDS):
+            step = self._step(chain, plant, free, left, tolerance)
+            factors = {name: 1.0 + STEPS[name] * one for name, one in zip(free, step[:-2], strict=True)}
+            bounded = {name: float(np.clip(one, *LARGEST_CHANGE)) for name, one in factors.items()}
+            nearer = plant.with_(**{name: plant.numbers[name] * one for name, one in bounded.items()})
+            gain = chain.gain + GAIN_TOLERANCE * float(step[-2])
+            refitted = replace(chain, gain=gain, delay=chain.delay + DELAY_TOLERANCE * float(step[-1]))
+            after = self.spool - self._reading(refitted, nearer)
+            if not after.std() < ENOUGH * left.std():
+                left = after if after.std() < left.std() else left
+                break
+            chain, plant, left = refitted, nearer, after
+        return float(left.std() / self.spool.std()), self._evidence(left)
+
+    def _step(
+        self, chain: MeasuringChain, plant: Plant, free: Sequence[str], left: Array, tolerance: float
+    ) -> Array:
+        """Return the Gauss-Newton step that ``left`` asks for, in units of ``STEPS`` and the tolerances."""
+        now = self.spool - left
+        slopes = [
+            self._reading(chain, plant.with_(**{name: plant.numbers[name] * (1.0 + STEPS[name])})) - now
+            for name in free
+        ]
+        rate = self.condition.sample_rate
+        slopes += [GAIN_TOLERANCE / chain.gain * now, -DELAY_TOLERANCE * rate * np.gradient(now)]
+        basis, small = np.linalg.qr(np.array(slopes).T)
+        place = np.array([(chain.gain - 1.0) / GAIN_TOLERANCE, chain.delay / DELAY_TOLERANCE])
+        # Bounds of the solver have to have a width.
+        low = np.concatenate([[-np.inf] * len(free), np.minimum(-tolerance - place, -1e-9)])
+        high = np.concatenate([[np.inf] * len(free), np.maximum(tolerance - place, 1e-9)])
+        return np.asarray(lsq_linear(small, basis.T @ left, (low, high)).x)
+
+    def _evidence(self, left: Array) -> float:
+        window = np.hanning(left.size)
+        window /= np.sqrt(np.mean(window**2))
+        return float(2.0 * np.sum(np.abs(rfft(left * window)) ** 2 / self._density))
+
+    def _densities(self) -> Array:
+        """Return the power that the noise of both channels leaves in each line of the difference."""
+        rate, size = self.condition.sample_rate, self.time.size
+        frequency = rfftfreq(size, 1.0 / rate)
+        through = np.abs(transmissibility(self.condition.base.numbers, frequency)) ** 2
+        total = np.zeros(frequency.size)
+        for channel, share in ((BODY, through), (SPOOL, 1.0)):
+            quiet = self.chain.quiet(channel, self.motion, self.time)
+            noise = self.chain.noise_of(channel, quiet, rate)
+            lines, density = welch(noise, rate, nperseg=min(4096, size))
+            total += share * np.interp(frequency, lines, density) * rate * size / 2.0
+        # Filters take noise away where they would take the difference, too.
+        return np.maximum(total, 0.01 * np.median(total))
+
+
+def plant_of(condition: ExperimentCondition, parts: Sequence[Hidden]) -> Plant:
+    """Return the plant of ``condition`` with ``parts`` hidden in it."""
+    plant = condition.base
+    for part in parts:
+        plant = plant.with_(**part.plant)
+    return plant
+
+
+def equivalent_force(hidden: Hidden, motion: SpoolMotion) -> float:
+    """Return the Coulomb force (N) that takes as much energy out of ``motion`` as the friction ``hidden``."""
+    if "bristle_stiffness" in hidden.plant or "asymmetry" in hidden.plant:
+        return hidden.plant["coulomb_force"]
+    stride = max(1, motion.displacement.size // 5000)
+    speed = np.abs(np.gradient(motion.displacement, motion.step))[::stride]
+    numbers = Plant(hidden.plant).array()
+    forces = np.array([dry(float(one), 1.0, numbers) for one in speed])
+    return float(np.sum(forces * speed) / max(float(np.sum(speed)), 1e-30))
 
 
 def _joined(names: Sequence[str]) -> str:

@@ -1,17 +1,27 @@
-"""Benchmark of estimation: recursive least squares against peers, replay and live nodes against real time."""
+"""Benchmark of estimation: recursive least squares against peers, replay and live nodes against real time.
+
+P <- (P - P x x' P / (f + x' P x)) / f, theta <- theta + P x e / (f + x' P x): Ljung, System Identification,
+1999, section 11.2. It keeps no statistics of its errors and does not limit P, which ours does.
+"""
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from time import process_time
+from typing import Protocol
 
 import numpy as np
+import padasip
+from numpy.typing import NDArray
 from rich.console import Console
 from spool_bag.reading.reader import BagReader
 from spool_core.errors import InputError
+from spool_core.kernels.compiled import compiled
 from spool_core.node.network import isolate
 from spool_estimator.estimator import Estimator, settings_for
+from spool_estimator.recursion.recursive import ExponentialForgetting
 from spool_estimator.refit import RefitSettings, WindowRefits, WindowTask, refit
 from spool_sim.model import MODELS
 from spool_sim.valve.description import find_valve
@@ -20,20 +30,24 @@ from spool_tools.input.record_loading import DEFAULT_VALVE
 from spool_tools.operations.record_replay import RefitRequest, replay_valve
 from spool_tools.operations.simulation import simulate
 
+from spool_evaluation.benchmarks.load.live_source import BLOCK_RATE, LiveSource
 from spool_evaluation.results.timing import Timing, best_of
-
-from . import recursion
-from .load.live_source import BLOCK_RATE, LiveSource
 
 SECONDS = 120.0
 #: s of the record that is replayed with refits, and how often the refits come.
 REFIT_SECONDS, REFIT_PERIOD = 40.0, 5.0
 LIVE_SECONDS = 10.0
 
+Array = NDArray[np.float64]
+
+SAMPLES, SIZE, BLOCK, FACTOR = 20_000, 6, 200, 0.9995
+#: Samples that are given one by one.
+ONE_BY_ONE = 4000
+
 
 def run() -> Iterator[Timing]:
     """Yield the rows, from the smallest piece to the live nodes."""
-    yield from recursion.timings()
+    yield from timings()
     with tempfile.TemporaryDirectory() as folder:
         yield from offline(Path(folder))
     isolate()
@@ -61,16 +75,6 @@ def offline(folder: Path) -> Iterator[Timing]:
     yield Timing("refit a window of 4 s at 2 kHz", "real time", best_of(3, lambda: refit(task)), 4.0)
 
 
-def _window(reader: BagReader) -> WindowTask:
-    valve = find_valve(DEFAULT_VALVE)
-    estimator = Estimator(settings_for(valve))
-    windows = WindowRefits(RefitSettings(valve, MODELS["coulomb"]))
-    for block in reader.blocks("valve_1"):
-        for task in windows.update(block, estimator.update(block)):
-            return task
-    raise InputError("bench: the record is too short for a window")
-
-
 def latency(folder: Path, seconds: float) -> Iterator[Timing]:
     """Yield median and 99 % of the time from a block to its estimate, and the filter's own lag."""
     source = LiveSource(1, seconds)
@@ -95,5 +99,126 @@ def latency(folder: Path, seconds: float) -> Iterator[Timing]:
     yield Timing("the filter's own lag", "one block", source.delay, 1.0 / BLOCK_RATE)
 
 
+class Recursion(Protocol):
+    """Recursive least squares, ours or a peer's."""
+
+    parameters: Array
+
+    def update(self, rows: Array, target: Array) -> None:
+        """Take samples."""
+
+
+def timings() -> Iterator[Timing]:
+    """Yield the time of one sample of recursive least squares; the error is the difference of the parameters.
+
+    Ours takes blocks, as the stream brings them. padasip takes samples and is interpreted; a compiled peer is
+    given the blocks of ours, and both are given one sample a call, where what counts is the call.
+    """
+    rows, target = _regression()
+    few = slice(0, ONE_BY_ONE)
+
+    def ours() -> ExponentialForgetting:
+        return ExponentialForgetting(SIZE, FACTOR, initial=10.0)
+
+    def compiled() -> CompiledRls:
+        return CompiledRls(SIZE, FACTOR, 10.0)
+
+    def padasip_run() -> Array:
+        fit = padasip.filters.FilterRLS(n=SIZE, mu=FACTOR, eps=0.1, w="zeros")
+        fit.run(target, rows)
+        return np.asarray(fit.w)
+
+    def taken(make: Callable[[], Recursion], part: slice, block: int) -> float:
+        """Return s per sample."""
+        samples = target[part].size
+        return best_of(5, lambda: _take(make(), rows[part], target[part], block), process_time) / samples
+
+    found = _take(ours(), rows, target, BLOCK)  # compiles
+    other = _take(compiled(), rows, target, BLOCK)
+    against = padasip_run()
+    work = f"a sample of RLS with {SIZE} parameters"
+    blocks, ones = f"{work}, ours in blocks of {BLOCK}", f"{work}, one sample a call"
+    by_blocks, by_ones = taken(ours, slice(None), BLOCK), taken(ours, few, 1)
+    loop, loop_ones = taken(compiled, slice(None), BLOCK), taken(compiled, few, 1)
+    theirs = best_of(2, padasip_run, process_time) / SAMPLES
+    differences = [float(np.abs(found - peer).max()) for peer in (other, against)]
+    yield Timing(
+        blocks, f"compiled loop, blocks of {BLOCK}", by_blocks, loop, differences[0], 0.0, compiling=1.0
+    )
+    yield Timing(
+        ones, "compiled loop, one sample a call", by_ones, loop_ones, differences[0], 0.0, compiling=1.0
+    )
+    yield Timing(
+        blocks, "padasip FilterRLS, sample by sample", by_blocks, theirs, differences[1], 0.0, theirs / loop
+    )
+    yield Timing(
+        ones, "padasip FilterRLS, sample by sample", by_ones, theirs, differences[1], 0.0, theirs / loop_ones
+    )
+
+
+class CompiledRls:
+    """Recursive least squares of target = row . parameters, with forgetting ``factor``.
+
+    The covariance starts at ``initial``.
+
+    Attributes:
+        parameters: shape (p,).
+        covariance: shape (p, p).
+    """
+
+    def __init__(self, size: int, factor: float, initial: float) -> None:
+        self.parameters: Array = np.zeros(size)
+        self.covariance: Array = np.eye(size) * initial
+        self._factor = factor
+
+    def update(self, rows: Array, target: Array) -> None:
+        """Take ``rows`` of shape (n, p) and ``target`` of shape (n,), sample after sample."""
+        _rls_peer_take(rows, target, self._factor, self.parameters, self.covariance)
+
+
+def _window(reader: BagReader) -> WindowTask:
+    valve = find_valve(DEFAULT_VALVE)
+    estimator = Estimator(settings_for(valve))
+    windows = WindowRefits(RefitSettings(valve, MODELS["coulomb"]))
+    for block in reader.blocks("valve_1"):
+        for task in windows.update(block, estimator.update(block)):
+            return task
+    raise InputError("bench: the record is too short for a window")
+
+
 def _say(text: str) -> None:
     Console().print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+def _regression() -> tuple[Array, Array]:
+    """Return ``SAMPLES`` rows and targets with noise."""
+    generator = np.random.default_rng(0)
+    rows = generator.standard_normal((SAMPLES, SIZE))
+    return rows, rows @ np.arange(1.0, 1.0 + SIZE) + 0.1 * generator.standard_normal(SAMPLES)
+
+
+def _take(fit: Recursion, rows: Array, target: Array, block: int) -> Array:
+    """Return the parameters after all samples, ``block`` of them a call."""
+    for first in range(0, target.size, block):
+        fit.update(rows[first : first + block], target[first : first + block])
+    return np.asarray(fit.parameters)
+
+
+@compiled
+def _rls_peer_take(rows: Array, target: Array, factor: float, parameters: Array, covariance: Array) -> None:
+    size = parameters.size
+    gain = np.zeros(size)
+    for n in range(target.size):
+        error = target[n]
+        seen = factor
+        for i in range(size):
+            error -= rows[n, i] * parameters[i]
+            total = 0.0
+            for j in range(size):
+                total += covariance[i, j] * rows[n, j]
+            gain[i] = total
+            seen += rows[n, i] * total
+        for i in range(size):
+            parameters[i] += gain[i] / seen * error
+            for j in range(size):
+                covariance[i, j] = (covariance[i, j] - gain[i] * gain[j] / seen) / factor

@@ -3,21 +3,47 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
+from itertools import product
 
+import numpy as np
+import pysindy
+from numpy.typing import NDArray
+from scipy.fft import rfft, rfftfreq
+from scipy.ndimage import median_filter
 from spool_blind.case import hidden_by, kind_of, make
+from spool_estimator.identification.record import Record
+from spool_estimator.identification.signals.spectra import RelativeMotion, ZeroPhase, relative_motion
+from spool_gap.effect import Motion
 from spool_gap.registry import EFFECTS
+from spool_sim.valve.description import Valve
 
 from spool_evaluation.results.timing import Stopwatch, Timing
 from spool_evaluation.studies.gap import given, judge
-
-from .gap_peer import library, named
 
 CASES = 12
 #: Of the first record; no seed from here to 30999 was used for making the workflow or a published table.
 FRESH = 30_000
 PEERS = {"PySINDy STLSQ": False, "PySINDy ensemble": True}
+
+Array = NDArray[np.float64]
+
+#: Hz, below which integrals of accelerations say nothing.
+LOW_CUT = 3.0
+#: Smallest coefficients that are kept, of columns and target of unit rms, and weights of the ridge; the pair
+#: with the least error on the held-out stretches is taken.
+THRESHOLDS = (0.001, 0.003, 0.01, 0.02, 0.05, 0.1, 0.2)
+RIDGES = (1e-6, 1e-3, 1.0)
+MODELS = 20
+#: Samples at most, about; so many columns in more of them keep the ensemble busy for minutes.
+LARGEST = 8000
+#: Stretches of a record, in turn for the fit and held out; what changes along the record is in both.
+STRETCHES = 20
+#: Sines from outside that are offered, and lines of the spectrum around one that it must stand out of.
+LINES, SURROUNDINGS = 3, 41
+BASE = "base"
 
 
 def run(seed: int = FRESH, cases: int = CASES) -> Iterator[Timing]:
@@ -69,3 +95,115 @@ def seeds(count: int, seed: int = FRESH) -> list[int]:
             found.append(seed)
         seed += 1
     return found
+
+
+@dataclass(frozen=True, slots=True)
+class Library:
+    """Library of columns for a regression.
+
+    Attributes:
+        target: inertia of the spool, N, shape (n,).
+        columns: shape (n, c).
+        owners: "base" or the id of the effect that brings the column, by column.
+    """
+
+    target: Array
+    columns: Array
+    owners: tuple[str, ...]
+
+
+def library(record: Record, valve: Valve) -> Library:
+    """Return spring, drag and every shape of every effect at the measured motion, all conditioned alike.
+
+    Shapes are the ones that our own search begins with, such as nine gaps of an end stop; of sines from
+    outside, those at the ``LINES`` frequencies that stand out most of what spring and drag leave.
+    """
+    conditioning = ZeroPhase(record.sample_period, LOW_CUT)
+    motion = relative_motion(record.body, record.spool, conditioning)
+    n = record.body.size
+    seen = Motion(
+        displacement=motion.displacement,
+        velocity=motion.velocity,
+        acceleration=motion.acceleration,
+        time=np.asarray(np.arange(n) * record.sample_period, dtype=np.float64),
+        period=record.sample_period,
+        velocity_noise=0.0,
+        mass=valve.moving_mass,
+        stiffness=valve.spring_stiffness,
+        damping=valve.viscous_coefficient,
+        peaks=_lines(valve.moving_mass * motion.spool, motion, record.sample_period),
+    )
+    rows: list[Array] = [motion.displacement, motion.velocity]
+    owners = [BASE, BASE]
+    for effect in EFFECTS.values():
+        if "accelerations" not in effect.kinds or not effect.terms:
+            continue
+        for trial in effect.trials(seen):
+            rows += list(trial.columns)
+            owners += [effect.id] * trial.columns.shape[0]
+    # Every so many samples: what is left still has the band's content, and the ensemble ends in seconds.
+    inner = slice(motion.settling, n - motion.settling, max(1, n // LARGEST))
+    columns = np.array([conditioning.apply(row)[inner] for row in rows])
+    size = np.sqrt(np.mean(columns**2, axis=1))
+    alive = size > 0.0
+    target = valve.moving_mass * motion.spool[inner]
+    return Library(
+        target / np.sqrt(np.mean(target**2)),
+        (columns[alive] / size[alive, np.newaxis]).T,
+        tuple(owner for owner, lives in zip(owners, alive, strict=True) if lives),
+    )
+
+
+def named(given: Library, *, ensemble: bool) -> frozenset[str]:
+    """Return the effects whose columns PySINDy keeps, at the setting with the least held-out error.
+
+    An ensemble takes the ridge that does best without one, and looks for a threshold of its own.
+    """
+    coefficients, ridge = _best(given, RIDGES, ensemble=False)
+    if ensemble:
+        coefficients, _ = _best(given, (ridge,), ensemble=True)
+    return _owners(given.owners, coefficients)
+
+
+def _lines(target: Array, motion: RelativeMotion, period: float) -> tuple[float, ...]:
+    """Return the frequencies (Hz) at which the residual of spring and drag exceeds its surroundings most."""
+    base = np.column_stack([motion.displacement, motion.velocity])
+    left = target - base @ np.linalg.lstsq(base, target, rcond=None)[0]
+    size = np.abs(rfft(left * np.hanning(left.size)))
+    frequency = rfftfreq(left.size, period)
+    height = np.where(frequency > LOW_CUT, size / (median_filter(size, SURROUNDINGS) + 1e-300), 0.0)
+    found: list[float] = []
+    while len(found) < LINES:
+        place = int(np.argmax(height))
+        found.append(float(frequency[place]))
+        height[max(0, place - SURROUNDINGS // 4) : place + SURROUNDINGS // 4 + 1] = 0.0
+    return tuple(found)
+
+
+def _best(given: Library, ridges: Sequence[float], *, ensemble: bool) -> tuple[Array, float]:
+    """Return coefficients and ridge with the least error on the held-out stretches."""
+    turn = np.arange(given.target.size) * STRETCHES // given.target.size % 2
+    fitted, held_out = turn == 0, turn == 1
+
+    def error(found: tuple[Array, float]) -> float:
+        return float(np.mean((given.target[held_out] - given.columns[held_out] @ found[0]) ** 2))
+
+    trials = (
+        (_fit(given.columns[fitted], given.target[fitted], threshold, ridge, ensemble=ensemble), ridge)
+        for threshold, ridge in product(THRESHOLDS, ridges)
+    )
+    return min(trials, key=error)
+
+
+def _owners(owners: Sequence[str], coefficients: Array) -> frozenset[str]:
+    return frozenset(owners[place] for place in np.flatnonzero(coefficients)) - {BASE}
+
+
+def _fit(columns: Array, target: Array, threshold: float, ridge: float, *, ensemble: bool) -> Array:
+    optimizer = pysindy.STLSQ(threshold=threshold, alpha=ridge)
+    if ensemble:
+        optimizer = pysindy.EnsembleOptimizer(optimizer, bagging=True, n_models=MODELS)
+    model = pysindy.SINDy(optimizer=optimizer, feature_library=pysindy.IdentityLibrary())
+    model.fit(columns, t=1.0, x_dot=target[:, np.newaxis])
+    coefficients: Array = np.asarray(model.coefficients(), dtype=np.float64)
+    return coefficients.reshape(-1)

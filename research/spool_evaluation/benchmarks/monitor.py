@@ -1,10 +1,14 @@
-"""Benchmark of drift detectors on the same estimates: delay at no false alarm, time for one value.
+"""Benchmark of drift detectors on the same estimates, against river, ruptures and the literature.
 
 In each row the errors are median delays, s, over the drifts that were found; ``work`` counts those, and
 ``peer`` tells how many the peer found with its best setting: the one with the most found, then the shortest
 delay, among those that raise nothing on the healthy streams. Ours runs with the defaults of the node, which
 let pass what is not large enough to matter; "Page's sum, chosen alike" is the same sum with the setting that
 is best on these streams, as the peers' are. A negative delay is a change found before it is that large.
+
+Adams and MacKay, Bayesian online changepoint detection, 2007 (arXiv:0710.3742): the posterior of the run
+length (values since the last change) by a recursion over all run lengths. Values of one
+run are normal around a level that is normal around 0 beforehand, both standard deviations known (conjugate).
 """
 
 from __future__ import annotations
@@ -12,20 +16,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from functools import partial
+from itertools import product
+from typing import TypeAlias, TypeVar
 
 import numpy as np
+import ruptures
+from numpy.typing import NDArray
+from river import drift as river_drift
 from spool_estimator.estimate import Estimate
 from spool_monitor.drift.baseline import Baseline
-from spool_monitor.drift.parameter_drift import ParameterDrift
+from spool_monitor.drift.parameter_drift import CAP, CumulativeSum, ParameterDrift
 from spool_sim.simulator import DEFAULT_START_STAMP
 
-from spool_evaluation.monitor_cases.draw import draw_scenario
 from spool_evaluation.monitor_cases.run import replay
-from spool_evaluation.monitor_cases.scenario import Scenario
+from spool_evaluation.monitor_cases.scenario import Scenario, draw_scenario
 from spool_evaluation.results.timing import Stopwatch, Timing
-
-from .monitor_peers import PEERS, Peer, Settings
 
 #: Of the streams; no seed from here to 30999 was used for making the detectors or a published table.
 FRESH = 30_000
@@ -35,6 +41,169 @@ DRIFTS = ("wear, step", "wear, ramp", "wear, oil warms", "contamination", "conta
 ROUNDS = 2
 
 Value = TypeVar("Value")
+
+#: Values that ruptures looks at, and how many come between two looks.
+WINDOW, EVERY = 90, 3
+
+#: Takes a value, returns whether it tells of a change.
+Peer: TypeAlias = Callable[[float], bool]
+#: By text, what makes a peer with a setting.
+Settings: TypeAlias = dict[str, Callable[[], Peer]]
+
+
+def page_sum(allowance: float, threshold: float) -> Peer:
+    """Return Page's cumulative sum, the one that ships, fed once a second."""
+    total = CumulativeSum(allowance, CAP)
+    count = 0
+
+    def update(value: float) -> bool:
+        nonlocal count
+        count += 1
+        total.update(count * 1_000_000_000, value, 1.0)
+        return total.size > threshold
+
+    return update
+
+
+def river(detector: type[river_drift.ADWIN], **settings: float) -> Peer:
+    """Return one of river's detectors."""
+    made = detector(**settings)
+
+    def update(value: float) -> bool:
+        made.update(value)
+        return bool(made.drift_detected)
+
+    return update
+
+
+def kernel_change_points(penalty: float) -> Peer:
+    """Return ruptures' offline search over the last ``WINDOW`` values, looked at every ``EVERY``."""
+    last: list[float] = []
+    count = 0
+
+    def update(value: float) -> bool:
+        nonlocal count
+        last.append(value)
+        del last[:-WINDOW]
+        count += 1
+        if count % EVERY or len(last) < 12:
+            return False
+        model = ruptures.KernelCPD(kernel="linear", min_size=4).fit(np.array(last))
+        return len(model.predict(pen=penalty)) > 1
+
+    return update
+
+
+def _change_point_settings() -> Settings:
+    found: Settings = {}
+    for hazard, scatter in product((1e-2, 1e-4, 1e-6), (0.05, 0.2, 0.5)):
+        given = f"hazard {hazard:g}, scatter {scatter:g}"
+        for probability in (0.5, 0.99, 1.0 - 1e-6):
+            made = partial(change_points, hazard, scatter, probability=probability)
+            found[f"{given}, probability {probability:g}"] = made
+        for level in (0.25, 0.5, 0.75, 1.0):
+            found[f"{given}, level {level:g}"] = partial(change_points, hazard, scatter, level=level)
+    return found
+
+
+Array = NDArray[np.float64]
+
+#: Run lengths that are less likely than this are left out; the recursion stays short.
+NEGLIGIBLE = 1e-12
+
+
+def change_points(
+    hazard: float, scatter: float, probability: float = math.inf, level: float = math.inf
+) -> Peer:
+    """Return Bayesian change points: alarm by the probability of a change, or by the level."""
+    detector = ChangePoints(hazard, scatter)
+
+    def update(value: float) -> bool:
+        detector.update(value)
+        return detector.changed > probability or abs(detector.level) > level
+
+    return update
+
+
+class ChangePoints:
+    """Posterior of run length and level.
+
+    Args:
+        hazard: probability of a change at any value.
+        scatter: standard deviation of values around their level.
+        prior: standard deviation of levels around 0.
+
+    Attributes:
+        lengths: run lengths that are left, shape (r,).
+        weights: their posterior probabilities, shape (r,).
+    """
+
+    def __init__(self, hazard: float, scatter: float, prior: float = 1.0) -> None:
+        self.lengths: NDArray[np.int64] = np.zeros(1, dtype=np.int64)
+        self.weights: Array = np.ones(1)
+        self._hazard, self._noise, self._prior = hazard, scatter**-2, prior**-2
+        self._sums: Array = np.zeros(1)
+        self._count = 0
+
+    def update(self, value: float) -> None:
+        """Take ``value``."""
+        precision = self._prior + self._noise * self.lengths
+        expected = self._noise * self._sums / precision
+        variance = 1.0 / precision + 1.0 / self._noise
+        exponent = -0.5 * ((value - expected) ** 2 / variance + np.log(variance))
+        joint = self.weights * np.exp(exponent - exponent.max())
+        grown, changed = (1.0 - self._hazard) * joint, self._hazard * joint.sum()
+        # With a change this value is the last of its run: the next one begins with nothing.
+        weights = np.concatenate([[changed], grown])
+        weights /= weights.sum()
+        left = weights > NEGLIGIBLE
+        self.lengths = np.concatenate([[0], self.lengths + 1])[left]
+        self._sums = np.concatenate([[0.0], self._sums + value])[left]
+        self.weights = weights[left] / weights[left].sum()
+        self._count += 1
+
+    @property
+    def changed(self) -> float:
+        """The probability that there was any change since the first value."""
+        return 1.0 - float(self.weights[self.lengths == self._count].sum())
+
+    @property
+    def level(self) -> float:
+        """The mean of the posterior of the present run's level."""
+        precision = self._prior + self._noise * self.lengths
+        return float(np.sum(self.weights * self._noise * self._sums / precision))
+
+
+#: By name, the settings of each peer.
+PEERS: dict[str, Settings] = {
+    "Page's sum, chosen alike": {
+        f"allowance {allowance:g}, threshold {threshold:g}": partial(page_sum, allowance, threshold)
+        for allowance, threshold in product((0.1, 0.2, 0.4, 0.65), (0.25, 0.5, 1.0, 2.0, 4.0, 8.0))
+    },
+    "river PageHinkley": {
+        f"delta {delta:g}, threshold {threshold:g}": partial(
+            river, river_drift.PageHinkley, min_instances=15, delta=delta, threshold=threshold, alpha=1.0
+        )
+        for delta, threshold in product((0.05, 0.2, 0.5), (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0))
+    },
+    "river ADWIN": {
+        f"delta 1e-{power}, grace {grace}": partial(
+            river, river_drift.ADWIN, delta=10.0**-power, clock=1, min_window_length=3, grace_period=grace
+        )
+        for power, grace in product(range(1, 13), (10, 30))
+    },
+    "river KSWIN": {
+        f"alpha 1e-{power}, window {size}": partial(
+            river, river_drift.KSWIN, alpha=10.0**-power, window_size=size, stat_size=size // 3, seed=1
+        )
+        for power, size in product((2, 4, 6, 8, 10, 12), (30, 60))
+    },
+    "ruptures KernelCPD": {
+        f"penalty {penalty:g}": partial(kernel_change_points, penalty)
+        for penalty in (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
+    },
+    "Bayesian change points": _change_point_settings(),
+}
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,12 +10,20 @@ from spool_tools.console.outputs import write_json
 from spool_tools.console.terminal import progress
 from spool_tools.report import page as html
 
+from spool_evaluation.paper.page import (
+    amplitude_table,
+    derived_table,
+    gap_table,
+    mean_table,
+    parameter_table,
+    write_csv,
+)
+from spool_evaluation.paper.reproduction import Regime, force_table, ranking_table
+
 from .data import MODELS, SERIES
 from .page import TITLE, sections
-from .regimes import Regime, force_table, ranking_table
 from .reproduction import Reproduction, locked, reproduce
 from .simulation import TRUTH, Plan
-from .tables import amplitude_table, derived_table, gap_table, mean_table, parameter_table, write_csv
 
 
 def run_paper(out: Path, plan: Plan | None = None) -> None:

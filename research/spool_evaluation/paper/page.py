@@ -2,28 +2,74 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import csv
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from markupsafe import Markup
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from spool_core.uncertainty import PLUS_MINUS, Z_95
 from spool_sim.sensors import PAPER_CHAIN
-from spool_tools.operations.valve_sheet import SPEED
+from spool_tools.operations.valve_sheet import SPEED, friction_coefficient
 from spool_tools.report import page as html
 
-from . import figures
-from .claims import CAN, CANNOT
-from .data import MODELS, SERIES, PrintedModel
-from .regimes import STROKE, verdict
-from .reproduction import SEED, Reproduction, locked
-from .simulation import NOISE, TRUTH, Plan, sensors
-from .tables import TableRow
+from spool_evaluation.paper.data import MODELS, SERIES, PaperSeries, PrintedModel
+from spool_evaluation.paper.fit import PaperFit, waveform_step
+from spool_evaluation.paper.reproduction import SEED, STROKE, Reproduction, locked, verdict
+from spool_evaluation.paper.simulation import NOISE, TRUTH, Plan, SteppedResponse, sensors
 
 TITLE = "A spool in a vibrating body: the paper's models on made data"
 #: Share of the objective that a further step may promise for a fit to count as converged; the ranks of the
 #: models differ by more.
 LEVEL = 0.01
+
+#: Okabe and Ito's colours with a marker each: distinct for the colour-blind and in print.
+BODY, SPOOL, MEASURED = "#0072B2", "#D55E00", "#999999"
+MODEL_STYLES = {
+    "microwedge": ("#E69F00", "o"),
+    "mixed": ("#0072B2", "s"),
+    "coulomb_hydrodynamic": ("#009E73", "^"),
+    "fluid": ("#CC79A7", "D"),
+}
+SERIES_STYLES = {1: ("#E69F00", "o"), 2: ("#0072B2", "s"), 3: ("#009E73", "^"), 4: ("#CC79A7", "D")}
+MODEL_NAMES = {model.name: f"model {model.number} {model.equation}" for model in MODELS}
+
+Fits = Mapping[tuple[int, str], PaperFit]
+
+TableRow = dict[str, object]
+
+#: What the comparison can tell, and what only the authors' measurements could.
+CAN: tuple[str, ...] = (
+    "The undamped natural frequencies, 15.15 and 28.68 Hz, and the viscous coefficients of equation "
+    "(12), 8.20 and 2.65 N s/m: they follow from table 2.",
+    "What each of the four equations does at 10 to 100 Hz with given parameters, the printed ones included.",
+    "Which parameters a fit by (33) can distinguish. In model 1 only the product k_t (d_k0 - a_k0) acts, "
+    "so the three columns of table 3 are one number; in model 3 with the drag of (12) K_V only changes "
+    "the viscous coefficient to (1 - K_V) of it.",
+    "That some printed objectives cannot belong to converged fits of the equations as read here. Model 3 "
+    "contains model 4 for any h: mu_0 = 0 and K_V = 1 - (15 µm)/h give its drag. Yet it is printed with a "
+    "larger objective in three of the four series, by a factor of up to 4.5. Models 1 and 2 contain model 4 "
+    "only with h fitted (last table).",
+    "That the values of table 4 lock the spool (below).",
+)
+CANNOT: tuple[str, ...] = (
+    "The printed objective values: they depend on the measured waveforms, their length and sigma, none "
+    "of which is printed; (33) as printed is not squared, so that errors of opposite sign cancel, and "
+    "its least value is no good fit.",
+    "The printed ratios a_est/a_pom and the ranking of the models: they depend on the spool the authors "
+    "measured. The ranking here is that of the truth stated above, which was chosen to be none of the "
+    "four models.",
+    "Figures 6 to 17: this page was made from the paper's text, without its figures. What the text says "
+    "of them can be compared: resonances near 15 and 29 Hz, and more damping by the thicker oil.",
+    "The regime of the measurements: amplitudes of the body are not printed. The one motion that the text "
+    "gives, 60 Hz with a full stroke of 9 mm and a mean speed above 0.5 m/s, is the second regime below.",
+    "Table 7 from tables 3 to 6: the mean of model 2 agrees with its four entries; for model 1 the four "
+    "entries average 6.21e7 where 6.27e7 is printed.",
+    "The viscosities at 20 deg C: the printed ones are what these oils have at about 40 deg C. They are "
+    "used as printed.",
+)
 
 
 def assumptions(plan: Plan) -> list[str]:
@@ -69,8 +115,8 @@ def sections(out: Path, results: Reproduction, tables: Mapping[str, list[TableRo
         ),
         html.table(list(tables["derived"][0]), tables["derived"]),
         html.heading("Amplitude over frequency: figures 6 to 11"),
-        drawn("figures_6_to_9", figures.amplitude_figure(results.data), "amplitudes of body and spool"),
-        drawn("figures_10_and_11", figures.comparison_figure(results.data), "all series together"),
+        drawn("figures_6_to_9", amplitude_figure(results.data), "amplitudes of body and spool"),
+        drawn("figures_10_and_11", comparison_figure(results.data), "all series together"),
         html.heading("Fitted parameters: tables 3 to 6"),
     ]  # fmt: skip
     for model in MODELS:
@@ -85,12 +131,12 @@ def sections(out: Path, results: Reproduction, tables: Mapping[str, list[TableRo
             "value is, not how far a model that is not the truth may be off. 'unknown': the data do not tell."
         ),
         html.heading("The objective: figure 12 and table 7"),
-        drawn("figure_12", figures.objective_figure(results.fits), "objective by model and series"),
+        drawn("figure_12", objective_figure(results.fits), "objective by model and series"),
         html.table(list(tables["table_7"][0]), tables["table_7"]),
         html.heading("Waveform at 60 Hz: figure 13"),
-        drawn("figure_13", figures.waveform_figure(results.data[4], series_4, results.fits), "waveforms"),
+        drawn("figure_13", waveform_figure(results.data[4], series_4, results.fits), "waveforms"),
         html.heading("Amplitude ratios: figures 14 to 17"),
-        drawn("figures_14_to_17", figures.ratio_figure(results.data, results.fits), "amplitude ratios"),
+        drawn("figures_14_to_17", ratio_figure(results.data, results.fits), "amplitude ratios"),
         html.heading("Table 4 locks the spool"), *_lock(results, drawn),
         html.heading("Two regimes of motion"),
         html.paragraph(
@@ -121,6 +167,246 @@ def sections(out: Path, results: Reproduction, tables: Mapping[str, list[TableRo
     return found
 
 
+def amplitude_figure(data: Mapping[int, SteppedResponse]) -> Figure:
+    """Return figures 6 to 9: amplitudes of body and spool over frequency, one panel a series."""
+    figure, panels = _panels("frequency, Hz", "acceleration amplitude, m/s²")
+    for axis, series in zip(panels, SERIES, strict=True):
+        response = data[series.number]
+        frequencies = response.plan.frequencies
+        axis.plot(frequencies, response.body_amplitudes, color=BODY, marker="s", ms=4, label="body")
+        axis.plot(frequencies, response.spool_amplitudes, color=SPOOL, marker="o", ms=4, label="spool")
+        axis.axvline(series.valve.natural_frequency, color="#666666", lw=1, ls=":", label="natural frequency")
+        axis.set_ylim(0.0, None)
+        axis.set_title(f"as Fig. {series.figure}: {series.label}", fontsize=10)
+    panels[0].legend(fontsize=8)
+    return figure
+
+
+def comparison_figure(data: Mapping[int, SteppedResponse]) -> Figure:
+    """Return figures 10 and 11: body and spool of all series."""
+    figure = Figure(figsize=(9, 4), layout="constrained")
+    axes = figure.subplots(1, 2)
+    for series in SERIES:
+        response, (colour, marker) = data[series.number], SERIES_STYLES[series.number]
+        style = {"color": colour, "marker": marker, "ms": 4, "label": f"{series.number}: {series.label}"}
+        axes[0].plot(response.plan.frequencies, response.body_amplitudes, **style)
+        axes[1].plot(response.plan.frequencies, response.spool_amplitudes, **style)
+    axes[0].set_ylim(0.0, 1.3 * max(float(data[series.number].body_amplitudes.max()) for series in SERIES))
+    axes[1].set_ylim(0.0, None)
+    axes[0].set_title("as Fig. 10: body", fontsize=10)
+    axes[1].set_title("as Fig. 11: spool", fontsize=10)
+    axes[1].legend(fontsize=8)
+    for axis in axes:
+        _label(axis, "frequency, Hz", "acceleration amplitude, m/s²")
+    return figure
+
+
+def objective_figure(fits: Fits) -> Figure:
+    """Return figure 12: the objective by model and series, ours and the print; scales are their own."""
+    figure = Figure(figsize=(9, 4), layout="constrained")
+    axes = figure.subplots(1, 2)
+    for place, model in enumerate(MODELS):
+        colour, _ = MODEL_STYLES[model.name]
+        at = np.arange(len(SERIES)) + 0.2 * (place - 1.5)
+        name = MODEL_NAMES[model.name]
+        ours = [fits[series.number, model.name].objective for series in SERIES]
+        axes[0].bar(at, ours, 0.18, color=colour, label=name)
+        axes[1].bar(at, [model.objective[series.number] for series in SERIES], 0.18, color=colour, label=name)
+    for axis, title in zip(axes, ("as Fig. 12: made data", "Fig. 12 as printed: tables 3 to 6"), strict=True):
+        axis.set_yscale("log")
+        axis.set_xticks(range(len(SERIES)), [f"{s.spring_stiffness:g} N/m\n{s.oil}" for s in SERIES])
+        axis.tick_params(axis="x", labelsize=8)
+        axis.set_title(title, fontsize=10)
+        axis.set_ylabel("objective (33), no unit")
+        axis.grid(axis="y", alpha=0.3)
+    handles, names = axes[0].get_legend_handles_labels()
+    figure.legend(handles, names, fontsize=8, loc="outside lower center", ncols=len(MODELS))
+    return figure
+
+
+def waveform_figure(response: SteppedResponse, series: PaperSeries, fits: Fits) -> Figure:
+    """Return figure 13: the spool's acceleration at 60 Hz, data in grey, the four models in colour."""
+    step = waveform_step(response)
+    frequency = response.plan.frequencies[step]
+    shown = min(response.plan.samples, round(3.0 / frequency * response.plan.sample_rate))
+    time = 1e3 * np.arange(shown) / response.plan.sample_rate
+    figure, panels = _panels("time, ms", "spool acceleration, m/s²")
+    for axis, model, letter in zip(panels, MODELS, "abcd", strict=True):
+        fit = fits[series.number, model.name]
+        axis.plot(time, response.spool[step, :shown], color=MEASURED, lw=3, label="data")
+        axis.plot(time, fit.waveform[:shown], color=BODY, lw=1.2, label="model")
+        axis.set_title(f"({letter}) {MODEL_NAMES[model.name]}, {frequency:g} Hz", fontsize=10)
+    panels[0].legend(fontsize=8)
+    return figure
+
+
+def ratio_figure(data: Mapping[int, SteppedResponse], fits: Fits) -> Figure:
+    """Return figures 14 to 17: fitted over measured amplitude, one panel a series."""
+    figure, panels = _panels("frequency, Hz", "amplitude ratio a_est / a_pom")
+    for axis, series in zip(panels, sorted(SERIES, key=lambda entry: entry.ratio_figure), strict=True):
+        response = data[series.number]
+        for model in MODELS:
+            colour, marker = MODEL_STYLES[model.name]
+            ratio = np.array(fits[series.number, model.name].amplitudes) / response.spool_amplitudes
+            name = MODEL_NAMES[model.name]
+            axis.plot(response.plan.frequencies, ratio, color=colour, marker=marker, ms=4, lw=1, label=name)
+        axis.axhline(1.0, color="#444444", lw=1)
+        axis.set_title(f"as Fig. {series.ratio_figure}: {series.label}", fontsize=10)
+    panels[0].legend(fontsize=8)
+    return figure
+
+
+def lock_figure(
+    series: PaperSeries,
+    measured: SteppedResponse,
+    printed: SteppedResponse,
+    friction: tuple[Sequence[float], Sequence[float]],
+) -> Figure:
+    """Return the picture of table 4's values at work: amplitudes of body and spool, and the friction law.
+
+    ``friction`` is the relative velocity (m/s) and the force (N) of the mixed friction as printed.
+    """
+    figure = Figure(figsize=(9, 4), layout="constrained")
+    axes = figure.subplots(1, 2)
+    frequencies = printed.plan.frequencies
+    axes[0].plot(
+        measured.plan.frequencies,
+        measured.spool_amplitudes,
+        color=MEASURED,
+        marker="o",
+        ms=4,
+        label="spool, made data",
+    )
+    axes[0].plot(frequencies, printed.body_amplitudes, color=BODY, lw=4, alpha=0.5, label="body")
+    axes[0].plot(
+        frequencies, printed.spool_amplitudes, color=SPOOL, ls="--", marker="s", ms=4, label="spool, table 4"
+    )
+    axes[0].set_ylim(0.0, None)
+    axes[0].legend(fontsize=8)
+    axes[0].set_title(f"model 2 with table 4: {series.label}", fontsize=10)
+    _label(axes[0], "frequency, Hz", "acceleration amplitude, m/s²")
+    axes[1].semilogy(friction[0], friction[1], color=SPOOL, label="friction with table 4")
+    largest = series.valve.moving_mass * printed.plan.amplitude
+    axes[1].axhline(largest, color=BODY, ls="--", label=f"largest inertia force, {largest:.2g} N")
+    axes[1].legend(fontsize=8)
+    axes[1].set_title("what would have to be overcome", fontsize=10)
+    _label(axes[1], "relative velocity, m/s", "force, N")
+    return figure
+
+
+def parameter_table(model: PrintedModel, fits: Mapping[tuple[int, str], PaperFit]) -> list[TableRow]:
+    """Return table 3, 4, 5 or 6: printed values, then the fitted ones with half widths of 95 %."""
+    rows = []
+    for series in SERIES:
+        fit = fits[series.number, model.name]
+        row: TableRow = {"series": series.label}
+        for column, value in zip(model.columns, model.values[series.number], strict=True):
+            row[f"{column}, printed"] = value
+        if model.name == "microwedge":
+            overlap, length, proportionality = model.values[series.number]
+            row["k_t (d_k0 - a_k0) (N), printed"] = proportionality * (length - overlap)
+        row["objective, printed"] = model.objective[series.number]
+        for name, unit, value, deviation in zip(
+            fit.names, fit.units, fit.values, fit.deviations, strict=True
+        ):
+            row[f"{name} ({unit}), fitted"] = value
+            row[f"{name}, {PLUS_MINUS}"] = Z_95 * deviation
+        row["objective, squared"] = fit.objective
+        row["objective, as (33) stands"] = fit.objective_as_printed
+        rows.append(row)
+    return rows
+
+
+def mean_table(fits: Mapping[tuple[int, str], PaperFit]) -> list[TableRow]:
+    """Return table 7: means over the four series."""
+    rows: list[TableRow] = []
+    for model in MODELS:
+        own = [fits[series.number, model.name] for series in SERIES]
+        rows.append(
+            {
+                "model": f"{model.number} {model.equation}",
+                "objective, printed": model.mean_objective,
+                "objective, mean of the printed tables": float(np.mean(list(model.objective.values()))),
+                "objective, fitted": float(np.mean([fit.objective for fit in own])),
+                "a_est/a_pom, printed": model.mean_ratio,
+                "a_est/a_pom, fitted": float(np.mean([fit.ratio for fit in own])),
+            }
+        )
+    return rows
+
+
+def gap_table(
+    fits: Mapping[tuple[int, str], PaperFit], free: Mapping[tuple[int, str], PaperFit]
+) -> list[TableRow]:
+    """Return the objectives with h held at table 2's value and with h fitted."""
+    rows: list[TableRow] = []
+    for series in SERIES:
+        row: TableRow = {"series": series.label}
+        for model in MODELS:
+            if model.name == "fluid":
+                row["model 4, h fitted"] = fits[series.number, "fluid"].objective
+            else:
+                row[f"model {model.number}, h = 15 µm"] = fits[series.number, model.name].objective
+                row[f"model {model.number}, h fitted"] = free[series.number, model.name].objective
+        rows.append(row)
+    return rows
+
+
+def amplitude_table(
+    data: Mapping[int, SteppedResponse],
+    fits: Mapping[tuple[int, str], PaperFit],
+    printed: Mapping[tuple[int, str], SteppedResponse],
+) -> list[TableRow]:
+    """Return all amplitudes (m/s^2): data, fitted models, and models with the printed values."""
+    rows: list[TableRow] = []
+    for series in SERIES:
+        response = data[series.number]
+        for step, frequency in enumerate(response.plan.frequencies):
+            row: TableRow = {
+                "series": series.number,
+                "frequency_Hz": frequency,
+                "body_m_s2": float(response.body_amplitudes[step]),
+                "spool_m_s2": float(response.spool_amplitudes[step]),
+            }
+            for model in MODELS:
+                key = (series.number, model.name)
+                row[f"{model.name}_fitted_m_s2"] = fits[key].amplitudes[step]
+                at = printed[key].plan.frequencies
+                if frequency in at:
+                    amplitude = printed[key].spool_amplitudes[at.index(frequency)]
+                    row[f"{model.name}_printed_values_m_s2"] = float(amplitude)
+                else:
+                    row[f"{model.name}_printed_values_m_s2"] = None
+            rows.append(row)
+    return rows
+
+
+def derived_table() -> list[TableRow]:
+    """Return what equation (6) and lambda say of each series."""
+    rows: list[TableRow] = []
+    for series in SERIES:
+        valve = series.valve
+        rows.append(
+            {
+                "series": series.label,
+                "natural frequency (Hz)": valve.natural_frequency,
+                "damping ratio": valve.damping_ratio,
+                f"eta (6) at {SPEED:g} m/s": friction_coefficient(valve),
+                "roughness at lambda = 3 (µm)": 1e6 * valve.radial_clearance / 3.0,
+                "roughness at lambda = 1 (µm)": 1e6 * valve.radial_clearance,
+            }
+        )
+    return rows
+
+
+def write_csv(path: Path, rows: Sequence[TableRow]) -> None:
+    """Write ``rows``, all of the same columns, with a header."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+
+
 def _lock(results: Reproduction, drawn: Callable[[str, Figure, str], Markup]) -> list[Markup]:
     series = SERIES[3]
     root, inverse = MODELS[1].values[series.number]
@@ -138,7 +424,7 @@ def _lock(results: Reproduction, drawn: Callable[[str, Figure, str], Markup]) ->
         "spool has no resonance and does not depend on the oil, but the text tells of resonances near 15 and "
         "30 Hz that the oil changes, so these values were not at work as (23) is printed."
     )
-    figure = figures.lock_figure(
+    figure = lock_figure(
         series, results.data[4], results.printed[4, "mixed"], (speed.tolist(), force.tolist())
     )
     return [html.paragraph(say), drawn("table_4_locks_the_spool", figure, "locked spool")]
@@ -164,3 +450,17 @@ def _convergence(results: Reproduction) -> str:
         "of the objective; in the others the spool sticks, the objective has kinks there, and its slopes "
         "promise what a search around the point did not find."
     )
+
+
+def _panels(across: str, up: str) -> tuple[Figure, list[Axes]]:
+    figure = Figure(figsize=(9, 6.5), layout="constrained")
+    panels = list(figure.subplots(2, 2, sharex=True).ravel())
+    for number, axis in enumerate(panels):
+        _label(axis, across if number > 1 else "", up if number % 2 == 0 else "")
+    return figure, panels
+
+
+def _label(axis: Axes, across: str, up: str) -> None:
+    axis.set_xlabel(across)
+    axis.set_ylabel(up)
+    axis.grid(alpha=0.3)

@@ -16,7 +16,7 @@ from spool_gap.effect import Effect, Motion
 from spool_gap.registry import EFFECTS
 from spool_gap.sensor_effect import SensorEffect
 
-from .marked_page import MarkedPage, sentence
+from spool_evaluation.results.page import MarkedPage, sentence
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from spool_sim.terms import TERMS, Term
 from spool_sim.valve.description import Valve, find_valve
 
-from .marked_page import MarkedPage, sentence
+from spool_evaluation.results.page import MarkedPage, sentence
 
 Array = NDArray[np.float64]
 

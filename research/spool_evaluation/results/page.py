@@ -1,8 +1,9 @@
-"""Result page: tables of measurements, dated, with the version and the command that made them."""
+"""Pages made by command: tables of results, and documentation written between two marks."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -43,3 +44,37 @@ def save_picture(figure: Figure, path: Path, dpi: int = 130) -> Path:
     """Write ``figure`` as PNG; its bytes do not depend on the version of the library that draws."""
     figure.savefig(path, dpi=dpi, metadata={"Software": None})
     return path
+
+
+@dataclass(frozen=True, slots=True)
+class MarkedPage:
+    """Page ``name``.md of a folder, with marks of its own and a folder ``pictures`` next to it."""
+
+    name: str
+    pictures: str
+
+    @property
+    def marks(self) -> tuple[str, str]:
+        """Begin and end of the part that is written."""
+        return f"<!-- {self.pictures}: begin -->", f"<!-- {self.pictures}: end -->"
+
+    def written(self, folder: Path) -> str:
+        """Return the part between the marks."""
+        begin, end = self.marks
+        return (folder / f"{self.name}.md").read_text(encoding="utf-8").partition(begin)[2].partition(end)[0]
+
+    def write(self, folder: Path, text: str, figures: Mapping[str, Figure]) -> None:
+        """Write ``text`` between the marks, and a PNG for each of ``figures``, by name."""
+        begin, end = self.marks
+        page = folder / f"{self.name}.md"
+        before, _, rest = page.read_text(encoding="utf-8").partition(begin)
+        page.write_text(f"{before}{begin}\n\n{text}\n{end}{rest.partition(end)[2]}", encoding="utf-8")
+        (folder / self.pictures).mkdir(parents=True, exist_ok=True)
+        for name, figure in figures.items():
+            save_picture(figure, folder / self.pictures / f"{name}.png", dpi=90)
+        print(f"{len(figures)} pictures, {page}")
+
+
+def sentence(text: str) -> str:
+    """Return ``text`` with a capital letter and a full stop."""
+    return f"{text[:1].upper()}{text[1:]}."

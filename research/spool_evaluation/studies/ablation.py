@@ -11,9 +11,9 @@ from scipy.stats import binomtest
 from spool_blind.case import make
 
 from spool_evaluation.results.page import markdown_table, study_command, write_page
+from spool_evaluation.studies.gap import BlindVerdict
 
 from .gap import judge
-from .gap_summary import BlindVerdict
 from .workers import spread
 
 PAGE, ROWS = "gap_ablation.md", "gap_ablation.jsonl"

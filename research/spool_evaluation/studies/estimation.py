@@ -8,11 +8,15 @@ instant and without a filter; that they sample at one instant is told to the fit
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from statistics import median
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 from spool_estimator.identification.fit import fit
@@ -25,12 +29,10 @@ from spool_sim.simulator import Simulator
 from spool_sim.valve.description import Valve, find_valve
 from spool_tools.console.outputs import write_json
 
-from spool_evaluation.results.page import study_command
+from spool_evaluation.results.page import markdown_table, save_picture, study_command, write_page
+from spool_evaluation.results.proportion import interval
 from spool_evaluation.results.timing import Stopwatch
-
-from .estimation_page import write_study
-from .estimation_summary import Estimated, RecordFit, summary
-from .workers import spread
+from spool_evaluation.studies.workers import spread
 
 MODEL_NAMES = ("fluid", "microwedge", "mixed", "coulomb_hydrodynamic", "coulomb")
 SPRINGS = ("4weh10_soft", "4weh10_stiff")
@@ -39,6 +41,19 @@ VISCOSITIES = {"HL68": 0.0612, "Azolla ZS22": 0.0198}
 EXCITATIONS = ("sweep", "stepped", "orders")
 SECONDS, SAMPLE_RATE = 20.0, 2000.0
 NOISE = (0.005, 0.03)
+
+#: Half the width of a 95 % interval, in standard deviations.
+WIDTH = 1.959964
+ALL = "all"
+
+PAGE, PICTURE = "estimation_study.md", "estimation_scores.png"
+TITLE = "Coverage of the intervals of offline fits"
+LIMITS = (
+    "Here truth and fit share one simulator, and the model fitted is the one that made the record: the table "
+    "shows whether noise is turned into standard deviations rightly, not what an error of the simulation or "
+    "a law that is missing does to the values. For that see the [sample records](estimation_records.md), "
+    "made by another simulator, and the [blind cases](gap_study.md)."
+)
 
 
 def run(records: int, seed: int, out: Path, workers: int | None = None) -> list[RecordFit]:
@@ -184,3 +199,149 @@ def show(estimates: Sequence[Estimated]) -> None:
             f"{100.0 * entry['scatter']:.2f} %",
         )
     Console().print(table)
+
+
+@dataclass(frozen=True, slots=True)
+class Estimated:
+    """Estimate of one quantity with its truth, in ``unit``."""
+
+    model: str
+    quantity: str
+    unit: str
+    truth: float
+    value: float
+    deviation: float
+
+    @property
+    def score(self) -> float:
+        """Error over the standard deviation."""
+        return (self.value - self.truth) / self.deviation if self.deviation > 0.0 else math.inf
+
+    @property
+    def error(self) -> float:
+        """Error relative to the truth."""
+        return (self.value - self.truth) / self.truth
+
+    @property
+    def covered(self) -> bool:
+        """Whether the 95 % interval holds the truth."""
+        return abs(self.score) <= WIDTH
+
+
+@dataclass(frozen=True, slots=True)
+class RecordFit:
+    """Fit of one simulated record.
+
+    Attributes:
+        number: of the record; with the seed it gives everything.
+        model, spring, oil, excitation, noise: what it is.
+        estimates: what the fit told of each quantity, with the truth.
+        not_observable: parameters that the fit said it cannot tell.
+        reason: why there is no fit, or ``None``.
+        converged: the fit says so.
+        nrmse: of the free run.
+        seconds: the fit took.
+    """
+
+    number: int
+    model: str
+    spring: str
+    oil: str
+    excitation: str
+    noise: float
+    estimates: tuple[Estimated, ...]
+    not_observable: tuple[str, ...]
+    reason: str | None
+    converged: bool
+    nrmse: float
+    seconds: float
+
+
+def summary(estimates: Sequence[Estimated]) -> list[dict[str, Any]]:
+    """Return coverage and bias by model and quantity, and of everything in the last entry."""
+    groups: dict[tuple[str, str], list[Estimated]] = {}
+    for entry in estimates:
+        groups.setdefault((entry.model, entry.quantity), []).append(entry)
+    found = [_counted(model, quantity, entries) for (model, quantity), entries in sorted(groups.items())]
+    return [*found, _counted(ALL, ALL, estimates)]
+
+
+def write_study(rows: Sequence[RecordFit], folder: Path, command: str) -> Path:
+    """Write the table and the picture into ``folder``; return the page."""
+    estimates = [entry for row in rows if row.converged for entry in row.estimates]
+    save_picture(scores_figure(estimates), folder / PICTURE)
+    return write_page(folder / PAGE, TITLE, command, page_parts(rows, estimates))
+
+
+def page_parts(rows: Sequence[RecordFit], estimates: Sequence[Estimated]) -> list[str]:
+    """Return the page's paragraphs and its table, Markdown."""
+    failed = sum(row.reason is not None for row in rows)
+    unobservable = Counter((row.model, name) for row in rows for name in row.not_observable)
+    parts = [
+        f"{len(rows)} simulated records of 20 s at 2 kHz; what they are: "
+        "[how it is tested](../methods/estimation.md#does-it-hold). "
+        f"{failed} without a result, {sum(not row.converged for row in rows)} that say they did not "
+        "converge; those are not in the table. "
+        f"A fit took {median(row.seconds for row in rows):.1f} s (median).",
+        LIMITS,
+        coverage_table(estimates),
+        f"![errors over their standard deviations]({PICTURE})",
+    ]
+    if unobservable:
+        lines = [f"- {model}: `{name}` in {count}" for (model, name), count in sorted(unobservable.items())]
+        parts += ["Parameters that a fit said it cannot tell, by number of records:", "\n".join(lines)]
+    return parts
+
+
+def coverage_table(estimates: Sequence[Estimated]) -> str:
+    """Return coverage and bias by model and quantity, and the coverage of everything, Markdown."""
+    body = []
+    for entry in summary(estimates):
+        low, high = 100 * entry["coverage_low"], 100 * entry["coverage_high"]
+        share = f"{100 * entry['coverage']:.0f} % ({low:.0f} to {high:.0f})"
+        counts = (str(entry["fits"]), str(entry["covered"]), share)
+        if entry["model"] == ALL:
+            body.append((ALL, ALL, *counts, "", "", ""))
+            continue
+        sizes = (f"{100 * entry[name]:.3f} %" for name in ("scatter", "median_deviation"))
+        body.append(
+            (entry["model"], f"`{entry['quantity']}`", *counts, f"{100 * entry['bias']:+.3f} %", *sizes)
+        )
+    head = ("model", "quantity", "fits", "covered", "share (95 % interval)", "mean error", "scatter")
+    return markdown_table((*head, "median standard deviation"), body)
+
+
+def scores_figure(estimates: Sequence[Estimated]) -> Figure:
+    """Return the errors over their standard deviations, with the normal distribution."""
+    scores = np.clip([entry.score for entry in estimates], -6.0, 6.0)
+    figure = Figure(figsize=(6.4, 3.2), layout="constrained")
+    axes = figure.subplots()
+    edges = np.linspace(-6.0, 6.0, 49)
+    axes.hist(scores, bins=list(edges), density=True, color="#0072B2", alpha=0.7, label="estimates")
+    place = np.linspace(-6.0, 6.0, 241)
+    axes.plot(place, np.exp(-0.5 * place**2) / math.sqrt(2.0 * math.pi), color="black", label="normal")
+    axes.set_xlabel("error / standard deviation")
+    axes.set_ylabel("density")
+    axes.legend(frameon=False)
+    return figure
+
+
+def _counted(model: str, quantity: str, entries: Sequence[Estimated]) -> dict[str, Any]:
+    fits = len(entries)
+    covered = sum(entry.covered for entry in entries)
+    low, high = interval(covered, fits, "exact")
+    errors = np.array([entry.error for entry in entries])
+    return {
+        "model": model,
+        "quantity": quantity,
+        "fits": fits,
+        "covered": covered,
+        "coverage": covered / fits if fits else math.nan,
+        "coverage_low": low,
+        "coverage_high": high,
+        "bias": float(np.mean(errors)) if fits else math.nan,
+        "scatter": float(np.std(errors)) if fits else math.nan,
+        "median_deviation": float(np.median([abs(e.deviation / e.truth) for e in entries]))
+        if fits
+        else math.nan,
+    }

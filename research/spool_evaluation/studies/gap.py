@@ -4,33 +4,48 @@ from __future__ import annotations
 
 import json
 import traceback
-from collections.abc import Sequence
-from dataclasses import replace
+from collections import Counter, defaultdict
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from statistics import median
 from typing import Any
 
+import numpy as np
 import yaml
+from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
-from spool_blind.case import BlindCase, make
-from spool_blind.writing import truth_of, valve_text
+from spool_blind.case import BlindCase, make, truth_of, valve_text
 from spool_core.errors import InputError
 from spool_estimator.identification.record import Record
 from spool_sim.model import MODELS
 from spool_sim.valve.description import Valve, valve_from_mapping
 from spool_tools.console.outputs import write_json
 
-from spool_evaluation.results.page import study_command
+from spool_evaluation.results.page import markdown_table, save_picture, study_command, write_page
+from spool_evaluation.results.proportion import Proportion
 from spool_evaluation.results.timing import Stopwatch
-
-from .gap_page import write_study
-from .gap_summary import BlindVerdict, targets
-from .workers import spread
+from spool_evaluation.studies.workers import spread
 
 BASE = "fluid"
 REFUSED, FAILED = "refused", "failed"
 #: Names of the channels' truth in the catalogue, where they differ.
 CATALOGUE_NAMES = {"gain_error": "spool_gain_error", "delay": "spool_delay", "full_scale": "saturation_limit"}
+
+#: Share of the true value within which a fitted parameter counts as recovered.
+RECOVERED = 0.10
+#: The gap that is left counts as closed up to this many times the noise floor.
+CLOSED = 1.3
+
+PAGE, PICTURE = "gap_study.md", "gap_confusion.png"
+TITLE = "Blind study of the gap workflow"
+#: What the tables count, for a reader who comes from elsewhere.
+ABOUT = (
+    "Records of a [second simulator](../../research/spool_blind/README.md) that shares no law and no step "
+    "with the one that ships. What the figures mean, and what falls short: "
+    "[how often it is right](../methods/gap.md#how-often-it-is-right)."
+)
 
 
 def run(cases: int, seed: int, out: Path, workers: int | None = None) -> list[BlindVerdict]:
@@ -166,3 +181,268 @@ def row_of(
         message=message,
         changed_by=tuple(result.get("changed_by", ())),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class BlindVerdict:
+    """Verdict of the workflow on one blind case, with its truth.
+
+    Attributes:
+        seed, kind, hidden, accepted: of the case; see :mod:`spool_blind.case`.
+        factor: size of what is hidden over the size that was drawn.
+        verdict: what was said; "refused" where the record was.
+        candidates: the class that was named together with "unexplained".
+        confidence: 0 to 1.
+        truth, found: values of the parameters by "effect.parameter"; SI.
+        before, after, floor: held-out gap and noise floor, rms over rms; ``None`` where unknown.
+        seconds: taken by the workflow.
+        processor_seconds: of them spent computing, which other work on the machine does not change.
+        visible: remainder after the base over the noise floor; ``None`` where nothing is hidden.
+        evidence, threshold: of the likelihood-ratio test that knows what is hidden.
+        condition: excitation, spring, rate and so on, for looking up.
+        message: why it was refused.
+        changed_by: stages of the selection that changed the choice.
+    """
+
+    seed: int
+    kind: str
+    hidden: str
+    accepted: tuple[str, ...]
+    factor: float
+    verdict: str
+    candidates: tuple[str, ...] = ()
+    confidence: float | None = None
+    truth: dict[str, float] = field(default_factory=dict)
+    found: dict[str, float] = field(default_factory=dict)
+    before: float | None = None
+    after: float | None = None
+    floor: float | None = None
+    seconds: float = 0.0
+    processor_seconds: float = 0.0
+    visible: float | None = None
+    evidence: float | None = None
+    threshold: float | None = None
+    condition: str = ""
+    message: str = ""
+    changed_by: tuple[str, ...] = ()
+
+    @property
+    def right(self) -> bool:
+        """Whether the verdict is one of those accepted; out of the catalogue a part may be unexplained."""
+        said = frozenset(self.verdict.split("+"))
+        if self.kind == "out_of_catalogue":
+            return "unexplained" in said
+        return any(said == frozenset(one.split("+")) for one in self.accepted)
+
+    @property
+    def errors(self) -> dict[str, float]:
+        """Relative errors of the parameters that are known and were found."""
+        return {
+            name: self.found[name] / true - 1.0
+            for name, true in self.truth.items()
+            if name in self.found and true != 0.0
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what the JSON file holds of it."""
+        return {**asdict(self), "right": self.right, "errors": self.errors}
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """Target of the study: a proportion and what is wanted of it."""
+
+    name: str
+    wanted: str
+    share: Proportion
+    met: bool
+
+    @property
+    def answer(self) -> str:
+        """yes, no, or unknown where no case asked."""
+        return ("yes" if self.met else "no") if self.share.of else "unknown"
+
+
+def share_of(rows: Sequence[BlindVerdict], right: Callable[[BlindVerdict], bool]) -> Proportion:
+    """Return how many of ``rows`` are ``right``."""
+    return Proportion(sum(right(row) for row in rows), len(rows))
+
+
+def targets(rows: Sequence[BlindVerdict]) -> list[Target]:
+    """Return the study's questions with their answers."""
+
+    def of(kind: str) -> list[BlindVerdict]:
+        return [row for row in rows if row.kind == kind]
+
+    named = [row for row in rows if row.kind in ("effect", "pair") and row.right]
+    errors = [error for row in named for error in row.errors.values()]
+    judged = [row for row in rows if row.right and row.kind != "out_of_catalogue" and row.after and row.floor]
+    wrong = share_of(of("none"), lambda row: not row.right)
+    single, pairs = share_of(of("effect"), lambda row: row.right), share_of(of("pair"), lambda row: row.right)
+    outsiders = share_of(of("out_of_catalogue"), lambda row: row.right)
+    recovered = Proportion(sum(abs(error) <= RECOVERED for error in errors), len(errors))
+    closed = share_of(judged, lambda row: (row.after or 0.0) <= CLOSED * (row.floor or 0.0))
+    return [
+        Target("one effect, named right", "at least 98 %", single, (single.value or 0.0) >= 0.98),
+        Target("nothing hidden, a false name", "at most 1 %", wrong, (wrong.value or 0.0) <= 0.01),
+        Target(
+            "two effects, both named and nothing else", "at least 95 %", pairs, (pairs.value or 0.0) >= 0.95
+        ),
+        Target(
+            "out-of-catalogue effects not given a name alone",
+            "at least 80 %",
+            outsiders,
+            (outsiders.value or 0.0) >= 0.80,
+        ),
+        Target("parameters within 10 %", "all", recovered, recovered.count == recovered.of),
+        Target("gap after at most 1.3 times the floor", "all", closed, closed.count == closed.of),
+    ]
+
+
+def confusion(
+    rows: Sequence[BlindVerdict],
+) -> tuple[list[str], list[str], np.ndarray[Any, np.dtype[np.int64]]]:
+    """Return (hidden, verdicts, counts) of cases with one thing hidden or none; pairs as "pair"."""
+
+    def hidden_of(row: BlindVerdict) -> str:
+        return "pair" if row.kind == "pair" else row.hidden
+
+    def verdict_of(row: BlindVerdict) -> str:
+        said = row.verdict.split("+")
+        if row.kind == "pair":
+            return (
+                "right pair"
+                if row.right
+                else "part of it"
+                if set(said) < set(row.hidden.split("+"))
+                else "other"
+            )
+        if len(said) == 1:
+            return row.verdict
+        return "unexplained" if row.kind == "out_of_catalogue" and row.right else "more than one"
+
+    order = {"none": 0, "effect": 1, "pair": 2, "out_of_catalogue": 3}
+    names = sorted({(order[row.kind], hidden_of(row)) for row in rows})
+    hidden = [name for _, name in names]
+    last = ("more than one", "unexplained", "right pair", "part of it", "other", "refused", "failed")
+    said = {verdict_of(row) for row in rows}
+    verdicts = [name for name in hidden if name in said and name not in last]
+    verdicts += sorted(said - set(verdicts) - set(last)) + [name for name in last if name in said]
+    counts = np.zeros((len(hidden), len(verdicts)), dtype=np.int64)
+    for (name, verdict), count in Counter((hidden_of(row), verdict_of(row)) for row in rows).items():
+        counts[hidden.index(name), verdicts.index(verdict)] = count
+    return hidden, verdicts, counts
+
+
+def write_study(rows: Sequence[BlindVerdict], folder: Path, command: str) -> Path:
+    """Write ``gap_study.md`` and its picture into ``folder``; return the page."""
+    save_picture(confusion_figure(rows), folder / PICTURE, dpi=150)
+    return write_page(folder / PAGE, TITLE, command, page_parts(rows))
+
+
+def page_parts(rows: Sequence[BlindVerdict]) -> list[str]:
+    """Return the page's paragraphs and tables, Markdown."""
+    times = [row.seconds for row in rows]
+    computing = median(row.processor_seconds for row in rows)
+    return [
+        ABOUT,
+        f"{len(rows)} cases. A case: median {median(times):.1f} s ({computing:.1f} s of computing), "
+        f"longest {max(times):.1f} s.",
+        markdown_table(
+            ("question", "target", "found (95 % interval)", "met"),
+            [(t.name, t.wanted, str(t.share), t.answer) for t in targets(rows)],
+        ),
+        f"![confusion matrix]({PICTURE})",
+        "## By what was hidden",
+        _by_hidden(rows),
+        "## Parameters",
+        _by_parameter(rows),
+        "## What went wrong",
+        _failures(rows),
+    ]
+
+
+def confusion_figure(rows: Sequence[BlindVerdict]) -> Figure:
+    """Return the confusion matrix: rows are what was hidden, columns what was said."""
+    hidden, verdicts, counts = confusion(rows)
+    shares = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
+    size = (2.8 + 0.42 * len(verdicts), 1.8 + 0.3 * len(hidden))
+    figure = Figure(figsize=size, layout="constrained")
+    axis = figure.subplots()
+    axis.imshow(shares, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
+    for (row, column), count in np.ndenumerate(counts):
+        if count:
+            colour = "white" if shares[row, column] > 0.6 else "black"
+            axis.text(column, row, str(count), ha="center", va="center", fontsize=8, color=colour)
+    axis.set_xticks(range(len(verdicts)), verdicts, rotation=60, ha="right", fontsize=8)
+    axis.set_yticks(range(len(hidden)), hidden, fontsize=8)
+    axis.set_xlabel("said")
+    axis.set_ylabel("hidden")
+    return figure
+
+
+def _percent(value: float | None) -> str:
+    return "" if value is None else f"{100.0 * value:.2g}"
+
+
+def _median(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return median(known) if known else None
+
+
+def _by_hidden(rows: Sequence[BlindVerdict]) -> str:
+    body = []
+    hidden, _, _ = confusion(rows)
+    for name in hidden:
+        these = [row for row in rows if name in (row.hidden, row.kind)]
+        visible = _median([row.visible for row in these])
+        body.append((
+            name,
+            str(share_of(these, lambda row: row.right)),
+            _percent(_median([row.before for row in these])),
+            _percent(_median([row.after for row in these])),
+            _percent(_median([row.floor for row in these])),
+            "" if visible is None else f"{visible:.1f}",
+        ))  # fmt: skip
+    head = ("hidden", "right", "gap before, %", "after, %", "noise floor, %", "hidden over noise, rms")
+    return markdown_table(head, body)
+
+
+def _by_parameter(rows: Sequence[BlindVerdict]) -> str:
+    errors: dict[str, list[float]] = defaultdict(list)
+    for row in rows:
+        if row.right and row.kind == "effect":
+            for name, error in row.errors.items():
+                errors[name].append(error)
+    body = []
+    for name, found in sorted(errors.items()):
+        sizes = [abs(error) for error in found]
+        body.append((
+            name,
+            str(len(found)),
+            f"{100.0 * median(found):+.1f}",
+            f"{100.0 * median(sizes):.1f}",
+            f"{100.0 * max(sizes):.1f}",
+            f"{sum(size <= RECOVERED for size in sizes)}/{len(sizes)}",
+        ))  # fmt: skip
+    head = ("parameter", "cases", "median error, %", "median size, %", "largest, %", "within 10 %")
+    return markdown_table(head, body)
+
+
+def _failures(rows: Sequence[BlindVerdict]) -> str:
+    body = [
+        (
+            str(row.seed),
+            row.hidden,
+            row.verdict + (f": {row.message}" if row.message else ""),
+            "" if row.confidence is None else f"{row.confidence:.2f}",
+            ", ".join(_percent(value) for value in (row.before, row.after, row.floor)),
+            "" if row.visible is None else f"{row.visible:.1f}",
+            row.condition,
+        )
+        for row in sorted(rows, key=lambda row: row.seed)
+        if not row.right
+    ]
+    gap = "gap before, after, noise floor, %"
+    head = ("seed", "hidden", "verdict", "confidence", gap, "hidden over noise", "condition")
+    return markdown_table(head, body) if body else "Nothing."

@@ -9,10 +9,8 @@ from pathlib import Path
 
 from rich.console import Console
 
-from spool_evaluation.monitor_cases.draw import draw_cases
-from spool_evaluation.monitor_cases.run import ScenarioOutcome, run_case
-from spool_evaluation.monitor_cases.scenario import Scenario
-from spool_evaluation.monitor_cases.table import table
+from spool_evaluation.monitor_cases.run import ScenarioOutcome, run_case, table
+from spool_evaluation.monitor_cases.scenario import Scenario, draw_cases
 from spool_evaluation.results.page import renew_json, study_command, write_page
 
 from .workers import spread

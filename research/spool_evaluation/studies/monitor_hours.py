@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from spool_evaluation.monitor_cases.draw import draw_hours
 from spool_evaluation.monitor_cases.run import ScenarioOutcome
+from spool_evaluation.monitor_cases.scenario import draw_hours
 from spool_evaluation.results.page import study_command
 
 from .monitor import MonitorPage, replay_all

@@ -7,12 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 import spool_blind
-from spool_blind.case import DISTINCT, NONE, BlindTrial, hidden_by, kind_of, make
-from spool_blind.effects import EFFECTS
-from spool_blind.hidden import Hidden
-from spool_blind.limit import CLOSE, limit_case
-from spool_blind.nested_friction import over_coulomb_friction
-from spool_blind.out_of_catalogue import OUT_OF_CATALOGUE
+from spool_blind.case import (
+    CLOSE,
+    DISTINCT,
+    NONE,
+    BlindTrial,
+    hidden_by,
+    kind_of,
+    limit_case,
+    make,
+    over_coulomb_friction,
+)
+from spool_blind.hidden import EFFECTS, OUT_OF_CATALOGUE, Hidden
 from spool_blind.visibility import look, noncentrality, threshold
 
 SOURCES = sorted(Path(spool_blind.__file__).parent.rglob("*.py"))

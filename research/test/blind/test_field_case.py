@@ -5,13 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from spool_blind.case import kind_of
-from spool_blind.field.case import LOOK_AHEAD, accepted_verdicts, make_field
-from spool_blind.field.excitations import FIELD_KINDS, OPERATION, draw_field_excitation
-from spool_blind.field.hiding import BLOCK, HiddenPhysics, field_hidden_by, warming
-from spool_blind.field.importance import Importance
-from spool_blind.field.laws import FIELD_LAWS
-from spool_blind.field.nuisances.converted import Clipping
-from spool_blind.field.seeds import WINDOWS, window_of
+from spool_blind.field.case import LOOK_AHEAD, WINDOWS, Importance, accepted_verdicts, make_field, window_of
+from spool_blind.field.condition import FIELD_KINDS, OPERATION, draw_field_excitation
+from spool_blind.field.hiding import BLOCK, FIELD_LAWS, HiddenPhysics, field_hidden_by, warming
+from spool_blind.field.nuisances import Clipping
 from spool_blind.hidden import Hidden
 from spool_blind.simulator.plant import Plant, move
 

@@ -6,11 +6,26 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_blind.field.nuisances.added import BiasDrift, ColouredNoise, CrossAxis, MainsHum, Spikes
-from spool_blind.field.nuisances.converted import Clipping, GainDrift, Jitter, LostSamples, Quantisation
-from spool_blind.field.nuisances.drawing import MOST, NUISANCES, draw_nuisances, names_by
-from spool_blind.field.nuisances.filtered import AcCoupling, AntiAlias, ExtraMode
-from spool_blind.field.nuisances.nuisance import Seen
+from spool_blind.field.nuisances import (
+    MOST,
+    NUISANCES,
+    AcCoupling,
+    AntiAlias,
+    BiasDrift,
+    Clipping,
+    ColouredNoise,
+    CrossAxis,
+    ExtraMode,
+    GainDrift,
+    Jitter,
+    LostSamples,
+    MainsHum,
+    Quantisation,
+    Seen,
+    Spikes,
+    draw_nuisances,
+    names_by,
+)
 
 RATE, SECONDS = 2000.0, 20.0
 TIME = np.arange(round(RATE * SECONDS)) / RATE

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from spool_blind.field.case import make_field
 from spool_evaluation.studies.field import study
-from spool_evaluation.studies.field.page import PAGE, PICTURE, field_parts, write_field_page
 from spool_evaluation.studies.field.reliability import brier_scores, deciles
+from spool_evaluation.studies.field.study import PAGE, PICTURE, field_parts, write_field_page
 from spool_evaluation.studies.field.summary import (
     FALSE,
     MISSED,

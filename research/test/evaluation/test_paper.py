@@ -12,7 +12,7 @@ from spool_evaluation.paper import reproduction
 from spool_evaluation.paper.command import run_paper
 from spool_evaluation.paper.data import MODELS, SERIES
 from spool_evaluation.paper.fit import fit, parameters
-from spool_evaluation.paper.regimes import full_stroke
+from spool_evaluation.paper.reproduction import full_stroke
 from spool_evaluation.paper.simulation import Plan, SteppedResponse, respond
 from spool_tools.cli import main
 

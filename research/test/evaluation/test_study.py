@@ -9,19 +9,22 @@ from types import SimpleNamespace
 
 import pytest
 from scipy.stats import binom
-from spool_blind.case import make
-from spool_blind.limit import limit_case
+from spool_blind.case import limit_case, make
 from spool_core.errors import InputError
 from spool_evaluation.bench import run_bench
 from spool_evaluation.results.page import write_page
 from spool_evaluation.results.proportion import Proportion, interval
 from spool_evaluation.studies import gap_limit
-from spool_evaluation.studies.gap import row_of, summary
-from spool_evaluation.studies.gap_limit import STEP, run, smallest_named
-from spool_evaluation.studies.gap_limit_page import page_parts
-from spool_evaluation.studies.gap_limit_summary import DetectionLimit, within
-from spool_evaluation.studies.gap_page import PICTURE, write_study
-from spool_evaluation.studies.gap_summary import BlindVerdict, confusion, targets
+from spool_evaluation.studies.gap import (
+    PICTURE,
+    BlindVerdict,
+    confusion,
+    row_of,
+    summary,
+    targets,
+    write_study,
+)
+from spool_evaluation.studies.gap_limit import STEP, DetectionLimit, page_parts, run, smallest_named, within
 from spool_evaluation.studies.workers import spread
 from spool_tools.cli import main
 

@@ -17,8 +17,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 from spool_blind.case import NONE
-from spool_blind.field.case import UNEXPLAINED, make_field
-from spool_blind.field.writing import write_field
+from spool_blind.field.case import UNEXPLAINED, make_field, write_field
 from spool_gap.likelihood.chain_part import CHAIN_PARTS, DELAY, GAIN
 from spool_gap.likelihood.prediction import Prediction, Structure, structure_of
 from spool_gap.likelihood.readings import readings_of

@@ -6,33 +6,66 @@ import json
 import signal
 import tempfile
 import traceback
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
-from spool_blind.field.case import FieldCase, make_field
-from spool_blind.field.writing import write_field
+from spool_blind.field.case import FieldCase, make_field, write_field
 from spool_core.errors import InputError
 from spool_sim.model import MODELS
 
-from spool_evaluation.results.page import renew_json, study_command
+from spool_evaluation.results.page import markdown_table, renew_json, save_picture, study_command, write_page
+from spool_evaluation.results.proportion import Proportion
 from spool_evaluation.results.timing import Stopwatch
+from spool_evaluation.studies.field.calibration import confidence_rule
+from spool_evaluation.studies.field.diagnosis import diagnose
+from spool_evaluation.studies.field.reliability import ENOUGH, brier_scores, deciles, reliability_figure
+from spool_evaluation.studies.field.summary import (
+    FAILED,
+    OUTCOMES,
+    QUESTIONS,
+    REFUSED,
+    RIGHT,
+    UNIMPORTANT,
+    ChainFault,
+    FieldVerdict,
+    HiddenShare,
+    by_nuisance,
+    counted,
+    field_targets,
+    told_of,
+    verdict_from,
+)
 from spool_evaluation.studies.gap import BASE, CATALOGUE_NAMES
 from spool_evaluation.studies.workers import spread
-
-from .calibration import confidence_rule
-from .diagnosis import diagnose
-from .page import write_field_page
-from .summary import FAILED, REFUSED, ChainFault, FieldVerdict, HiddenShare, field_targets, verdict_from
 
 ROWS, RESULT = "field_cases.jsonl", "field_study.json"
 #: Rule of the confidences, fitted where all seeds are of the calibration window; `spool_gap.report` ships it.
 RULE, CALIBRATION = "confidence_rule.json", "calibration"
 #: s of computing after which a case counts as one without a word: five times what the workflow may take.
 LONGEST = 600.0
+
+PAGE, PICTURE = "field_study.md", "field_reliability.png"
+TITLE = "Field study of the gap workflow"
+#: What the tables count, for a reader who comes from elsewhere.
+ABOUT = (
+    "Records of a [second simulator](../../research/spool_blind/README.md#field-cases) behind a measuring "
+    "chain with the faults of real ones, drawn without looking whether anything can be seen. *Right* is the "
+    "whole verdict; *over-cautious*: the names are right, and something is called unexplained besides; "
+    "*false*: a name of what is not there; *missed*: names are missing, none is false. A name is demanded "
+    "where an effect changes the spool's acceleration by more than 0.25 % (rms, the base refitted) and a "
+    "test that knows it sees it in the noise of that record. Intervals are 95 %, Wilson's."
+)
+NOT_REPORTED = (
+    "These seeds are of the window **{window}**: choices may be made on such records. Errors to report are "
+    "those of the window *report*, which no choice has seen."
+)
+REPORTED = "These seeds are of the window **report**, which no choice has seen."
 
 
 def run(
@@ -91,13 +124,6 @@ def field_result(rows: Sequence[FieldVerdict]) -> dict[str, Any]:
     }
 
 
-def _show(rows: Sequence[FieldVerdict]) -> None:
-    table = Table("question", "target", "found (95 % interval)", "met", box=None, pad_edge=False)
-    for target in field_targets(rows):
-        table.add_row(target.name, target.wanted, str(target.share), target.answer)
-    Console(width=140).print(table)
-
-
 def judge_field_seed(seed: int) -> FieldVerdict:
     """Make the field case of ``seed`` and return what the workflow says to it."""
     return judge_field(make_field(seed))
@@ -144,22 +170,6 @@ def analysed(record: Path, valve: Path) -> dict[str, Any]:
         for one in getattr(result, "nuisances", ())
     ]
     return {**result_to_dict(result), "nuisances": nuisances}
-
-
-@contextmanager
-def _at_most(seconds: float) -> Iterator[None]:
-    """Raise TimeoutError where what is inside computes longer; only in a process's main thread."""
-
-    def ring(*_: object) -> None:
-        raise TimeoutError(f"no verdict within {seconds:g} s of computing")
-
-    before = signal.signal(signal.SIGPROF, ring)
-    signal.setitimer(signal.ITIMER_PROF, seconds)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_PROF, 0.0)
-        signal.signal(signal.SIGPROF, before)
 
 
 def field_row(
@@ -211,3 +221,175 @@ def field_row(
         message=message,
         signs=result.get("confidence_from", {}),
     )
+
+
+def write_field_page(rows: Sequence[FieldVerdict], folder: Path, command: str) -> Path:
+    """Write ``field_study.md`` and its picture into ``folder``; return the page."""
+    save_picture(reliability_figure(rows), folder / PICTURE, dpi=150)
+    return write_page(folder / PAGE, TITLE, command, field_parts(rows))
+
+
+def field_parts(rows: Sequence[FieldVerdict]) -> list[str]:
+    """Return the page's paragraphs and tables, Markdown."""
+    times = [row.seconds for row in rows]
+    return [
+        ABOUT,
+        window_line(rows),
+        f"{len(rows)} cases. A case: median {median(times):.1f} s "
+        f"({median(row.processor_seconds for row in rows):.1f} s of computing), longest {max(times):.1f} s.",
+        markdown_table(
+            ("question", "target", "found (95 % interval)", "met"),
+            [(t.name, t.wanted, str(t.share), t.answer) for t in field_targets(rows)],
+        ),
+        "## By what was asked",
+        _outcomes("asked", {name: [row for row in rows if row.question == name] for name in QUESTIONS}),
+        "## By what was hidden",
+        _outcomes("hidden", {name: [row for row in rows if row.hidden == name] for name in _hidden(rows)}),
+        "## By nuisance",
+        _outcomes("nuisance", by_nuisance(rows)),
+        "Told by the workflow:",
+        _told(rows),
+        "## Confidence",
+        _deciles(rows),
+        f"A decile of fewer than {ENOUGH} verdicts says little.",
+        _brier(rows),
+        f"![reliability diagram]({PICTURE})",
+        "## Parameters",
+        _parameters(rows),
+        "## How large the hidden effects are",
+        _importance(rows),
+        "## What went wrong",
+        _failures(rows),
+    ]
+
+
+def window_line(rows: Sequence[FieldVerdict]) -> str:
+    """Return what the seeds may be used for."""
+    windows = sorted({row.window for row in rows})
+    return REPORTED if windows == ["report"] else NOT_REPORTED.format(window=" and ".join(windows))
+
+
+def _show(rows: Sequence[FieldVerdict]) -> None:
+    table = Table("question", "target", "found (95 % interval)", "met", box=None, pad_edge=False)
+    for target in field_targets(rows):
+        table.add_row(target.name, target.wanted, str(target.share), target.answer)
+    Console(width=140).print(table)
+
+
+@contextmanager
+def _at_most(seconds: float) -> Iterator[None]:
+    """Raise TimeoutError where what is inside computes longer; only in a process's main thread."""
+
+    def ring(*_: object) -> None:
+        raise TimeoutError(f"no verdict within {seconds:g} s of computing")
+
+    before = signal.signal(signal.SIGPROF, ring)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
+
+
+def _hidden(rows: Sequence[FieldVerdict]) -> list[str]:
+    """Return what was hidden: nothing, single effects, laws, pairs."""
+    order = {"none": 0, "effect": 1, "out_of_catalogue": 2, "pair": 3}
+    return [name for _, name in sorted({(order[row.kind], row.hidden) for row in rows})]
+
+
+def _outcomes(head: str, groups: dict[str, list[FieldVerdict]]) -> str:
+    body = []
+    for name, these in groups.items():
+        if these:
+            counts = counted(these)
+            others = [str(counts[outcome].count) for outcome in OUTCOMES[1:]]
+            body.append((name, str(counts[RIGHT]), *others))
+    return markdown_table((head, *OUTCOMES), body)
+
+
+def _told(rows: Sequence[FieldVerdict]) -> str:
+    names = sorted({one.id for row in rows for one in (*row.nuisances, *row.told)})
+    body = [(name, *(str(share) for share in told_of(rows, name))) for name in names]
+    return markdown_table(("nuisance", "told where it is", "told where it is not"), body)
+
+
+def _deciles(rows: Sequence[FieldVerdict]) -> str:
+    body = [
+        (
+            f"{one.low:.1f} to {one.low + 0.1:.1f}",
+            f"{one.mean:.3f}",
+            str(one.share),
+            "yes" if one.agrees else "no",
+        )
+        for one in deciles(rows)
+    ]
+    return markdown_table(("confidence", "mean", "right (95 % interval)", "mean within"), body)
+
+
+def _brier(rows: Sequence[FieldVerdict]) -> str:
+    body = [
+        (one.verdicts, str(one.count), f"{one.score:.3f}", f"{one.base_rate:.3f}")
+        for one in brier_scores(rows)
+    ]
+    return markdown_table(("verdicts", "count", "Brier score", "always the base rate"), body)
+
+
+def _parameters(rows: Sequence[FieldVerdict]) -> str:
+    held: dict[str, list[bool]] = defaultdict(list)
+    errors: dict[str, list[float]] = defaultdict(list)
+    for row in rows:
+        for name, inside in row.within.items():
+            held[name].append(inside)
+            errors[name].append(abs(row.found[name][0] / row.truth[name] - 1.0))
+    body = [
+        (name, str(Proportion(sum(found), len(found))), f"{100.0 * median(errors[name]):.2g}")
+        for name, found in sorted(held.items())
+    ]
+    return markdown_table(("parameter", "interval holds the truth", "median size of the error, %"), body)
+
+
+def _importance(rows: Sequence[FieldVerdict]) -> str:
+    names = sorted({name for row in rows for name in row.importance})
+    body = []
+    for name in names:
+        these = [row.importance[name] for row in rows if name in row.importance]
+        shares = sorted(one.share for one in these)
+        body.append((
+            name,
+            str(len(these)),
+            str(sum(one.matters for one in these)),
+            f"{100.0 * median(one.with_without for one in these):.2g}",
+            f"{100.0 * median(shares):.2g}",
+            f"{100.0 * shares[0]:.2g} to {100.0 * shares[-1]:.2g}",
+        ))  # fmt: skip
+    head = ("effect", "cases", "of importance", "with and without, %", "base refitted, %", "from to, %")
+    return markdown_table(head, body)
+
+
+def _failures(rows: Sequence[FieldVerdict]) -> str:
+    body = [
+        (
+            str(row.seed),
+            row.hidden,
+            row.outcome + (f" ({UNIMPORTANT})" if row.question == UNIMPORTANT else ""),
+            row.verdict + (f": {row.message}" if row.message else ""),
+            "" if row.confidence is None else f"{row.confidence:.2f}",
+            ", ".join(
+                "" if one is None else f"{100.0 * one:.2g}" for one in (row.before, row.after, row.floor)
+            ),
+            ", ".join(_fault(one) for one in row.nuisances),
+            ", ".join(_fault(one) for one in row.told),
+            row.condition,
+        )
+        for row in sorted(rows, key=lambda row: row.seed)
+        if row.outcome != RIGHT
+    ]
+    gap = "gap before, after, noise floor, %"
+    head = ("seed", "hidden", "outcome", "verdict", "confidence", gap, "nuisances", "told", "condition")
+    return markdown_table(head, body) if body else "Nothing."
+
+
+def _fault(one: ChainFault) -> str:
+    size = "" if one.size is None else f" {one.size:.2g} {one.unit}"
+    return f"{one.id} ({one.channel}{size})"

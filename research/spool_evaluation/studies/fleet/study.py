@@ -15,9 +15,9 @@ from spool_fleet.trends.judgement import CHANGED, MACHINE, confirmed, judged_alo
 
 from spool_evaluation.results.page import markdown_table, renew_json, study_command, write_page
 from spool_evaluation.results.proportion import Proportion
+from spool_evaluation.studies.fleet.world import EstimationError, observe, simulated_error
 from spool_evaluation.studies.workers import spread
 
-from .observe import EstimationError, observe, simulated_error
 from .world import DAY, FIRST_DAY, MONTH, WEEKS, World, draw_world
 
 #: Months after its beginning by which a change is to be found.

@@ -1,1 +1,0 @@
-"""Scenarios whose truth is known, and how the monitor does on them."""
