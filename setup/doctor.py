@@ -5,21 +5,20 @@ from __future__ import annotations
 import importlib
 import os
 import shutil
+import socket
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
-from setup import packages, patches, workspace
-from setup.dds import left_behind, network_problem
-from setup.errors import SetupError
-from setup.fingerprint import package_fingerprints
+from setup import packages, workspace
+from setup import workspace as patches
 from setup.interpreter import inspect, missing_tools, require_tools, this_interpreter
-from setup.layout import Layout
+from setup.layout import Layout, SetupError
 from setup.process import ask
-from setup.requirements import NEEDED_BYTES, check_ros, stale
-from setup.state import SetupState
+from setup.requirements import NEEDED_BYTES, SetupState, check_ros, stale
+from setup.workspace import package_fingerprints
 
 SHARED_MEMORY = Path("/dev/shm")
 SHARED_MEMORY_BYTES = 64_000_000
@@ -31,6 +30,13 @@ With --live it listens to the running nodes and says what they and this machine 
 Exit code 1 where there is a problem.
 Example: ./spool doctor --live --seconds 10
 """
+
+# RTPS 2.5, 9.6.2.3: port = 7400 + 250 * domain + offset, one pair for every participant of the machine.
+FIRST_PORT = 7400
+DOMAIN_GAIN = 250
+UNICAST_OFFSET = 10
+PARTICIPANTS = 10
+SEGMENT_PATTERNS = ("fastrtps_*", "fast_datasharing_*")
 
 
 @dataclass(frozen=True)
@@ -67,6 +73,38 @@ def doctor(layout: Layout, done: SetupState, environment: Mapping[str, str], arg
         print(f"{result.level:8} {result.text}", flush=True)
         levels.append(result.level)
     return int("problem" in levels)
+
+
+def network_problem(domain: int) -> str | None:
+    """What keeps a participant of a ROS domain from getting its port, None where nothing does."""
+    first = FIRST_PORT + DOMAIN_GAIN * domain + UNICAST_OFFSET
+    reason = ""
+    for port in range(first, first + 2 * PARTICIPANTS, 2):
+        try:
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+                probe.bind(("", port))
+            return None
+        except (OSError, OverflowError) as error:
+            reason = str(error)
+    return f"no free UDP port from {first} on ({reason}): choose another ROS_DOMAIN_ID"
+
+
+def left_behind(folder: Path) -> int:
+    """How many shared-memory segments of Fast DDS no running process maps.
+
+    Args:
+        folder: where the system keeps shared memory.
+    """
+    segments = {str(path) for pattern in SEGMENT_PATTERNS for path in folder.glob(pattern)}
+    # Lock files next to the segments are never mapped.
+    segments = {name for name in segments if not name.endswith("_el") and "_port" not in name}
+    for maps in Path("/proc").glob("[0-9]*/maps") if segments else ():
+        try:
+            text = maps.read_text()
+        except OSError:
+            continue
+        segments = {name for name in segments if name not in text}
+    return len(segments)
 
 
 def _examine(layout: Layout, done: SetupState, environment: Mapping[str, str]) -> Iterator[CheckResult]:

@@ -7,13 +7,14 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 
-from setup import packages, patches, requirements, state, workspace
-from setup.fingerprint import cmake_dependents, package_fingerprints
+from setup import packages, requirements, workspace
+from setup import requirements as state
+from setup import workspace as patches
 from setup.interpreter import Interpreter
 from setup.layout import Layout
-from setup.process import Runner
-from setup.state import SetupState
-from setup.steps import Steps, say
+from setup.process import Runner, Steps, say
+from setup.requirements import SetupState
+from setup.workspace import cmake_dependents, package_fingerprints
 
 WARM_UP = "spool_monitor.warm_up"
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from setup.errors import SetupError
+from setup.layout import SetupError
 from setup.process import ask
 
 QUESTION = """

@@ -1,4 +1,4 @@
-"""Layout of the project: where its files lie, and which ROS 2 it stands on."""
+"""Layout of the project: where its files lie, which ROS 2 it stands on, and the error of the set-up."""
 
 from __future__ import annotations
 
@@ -110,3 +110,16 @@ def find_underlay(root: Path, environment: Mapping[str, str]) -> Underlay:
     paths = environment.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
     own = str(root) + os.sep
     return Underlay(name, tuple(path for path in paths if path and not path.startswith(own)))
+
+
+class SetupError(Exception):
+    """Something the user can put right; the message says what, where, and what to do.
+
+    Args:
+        message: one line for stderr.
+        exit_code: 2 unless told.
+    """
+
+    def __init__(self, message: str, exit_code: int = 2) -> None:
+        super().__init__(message)
+        self.exit_code = exit_code

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import difflib
 import os
 import re
@@ -10,10 +11,10 @@ import sys
 from pathlib import Path
 from types import FrameType
 
-from setup import state, workspace
-from setup.errors import SetupError
-from setup.layout import Layout, find_underlay
-from setup.steps import say
+from setup import requirements as state
+from setup import workspace
+from setup.layout import Layout, SetupError, find_underlay
+from setup.process import say
 
 ROOT = Path(__file__).resolve().parent.parent
 #: Commands that start nodes or talk to those of `run`: on this host alone unless the caller says more.
@@ -45,6 +46,13 @@ SPREAD = ("-n", "auto", "--dist", "loadfile", "--no-loadscope-reorder")
 #: Set by a shell that completes a command line.
 COMPLETION = "_SPOOL_COMPLETE"
 
+#: The launcher's own: name, place in the list, and what it does.
+OWN = (
+    ("test", 15, "the tests of the repository; takes pytest's arguments, -m '' adds the slow ones"),
+    ("package", 990, "a Debian package with its own environment, and its bill of materials"),
+)
+SUFFIX = "_command.py"
+
 
 def main(arguments: list[str]) -> int:
     """Run one call of `./spool`; does not return where another program takes over.
@@ -68,6 +76,25 @@ def main(arguments: list[str]) -> int:
     except KeyboardInterrupt:
         say("interrupted: call again to go on")
         return 130
+
+
+def commands(root: Path) -> dict[str, str]:
+    """Return what each command does by its name, in their places.
+
+    Args:
+        root: of the repository.
+    """
+    files = [
+        *(root / "ros2_ws" / "src").glob(f"*/*/**/commands/*{SUFFIX}"),
+        *(root / "research").glob(f"*/commands/*{SUFFIX}"),
+    ]
+    found = [(file.name.removesuffix(SUFFIX), *_declared(file)) for file in files]
+    return {name: line for name, _, line in sorted([*OWN, *found], key=lambda entry: entry[1])}
+
+
+def listing(root: Path) -> str:
+    """Return the lines of the list that `./spool --help` shows before anything is set up."""
+    return "".join(f"  {name:9} {line}\n" for name, line in commands(root).items())
 
 
 def _keep_standard_streams() -> None:
@@ -104,8 +131,6 @@ def _run(arguments: list[str]) -> int:
         return package(ROOT, environment, arguments[1:])
 
     if not done.environment:
-        from setup.commands import commands, listing  # noqa: PLC0415  (a later call has to start immediately)
-
         if command in ("--help", "-h", "help"):
             print(HELP.format(commands=listing(ROOT)), end="")
             return 0
@@ -161,3 +186,13 @@ def _warn_localhost_only(environment: dict[str, str]) -> None:
 def _as_interrupt(_signal: int, _frame: FrameType | None) -> None:
     """Let a request to end take the way of Ctrl-C."""
     raise KeyboardInterrupt
+
+
+def _declared(file: Path) -> tuple[int, str]:
+    """Return place and line of the module's ``COMMAND = Command(...)``."""
+    for node in ast.parse(file.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "COMMAND":
+            assert isinstance(node.value, ast.Call)
+            given = {word.arg: word.value for word in node.value.keywords}
+            return ast.literal_eval(given["place"]), ast.literal_eval(given["line"])
+    raise ValueError(f"{file}: no COMMAND")

@@ -10,8 +10,7 @@ from importlib.metadata import distributions
 from pathlib import Path
 
 from setup import uv
-from setup.errors import SetupError
-from setup.layout import Layout
+from setup.layout import Layout, SetupError
 from setup.process import Runner, ask
 
 PIN = re.compile(r"^([A-Za-z0-9._-]+)==(\S+)(?: ; (.*?))? ?\\?$")

@@ -1,23 +1,33 @@
-"""Workspace: built with colcon, and the environment that it wants."""
+"""Workspace: built with colcon, which packages have to be built again, and patches of the ROS 2 wheels."""
 
 from __future__ import annotations
 
+import hashlib
 import os
+import re
 import shutil
 import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-from setup.errors import SetupError
-from setup.layout import Layout
+from setup.layout import Layout, SetupError
 from setup.packages import failure, site_packages
 from setup.process import Runner, ask
-from setup.state import SetupState
+from setup.requirements import SetupState
 
 TAIL_LINES = 40
 # Of the built workspace's environment only what differs from the surroundings is kept; these always do.
 SHELL_VARIABLES = ("_", "SHLVL", "PWD", "OLDPWD", "COLCON_CURRENT_PREFIX")
 OURS = ("AMENT_PREFIX_PATH", "CMAKE_PREFIX_PATH", "COLCON_PREFIX_PATH", "PYTHONPATH", "LD_LIBRARY_PATH")
+
+# The install links to Python, launch and configuration files: only their coming and going needs a build.
+CONTENT_MATTERS = (".msg", ".srv", ".action", ".idl", ".xml", ".toml", ".cmake", ".c", ".cpp", ".h", ".hpp")
+CONTENT_MATTERS_NAMES = ("CMakeLists.txt", "setup.py", "setup.cfg")
+NOT_BUILT = ("test", "build", "__pycache__")
+
+NUMPY = re.compile(rb"/opt/python/cp3\d+-cp3\d+t?/lib/python3\.\d+t?/site-packages/numpy/_?core/include")
+PYTHON = re.compile(rb"/opt/python/cp3\d+-cp3\d+t?/include/python3\.\d+t?")
+FOLDERS = "import numpy, sysconfig; print(sysconfig.get_paths()['include']); print(numpy.get_include())"
 
 
 def base_environment(layout: Layout, environment: Mapping[str, str]) -> dict[str, str]:
@@ -144,6 +154,60 @@ def run_environment(layout: Layout, state: SetupState, environment: Mapping[str,
     return result | state.environment | {"PATH": path}
 
 
+def package_fingerprints(source: Path) -> dict[str, str]:
+    """A fingerprint of every package beneath `source`, by package folder name."""
+    return {
+        path.name: _fingerprint(path) for path in sorted(source.iterdir()) if (path / "package.xml").is_file()
+    }
+
+
+def cmake_dependents(source: Path, changed: set[str]) -> set[str]:
+    """`changed` with every compiled package that depends on one of them, directly or not."""
+    found = set(changed)
+    while True:
+        more = {
+            path.parent.name
+            for path in source.glob("*/CMakeLists.txt")
+            if path.parent.name not in found and _names_one_of(path.parent / "package.xml", found)
+        }
+        if not more:
+            return found
+        found |= more
+
+
+def foreign_files(layout: Layout) -> list[Path]:
+    """CMake files that still name the building machine's folders."""
+    files = (layout.venv / "share").rglob("*.cmake")
+    return [path for path in files if PYTHON.search(path.read_bytes()) or NUMPY.search(path.read_bytes())]
+
+
+def apply(layout: Layout, environment: Mapping[str, str]) -> int:
+    """Let the CMake files name this interpreter's headers and this NumPy's.
+
+    Returns:
+        How many files were changed.
+
+    Raises:
+        SetupError: the environment does not tell its folders.
+    """
+    answer = ask([layout.python, "-I", "-c", FOLDERS], environment)
+    folders = answer.stdout.encode().splitlines()
+    if answer.returncode != 0 or len(folders) != 2:
+        raise SetupError(
+            f"the environment {layout.venv} is damaged (NumPy cannot be imported): "
+            "delete that folder and call again"
+        )
+    include, numpy_include = folders
+    files = foreign_files(layout)
+    for path in files:
+        text = NUMPY.sub(lambda _: numpy_include, path.read_bytes())
+        patched = path.with_name(path.name + ".new")
+        patched.write_bytes(PYTHON.sub(lambda _: include, text))
+        # A new file in its place: the old one may be a hard link into a cache that others use.
+        os.replace(patched, path)
+    return len(files)
+
+
 def _before(*parts: str | Path) -> str:
     """Paths joined, each once, the first place counts."""
     entries = [entry for part in parts for entry in str(part).split(os.pathsep) if entry]
@@ -155,3 +219,32 @@ def _without(root: str, value: str) -> str:
     return os.pathsep.join(
         entry for entry in value.split(os.pathsep) if entry and not entry.startswith(root + os.sep)
     )
+
+
+def _names_one_of(manifest: Path, names: set[str]) -> bool:
+    """Whether a package.xml depends on one of `names`."""
+    text = manifest.read_text()
+    return any(f"depend>{name}</" in text for name in names)
+
+
+def _fingerprint(package: Path) -> str:
+    """Hash over the names of all files that the build uses, and the content of those that it copies."""
+    digest = hashlib.sha256()
+    python_package = package / package.name if (package / "setup.py").exists() else None
+    for folder, folders, files in os.walk(package):
+        folders[:] = sorted(
+            name
+            for name in folders
+            if name not in NOT_BUILT
+            and not name.startswith(".")
+            and not name.endswith(".egg-info")
+            and Path(folder) / name != python_package
+        )
+        for name in sorted(files):
+            path = Path(folder) / name
+            if name.startswith(".") or name.endswith((".pyc", ".md")):
+                continue
+            digest.update(f"{path.relative_to(package)}\0".encode())
+            if name in CONTENT_MATTERS_NAMES or name.endswith(CONTENT_MATTERS):
+                digest.update(path.read_bytes() + b"\0")
+    return digest.hexdigest()

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from setup.packaging.bill import bill_of_materials, locked
+from setup.packaging.package import bill_of_materials, locked
 
 ROOT = Path(__file__).resolve().parent.parent
 LOCK = ROOT / "requirements" / "wheels.lock"

@@ -18,7 +18,7 @@ from spool_msgs.msg import AccelerationBlock
 from spool_tools.cli import app
 from typer.main import get_command
 
-from setup.commands import commands
+from setup.main import commands
 
 if TYPE_CHECKING:
     from .conftest import System

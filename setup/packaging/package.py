@@ -8,18 +8,20 @@ from __future__ import annotations
 
 import argparse
 import gzip
+import hashlib
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tempfile
+import uuid
 from pathlib import Path
+from typing import Any
 
-from setup.errors import SetupError
-from setup.packaging.bill import bill_of_materials, locked
-from setup.packaging.needed import needed_packages
-from setup.steps import say
+from setup.layout import SetupError
+from setup.process import say
 
 NAME = "spool-valves"
 PREFIX = Path("opt/spool")
@@ -29,6 +31,11 @@ LEFT_OUT = ("tests", "research", ".ci", "CONTRIBUTING.md", "conftest.py")
 #: The Python of Debian 12; the environment is made with it.
 PYTHON = "/usr/bin/python3.11"
 EXAMPLE = "Example: ./spool package --out dist"
+
+_LOCKED = re.compile(r"^([A-Za-z0-9][A-Za-z0-9._-]*)==([^\s;\\]+)", re.M)
+_HASH = re.compile(r"--hash=sha256:([0-9a-f]{64})")
+
+_ELF = b"\x7fELF"
 
 
 def package(root: Path, environment: dict[str, str], arguments: list[str]) -> int:
@@ -66,6 +73,71 @@ def package(root: Path, environment: dict[str, str], arguments: list[str]) -> in
     say(f"{target}: {target.stat().st_size / 1e6:.0f} MB, {sizes / 1e6:.0f} MB installed")
     say(f"{bill}: what is in it (CycloneDX)")
     return 0
+
+
+def locked(path: Path) -> dict[str, str]:
+    """Return the versions by name that a lock, or a list of requirements, names."""
+    return dict(_LOCKED.findall(path.read_text()))
+
+
+def bill_of_materials(root: Path, version: str) -> dict[str, Any]:
+    """Return the bill of the suite at ``version``: every package of ``wheels.lock`` with its hashes."""
+    text = (root / "requirements" / "wheels.lock").read_text()
+    entries = re.split(r"\n(?=[A-Za-z0-9])", text)
+    components = []
+    for entry in entries:
+        match = _LOCKED.match(entry)
+        if match is None:
+            continue
+        name, release = match[1].lower().replace("_", "-"), match[2]
+        components.append(
+            {
+                "type": "library",
+                "bom-ref": f"pkg:pypi/{name}@{release}",
+                "name": name,
+                "version": release,
+                "purl": f"pkg:pypi/{name}@{release}",
+                "hashes": [
+                    {"alg": "SHA-256", "content": content} for content in sorted(_HASH.findall(entry))
+                ],
+            }
+        )
+    components.sort(key=lambda one: str(one["bom-ref"]))
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    return {
+        "bomFormat": "CycloneDX",
+        "specVersion": "1.6",
+        "version": 1,
+        "serialNumber": uuid.uuid5(uuid.NAMESPACE_URL, digest).urn,
+        "metadata": {
+            "component": {
+                "type": "application",
+                "bom-ref": "spool-valves",
+                "name": "spool-valves",
+                "version": version,
+                "licenses": [{"license": {"id": "Apache-2.0"}}],
+            }
+        },
+        "components": components,
+        "dependencies": [{"ref": "spool-valves", "dependsOn": [one["bom-ref"] for one in components]}],
+    }
+
+
+def needed_packages(stage: Path) -> list[str]:
+    """Return the packages of this system that hold the libraries which files under ``stage`` need."""
+    brought: set[str] = set()
+    asked: set[str] = set()
+    for path in stage.rglob("*"):
+        if not path.is_file() or path.is_symlink():
+            continue
+        with path.open("rb") as stream:
+            if stream.read(4) != _ELF:
+                continue
+        brought.add(path.name)
+        asked |= _asked(path)
+    missing = {name for name in asked - brought if not any(one.startswith(name) for one in brought)}
+    found = {package for name in missing for package in _package_of(name)}
+    return sorted(found)
 
 
 def _version(root: Path) -> str:
@@ -151,3 +223,22 @@ def _run(command: list[str], environment: dict[str, str]) -> None:
     done = subprocess.run(command, env=environment, stdout=sys.stderr, check=False)
     if done.returncode:
         raise SetupError(f"./spool package: {command[0]} ended with {done.returncode}: see above")
+
+
+def _asked(path: Path) -> set[str]:
+    shown = subprocess.run(["objdump", "-p", str(path)], capture_output=True, text=True, check=False)
+    return set(re.findall(r"^\s+NEEDED\s+(\S+)", shown.stdout, re.M))
+
+
+def _package_of(library: str) -> set[str]:
+    """Return the package whose file ``library`` is, none where this system has none: an optional one."""
+    known = subprocess.run(["ldconfig", "-p"], capture_output=True, text=True, check=False).stdout
+    match = re.search(rf"^\s+{re.escape(library)} .*=> (\S+)", known, re.M)
+    if match is None:
+        return set()
+    real = Path(match[1]).resolve()
+    for candidate in (str(real), str(real).removeprefix("/usr")):
+        owner = subprocess.run(["dpkg", "-S", candidate], capture_output=True, text=True, check=False)
+        if owner.returncode == 0:
+            return {owner.stdout.partition(":")[0]}
+    return set()
