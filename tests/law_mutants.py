@@ -62,13 +62,8 @@ MODULES: dict[str, str] = {
     },
     "spool_sim.valve.viscosity": SIMULATION,
     "spool_sim.valve.lubrication": SIMULATION,
-    "spool_sim.valve.lubrication": SIMULATION,
     "spool_sim.valve.description": SIMULATION,
     "spool_sim.sensors": SIMULATION,
-    "spool_sim.excitation": SIMULATION,
-    "spool_sim.excitation": SIMULATION,
-    "spool_sim.excitation": SIMULATION,
-    "spool_sim.excitation": SIMULATION,
     "spool_sim.excitation": SIMULATION,
     **{
         f"spool_gap.{folder}.{path.stem}": EFFECTS
@@ -88,8 +83,9 @@ ONLY = {
         "viscous_coefficient", "likely_viscous_coefficient", "likely_spool_mass", "dynamic_viscosity_at",
         "viscous_coefficient_at", "at", "_drag_of", "natural_frequency", "damping_ratio",
     },
-    "spool_sim.valve.lubrication": {"fluid_friction_coefficient", "film_parameter"},
-    "spool_sim.excitation": {"_steady", "_ramp", "duration"},
+    "spool_sim.valve.lubrication": {"_fill", "film_parameter", "fluid_friction_coefficient", "ratio"},
+    "spool_sim.excitation": {"_band", "_continued", "_in_order", "_integral", "_one_list", "_ramp", "_steady", "_turns", "acceleration", "duration", "frequencies", "highest_frequency", "revolutions", "rise", "steps", "sum_of_lines", "turns_to_sine"},
+    "spool_estimator.identification.signals.spectra": {"_rise", "apply", "delayed", "gain", "interval_mean_response", "relative_motion", "settling"},
     "spool_estimator.stream_estimator": {"_derived"},
 }  # fmt: skip
 

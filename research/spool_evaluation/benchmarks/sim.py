@@ -142,14 +142,14 @@ def compiled_rows(ours: Ours) -> Iterator[Timing]:
     samples, period = round(SECONDS * RATE), 1.0 / RATE
     peers: list[tuple[str, Callable[[], tuple[Array, int]]]] = []
     for steps in MOREAU_STEPS:
-        moreau = partial(moreau, samples, period, steps, PLANT, SWEEP)
-        peers.append((f"compiled Moreau midpoint, {steps} steps a sample", moreau))
+        run_moreau = partial(moreau, samples, period, steps, PLANT, SWEEP)
+        peers.append((f"compiled Moreau midpoint, {steps} steps a sample", run_moreau))
     for steps, width in SMOOTHED:
-        smoothed = partial(smoothed, samples, period, steps, PLANT, SWEEP, width)
-        peers.append((f"compiled RK4, tanh(v/{width:g}), {steps} steps a sample", smoothed))
+        run_smoothed = partial(smoothed, samples, period, steps, PLANT, SWEEP, width)
+        peers.append((f"compiled RK4, tanh(v/{width:g}), {steps} steps a sample", run_smoothed))
     for steps in LOCATED_STEPS:
-        located = partial(located, samples, period, steps, PLANT, SWEEP)
-        peers.append((f"compiled RK4, events by halving, {steps} steps a sample", located))
+        run_located = partial(located, samples, period, steps, PLANT, SWEEP)
+        peers.append((f"compiled RK4, events by halving, {steps} steps a sample", run_located))
     for peer, solve in peers:
         found, _ = solve()  # compiles
         error = _error(found, ours.reference)

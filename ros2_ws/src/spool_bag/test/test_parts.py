@@ -14,7 +14,6 @@ from rosbags.highlevel import AnyReader
 from spool_bag.mcap.metadata import ACCELERATION_BLOCK
 from spool_bag.reading.reader import BagReader
 from spool_bag.recording import recording as recording_module
-from spool_bag.recording import recording as thinning_module
 from spool_bag.recording.parts import Output
 from spool_bag.recording.recorder import Recorded
 from spool_bag.recording.recording import Recording, RecordingSettings, older, thin
@@ -439,7 +438,7 @@ def test_a_recording_that_pauses_rests_between_its_tries(
 def test_old_parts_keep_what_they_tell_without_accelerations(
     tmp_path: Path, block: MakeBlock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(thinning_module, "LOOK", 0.0)
+    monkeypatch.setattr(recording_module, "THINNING_LOOK", 0.0)
     monkeypatch.setattr(recording_module, "LOOK", 0.01)
     private, public = make_keys(tmp_path / "keys")
     log, sign = Quiet(), signer(str(private))

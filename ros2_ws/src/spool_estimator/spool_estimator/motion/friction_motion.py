@@ -14,6 +14,8 @@ four samples around: a sequence with the same moments up to the third as the jum
 The same Taylor step as :mod:`.friction_motion` takes there, three times as fast; most samples are such.
 """
 
+# A kernel takes numbers and arrays, in one piece:
+# ruff: noqa: PLR0912, PLR0915
 from __future__ import annotations
 
 import math

@@ -22,20 +22,41 @@ from spool_monitor.drift.parameter_drift import DriftTrace
 from spool_monitor.events.event import Event, EventState
 from spool_sim.model import Model, load_model
 from spool_sim.valve.description import Valve
-from spool_tools.report.evidence import confidence as ellipse_picture
-from spool_tools.report.evidence import confidence as whiteness_picture
-from spool_tools.report.evidence import motion as loops_picture
-from spool_tools.report.evidence import motion as transmissibility_picture
-from spool_tools.report.evidence import spectra as bands_picture
-from spool_tools.report.evidence import spectra as campbell_picture
-from spool_tools.report.evidence.confidence import Mark, drift, title_of, whiteness
+from spool_tools.report.evidence.confidence import (
+    ELLIPSE_TITLE,
+    WHITENESS_TITLE,
+    Mark,
+    confidence_ellipse,
+    drift,
+    ellipse_of,
+    residual_whiteness,
+    title_of,
+    whiteness,
+)
 from spool_tools.report.evidence.exhibit import Exhibit, LeftOut, made
-from spool_tools.report.evidence.motion import Numbers, Runs, loops_from, loops_of, of_one_rate, runs_of
+from spool_tools.report.evidence.motion import (
+    LOOPS_TITLE,
+    TRANSMISSIBILITY_TITLE,
+    Numbers,
+    Runs,
+    force_loops,
+    loops_from,
+    loops_of,
+    of_one_rate,
+    runs_of,
+    transmissibility,
+)
 from spool_tools.report.evidence.spectra import (
+    BANDS_TITLE,
+    CAMPBELL_TITLE,
+    TITLE_FORCE,
     Frequency,
     Spectrogram,
     bands_of,
+    campbell,
+    constant,
     cross_spectra,
+    information_bands,
     rows_of,
     spectrogram,
 )
@@ -66,17 +87,17 @@ class AccelerationEvidence:
     records: Sequence[Record]
     valve: Valve
     sides: Sequence[Numbers]
-    frequencies: Mapping[str, campbell_picture.Frequency] | None = None
+    frequencies: Mapping[str, Frequency] | None = None
     _runs: Runs | None = field(default=None, init=False)
 
     def exhibits(self) -> list[Exhibit | LeftOut]:
         """Return every picture, or why it is left out, in the order in which an expert looks."""
         wanted: tuple[tuple[str, Callable[[], Exhibit]], ...] = (
-            (bands_picture.TITLE, self._bands),
-            (campbell_picture.TITLE, self._campbell),
-            (transmissibility_picture.TITLE, self._transmissibility),
-            (loops_picture.TITLE, self._loops),
-            (whiteness_picture.TITLE, self._whiteness),
+            (BANDS_TITLE, self._bands),
+            (CAMPBELL_TITLE, self._campbell),
+            (TRANSMISSIBILITY_TITLE, self._transmissibility),
+            (LOOPS_TITLE, self._loops),
+            (WHITENESS_TITLE, self._whiteness),
         )
         return [made(title, build) for title, build in wanted]
 
@@ -88,33 +109,33 @@ class AccelerationEvidence:
         values = self.sides[-1].values if self.sides else {}
         names = ("mass", "viscous_coefficient", "spring_stiffness")
         known = [float(values.get(name, np.nan)) for name in names]
-        return bands_picture.information_bands(bands_of(spectra, *known))
+        return information_bands(bands_of(spectra, *known))
 
     def _campbell(self) -> Exhibit:
         rows = of_one_rate(self.records)
         limit = max(excitation_limit(entry) for entry in rows)
         highest = max(BEYOND * min(limit, 400.0), HARMONICS * self.valve.natural_frequency)
         shown = spectrogram(rows_of(rows), rows[0].sample_period, highest)
-        return campbell_picture.campbell(shown, self.frequencies or self._constant(shown))
+        return campbell(shown, self.frequencies or self._constant(shown))
 
-    def _constant(self, shown: Spectrogram) -> dict[str, campbell_picture.Frequency]:
+    def _constant(self, shown: Spectrogram) -> dict[str, Frequency]:
         return {
-            side.name: campbell_picture.constant(side.natural_frequency, shown)
+            side.name: constant(side.natural_frequency, shown)
             for side in self.sides
             if np.isfinite(side.natural_frequency)
         }
 
     def _transmissibility(self) -> Exhibit:
-        return transmissibility_picture.transmissibility(self._both())
+        return transmissibility(self._both())
 
     def _loops(self) -> Exhibit:
         self._need_a_model()
-        return loops_picture.force_loops(loops_of(self.records, self.sides))
+        return force_loops(loops_of(self.records, self.sides))
 
     def _whiteness(self) -> Exhibit:
         runs = self._both()
         found = {name: whiteness(runs.residuals(name), runs.period) for name in runs.simulated}
-        return whiteness_picture.residual_whiteness(found)
+        return residual_whiteness(found)
 
     def _need_a_model(self) -> None:
         if not self.sides:
@@ -130,11 +151,11 @@ class AccelerationEvidence:
 def force_exhibits(records: Sequence[ForceRecord], curves: Curves) -> list[Exhibit | LeftOut]:
     """Return every picture that ``records`` of force allow; ``curves`` are those of the analysis."""
     wanted: tuple[tuple[str, Callable[[], Exhibit]], ...] = (
-        (bands_picture.TITLE_FORCE, lambda: _bands(records)),
-        (campbell_picture.TITLE, lambda: _over_time(records)),
-        (transmissibility_picture.TITLE, _no_body),
-        (loops_picture.TITLE, lambda: _loops(records, curves)),
-        (whiteness_picture.TITLE, lambda: _whiteness(curves)),
+        (TITLE_FORCE, lambda: _bands(records)),
+        (CAMPBELL_TITLE, lambda: _over_time(records)),
+        (TRANSMISSIBILITY_TITLE, _no_body),
+        (LOOPS_TITLE, lambda: _loops(records, curves)),
+        (WHITENESS_TITLE, lambda: _whiteness(curves)),
     )
     return [made(title, build) for title, build in wanted]
 
@@ -149,10 +170,8 @@ def fit_exhibits(found: Fit, valve: Valve, records: Sequence[Record]) -> list[Ex
         found.sensor.get(SPOOL_DELAY, 0.0),
     )
     ellipse = made(
-        ellipse_picture.TITLE,
-        lambda: ellipse_picture.confidence_ellipse(
-            ellipse_picture.ellipse_of(found.parameters, found.observable, found.correlation)
-        ),
+        ELLIPSE_TITLE,
+        lambda: confidence_ellipse(ellipse_of(found.parameters, found.observable, found.correlation)),
     )
     return [*AccelerationEvidence(records, valve, (side,)).exhibits(), ellipse]
 
@@ -214,7 +233,7 @@ def replay_exhibits(one: Replayed) -> list[Exhibit | LeftOut]:
     if not drifts:
         drifts = [LeftOut("Drift of the parameters", "the estimator gave no estimate in this record")]
     shown = AccelerationEvidence(one.records, one.valve, _sides(one), _frequencies(one)).exhibits()
-    return [*drifts, *shown, made(ellipse_picture.TITLE, partial(_drift_ellipse, one))]
+    return [*drifts, *shown, made(ELLIPSE_TITLE, partial(_drift_ellipse, one))]
 
 
 def _no_body() -> Exhibit:
@@ -225,7 +244,7 @@ def _bands(records: Sequence[ForceRecord]) -> Exhibit:
     period = records[0].period
     rows = [entry for entry in records if entry.period == period]
     spectra = cross_spectra([entry.displacement for entry in rows], [entry.force for entry in rows], period)
-    return bands_picture.information_bands(bands_of(spectra), "displacement, m rms")
+    return information_bands(bands_of(spectra), "displacement, m rms")
 
 
 def _over_time(records: Sequence[ForceRecord]) -> Exhibit:
@@ -233,7 +252,7 @@ def _over_time(records: Sequence[ForceRecord]) -> Exhibit:
     rows = sorted((entry for entry in records if entry.period == period), key=lambda entry: entry.start)
     highest = BEYOND_OF_FORCES * max(_reaches(entry.displacement, period) for entry in rows)
     parts = [(entry.start - first, entry.displacement, entry.force) for entry in rows]
-    return campbell_picture.campbell(spectrogram(parts, period, highest), {}, "N²/Hz")
+    return campbell(spectrogram(parts, period, highest), {}, "N²/Hz")
 
 
 def _reaches(row: Array, period: float) -> float:
@@ -254,7 +273,7 @@ def _loops(records: Sequence[ForceRecord], curves: Curves) -> Exhibit:
             velocity = np.gradient(centred, entry.period)
             models = {BASE: curves.before, FOUND: curves.after}
             part = (float(curves.time[0]), centred, velocity, curves.measured, models)
-            return loops_picture.force_loops(loops_from([part], entry.period))
+            return force_loops(loops_from([part], entry.period))
     raise InputError("the stretch that the analysis shows is not among the records")
 
 
@@ -262,7 +281,7 @@ def _whiteness(curves: Curves) -> Exhibit:
     period = float(np.median(np.diff(curves.time)))
     sides = {BASE: curves.before, FOUND: curves.after}
     found = {name: whiteness([curves.measured - row], period) for name, row in sides.items()}
-    return whiteness_picture.residual_whiteness(found, "N")
+    return residual_whiteness(found, "N")
 
 
 def _numbers(name: str, model: Model, values: Mapping[str, float], found: Sequence[Quantity]) -> Numbers:
@@ -273,10 +292,8 @@ def _numbers(name: str, model: Model, values: Mapping[str, float], found: Sequen
 
 def _ellipse(result: GapResult) -> Exhibit | LeftOut:
     return made(
-        ellipse_picture.TITLE,
-        lambda: ellipse_picture.confidence_ellipse(
-            ellipse_picture.ellipse_of(result.parameters, result.correlated, result.correlation)
-        ),
+        ELLIPSE_TITLE,
+        lambda: confidence_ellipse(ellipse_of(result.parameters, result.correlated, result.correlation)),
     )
 
 
@@ -306,7 +323,5 @@ def _drift_ellipse(one: Replayed) -> Exhibit:
     for found in reversed(one.refits):
         if found.fitted:
             correlation = np.reshape(found.correlations, (len(found.fitted),) * 2)
-            return ellipse_picture.confidence_ellipse(
-                ellipse_picture.ellipse_of(tuple(found.parameters), tuple(found.fitted), correlation)
-            )
+            return confidence_ellipse(ellipse_of(tuple(found.parameters), tuple(found.fitted), correlation))
     raise InputError("the online estimates hold no covariance of both; --refits does, or ./spool fit")

@@ -29,7 +29,7 @@ def layout(
     from spool_bag.reading.reader import BagReader  # noqa: PLC0415
     from spool_tools.console.outputs import write_file  # noqa: PLC0415
 
-    from spool_view.bridge.layouts import PlottedValve, foxglove_layout, plotjuggler_layout, recorded_valves  # noqa: PLC0415  # noqa: PLC0415
+    from spool_view.bridge.layouts import PlottedValve, foxglove_layout, plotjuggler_layout, recorded_valves  # noqa: PLC0415
 
     bag = Path(valves[0])
     if len(valves) == 1 and bag.exists():
