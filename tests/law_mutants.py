@@ -84,8 +84,15 @@ ONLY = {
         "viscous_coefficient_at", "at", "_drag_of", "natural_frequency", "damping_ratio",
     },
     "spool_sim.valve.lubrication": {"_fill", "film_parameter", "fluid_friction_coefficient", "ratio"},
-    "spool_sim.excitation": {"_band", "_continued", "_in_order", "_integral", "_one_list", "_ramp", "_steady", "_turns", "acceleration", "duration", "frequencies", "highest_frequency", "revolutions", "rise", "steps", "sum_of_lines", "turns_to_sine"},
-    "spool_estimator.identification.signals.spectra": {"_rise", "apply", "delayed", "gain", "interval_mean_response", "relative_motion", "settling"},
+    "spool_sim.excitation": {
+        "_band", "_continued", "_in_order", "_integral", "_one_list", "_ramp", "_steady", "_turns",
+        "acceleration", "duration", "frequencies", "highest_frequency", "revolutions", "rise",
+        "steps", "sum_of_lines", "turns_to_sine",
+    },
+    "spool_estimator.identification.signals.spectra": {
+        "_rise", "apply", "delayed", "gain", "interval_mean_response", "relative_motion",
+        "settling",
+    },
     "spool_estimator.stream_estimator": {"_derived"},
 }  # fmt: skip
 
