@@ -133,7 +133,7 @@ def parameters_of(path: str | Path, node: str) -> dict[str, Any]:
     name of a section ``*`` stands for one part of a node's name and ``**`` for any number of parts.
 
     Raises:
-        InputError: as :func:`~.yaml_file.read_yaml`, or the file has no section of parameters.
+        InputError: as :func:`read_yaml`, or the file has no section of parameters.
     """
     content = read_yaml(path, "parameters")
     sections = list(_sections(content, "")) if isinstance(content, dict) else []

@@ -102,8 +102,8 @@ class Aligner:
 
     The grid is the body's samples, or the slower sensor's where the rates differ. Where the other sensor was
     sampled at the same instants its samples are passed on as they are, else they are interpolated
-    (:mod:`.resampling`). A block in which a sample of either is missing is left out, as its sequence number
-    shows. Times are those of the sensors' clocks (:mod:`.sample_clock`), not single stamps. While the sensors
+    (:func:`resampled`). A block in which a sample of either is missing is left out, as its sequence number
+    shows. Times are those of the sensors' clocks (:mod:`.sensor_clock`), not single stamps. While the sensors
     do not belong together (:attr:`fault`) there are no blocks. Never raises.
 
     Attributes:

@@ -104,7 +104,7 @@ class Fit:
         observable: names of the rows of ``correlation``.
         at_bound: names of parameters that stopped at a bound.
         agreement: free run against the records that were fitted, ``None`` where there is no result.
-        information_criterion: BIC of the residual with its spectrum, see :mod:`.information`; smaller is
+        information_criterion: BIC of the residual with its spectrum, see :mod:`.residuals`; smaller is
             better.
         effective_samples: independent samples that the coloured residual is worth.
         warnings: what a reader should know, one line each.

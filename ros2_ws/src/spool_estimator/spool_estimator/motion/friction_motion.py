@@ -11,7 +11,7 @@ The acceleration jumps at a reversal. A sensor whose output is band-limited befo
 jump at the sub-sample instant; ``spread`` holds what such samples differ by from the point values, on the
 four samples around: a sequence with the same moments up to the third as the jump itself.
 
-The same Taylor step as :mod:`.friction_motion` takes there, three times as fast; most samples are such.
+The same Taylor step as :func:`advance_sample` takes there, three times as fast; most samples are such.
 """
 
 # A kernel takes numbers and arrays, in one piece:

@@ -280,7 +280,7 @@ QUESTIONS: Mapping[str, Callable[[Plan], Answer]] = {
     "spring_stiffness": spring_stiffness,
     "end_stop": end_stop,
 }
-#: Answered by the gap workflow, effect by effect: see :mod:`.effects_named`.
+#: Answered by the gap workflow, effect by effect: see :class:`Named`.
 WHICH_EFFECT = "which_effect"
 
 #: Shares of the spool's acceleration (rms) that an effect changes, from plain to just above the least share
