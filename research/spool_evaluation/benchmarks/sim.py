@@ -2,7 +2,8 @@
 
 Times are processor time; ours holds the computing of the excitation, as the peers' does. A ratio is the
 product of two factors: how much longer the peer took than it would need were it compiled (its evaluations of
-the equation of motion, each at the time that one takes in a compiled scheme of the compiled schemes below), and
+the equation of motion, each at the time that one takes in a compiled scheme of the compiled schemes
+below), and
 what is left for the scheme. Work of the solver besides the evaluations counts as interpreted: of implicit
 ones the first factor is too large.
 
