@@ -27,6 +27,10 @@ def study(
     diagnose: Annotated[
         bool, typer.Option("--diagnose", help="State why each wrong verdict is wrong (field only).")
     ] = False,
+    evidence: Annotated[
+        bool,
+        typer.Option("--evidence", help="Ask the analysis by evidence, not yet that of gap (field only)."),
+    ] = False,
 ) -> None:
     """Count over many blind records how often the suite is right.
 
@@ -34,7 +38,7 @@ def study(
     """
     from spool_evaluation.study import run_study  # noqa: PLC0415 - slow to load
 
-    run_study(what, cases, seed, out, workers, diagnosing=diagnose)
+    run_study(what, cases, seed, out, workers, diagnosing=diagnose, evidence=evidence)
 
 
 COMMAND = Command(study, place=130, line="how often the suite is right, over many blind records")

@@ -19,8 +19,9 @@ from rich.table import Table
 from spool_blind.case import NONE
 from spool_blind.field.case import UNEXPLAINED, make_field, write_field
 from spool_gap.likelihood.chain_part import CHAIN_PARTS, DELAY, GAIN
-from spool_gap.likelihood.prediction import Prediction, Structure, structure_of
+from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.readings import readings_of
+from spool_gap.likelihood.structure import structure_of
 from spool_gap.likelihood.structure_fit import LOOSENESS, StructureFit, fit_structure
 from spool_gap.registry import EFFECTS
 from spool_gap.workflow.preparation import motions_for
@@ -121,7 +122,7 @@ def diagnosed(row: FieldVerdict) -> Diagnosis:
         return Diagnosis(row, DETECTOR, None)
     case = make_field(row.seed)
     with tempfile.TemporaryDirectory() as folder:
-        prediction, valve = _prediction(*write_field(case, Path(folder)))
+        predictions, valve = _predictions(*write_field(case, Path(folder)))
     true_numbers = {
         **_numbers(row.truth),
         "spring_stiffness": case.plant["stiffness"],
@@ -129,9 +130,9 @@ def diagnosed(row: FieldVerdict) -> Diagnosis:
         GAIN: case.chain.gain - 1.0,
         DELAY: case.chain.delay,
     }
-    truth = _fitted(prediction, valve, hidden, row.nuisances, true_numbers)
+    truth = _fitted(predictions, valve, hidden, row.nuisances, true_numbers)
     found = {name: value for name, (value, _) in row.found.items()}
-    chosen = _fitted(prediction, valve, said, row.told, _numbers(found))
+    chosen = _fitted(predictions, valve, said, row.told, _numbers(found))
     advantage = truth.evidence - chosen.evidence
     return Diagnosis(row, reason(row, advantage), advantage)
 
@@ -146,14 +147,15 @@ def reason(row: FieldVerdict, advantage: float) -> str:
     return NUISANCE if {fault.id for fault in row.told} - drawn else SEARCH
 
 
-def _prediction(record: Path, valve_file: Path) -> tuple[Prediction, Valve]:
-    """Return the prediction of the longest stretch of the files of a case, as `./spool gap` reads them."""
+def _predictions(record: Path, valve_file: Path) -> tuple[Predictions, Valve]:
+    """Return the predictions of the longest stretch of the files of a case, as `./spool gap` reads them."""
     from spool_tools.input.record_loading import Selection, load_recordings, stretches_of  # noqa: PLC0415
 
     recordings, valve = load_recordings([record], str(valve_file), Selection())
     longest = max(stretches_of(recordings), key=lambda one: one.duration)
     part = longest.part(0, min(longest.body.size, round(LONGEST / longest.sample_period)))
-    return Prediction(readings_of(part), valve, motions_for(MODELS[BASE])), valve
+    one = Prediction(readings_of(part), valve, motions_for(MODELS[BASE]))
+    return Predictions([one]), valve
 
 
 def _numbers(named: Mapping[str, float]) -> dict[str, float]:
@@ -162,7 +164,7 @@ def _numbers(named: Mapping[str, float]) -> dict[str, float]:
 
 
 def _fitted(
-    prediction: Prediction,
+    predictions: Predictions,
     valve: Valve,
     names: frozenset[str],
     faults: Sequence[ChainFault],
@@ -171,7 +173,7 @@ def _fitted(
     """Return the fit of the structure with the effects ``names`` and the parts that ``faults`` stand for."""
     effects = tuple(sorted(name for name in names if name in EFFECTS and EFFECTS[name].terms))
     parts = tuple(dict.fromkeys(key for fault in faults for key in _keys(fault)))
-    start = structure_of(valve, effects, parts, numbers)
+    start = structure_of(MODELS[BASE], valve, effects, parts, numbers)
     start = start.moved(
         {
             f"{channel}_mode_frequency": fault.size
@@ -182,15 +184,9 @@ def _fitted(
     )
     named = frozenset(names & {GAIN, DELAY})
     return max(
-        (fit_structure(prediction, _bounded(prediction, start), steps, named=named) for steps in STARTS),
+        (fit_structure(predictions, start, steps, named=named) for steps in STARTS),
         key=lambda one: one.evidence,
     )
-
-
-def _bounded(prediction: Prediction, start: Structure) -> Structure:
-    """Return ``start`` with its numbers within the bounds of a fit."""
-    unknowns = start.unknowns(prediction.seconds)
-    return start.moved({one.name: min(max(start.values[one.name], one.low), one.high) for one in unknowns})
 
 
 def _channels(fault: ChainFault) -> tuple[str, ...]:

@@ -7,16 +7,28 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
-from spool_estimator.identification.record import Record
+from scipy import linalg
+from spool_estimator.identification.record import Record, records_from_blocks
 from spool_estimator.identification.signals.spectra import delayed
 from spool_gap.likelihood.chain_part import CHAIN_PARTS, inverse
-from spool_gap.likelihood.prediction import Prediction, Structure, structure_of
+from spool_gap.likelihood.prediction import (
+    FREE,
+    MOST_SUBSTEPS,
+    Prediction,
+    Predictions,
+    _step_of,
+    steps_a_sample,
+)
 from spool_gap.likelihood.readings import readings_of
+from spool_gap.likelihood.structure import Structure, structure_of
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
+from spool_gap.registry import EFFECTS
 from spool_gap.workflow.preparation import motions_for
-from spool_sim.excitation import SweptSine
-from spool_sim.model import MODELS, Model
+from spool_sim.excitation import SteppedSine, SweptSine
+from spool_sim.model import MODELS, Model, model_from_mapping
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.terms import term
@@ -52,7 +64,7 @@ def prediction(of: Record, missing: tuple[NDArray[np.bool_], NDArray[np.bool_]] 
 
 
 def fitted(of: Record, *effects: str, **start: float) -> StructureFit:
-    return fit_structure(prediction(of), structure_of(VALVE, effects, (), start))
+    return fit_structure(Predictions([prediction(of)]), structure_of(BASE, VALVE, effects, (), start))
 
 
 def error_rms(one: Prediction, structure: Structure, looseness: float = 0.01) -> float:
@@ -64,15 +76,15 @@ def error_rms(one: Prediction, structure: Structure, looseness: float = 0.01) ->
 
 def test_the_truth_leaves_the_noise_of_both_sensors() -> None:
     # Where the spool follows the body by |H|, the noises add up to sqrt(1 + |H|^2) times that of one sensor.
-    left = error_rms(prediction(record()), structure_of(VALVE))
+    left = error_rms(prediction(record()), structure_of(BASE, VALVE))
     assert NOISE * 0.97 < left < NOISE * 1.5
 
 
 def test_the_truth_leaves_noise_where_the_motion_is_sensitive_to_its_start() -> None:
     one = prediction(with_play())
-    truth = structure_of(VALVE, ("spring_backlash",), (), {"backlash": 2e-4})
+    truth = structure_of(BASE, VALVE, ("spring_backlash",), (), {"backlash": 2e-4})
     assert error_rms(one, truth) < 1.6 * NOISE
-    assert error_rms(one, structure_of(VALVE)) > 10.0 * NOISE
+    assert error_rms(one, structure_of(BASE, VALVE)) > 10.0 * NOISE
 
 
 def test_play_is_found_from_half_of_it() -> None:
@@ -124,7 +136,7 @@ def test_gain_and_delay_of_the_spools_channel_are_recovered() -> None:
 
 def test_the_likelihood_is_the_same_for_sensors_that_are_both_turned_round() -> None:
     of = record("coulomb_friction", coulomb_force=0.4)
-    structure = structure_of(VALVE, ("coulomb_friction",), (), {"coulomb_force": 0.4})
+    structure = structure_of(BASE, VALVE, ("coulomb_friction",), (), {"coulomb_force": 0.4})
     found = []
     for sign in (1.0, -1.0):
         one = prediction(replace(of, body=sign * of.body, spool=sign * of.spool))
@@ -136,7 +148,7 @@ def test_a_clipped_excitation_counts_as_missing() -> None:
     of = with_play()
     limit = 0.9 * float(np.abs(of.body).max())
     one = prediction(replace(of, body=np.clip(of.body, -limit, limit)))
-    truth = structure_of(VALVE, ("spring_backlash",), (), {"backlash": 2e-4})
+    truth = structure_of(BASE, VALVE, ("spring_backlash",), (), {"backlash": 2e-4})
     assert one.numbers < 0.97 * prediction(of).numbers
     assert error_rms(one, truth) < 2.0 * NOISE
 
@@ -147,8 +159,10 @@ def test_spikes_that_are_missing_leave_no_trace() -> None:
     gone[500::700] = True
     nothing = np.zeros_like(gone)
     spiked = replace(of, spool=np.where(gone, 500.0, of.spool))
-    truth = structure_of(VALVE, ("coulomb_friction",), (), {"coulomb_force": 0.4})
-    assert error_rms(prediction(spiked, (nothing, gone)), truth) < 1.5 * NOISE
+    truth = structure_of(BASE, VALVE, ("coulomb_friction",), (), {"coulomb_force": 0.4})
+    one = prediction(spiked, (nothing, gone))
+    one.leave_out_reversals()
+    assert error_rms(one, truth) < 1.5 * NOISE
 
 
 @pytest.mark.parametrize("key", [key for key, part in CHAIN_PARTS.items() if part.response is not None])
@@ -171,10 +185,10 @@ def test_the_high_pass_of_a_channel_is_found_with_its_corner(key: str) -> None:
     frequency = np.maximum(np.fft.rfftfreq(row.size, of.sample_period), 1e-3)
     filtered = np.fft.irfft(lines * part.response(frequency, {size: true}), row.size)
     changed = replace(of, body=filtered) if part.channel == "body" else replace(of, spool=filtered)
-    one = prediction(changed)
-    found = fit_structure(one, structure_of(VALVE, (), (key,)))
+    one = Predictions([prediction(changed)])
+    found = fit_structure(one, structure_of(BASE, VALVE, (), (key,)))
     assert found.structure.values[size] == pytest.approx(true, rel=0.1)
-    assert found.evidence > fit_structure(one, structure_of(VALVE)).evidence
+    assert found.evidence > fit_structure(one, structure_of(BASE, VALVE)).evidence
 
 
 def test_the_inverse_of_a_response_undoes_it_where_that_is_not_small() -> None:
@@ -183,3 +197,175 @@ def test_the_inverse_of_a_response_undoes_it_where_that_is_not_small() -> None:
     values = {p.name: p.start for p in part.parameters}
     response = part.response(np.linspace(1.0, 400.0, 200), values)
     assert response * inverse(response) == pytest.approx(1.0)
+
+
+STIFF = find_valve("4weh10_stiff").model_copy(update={"dynamic_viscosity": 0.015})
+PLAY, STIFF_NOISE = 2.5e-4, 0.02
+
+
+@lru_cache
+def stepped() -> Prediction:
+    """A spool with play, at steps of frequency through its resonance: it can swing in several ways."""
+    excitation = SteppedSine(
+        start_frequency=15.0, stop_frequency=72.0, frequency_step=3.0, dwell=1.0, amplitude=4.0
+    )
+    simulator = Simulator(
+        STIFF, excitation, model=Model("play", (*BASE.terms, term("spring_backlash")), {}),
+        parameters={"backlash": PLAY}, sample_rate=2000.0, block_size=50,
+        body_sensor=Sensor(noise=STIFF_NOISE), spool_sensor=Sensor(noise=STIFF_NOISE),
+    )  # fmt: skip
+    (of,) = records_from_blocks(simulator.records(20.0), "play")
+    return Prediction(readings_of(of), STIFF, MOTIONS)
+
+
+def test_runs_that_are_corrected_follow_the_motion_where_free_ones_go_another_way() -> None:
+    truth = structure_of(BASE, STIFF, ("spring_backlash",), (), {"backlash": PLAY})
+    corrected = error_rms(stepped(), truth)
+    assert corrected < 1.5 * np.sqrt(2.0) * STIFF_NOISE
+    assert error_rms(stepped(), truth, FREE) > 5.0 * corrected
+
+
+@pytest.mark.parametrize("share", [0.1, 0.4, 3.0])
+def test_fits_of_play_end_in_one_minimum_wherever_they_begin(share: float) -> None:
+    start = {"backlash": share * PLAY, "spring_stiffness": 1.03 * STIFF.spring_stiffness}
+    structure = structure_of(BASE, STIFF, ("spring_backlash",), (), start)
+    found = fit_structure(Predictions([stepped()]), structure).structure.values
+    assert found["backlash"] == pytest.approx(PLAY, rel=0.005)
+    assert found["spring_stiffness"] == pytest.approx(STIFF.spring_stiffness, rel=0.01)
+    assert found["viscous_coefficient"] == pytest.approx(STIFF.viscous_coefficient, rel=0.05)
+
+
+def test_a_base_without_viscous_drag_gets_none() -> None:
+    bare = model_from_mapping({"name": "bare", "terms": ["inertia", "spring"]}, "own")
+    fit = fit_structure(Predictions([prediction(record())]), structure_of(bare, VALVE), (1.0, 0.1))
+    assert "viscous_friction" not in fit.structure.terms
+    assert "viscous_coefficient" not in fit.names
+
+
+def test_steps_grow_shorter_with_stiffness_and_where_a_force_has_kinks() -> None:
+    smooth = structure_of(BASE, VALVE)
+    stop = structure_of(BASE, VALVE, ("end_stop",), (), {"stop_stiffness": 1e3})
+    dahl = {"dahl_force": 0.3, "dahl_stiffness": 1e6}
+    stiff = structure_of(BASE, VALVE, ("presliding_friction",), (), dahl)
+    counts = [steps_a_sample(one, 1e-3, 100.0) for one in (smooth, stop, stiff)]
+    assert counts[0] < counts[1]
+    assert counts[0] < counts[2] <= MOST_SUBSTEPS
+
+
+@given(
+    mass=st.floats(0.05, 2.0),
+    stiffness=st.floats(100.0, 1e5),
+    ratio=st.floats(0.0, 3.0),
+    period=st.floats(1e-5, 5e-3),
+)
+def test_the_step_of_the_linear_valve_is_the_exponential_of_its_matrix(
+    mass: float, stiffness: float, ratio: float, period: float
+) -> None:
+    damping = 2.0 * ratio * float(np.sqrt(mass * stiffness))
+    expected = linalg.expm(period * np.array([[0.0, 1.0], [-stiffness / mass, -damping / mass]]))
+    scale = np.sqrt(stiffness / mass) ** np.array([[0.0, -1.0], [1.0, 0.0]])
+    found = _step_of(mass, stiffness, damping, period)
+    np.testing.assert_allclose(found / scale, expected / scale, rtol=1e-6, atol=1e-9)
+
+
+def likelihood(of: Record, structure: Structure, *missing: NDArray[np.bool_]) -> float:
+    one = prediction(of, (missing[0], missing[1]) if missing else None)
+    return one.log_likelihood(one.errors([structure], 0.1).lines[0])
+
+
+@settings(max_examples=10)
+@given(seconds=st.integers(-100, 100_000))
+def test_the_likelihood_is_the_same_at_any_time_of_day(seconds: int) -> None:
+    of = record("coulomb_friction", coulomb_force=0.4)
+    structure = structure_of(BASE, VALVE, ("coulomb_friction",), (), {"coulomb_force": 0.4})
+    later = replace(of, start=of.start + seconds * 10**9, origin=of.start)
+    assert likelihood(later, structure) == pytest.approx(likelihood(of, structure), abs=1e-6)
+
+
+@settings(max_examples=10)
+@given(channel=st.sampled_from(["body", "spool"]), size=st.floats(-100.0, 100.0), seed=st.integers(0, 99))
+def test_what_stands_in_samples_that_are_missing_changes_nothing(
+    channel: str, size: float, seed: int
+) -> None:
+    """As excitation, in the correction of the motion, and where errors are compared."""
+    of = record("coulomb_friction", coulomb_force=0.4)
+    draw = np.random.default_rng(seed)
+    gone, nothing = draw.random(of.spool.size) < 0.003, np.zeros(of.spool.size, dtype=np.bool_)
+    masks = (gone, nothing) if channel == "body" else (nothing, gone)
+    structure = structure_of(BASE, VALVE, ("coulomb_friction",), (), {"coulomb_force": 0.4})
+    found = []
+    for row in (getattr(of, channel), getattr(of, channel) + size * draw.random(of.spool.size) * gone):
+        found.append(likelihood(replace(of, **{channel: row}), structure, *masks))
+    assert found[0] == pytest.approx(found[1], abs=1e-6)
+
+
+@pytest.mark.parametrize("channel", ["body", "spool"])
+def test_clipped_samples_are_missing_in_both_roles(channel: str) -> None:
+    of = record()
+    row = getattr(of, channel)
+    limit = 0.8 * float(np.abs(row).max())
+    readings = readings_of(replace(of, **{channel: np.clip(row, -limit, limit)}))
+    at_limit = np.abs(row) >= limit
+    # What the body did there is not known: no error counts. The spool's do not correct the motion either.
+    assert not readings.counted[at_limit].any()
+    assert readings.heard[at_limit].any() == (channel == "body")
+    assert getattr(readings, f"{channel}_limit") == pytest.approx(limit)
+
+
+@pytest.mark.parametrize(
+    ("key", "start"),
+    [
+        *(("spool_extra_mode", {"spool_mode_frequency": hertz}) for hertz in (25.0, 60.0, 150.0)),
+        *(("body_extra_mode", {"body_mode_frequency": hertz}) for hertz in (25.0, 60.0, 150.0)),
+        ("spool_ac_coupling", {}), ("body_ac_coupling", {}),
+        ("spool_anti_alias", {}), ("body_anti_alias", {}), ("spool_gain_drift", {}),
+    ],
+)  # fmt: skip
+def test_what_a_small_part_of_the_chain_adds_is_the_difference_of_two_predictions(
+    key: str, start: dict[str, float]
+) -> None:
+    part, one = CHAIN_PARTS[key], prediction(record())
+    size = part.parameters[0]
+    own = structure_of(BASE, VALVE)
+    wider = own.having((), (key,), {size.name: 0.01 * size.start, **start})
+    without = one.errors([own], 1.0).lines[0]
+    weights = one.weights(without)
+    said = one.lines_of_part(part, wider.values, own, 1.0, without)
+    column = one.weighed(said, weights)
+    change = (one.errors([wider], 1.0).lines[0] - without) / wider.values[size.name]
+    difference = one.weighed(change, weights)
+    sizes = float(np.linalg.norm(column)), float(np.linalg.norm(difference))
+    assert float(column @ difference) > 0.95 * sizes[0] * sizes[1]
+    assert sizes[0] == pytest.approx(sizes[1], rel=0.1)
+
+
+SMALL = {
+    "quadratic_damping": (0.2, lambda z, v: v * np.abs(v)),
+    "cubic_stiffness": (1e6, lambda z, v: z**3),
+    "coulomb_friction": (0.005, lambda z, v: np.sign(v)),
+}
+
+
+@pytest.mark.parametrize("effect", sorted(SMALL))
+def test_what_a_small_force_adds_is_the_difference_of_two_predictions(effect: str) -> None:
+    one, own = prediction(record()), structure_of(BASE, VALVE)
+    size, law = SMALL[effect]
+    wider = own.having((effect,), (), {EFFECTS[effect].fitted[0]: size})
+    found = one.errors([own], 1.0)
+    weights = one.weights(found.lines[0])
+    force = size * law(found.displacement, found.velocity)
+    column = one.weighed(one.lines_of_forces(force[np.newaxis], own, 1.0)[0], weights)
+    difference = one.weighed(one.errors([wider], 1.0).lines[0] - found.lines[0], weights)
+    sizes = float(np.linalg.norm(column)), float(np.linalg.norm(difference))
+    assert float(column @ difference) > 0.95 * sizes[0] * sizes[1]
+    assert sizes[0] == pytest.approx(sizes[1], rel=0.1)
+
+
+@pytest.mark.parametrize("effect", sorted(SMALL))
+def test_the_force_of_an_effect_is_its_own_without_that_of_the_base(effect: str) -> None:
+    size, law = SMALL[effect]
+    one = prediction(record())
+    structure = structure_of(BASE, VALVE, (effect,), (), {EFFECTS[effect].fitted[0]: size})
+    found = one.errors([structure], 1.0)
+    force = one.force_of(structure, EFFECTS[effect].terms, 1.0)
+    assert force == pytest.approx(size * law(found.displacement, found.velocity), rel=1e-9, abs=1e-12)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_estimator.identification.nuisances.record_nuisance import Nuisance
 from spool_sim.terms import Parameter
 
 Array = NDArray[np.float64]
@@ -41,6 +42,15 @@ class ChainPart:
     response: Callable[[Array, Values], Spectrum] | None
     meaning: str
     check: str
+
+    def told(self, values: Values, deviations: Values) -> Nuisance:
+        """Return what is told of it: its corner or natural frequency, or its rate."""
+        place = 1 if self.id == "extra_mode" else 0
+        own = self.parameters[place]
+        size, spread, unit = abs(values[own.name]), deviations.get(own.name, float("nan")), own.unit
+        if self.id == "anti_alias" and size > 0.0:
+            size, spread, unit = 1.0 / size, spread / size**2, "Hz"
+        return Nuisance(self.id, self.channel, size, unit, self.check, spread)
 
     @property
     def key(self) -> str:

@@ -21,29 +21,28 @@ Whittle, 1953 (likelihood by spectra).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, linalg, signal
-from spool_estimator.identification.least_squares import Unknown
+from spool_estimator.identification.signals.spectra import ZeroPhase
 from spool_sim.integration.composed_motion import Correction
-from spool_sim.terms import term
 from spool_sim.valve.description import Valve
 
-from spool_gap.registry import EFFECTS
 from spool_gap.simulation.batches import steps_a_sample
 from spool_gap.simulation.point import Point
 from spool_gap.simulation.switchable import SwitchableMotion
 
-from .chain_part import CHAIN_PARTS, DELAY, GAIN, SPOOL_DELAY, SPOOL_GAIN, ChainPart, Spectrum, inverse
+from .chain_part import DELAY, GAIN, SMALLEST, ChainPart, Spectrum, inverse
 from .readings import Readings
+from .structure import Structure
 
 Array = NDArray[np.float64]
-Values = Mapping[str, float]
+Mask = NDArray[np.bool_]
 
-BASE = ("inertia", "spring", "viscous_friction")
 #: Hz: a faster record is averaged to about this rate, 13 samples a period of the highest excitation (150 Hz).
 RATE = 2000.0
 #: Upper end of the band that is compared over that of the excitation, and at least, Hz.
@@ -58,81 +57,12 @@ LEAST_NOISE = 0.002
 LEAST_POWER = 0.0125
 #: m/s^2: errors of a simulation that diverges.
 FAR = 1e3
-#: Share of a sample's interval around a reversal in which its side of a jump of friction is not certain.
-NEAR = 0.08
-
-
-@dataclass(frozen=True, slots=True)
-class Structure:
-    """What is thought to act, with its numbers.
-
-    Attributes:
-        effects: ids of the catalogue.
-        parts: keys of ``CHAIN_PARTS``.
-        values: every number by name, SI.
-    """
-
-    effects: tuple[str, ...]
-    parts: tuple[str, ...]
-    values: Values
-
-    @property
-    def terms(self) -> tuple[str, ...]:
-        """Force terms that are on."""
-        own = (name for effect in self.effects for name in EFFECTS[effect].terms)
-        return tuple(dict.fromkeys((*BASE, *own)))
-
-    @property
-    def chain(self) -> tuple[ChainPart, ...]:
-        """Parts of the measuring chain, with gain and delay of the spool's channel."""
-        return (SPOOL_GAIN, SPOOL_DELAY, *(CHAIN_PARTS[key] for key in self.parts))
-
-    def unknowns(self, seconds: float) -> list[Unknown]:
-        """Return what a fit of a record of ``seconds`` finds."""
-        found = [
-            Unknown(p.name, p.unit, p.low, p.high, abs(self.values.get(p.name, p.start)) or p.start)
-            for name in BASE
-            for p in term(name).parameters
-            if p.name != "mass"
-        ]
-        for effect in self.effects:
-            found += EFFECTS[effect].unknowns(self.values, seconds)
-        for part in self.chain:
-            found += [Unknown(p.name, p.unit, p.low, p.high, p.start, absolute=True) for p in part.parameters]
-        return found
-
-    def moved(self, values: Values) -> Structure:
-        """Return this with other numbers."""
-        return Structure(self.effects, self.parts, {**self.values, **values})
-
-    def response(self, channel: str, frequency: Array) -> Spectrum:
-        """Return the factor on the spectrum of ``channel`` at ``frequency`` (Hz, > 0)."""
-        found: Spectrum = np.ones(frequency.size, dtype=np.complex128)
-        for part in self.chain:
-            if part.channel == channel and part.response is not None:
-                found = found * part.response(frequency, self.values)
-        return found
-
-
-def structure_of(
-    valve: Valve, effects: Sequence[str] = (), parts: Sequence[str] = (), values: Values | None = None
-) -> Structure:
-    """Return the structure with ``effects`` and ``parts``; what ``values`` do not give starts as declared."""
-    known: dict[str, float] = {
-        "mass": valve.moving_mass,
-        "spring_stiffness": valve.spring_stiffness,
-        "viscous_coefficient": valve.likely_viscous_coefficient,
-        GAIN: 0.0,
-        DELAY: 0.0,
-    }
-    for effect in effects:
-        for name in EFFECTS[effect].terms:
-            for parameter in term(name).parameters:
-                known.setdefault(parameter.name, parameter.start_for(valve))
-    for key in parts:
-        for parameter in CHAIN_PARTS[key].parameters:
-            known.setdefault(parameter.name, parameter.start)
-    return Structure(tuple(effects), tuple(parts), {**known, **(values or {})})
+#: Speed over its 80 % quantile below which the side of a reversal is not certain.
+SLOW = 0.06
+#: Share of a window's samples that must be left without those at reversals.
+LEAST_KEPT = 0.5
+#: Looseness of a free run, which is not corrected at all.
+FREE = -1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,21 +72,24 @@ class Errors:
     Attributes:
         lines: of the windows, in the spool channel's unit, shape (s, windows, lines).
         displacement, velocity: of the first structure, relative to the body, m and m/s, shape (n,).
+        series: of the first structure, measured minus predicted, m/s^2, shape (n,).
     """
 
     lines: Spectrum
     displacement: Array
     velocity: Array
+    series: Array
 
 
 class Prediction:
-    """Predictions of one record by structures of one valve.
+    """Predictions of one stretch of a record by structures of one valve.
 
     Attributes:
         readings, valve: as given.
-        period: s between the samples that are predicted.
-        seconds: of the record.
-        lines: frequencies that are compared, Hz.
+        period: s between the samples that are predicted; ``size``: their number; ``seconds``: their time.
+        lines: frequencies that are compared, Hz, shape (lines,).
+        windows: of a second; ``inside``: those whose errors count, shape (windows,).
+        spool, body: measured, averaged, m/s^2, shape (n,).
     """
 
     def __init__(self, readings: Readings, valve: Valve, motions: Sequence[SwitchableMotion]) -> None:
@@ -171,36 +104,92 @@ class Prediction:
         self._every = max(1, math.floor(1.0 / (readings.period * RATE) + 1e-9))
         self.period = readings.period * self._every
         box = np.ones(self._every) / self._every
-        self._spool = np.convolve(readings.spool, box, mode="valid")[:: self._every]
-        self._heard = self._whole(readings.heard)
-        self._counted = self._whole(readings.counted)
-        self.size = self._spool.size - 1
+        averaged, body = (
+            np.asarray(np.convolve(row, box, mode="valid")[:: self._every], dtype=np.float64)
+            for row in (readings.spool, readings.body)
+        )
+        self.size = averaged.size - 1
+        self.spool: Array = averaged[: self.size]
         self.seconds = self.size * self.period
-        window = round(WINDOW / self.period)
-        self._window = window
-        self._windows = self.size // window
-        frequency = fft.rfftfreq(window, self.period)
+        self._all_heard = self._heard = self._whole(readings.heard)[: self.size]
+        self._there = self._whole(readings.counted)[: self.size]
+        self._reversals: Array = np.zeros(self.size)
+        self._window = round(WINDOW / self.period)
+        self.windows = self.size // self._window
+        frequency = fft.rfftfreq(self._window, self.period)
         low = max(readings.low_cut, readings.noise.noisy_below, 1.5)
         high = min(0.45 / self.period, max(HARMONICS * readings.noise.high, AT_LEAST))
-        self._band = slice(int(np.searchsorted(frequency, low)), int(np.searchsorted(frequency, high)))
-        self.lines: Array = frequency[self._band]
+        hummed = np.zeros(frequency.size, dtype=np.bool_)
+        for line in readings.hum:
+            hummed |= np.abs(frequency - line) < 1.5 / WINDOW
+        self._places = np.flatnonzero((frequency >= low) & (frequency < high) & ~hummed)
+        self.lines: Array = frequency[self._places]
         self._edges = _edges(self.lines)
-        self._taper = signal.windows.tukey(window, 0.1)
-        self._kept = self._counted[: self._windows * window].reshape(self._windows, window).mean(axis=1)
+        self._taper = signal.windows.tukey(self._window, 0.1)
+        self._whole_windows: Mask = np.ones(self.windows, dtype=np.bool_)
+        self._whole_windows[[0, -1]] = False
+        self.inside: Mask = self._whole_windows
+        self.held: Mask = np.zeros(self.windows, dtype=np.bool_)
+        self._dense: dict[tuple[float, ...], tuple[Array, int]] = {}
+        self._steps: dict[tuple[object, ...], int] = {}
         self._inputs: dict[tuple[float, ...], Array] = {}
         self._spools: dict[tuple[float, ...], Array] = {}
         self._corrections: dict[float, Correction] = {}
         self._floor = self._noise_floor()
+        self._reading_lines = self.lines_of(self.spool)
+        self.body: Array = body[: self.size]
+        self._body_lines = self.lines_of(self.body)
+        self.count(self._there)
 
-    def _whole(self, mask: NDArray[np.bool_]) -> Array:
+    def _whole(self, mask: Mask) -> Array:
         """Return 1 where all samples that are averaged are in ``mask``, else 0."""
         missing = np.convolve(~mask, np.ones(self._every), mode="valid")[:: self._every]
         return np.asarray(missing < 0.5, dtype=np.float64)
 
+    def count(self, counted: Array) -> None:
+        """Count the samples with 1 in ``counted`` (n,), and no others, from now on."""
+        self.counted = counted
+        rows = counted[: self.windows * self._window].reshape(self.windows, self._window)
+        self._kept = rows.mean(axis=1)
+
+    def leave_out_reversals(self) -> None:
+        """Count no sample whose side of a reversal of the measured motion is not certain.
+
+        There a force that jumps makes an error that depends on the time of the reversal within the sample.
+        All structures are compared without these samples. A mean of several samples has no side.
+        """
+        if self._every > 1:
+            return
+        relative = ZeroPhase(self.period, self.readings.low_cut).apply(self.spool - self.body, 1)
+        velocity = np.asarray(relative)
+        slow = SLOW * float(np.quantile(np.abs(velocity), 0.8))
+        change = np.maximum(np.abs(np.diff(velocity, append=0.0)), np.abs(np.diff(velocity, prepend=0.0)))
+        kept = self.counted * (np.abs(velocity) > np.maximum(change, slow))
+        rows = kept[: self.windows * self._window].reshape(self.windows, self._window)
+        # A spool at rest has no reversals.
+        calm = np.repeat(rows.mean(axis=1) < LEAST_KEPT, self._window)
+        kept[: calm.size][calm] = self.counted[: calm.size][calm]
+        self._reversals = self.counted - kept
+        self.use_reversals(counted=False, heard=True)
+
+    def use_reversals(self, *, counted: bool, heard: bool) -> None:
+        """Count the samples at reversals or not, and correct the motion by them or not."""
+        others = 1.0 - self._reversals
+        unheld = np.where(np.repeat(self.held, self._window), 0.0, 1.0)
+        unheld = np.concatenate([unheld, np.ones(self.size - unheld.size)])
+        self._heard = (self._all_heard if heard else self._all_heard * others) * unheld
+        self.count(self._there if counted else self._there * others)
+
+    def hold_out(self, held: Mask) -> None:
+        """Hold out the windows ``held`` (windows,): they do not count, and the motion runs free in them."""
+        self.held = held & self._whole_windows
+        self.inside = self._whole_windows & ~held
+        self.use_reversals(counted=False, heard=True)
+
     @property
     def numbers(self) -> float:
         """Count of real numbers that are compared."""
-        return float(self._freedom()[1:-1].sum())
+        return float(self._freedom().sum())
 
     # Prediction -----------------------------------------------------------------------------------------
 
@@ -209,69 +198,195 @@ class Prediction:
 
         Args:
             structures: with different numbers.
-            looseness: share of the excitation's rms that the correction takes for input noise.
+            looseness: share of the excitation's rms that the correction takes for input noise, or ``FREE``.
         """
         first = structures[0]
         motion = next(entry for entry in self._motions if entry.has(first.terms))
-        substeps = steps_a_sample(
-            Point(first.terms, first.values), self.period, min(self.readings.noise.high, 0.4 / self.period)
-        )
+        fastest = min(self.readings.noise.high, 0.4 / self.period)
+        substeps = self._substeps(first, fastest)
         body_rows, bodies = _distinct([self._input(one, substeps) for one in structures])
         spool_rows, spools = _distinct([self._corrected_spool(one) for one in structures])
         errors, displacement, velocity = motion.predict_batch(
             bodies,
             spools,
-            self._heard[: self.size],
+            self._heard,
             np.array([motion.row(one.terms, one.values) for one in structures]),
             rows=(body_rows, spool_rows),
             correction=self._correction(looseness),
             sample_period=self.period,
             substeps=substeps,
             means=self._every > 1,
+            begin=self.readings.time,
         )
-        counted = self._counted[: self.size]
-        if self._every == 1 and any("sliding_law" in term(name).laws for name in first.terms):
-            counted = counted * _certain(velocity[0])
-        errors = np.clip(np.nan_to_num(errors, nan=FAR), -FAR, FAR) * counted
-        cut = errors[:, : self._windows * self._window].reshape(-1, self._windows, self._window)
-        lines = fft.rfft(cut * self._taper, axis=2)[..., self._band]
+        lines = self.lines_of(np.clip(np.nan_to_num(errors, nan=FAR), -FAR, FAR) * self.counted)
+        far = ~(np.abs(errors).max(axis=1) < FAR)
         for number, one in enumerate(structures):
-            gains = self._gains(one, self._windows)[:, np.newaxis]
-            size = np.abs(one.response("spool", self.lines)) * self._free_over_corrected(one, looseness)
-            lines[number] *= size * gains
-        return Errors(lines, displacement[0], velocity[0])
+            gains = self._gains(one, self.windows)[:, np.newaxis]
+            response = np.abs(one.response("spool", self.lines))
+            lines[number] *= response * self._volume(one, looseness) * gains
+            # What the inverse of a response leaves out is not predicted.
+            left_out = 1.0 - np.minimum(1.0, response / SMALLEST) ** 2
+            if left_out.any():
+                lines[number] += left_out * self._reading_lines
+            if far[number]:
+                lines[number] = FAR
+        return Errors(lines, displacement[0], velocity[0], errors[0])
+
+    def _substeps(self, one: Structure, fastest: float) -> int:
+        # Within a tenth of each number the same steps will do.
+        rounded = tuple((name, float(f"{one.values[name]:.1g}")) for name in sorted(one.values))
+        key = (one.terms, rounded)
+        if key not in self._steps:
+            self._steps[key] = steps_a_sample(Point(one.terms, one.values), self.period, fastest)
+        return self._steps[key]
+
+    def free_run(self, one: Structure, looseness: float) -> tuple[Array, Errors]:
+        """Return the reading that ``one`` predicts, m/s^2, (n,), and its motion; free in ``held`` windows."""
+        found = self.errors([one], looseness)
+        error = found.series * self._gains(one, self.size)
+        if one.parts or one.values[GAIN]:
+            length = fft.next_fast_len(2 * error.size, real=True)
+            frequency = np.maximum(fft.rfftfreq(length, self.period), 0.3)
+            error = fft.irfft(fft.rfft(error, length) * one.response("spool", frequency), length)[
+                : error.size
+            ]
+        return self.spool - error, found
+
+    def lines_of(self, rows: Array) -> Spectrum:
+        """Return the spectra of the windows of ``rows`` (..., n), shape (..., windows, lines)."""
+        cut = rows[..., : self.windows * self._window].reshape(*rows.shape[:-1], self.windows, self._window)
+        lines: Spectrum = fft.rfft(cut * self._taper, axis=-1)[..., self._places]
+        return lines
+
+    def lines_of_part(
+        self, part: ChainPart, values: Mapping[str, float], one: Structure, looseness: float, errors: Spectrum
+    ) -> Spectrum:
+        """Return what a small ``part`` of the chain adds to the errors of ``one``, over its size.
+
+        Args:
+            part: of either channel.
+            values: its numbers, with a small size.
+            one: without it.
+            looseness: of the correction.
+            errors: of ``one``.
+        """
+        size = values[part.parameters[0].name]
+        share = self._volume(one, looseness) / self._ratio(one, looseness)
+        share = share * np.abs(one.response("spool", self.lines))
+        if part.response is None:
+            time = self.readings.time + np.arange(self.size, dtype=np.float64) * self.period
+            middle = self.windows_of(time).mean(axis=1)[:, np.newaxis]
+            return np.asarray(errors * middle - self.lines_of(self.spool * time * self.counted) * share)
+        changed = (part.response(self.lines, values) - 1.0) / size
+        if part.channel == "spool":
+            return np.asarray(errors * changed.real - self._reading_lines * changed * share)
+        turn = 2j * np.pi * self.lines
+        mass, stiffness, damping = _linear(one)
+        passed = (damping * turn + stiffness) / (mass * turn**2 + damping * turn + stiffness)
+        return np.asarray(self._body_lines * changed * passed * share)
+
+    def windows_of(self, row: Array) -> Array:
+        """Return ``row`` (n,) cut into windows, shape (windows, samples)."""
+        return row[: self.windows * self._window].reshape(self.windows, self._window)
+
+    def samples_of(self, windows: Mask) -> Mask:
+        """Return which samples are in ``windows`` and count, shape (n,)."""
+        inside = np.zeros(self.size, dtype=np.bool_)
+        inside[: self.windows * self._window] = np.repeat(windows, self._window)
+        return inside & (self.counted > 0.5)
+
+    def noise_density(self, one: Structure) -> Array:
+        """Return the one-sided density that both sensors' noise leaves of ``one``, (m/s^2)^2/Hz, (lines,)."""
+        turn = 2j * np.pi * self.lines
+        mass, stiffness, damping = _linear(one)
+        passed = (damping * turn + stiffness) / (mass * turn**2 + damping * turn + stiffness)
+        noise = self.readings.noise
+        # Above the excitation the body's noise is filtered off.
+        of_body = np.where(self.lines < 1.5 * noise.high, noise.body, 0.0) * np.abs(passed) ** 2
+        return np.asarray(noise.spool + of_body)
+
+    def density_of(self, power: Array) -> Array:
+        """Return the one-sided density of lines of mean ``power`` (lines,), (m/s^2)^2/Hz."""
+        return np.asarray(2.0 * power * self.period / float(np.sum(self._taper**2)))
+
+    def noise_of(self, one: Structure, windows: int) -> float:
+        """Return the power that noise alone leaves in the lines of ``windows`` of them."""
+        density = self.noise_density(one)
+        return float(windows * np.sum(density) * float(np.sum(self._taper**2)) / (2.0 * self.period))
+
+    def lines_of_forces(self, forces: Array, one: Structure, looseness: float) -> Spectrum:
+        """Return what small ``forces`` (q, n) add to the errors of ``one``, shape (q, windows, lines).
+
+        Forces of a term, N, through the linear valve that ``one`` has, corrected as the errors are.
+        """
+        turn = 2j * np.pi * self.lines
+        mass, stiffness, damping = _linear(one)
+        moved = -(turn**2) / (mass * turn**2 + damping * turn + stiffness)
+        middle = np.exp(0.5 * turn * self.period) if self._every > 1 else 1.0
+        share = moved * middle / self._ratio(one, looseness) * self._volume(one, looseness)
+        share = share * np.abs(one.response("spool", self.lines))
+        return np.asarray(-self.lines_of(forces * self.counted) * share)
+
+    def force_of(
+        self,
+        one: Structure,
+        terms: Sequence[str],
+        looseness: float,
+        values: Mapping[str, float] | None = None,
+    ) -> Array:
+        """Return the force of ``terms`` along the motion of ``one``, by its or other ``values``, N, (n,)."""
+        motion = next(entry for entry in self._motions if entry.has((*one.terms, *terms)))
+        errors = self.errors([one], looseness)
+        rows = np.array([motion.row(("inertia", *terms), values or one.values)])
+        first = round(self.readings.time / self.period)
+        force = motion.forces(
+            errors.displacement, errors.velocity, rows, sample_period=self.period, first_sample=first
+        )
+        return np.asarray(force[0])
 
     def _input(self, one: Structure, substeps: int) -> Array:
         """Return the excitation at the ends and midpoints of all steps, m/s^2."""
         own = [one.values[p.name] for part in one.chain if part.channel == "body" for p in part.parameters]
-        key = (one.values[DELAY], float(substeps), *own)
+        key = (float(substeps), one.values[DELAY], *own)
         if key not in self._inputs:
-            period, every = self.readings.period, self._every
-            reach = min(self.readings.body.size - 1, round(1.0 / period))
-            padded = np.pad(self.readings.body, reach, mode="reflect", reflect_type="odd")
-            length = fft.next_fast_len(padded.size, real=True)
-            frequency = fft.rfftfreq(length, period)
+            dense, finer, reach = self._finer_body(one, substeps, own)
             # An averaged sample stands for the middle of its samples, a predicted mean for its beginning.
-            ahead = -0.5 * period if every > 1 else 0.0
-            turn = np.exp(2j * np.pi * frequency * (ahead - one.values[DELAY]))
-            response = inverse(one.response("body", np.maximum(frequency, 0.3)))
-            lines = fft.rfft(padded, length) * turn * response
-            finer = max(1, math.ceil(2 * substeps / every))
-            dense = fft.irfft(lines, length * finer) * finer
-            place = reach * finer + np.arange(2 * substeps * self.size + 1) * (every * finer / (2 * substeps))
+            ahead = (-0.5 if self._every > 1 else 0.0) - one.values[DELAY] / self.readings.period
+            place = (reach + ahead) * finer + np.arange(2 * substeps * self.size + 1) * (
+                self._every * finer / (2 * substeps)
+            )
             whole = np.floor(place).astype(np.int64)
             share = place - whole
+            whole = np.clip(whole, 0, dense.size - 2)
             if len(self._inputs) > 24:
                 self._inputs.clear()
             self._inputs[key] = dense[whole] * (1.0 - share) + dense[whole + 1] * share
         return self._inputs[key]
+
+    def _finer_body(self, one: Structure, substeps: int, own: Sequence[float]) -> tuple[Array, int, int]:
+        """Return the excitation more densely, how many times, and by how many samples it begins earlier."""
+        period, every = self.readings.period, self._every
+        finer = max(2, math.ceil(2 * substeps / every))
+        reach = min(self.readings.body.size - 1, round(1.0 / period))
+        key = (float(finer), *own)
+        if key not in self._dense:
+            padded = np.pad(self.readings.body, reach, mode="reflect", reflect_type="odd")
+            length = fft.next_fast_len(padded.size, real=True)
+            lines = fft.rfft(padded, length)
+            if own:
+                frequency = np.maximum(fft.rfftfreq(length, period), 0.3)
+                lines *= inverse(one.response("body", frequency))
+            if len(self._dense) > 8:
+                self._dense.clear()
+            self._dense[key] = fft.irfft(lines, length * finer) * finer, finer
+        return *self._dense[key], reach
 
     def _corrected_spool(self, one: Structure) -> Array:
         """Return the measured spool acceleration without what its channel does to it, m/s^2."""
         own = [one.values[p.name] for part in one.chain if part.channel == "spool" for p in part.parameters]
         key = tuple(own)
         if key not in self._spools:
-            row = self._spool[: self.size]
+            row = self.spool
             if one.parts:
                 reach = min(row.size - 1, round(0.5 / self.period))
                 padded = np.pad(row, reach, mode="reflect", reflect_type="odd")
@@ -289,10 +404,12 @@ class Prediction:
     def _gains(self, one: Structure, count: int) -> Array:
         """Return the drifting gain of the spool's channel, ``count`` times evenly over the record."""
         rate = one.values["gain_drift_rate"] if "spool_gain_drift" in one.parts else 0.0
-        return np.asarray(1.0 + rate * (np.arange(count) + 0.5) * (self.seconds / count))
+        return np.asarray(1.0 + rate * (self.readings.time + (np.arange(count) + 0.5) * self.seconds / count))
 
     def _correction(self, looseness: float) -> Correction:
         """Return the correction of the stationary Kalman filter of the valve as described."""
+        if looseness == FREE:
+            return Correction(0.0, 0.0, 1.0)
         if looseness not in self._corrections:
             mass, stiffness = self.valve.moving_mass, self.valve.spring_stiffness
             damping = self.valve.likely_viscous_coefficient
@@ -301,7 +418,7 @@ class Prediction:
             noise = self.readings.noise
             root = math.sqrt(self._every)
             pushed = max(noise.body_rms / root, looseness * float(self.readings.body.std()))
-            read = max(noise.spool_rms / root, LEAST_NOISE * float(self._spool.std()))
+            read = max(noise.spool_rms / root, LEAST_NOISE * float(self.spool.std()))
             moved = np.array([[0.5 * self.period**2], [self.period]]) * pushed
             spread = linalg.solve_discrete_are(
                 step.T, seen.T, moved @ moved.T + np.diag([1e-18, 1e-14]), np.array([[read**2]])
@@ -313,17 +430,11 @@ class Prediction:
             )
         return self._corrections[looseness]
 
-    def _free_over_corrected(self, one: Structure, looseness: float) -> Array:
-        """Return the errors of a free run over those of the corrected one, in the mean of each band.
-
-        Over all frequencies the mean of its logarithm is 0 (the filter between both is monic); within the
-        band that is compared it is not, and a fit could make errors small by moving them out of the band.
-        """
-        mass, stiffness, damping = (
-            one.values[name] for name in ("mass", "spring_stiffness", "viscous_coefficient")
-        )
+    def _ratio(self, one: Structure, looseness: float) -> Spectrum:
+        """Return the errors of a free run over those of the corrected one, for the linear valve."""
+        mass, stiffness, damping = _linear(one)
         correction = self._correction(looseness)
-        step = linalg.expm(self.period * np.array([[0.0, 1.0], [-stiffness / mass, -damping / mass]]))
+        step = _step_of(mass, stiffness, damping, self.period)
         factors = np.array([correction.displacement, correction.velocity])
         if self._every > 1:
             seen = (step[1] - np.array([0.0, 1.0])) / self.period
@@ -335,7 +446,17 @@ class Prediction:
             (turn - step[1, 1]) * factors[0] + step[0, 1] * factors[1],
             step[1, 0] * factors[0] + (turn - step[0, 0]) * factors[1],
         )
-        ratio = np.log(np.abs(1.0 + (seen[0] * moved[0] + seen[1] * moved[1]) / determinant))
+        return np.asarray(1.0 + (seen[0] * moved[0] + seen[1] * moved[1]) / determinant)
+
+    def _volume(self, one: Structure, looseness: float) -> Array:
+        """Return the size of that ratio in the mean of each band, which keeps likelihoods comparable.
+
+        Over all frequencies the mean of its logarithm is 0 (the filter between both is monic); within the
+        band that is compared it is not, and a fit could make errors small by moving them out of the band.
+        """
+        if looseness == FREE:
+            return np.ones(self.lines.size)
+        ratio = np.log(np.abs(self._ratio(one, looseness)))
         means = np.add.reduceat(ratio, self._edges[:-1]) / np.diff(self._edges)
         return np.repeat(np.exp(means), np.diff(self._edges))
 
@@ -343,8 +464,11 @@ class Prediction:
 
     def log_likelihood(self, lines: Spectrum) -> float:
         """Return the log likelihood of the errors ``lines`` (windows, lines) but for a constant."""
-        levels = self._levels(lines)[1:-1] + self._floor
-        return -0.5 * float(np.sum(self._freedom()[1:-1] * np.log(levels)))
+        return float(self.by_window(lines).sum())
+
+    def by_window(self, lines: Spectrum) -> Array:
+        """Return the log likelihood of each window, shape (windows,); 0 for those that do not count."""
+        return np.asarray(-0.5 * np.sum(self._freedom() * np.log(self._levels(lines) + self._floor), axis=1))
 
     def weights(self, lines: Spectrum) -> Array:
         """Return the root of 1 over the level of each line's tile, shape of ``lines``.
@@ -353,12 +477,14 @@ class Prediction:
         """
         levels = self._levels(lines)
         levels = np.maximum(levels, 0.3 * np.median(levels, axis=0, keepdims=True)) + self._floor
-        return np.repeat(1.0 / np.sqrt(levels), np.diff(self._edges), axis=1)
+        kept = np.sqrt(self.inside * np.maximum(self._kept, 0.0))[:, np.newaxis]
+        return np.repeat(kept / np.sqrt(levels), np.diff(self._edges), axis=1)
 
     def weighed(self, lines: Spectrum, weights: Array) -> Array:
-        """Return ``lines`` times ``weights`` as real numbers, without the first and the last window."""
-        inside = lines[1:-1] * weights[1:-1]
-        return np.concatenate([inside.real.ravel(), inside.imag.ravel()]) * math.sqrt(2.0)
+        """Return ``lines`` (..., windows, lines) times ``weights`` as real numbers, shape (..., numbers)."""
+        inside = (lines * weights)[..., self.inside, :]
+        flat = inside.reshape(*lines.shape[:-2], -1)
+        return np.concatenate([flat.real, flat.imag], axis=-1) * math.sqrt(2.0)
 
     def _levels(self, lines: Spectrum) -> Array:
         """Return the mean power of a line in each tile, shape (windows, bands)."""
@@ -367,12 +493,84 @@ class Prediction:
 
     def _freedom(self) -> Array:
         """Return how many real numbers each tile holds, shape (windows, bands)."""
-        return np.asarray(2.0 * np.diff(self._edges)[np.newaxis, :] * self._kept[:, np.newaxis])
+        kept = self._kept * self.inside
+        return np.asarray(2.0 * np.diff(self._edges)[np.newaxis, :] * kept[:, np.newaxis])
 
     def _noise_floor(self) -> float:
         """Return the power of a line that rounding stands for."""
         density = self.readings.noise.spool * LEAST_POWER
         return max(density * 0.5 / self.period * float(np.sum(self._taper**2)), 1e-12)
+
+
+class Predictions:
+    """Predictions of several stretches of one valve, as if they were one: same methods, lists of arrays."""
+
+    def __init__(self, parts: Sequence[Prediction]) -> None:
+        """Take ``parts`` together."""
+        self.parts = tuple(parts)
+        self.seconds = max(part.readings.time + part.seconds for part in parts)
+
+    @contextmanager
+    def reversals(self, *, counted: bool, heard: bool) -> Iterator[None]:
+        """Count samples at reversals or not, and hear them or not, while this lasts."""
+        for part in self.parts:
+            part.use_reversals(counted=counted, heard=heard)
+        try:
+            yield
+        finally:
+            for part in self.parts:
+                part.use_reversals(counted=False, heard=True)
+
+    def hold_out(self, held: Sequence[Mask]) -> None:
+        """Hold out the windows ``held`` of each part."""
+        for part, windows in zip(self.parts, held, strict=True):
+            part.hold_out(windows)
+
+    @property
+    def numbers(self) -> float:
+        """Count of real numbers that are compared."""
+        return sum(part.numbers for part in self.parts)
+
+    def errors(self, structures: Sequence[Structure], looseness: float) -> list[list[Spectrum]]:
+        """Return the error lines of each of ``structures`` in each part."""
+        found = [part.errors(structures, looseness).lines for part in self.parts]
+        return [[lines[number] for lines in found] for number in range(len(structures))]
+
+    def log_likelihood(self, lines: Sequence[Spectrum]) -> float:
+        """Return the log likelihood of ``lines``, a spectrum a part."""
+        return sum(part.log_likelihood(one) for part, one in zip(self.parts, lines, strict=True))
+
+    def by_window(self, lines: Sequence[Spectrum]) -> Array:
+        """Return the log likelihood of each window of all parts that counts."""
+        rows = zip(self.parts, lines, strict=True)
+        return np.concatenate([part.by_window(one)[part.inside] for part, one in rows])
+
+    def weights(self, lines: Sequence[Spectrum]) -> list[Array]:
+        """Return the weights of each part."""
+        return [part.weights(one) for part, one in zip(self.parts, lines, strict=True)]
+
+    def weighed(self, lines: Sequence[Spectrum], weights: Sequence[Array]) -> Array:
+        """Return ``lines`` times ``weights`` of all parts as real numbers, shape (..., numbers)."""
+        rows = zip(self.parts, lines, weights, strict=True)
+        return np.concatenate([part.weighed(one, weight) for part, one, weight in rows], axis=-1)
+
+
+def _linear(one: Structure) -> tuple[float, float, float]:
+    """Return mass, stiffness and damping of the linear valve within ``one``."""
+    values = one.values
+    return values["mass"], values["spring_stiffness"], values.get("viscous_coefficient", 0.0)
+
+
+def _step_of(mass: float, stiffness: float, damping: float, period: float) -> Array:
+    """Return the transition of displacement and velocity over ``period``: exp(A t) in closed form."""
+    half = -0.5 * damping / mass
+    root = np.sqrt(complex(half**2 - stiffness / mass))
+    grown = np.exp(half * period)
+    even = (grown * np.cosh(root * period)).real
+    odd = (grown * np.sinh(root * period) / root).real if root else grown * period
+    return np.array(
+        [[even - half * odd, odd], [-stiffness / mass * odd, even + (-damping / mass - half) * odd]]
+    )
 
 
 def _edges(lines: Array) -> NDArray[np.int64]:
@@ -383,17 +581,6 @@ def _edges(lines: Array) -> NDArray[np.int64]:
         if place - edges[-1] >= LINES and lines.size - place >= LINES:
             edges.append(place)
     return np.array([*edges, lines.size], dtype=np.int64)
-
-
-def _certain(velocity: Array) -> Array:
-    """Return 0 for samples so near a reversal of ``velocity`` (n,) that their side of it is open, else 1."""
-    sign = np.sign(velocity)
-    before = np.flatnonzero(sign[1:] * sign[:-1] < 0.0)
-    share = velocity[before] / (velocity[before] - velocity[before + 1])
-    kept = np.ones(velocity.size)
-    kept[before[share < NEAR]] = 0.0
-    kept[before[share > 1.0 - NEAR] + 1] = 0.0
-    return kept
 
 
 def _distinct(rows: Sequence[Array]) -> tuple[NDArray[np.int64], Array]:

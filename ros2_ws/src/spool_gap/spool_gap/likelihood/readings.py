@@ -38,6 +38,9 @@ class Readings:
         noise: of both channels, with the excitation's band.
         low_cut: Hz, above which the channels are used.
         body_limit, spool_limit: m/s^2, where the channel clips, else 0.
+        body_clipped, spool_clipped: share of the samples at the limit.
+        hum: lines of the mains in either channel, Hz.
+        record: as measured.
     """
 
     period: float
@@ -50,25 +53,38 @@ class Readings:
     low_cut: float
     body_limit: float
     spool_limit: float
+    body_clipped: float
+    spool_clipped: float
+    hum: tuple[float, ...]
+    record: Record
 
 
-def readings_of(record: Record, *, missing: tuple[Mask, Mask] | None = None) -> Readings:
+def readings_of(
+    record: Record,
+    *,
+    missing: tuple[Mask, Mask] | None = None,
+    hum: tuple[float, ...] = (),
+    noise: ChannelNoise | None = None,
+) -> Readings:
     """Return the readings of ``record``.
 
     Args:
         record: as measured.
         missing: samples of body and spool that are known to be wrong, as spikes, shape (n,) each.
+        hum: lines of the mains, Hz, that are not compared.
+        noise: of both channels, where the record does not show it.
     """
-    rows, masks, limits = [], [], []
+    rows, masks, limits, shares = [], [], [], []
     for number, row in enumerate((record.body, record.spool)):
         gone = np.zeros(row.size, dtype=np.bool_) if missing is None else missing[number].copy()
         rail = at_rail(row)
         limits.append(0.0 if rail is None else float(np.median(np.abs(row[rail]))))
+        shares.append(0.0 if rail is None else float(rail.mean()))
         if rail is not None:
             gone |= np.convolve(rail.astype(np.float64), np.ones(3), mode="same") > 0.0
         rows.append(_filled(row, gone, clipped=rail is not None))
         masks.append(gone)
-    noise = noise_of(rows[0], rows[1], record.sample_rate)
+    noise = noise or noise_of(rows[0], rows[1], record.sample_rate)
     low_cut = max(LOWEST, 0.4 * noise.low)
     conditioning = ZeroPhase(record.sample_period, low_cut)
     body, spool = conditioning.apply(rows[0]), conditioning.apply(rows[1])
@@ -81,7 +97,12 @@ def readings_of(record: Record, *, missing: tuple[Mask, Mask] | None = None) -> 
         ~masks[1] & ~_disturbed(masks[0], record.sample_period),
         noise,
         low_cut,
-        *limits,
+        limits[0],
+        limits[1],
+        shares[0],
+        shares[1],
+        hum,
+        record,
     )
 
 

@@ -69,13 +69,14 @@ class SwitchableMotion(ComposedMotion):
         Of ``ALWAYS``, which have no switch, those that are not ``active`` get zeros.
         """
         row = np.zeros(self.width)
+        shared = {place for (name, _), place in self.columns.items() if name in ALWAYS}
         for entry in self.terms:
             for parameter in entry.parameters:
                 given = entry.name in active and parameter.name in values
                 place = self.columns[entry.name, parameter.name]
                 if given:
                     row[place] = values[parameter.name]
-                elif row[place] == 0.0 and (entry.name in active or entry.name not in ALWAYS):
+                elif row[place] == 0.0 and (entry.name in active or place not in shared):
                     row[place] = parameter.start
         for name in active:
             if name in self.switches:

@@ -258,6 +258,7 @@ class ComposedMotion:
         sample_period: float,
         substeps: int,
         means: bool,
+        begin: float = 0.0,
     ) -> tuple[Array, Array, Array]:
         """Predict each sample of the spool's acceleration from those before it, for s parameter sets.
 
@@ -268,12 +269,13 @@ class ComposedMotion:
             body_acceleration: m/s^2, shape (b, 2 n substeps + 1), as in ``advance``.
             measured: spool acceleration, m/s^2, shape (c, n): at the samples or, with ``means``, its mean
                 from each sample to the next.
-            heard: 1 where a sample is there, 0 where it is missing, shape (n,).
+            heard: 1 where a sample corrects the motion, 0 where it does not, shape (n,).
             sets: parameters, shape (s, p).
             rows: of ``body_acceleration`` and of ``measured`` for each set, shape (s,) each.
             correction: of the state after each sample.
             sample_period, substeps: as in ``advance``.
             means: see ``measured``.
+            begin: time of the first sample, s, for laws that depend on time.
 
         Returns:
             Measured minus predicted acceleration, m/s^2, and displacement and velocity before the correction,
@@ -299,6 +301,7 @@ class ComposedMotion:
                 correction.velocity,
                 correction.largest,
                 means,
+                begin,
                 *found[:, part],
             )
 

@@ -374,6 +374,7 @@ def predict_kernel(
     correction_v: float,
     largest: float,
     means: bool,
+    begin: float,
     out_error: Array,
     out_z: Array,
     out_v: Array,
@@ -381,9 +382,11 @@ def predict_kernel(
     """Fill measured minus predicted spool acceleration; each error corrects the state before the next sample.
 
     ``measured`` holds the acceleration at the samples or, with ``means``, its mean from each sample to the
-    next. ``heard`` is 0 where a sample is missing, else 1. ``correction_z`` and ``correction_v`` multiply the
-    error, limited to ``largest`` (m/s^2), to correct displacement (m) and velocity (m/s). A spool that sticks
-    is not corrected: its acceleration does not show where it is.
+    next. ``heard`` is 0 where a sample does not correct the motion, as it is missing, else 1.
+    ``correction_z`` and ``correction_v`` multiply the error, limited to ``largest`` (m/s^2), to correct
+    displacement (m) and velocity (m/s). A spool that sticks is not corrected, since its acceleration does not
+    show where it is, unless the error says that it slips.
+    ``begin`` is the time of the first sample, s.
     """
     z, v, s = state[0], state[1], state[2]
     x = start_memory(state)
@@ -402,10 +405,12 @@ def predict_kernel(
             if stuck:
                 error = measured[n] - body[i]
             else:
-                error = measured[n] - acceleration(z, v, n * substeps * h, s if EVENTS else 0.0, 0.0, z, x, q)
-            error *= heard[n]
+                error = measured[n] - acceleration(
+                    z, v, begin + n * substeps * h, s if EVENTS else 0.0, 0.0, z, x, q
+                )
             out_error[n] = error
-            if not stuck:
+            error *= heard[n]
+            if not stuck or abs(error) > largest:
                 error = min(max(error, -largest), largest)
                 z += correction_z * error
                 v += correction_v * error
@@ -414,7 +419,7 @@ def predict_kernel(
         before = v
         mean = 0.0
         for j in range(substeps):
-            t = (n * substeps + j) * h
+            t = begin + (n * substeps + j) * h
             a0, am, a1 = body[i], body[i + 1], body[i + 2]
             mean += (a0 + 4.0 * am + a1) / 6.0
             if EVENTS:
@@ -427,9 +432,10 @@ def predict_kernel(
         if not (abs(z) < FARTHEST and abs(v) < FASTEST):
             z, v, s = 0.0, 0.0, 0.0
         if means:
-            error = (measured[n] - (v - before) / (h * substeps) - mean / substeps) * heard[n]
+            error = measured[n] - (v - before) / (h * substeps) - mean / substeps
             out_error[n] = error
-            if v != 0.0 or not EVENTS:
+            error *= heard[n]
+            if v != 0.0 or not EVENTS or abs(error) > largest:
                 error = min(max(error, -largest), largest)
                 z += correction_z * error
                 v += correction_v * error
@@ -451,6 +457,7 @@ def predict_batch_kernel(
     correction_v: float,
     largest: float,
     means: bool,
+    begin: float,
     out_error: Array,
     out_z: Array,
     out_v: Array,
@@ -469,6 +476,7 @@ def predict_batch_kernel(
             correction_v,
             largest,
             means,
+            begin,
             out_error[number],
             out_z[number],
             out_v[number],

@@ -81,6 +81,11 @@ class Hum(RecordNuisance):
         return Cleaned(tuple(cleaned) if found else tuple(records), found)
 
 
+def frequencies_of_hum(record: Record, valve: Valve) -> tuple[float, ...]:
+    """Return the frequencies (Hz) of the lines of either channel of ``record`` that are mains hum."""
+    return tuple(sorted({line.frequency for _, line in _hum(record, valve)}))
+
+
 def _hum(record: Record, valve: Valve) -> list[tuple[str, _Line]]:
     """Return the channel and line of each harmonic of the mains that is none of the motion."""
     found: list[tuple[str, _Line]] = []

@@ -1,0 +1,214 @@
+"""Workflow of a gap analysis: look at the record, search, decide, judge on data held out, say.
+
+One model describes both channels: forces on the spool, the measuring chain, noise. The record is never
+changed. Structures of that model are compared by one likelihood, see :mod:`.likelihood.prediction`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from spool_core.uncertainty import Quantity
+from spool_estimator.identification.record import Record
+from spool_sim.model import Model
+from spool_sim.terms import term
+from spool_sim.valve.description import Valve
+
+from spool_gap.checks.stuck import as_stuck
+from spool_gap.likelihood.prediction import Prediction, Predictions
+from spool_gap.likelihood.search import Search
+from spool_gap.likelihood.structure import structure_of
+from spool_gap.likelihood.structure_fit import StructureFit
+from spool_gap.registry import EFFECTS
+from spool_gap.result import GapResult, GapSettings, NamedEffect, RankedHypothesis, SmallEffect
+from spool_gap.workflow.preparation import motions_for, tried_effects
+
+from .decision import Decision, decide
+from .held_out import HeldOut, Judged
+from .intervals import Numbers, numbers_of, profiles_of
+from .look import look_at
+from .words import Words, words_of
+
+Progress = Callable[[str, float], None]
+
+#: s that a search may take; what it found by then is judged.
+ALLOWED = 60.0
+#: Structures that the ranking shows.
+RANKED = 20
+
+
+def analyse(
+    records: Sequence[Record],
+    valve: Valve,
+    base: Model,
+    *,
+    holdout: Sequence[Record] = (),
+    settings: GapSettings | None = None,
+    progress: Progress | None = None,
+) -> GapResult:
+    """Return what ``base`` lacks in ``records``, judged on data that no fit has seen.
+
+    Args:
+        records: two accelerations each, of one valve.
+        valve: gives the mass, which two accelerometers cannot see, and what is expected.
+        base: any composition of force terms.
+        holdout: records to judge on; without them half of the windows of ``records`` are held out.
+        settings: tolerances and amounts.
+        progress: takes what is done and the share of the work.
+
+    Raises:
+        InputError: the records cannot be analysed; what is wrong is named.
+    """
+    begun = time.monotonic()
+    tell = progress or (lambda _what, _share: None)
+    chosen = settings or GapSettings()
+    tell("checking the record", 0.0)
+    look = look_at(records, holdout, valve)
+    tell("preparing", 0.05)
+    motions = motions_for(base)
+    names = [entry.id for entry in tried_effects(base) if entry.terms]
+    predictions = Predictions([Prediction(one, valve, motions) for one in look.readings])
+    held = HeldOut(
+        predictions, [number >= len(look.readings) - look.held for number in range(len(look.readings))]
+    )
+    search = Search(predictions, structure_of(base, valve), [] if look.stuck else names, tell, ALLOWED)
+    search.run()
+    tell("deciding", 0.85)
+    decision = decide(predictions, search, look, chosen, motions)
+    tell("judging on data held out", 0.92)
+    before, after = held.judged(decision.base), held.judged(decision.fit)
+    words = words_of(decision, look, base, before, after)
+    result = _assembled(records, base, predictions, search, decision, held, (before, after), words)
+    if chosen.profiles:
+        tell("profiling the numbers", 0.95)
+        names = [quantity.name for effect in result.effects for quantity in effect.parameters]
+        result = replace(result, profiles=profiles_of(predictions, decision.fit, decision.numbers, names))
+    late = (f"out of time after {ALLOWED:g} s of searching: this is the best so far",) if search.late else ()
+    result = replace(
+        result, warnings=(*look.warnings, *late, *result.warnings), elapsed=time.monotonic() - begun
+    )
+    return as_stuck(result) if look.stuck else result
+
+
+def _assembled(
+    records: Sequence[Record],
+    base: Model,
+    predictions: Predictions,
+    search: Search,
+    decision: Decision,
+    held: HeldOut,
+    judged: tuple[Judged, Judged],
+    words: Words,
+) -> GapResult:
+    """Return the result: numbers, where the gap sat, how far it closed, and the words."""
+    before, after = judged
+    where, picture = held.located(before)
+    where_after, picture_after = held.located(after)
+    numbers = decision.numbers
+    ranking = tuple(_ranked(search, decision, held))
+    return GapResult(
+        record=", ".join(dict.fromkeys(record.name for record in records)),
+        kind="accelerations",
+        base_model=base.name,
+        verdict=words.verdict,
+        confidence=words.confidence,
+        sentence=words.sentence,
+        effects=tuple(_named(search, decision, held, words, after)),
+        runner_up=next((row for row in ranking if not row.accepted and not row.jointly_with), None),
+        candidates=words.candidates,
+        ranking=ranking,
+        base=numbers_of(predictions, decision.base).quantities,
+        parameters=numbers.quantities,
+        where=where,
+        where_after=where_after,
+        surface=picture,
+        surface_after=picture_after,
+        curves=held.curves(before, after),
+        before=before.agreement,
+        after=after.agreement,
+        noise_floor=after.floor,
+        model=_model(base, decision.fit),
+        warnings=words.warnings,
+        seconds=sum(part.seconds for part in predictions.parts),
+        advice=words.advice,
+        predictable={decision.rest.follows: decision.rest.share},
+        remainder=words.remainder,
+        nuisances=words.nuisances,
+        small_effects=tuple(
+            SmallEffect(name, _own(numbers, name), share) for name, share in decision.small.items()
+        ),
+        confidence_note=words.confidence_note,
+        signs=decision.signs,
+        correlation=numbers.correlation,
+        correlated=tuple(one.name for one in numbers.quantities),
+    )
+
+
+def _own(numbers: Numbers, name: str) -> tuple[Quantity, ...]:
+    known = {one.name: one for one in numbers.quantities}
+    return tuple(known[own] for own in EFFECTS[name].fitted if own in known)
+
+
+def _named(
+    search: Search, decision: Decision, held: HeldOut, words: Words, after: Judged
+) -> list[NamedEffect]:
+    found = []
+    for name in words.effects:
+        entry = EFFECTS[name]
+        without = search.without(decision.fit, name)
+        error = held.judged(without).agreement.nrmse if without is not None else after.agreement.nrmse
+        evidence = (
+            2.0 * (decision.fit.log_likelihood - without.log_likelihood)
+            if without is not None
+            else float("nan")
+        )
+        parameters = words.extra.get(name) or _own(decision.numbers, name)
+        found.append(
+            NamedEffect(
+                name,
+                tuple(parameters),
+                error,
+                after.agreement.nrmse,
+                evidence,
+                entry.on_the_machine,
+                entry.to_check,
+            )
+        )
+    return found
+
+
+def _ranked(search: Search, decision: Decision, held: HeldOut) -> list[RankedHypothesis]:
+    """Return the structures with effects that were fitted, those with one effect first, best first."""
+    best: dict[frozenset[str], StructureFit] = {}
+    for fit in search.fits.values():
+        key = frozenset(fit.structure.effects)
+        if key and (key not in best or fit.evidence > best[key].evidence):
+            best[key] = fit
+    rows = []
+    chosen = sorted(best.values(), key=lambda fit: (len(fit.structure.effects), -fit.evidence))[:RANKED]
+    for fit in chosen:
+        *others, newest = fit.structure.effects
+        accepted = fit.structure.key == decision.fit.structure.key
+        rows.append(
+            RankedHypothesis(
+                newest,
+                tuple(others),
+                held.judged(fit).agreement.nrmse,
+                2.0 * (fit.evidence - decision.base.evidence),
+                {name: fit.structure.values[name] for name in EFFECTS[newest].fitted},
+                accepted,
+                "" if accepted else decision.refused.get(newest, ""),
+            )
+        )
+    return rows
+
+
+def _model(base: Model, fit: StructureFit) -> Model:
+    """Return ``base`` with the effects of ``fit`` as terms, with its numbers."""
+    known = {entry.name for entry in base.terms}
+    terms = (*base.terms, *(term(name) for name in fit.structure.terms if name not in known))
+    names = {parameter.name for entry in terms for parameter in entry.parameters}
+    values = {name: value for name, value in fit.structure.values.items() if name in names}
+    return Model("_".join([base.name, *fit.structure.effects]), terms, values)

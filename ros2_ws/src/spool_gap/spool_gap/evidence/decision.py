@@ -1,0 +1,193 @@
+"""Decision: the most probable set of effects among all structures that were fitted, and how probable it is.
+
+Each structure has the evidence of its likelihood; those with the same effects differ in the measuring chain
+alone and count by the best of them. A smooth force of any law competes with all: where it explains what
+the best structure leaves, something is unexplained. What is named must be decided by the evidence and must
+change the motion by more than the stated share.
+
+Source: Kass and Raftery, Bayes factors, 1995.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from spool_gap.likelihood.chain_part import DELAY, GAIN
+from spool_gap.likelihood.prediction import Predictions
+from spool_gap.likelihood.rest import Rest, rest_of, share_between, share_of_effect, share_of_part
+from spool_gap.likelihood.search import DECISIVE, Search
+from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
+from spool_gap.registry import EFFECTS
+from spool_gap.result import GapSettings
+from spool_gap.simulation.switchable import SwitchableMotion
+
+from .from_rest import TwoForces, split_by_direction, two_forces
+from .intervals import Numbers, numbers_of
+from .look import Look
+
+#: Temperature of the probabilities: evidence counts windows as independent and laws as exact, which no
+#: record and no simulation is. Fitted to the development cases of `./spool study field`.
+TEMPERATURE = 30.0
+#: Standard deviations by which gain or delay must exceed its tolerance (95 %).
+BEYOND = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """What was decided.
+
+    Attributes:
+        fit: the structure, with every effect and part that the evidence decides for.
+        numbers: its numbers with their intervals.
+        effects: that are named, those of the spool's channel among them.
+        small: share of the acceleration of each effect that is there and does not matter.
+        shares: of each effect.
+        rest: what a smooth force explains besides.
+        unexplained: whether that is more than may be left.
+        probabilities: of each set of effects, the most probable first; ``unexplained`` among them.
+        base: nothing but the base.
+        parts: of the measuring chain that matter.
+        nearest: the effect that comes nearest where none is named.
+        refused: why an effect is not named, by its id.
+        signs: what the confidence goes by.
+    """
+
+    fit: StructureFit
+    numbers: Numbers
+    effects: tuple[str, ...]
+    small: Mapping[str, float]
+    shares: Mapping[str, float]
+    rest: Rest
+    unexplained: bool
+    probabilities: Mapping[str, float]
+    base: StructureFit
+    parts: tuple[str, ...]
+    nearest: tuple[str, ...]
+    refused: Mapping[str, str]
+    signs: Mapping[str, float]
+
+    @property
+    def confidence(self) -> float:
+        """Probability of what is said."""
+        said = UNEXPLAINED if self.unexplained else _joined(self.fit)
+        return self.probabilities.get(said, 0.0)
+
+
+UNEXPLAINED = "unexplained"
+
+
+def decide(
+    predictions: Predictions,
+    search: Search,
+    look: Look,
+    settings: GapSettings,
+    motions: Sequence[SwitchableMotion],
+) -> Decision:
+    """Return what the fits of ``search`` say."""
+    fit, refused = _plainest(predictions, search, settings)
+    valve = predictions.parts[0].valve
+    forces = two_forces(look.readings, valve, motions, fit)
+    fit, numbers = _refined(predictions, fit)
+    if forces is not None:
+        fit, numbers = _by_direction(predictions, fit, numbers, forces)
+    own = fit.structure
+    shares = {name: share_of_effect(predictions, fit, EFFECTS[name].terms) for name in own.effects}
+    small = {name: share for name, share in shares.items() if share < settings.least_share}
+    named = [name for name in own.effects if name not in small]
+    for name, tolerance in ((GAIN, settings.gain_tolerance), (DELAY, settings.delay_tolerance)):
+        one = numbers.of(name)
+        # What the body did while its channel clipped is restored by a curve: no gain is told from that.
+        told_apart = name == DELAY or "body" not in look.limits
+        if one is not None and told_apart and abs(one.value) - tolerance > BEYOND * one.standard_deviation:
+            named.append(name)
+    rest = rest_of(predictions, fit)
+    gain = rest.gain / numbers.dispersion
+    matters = rest.share >= settings.least_share
+    unexplained = gain > DECISIVE and matters
+    probabilities = _probabilities(search, fit, gain - DECISIVE if matters else -math.inf)
+    parts = tuple(key for key in own.parts if share_of_part(predictions, fit, key) >= settings.least_share)
+    singles = [one for one in search.fits.values() if len(one.structure.effects) == 1]
+    nearest = max(singles, key=lambda one: one.evidence, default=None)
+    return Decision(
+        fit, numbers, tuple(named), small, shares, rest, unexplained, probabilities, search.base, parts,
+        nearest.structure.effects if nearest else (), refused,
+        {"rest": gain, "rest_share": rest.share, "dispersion": numbers.dispersion,
+         "least_share": min((shares[name] for name in shares if name not in small), default=1.0)},
+    )  # fmt: skip
+
+
+def _refined(predictions: Predictions, fit: StructureFit) -> tuple[StructureFit, Numbers]:
+    """Return ``fit`` fitted to its end, and its numbers."""
+    again = fit_structure(predictions, fit.structure, (fit.looseness,))
+    return again, numbers_of(predictions, again)
+
+
+def _plainest(
+    predictions: Predictions, search: Search, settings: GapSettings
+) -> tuple[StructureFit, dict[str, str]]:
+    """Return the simplest fit whose richer laws differ from plainer ones by more than the least share."""
+    fit, refused = search.simplest, {}
+    for name in fit.structure.effects:
+        for plain in EFFECTS[name].replaces:
+            effects = frozenset(plain if one == name else one for one in fit.structure.effects)
+            like = [one for one in search.fits.values() if frozenset(one.structure.effects) == effects]
+            if not like:
+                continue
+            other = max(like, key=lambda one: one.evidence)
+            shown = share_between(predictions, fit, EFFECTS[name].terms, other, EFFECTS[plain].terms)
+            if shown < settings.least_share:
+                refused[name] = f"it differs from {plain.replace('_', ' ')} by {100.0 * shown:.2g} % only"
+                fit = other
+                break
+    return fit, refused
+
+
+def _by_direction(
+    predictions: Predictions, fit: StructureFit, numbers: Numbers, forces: TwoForces
+) -> tuple[StructureFit, Numbers]:
+    """Return ``fit`` with one friction force for each direction, and its numbers."""
+    mean = numbers.of("coulomb_force")
+    assert mean is not None
+    structure = split_by_direction(fit.structure, forces.ratio)
+    again = fit_structure(predictions, structure, (fit.looseness,), steps=0)
+    # A moving spool shows their mean; their difference has the error of the start.
+    deviation = math.hypot(mean.standard_deviation, mean.value * forces.deviation)
+    place = list(numbers.deviations).index("coulomb_force")
+    kept = [number for number in range(len(numbers.quantities)) if number != place]
+    quantities = [numbers.quantities[number] for number in kept]
+    for name in ("forward_force", "backward_force"):
+        quantities.append(
+            replace(mean, name=name, value=structure.values[name], standard_deviation=deviation)
+        )
+    correlation = numbers.correlation[np.ix_([*kept, place, place], [*kept, place, place])].copy()
+    of_mean = mean.standard_deviation / deviation if deviation > 0.0 else 1.0
+    correlation[len(kept) :, : len(kept)] *= of_mean
+    correlation[: len(kept), len(kept) :] *= of_mean
+    correlation[-2:, -2:] = 2.0 * of_mean**2 - 1.0
+    np.fill_diagonal(correlation, 1.0)
+    return again, Numbers(tuple(quantities), correlation, numbers.dispersion)
+
+
+def _probabilities(search: Search, fit: StructureFit, rest: float) -> dict[str, float]:
+    best: dict[str, float] = {}
+    for one in search.fits.values():
+        if any(EFFECTS[name].sensible(one.structure.values, {}) for name in one.structure.effects):
+            continue
+        name = _joined(one)
+        best[name] = max(best.get(name, -math.inf), one.evidence)
+    # The simplest of those that the evidence does not decide between is as good as the best.
+    top = max(best.values())
+    best[_joined(fit)] = top
+    best[UNEXPLAINED] = top + rest
+    scaled = {name: (value - max(best.values())) / TEMPERATURE for name, value in best.items()}
+    total = sum(math.exp(value) for value in scaled.values())
+    found = {name: math.exp(value) / total for name, value in scaled.items()}
+    return dict(sorted(found.items(), key=lambda row: -row[1]))
+
+
+def _joined(fit: StructureFit) -> str:
+    return "+".join(sorted(fit.structure.effects)) or "none"

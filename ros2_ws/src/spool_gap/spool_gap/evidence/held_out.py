@@ -1,0 +1,170 @@
+"""Held-out data: what a structure predicts of windows that neither its fit nor its motion has seen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spool_gap.likelihood.prediction import Prediction, Predictions
+from spool_gap.likelihood.structure import Structure
+from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
+from spool_gap.report.location import Residual, locate, surface
+from spool_gap.result import Curves, HeldOutAgreement, Surface, Where
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Steps of a refit on the data that are not held out.
+STEPS = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """What a structure leaves of the held-out windows.
+
+    Attributes:
+        structure: refitted without them.
+        agreement: with the measured acceleration.
+        rows: measured, predicted, displacement and velocity of each part, shape (4, n); of all samples.
+        floor: rms of what noise alone leaves over that of the measured acceleration.
+    """
+
+    structure: Structure
+    agreement: HeldOutAgreement
+    rows: list[Array]
+    floor: float
+
+
+def by_turns(count: int) -> Mask:
+    """Return which of ``count`` windows are held out: half of them, by the Thue-Morse sequence.
+
+    It has no period, so that nothing periodic in a record falls into one half.
+    """
+    return np.array([bin(number).count("1") % 2 == 1 for number in range(count)], dtype=np.bool_)
+
+
+class HeldOut:
+    """Held-out windows of predictions: every other one, or all of the parts that were given for that."""
+
+    def __init__(self, predictions: Predictions, wholly: Sequence[bool]) -> None:
+        """Choose the windows; ``wholly``: which parts are held out as a whole, or none of them."""
+        self._predictions = predictions
+        parts = predictions.parts
+        self.windows: list[Mask]
+        if any(wholly):
+            self.windows = [np.full(part.windows, one) for part, one in zip(parts, wholly, strict=True)]
+        else:
+            self.windows = [by_turns(part.windows) for part in parts]
+
+    @contextmanager
+    def apart(self) -> Iterator[None]:
+        """Leave the windows out of fits while this lasts."""
+        self._predictions.hold_out(self.windows)
+        try:
+            yield
+        finally:
+            self._predictions.hold_out(
+                [np.zeros(part.windows, dtype=np.bool_) for part in self._predictions.parts]
+            )
+
+    def judged(self, fit: StructureFit) -> Judged:
+        """Return what ``fit``, refitted without them, leaves of the windows."""
+        with self.apart():
+            again = fit_structure(self._predictions, fit.structure, (fit.looseness,), steps=STEPS).structure
+            return self._judged(again, fit.looseness)
+
+    def _judged(self, one: Structure, looseness: float) -> Judged:
+        left = measured = noise = 0.0
+        rows = []
+        ratios: list[tuple[Array, Array, Array]] = []
+        for part in self._predictions.parts:
+            predicted, found = part.free_run(one, looseness)
+            error = part.lines_of((part.spool - predicted) * part.counted)[part.held]
+            reading = part.lines_of(part.spool * part.counted)[part.held]
+            left += float(np.sum(np.abs(error) ** 2))
+            measured += float(np.sum(np.abs(reading) ** 2))
+            noise += part.noise_of(one, int(part.held.sum()))
+            rows.append(np.array([part.spool, predicted, found.displacement, found.velocity]))
+            ratios.append((part.lines, _power(reading), _power(part.lines_of(predicted)[part.held])))
+        size = max(measured, 1e-300)
+        agreement = HeldOutAgreement(math.sqrt(left / size), _amplitude_ratio(ratios))
+        return Judged(one, agreement, rows, math.sqrt(noise / size))
+
+    def located(self, judged: Judged) -> tuple[Where, Surface]:
+        """Return where the gap of ``judged`` sits: the force that is missing along the measured motion."""
+        values = judged.structure.values
+        parts = []
+        for part, rows, windows in zip(self._predictions.parts, judged.rows, self.windows, strict=True):
+            inside = part.samples_of(windows)
+            time = part.readings.time + np.arange(part.size) * part.period
+            error = rows[0] - rows[1]
+            parts.append(np.array([time, rows[2], rows[3], values["mass"] * error])[:, inside])
+        time, z, v, force = np.concatenate(parts, axis=1)
+        rms = float(np.sqrt(np.mean(np.concatenate([rows[0] for rows in judged.rows]) ** 2)))
+        floor = values["mass"] * judged.floor * rms
+        residual = Residual(time, z, v, force, floor, self._predictions.parts[0].period)
+        return locate(residual), surface(residual)
+
+    def curves(self, before: Judged, after: Judged) -> Curves:
+        """Return a second of the windows, where the gap was largest, and the spectra."""
+        best: tuple[float, int, int] = (-1.0, 0, 0)
+        for number, (part, rows, windows) in enumerate(
+            zip(self._predictions.parts, before.rows, self.windows, strict=True)
+        ):
+            error = part.windows_of(rows[0] - rows[1])
+            for place in np.flatnonzero(windows & (np.arange(part.windows) > 0)).tolist():
+                best = max(best, (float(np.sum(error[place] ** 2)), number, place))
+        _, number, place = best
+        part = self._predictions.parts[number]
+        count = part.windows_of(part.spool).shape[1]
+        cut = slice(place * count, (place + 1) * count)
+        time = part.readings.time + np.arange(cut.start, cut.stop, dtype=np.float64) * part.period
+        spectra = [self._density(number, row) for row in (
+            before.rows[number][0],
+            before.rows[number][0] - before.rows[number][1],
+            after.rows[number][0] - after.rows[number][1],
+        )]  # fmt: skip
+        return Curves(
+            time=time,
+            measured=before.rows[number][0][cut],
+            before=before.rows[number][1][cut],
+            after=after.rows[number][1][cut],
+            frequency=part.lines,
+            measured_density=spectra[0],
+            before_density=spectra[1],
+            after_density=spectra[2],
+            floor_density=part.noise_density(after.structure),
+            unit="m/s^2",
+        )
+
+    def _density(self, number: int, row: Array) -> Array:
+        part = self._predictions.parts[number]
+        lines = part.lines_of(row)[self.windows[number]]
+        return part.density_of(_power(lines))
+
+
+def _power(lines: NDArray[np.complex128]) -> Array:
+    return np.asarray(np.mean(np.abs(lines) ** 2, axis=0)) if lines.shape[0] else np.zeros(lines.shape[1])
+
+
+def _amplitude_ratio(spectra: Sequence[tuple[Array, Array, Array]]) -> float:
+    """Return the paper's a_est/a_pom: the mean ratio of rms values in bands of 5 Hz, 10 to 100 Hz."""
+    edges = np.arange(10.0, 101.0, 5.0)
+    measured, model = np.zeros(edges.size - 1), np.zeros(edges.size - 1)
+    for frequency, one, other in spectra:
+        place = np.digitize(frequency, edges) - 1
+        good = (place >= 0) & (place < measured.size)
+        np.add.at(measured, place[good], one[good])
+        np.add.at(model, place[good], other[good])
+    there = measured > 1e-3 * measured.max(initial=0.0)
+    return float(np.mean(np.sqrt(model[there] / measured[there]))) if there.any() else math.nan
+
+
+def longest(predictions: Predictions) -> Prediction:
+    """Return the longest part."""
+    return max(predictions.parts, key=lambda part: part.seconds)

@@ -1,0 +1,149 @@
+"""First look at records: what can be analysed, which samples count, and what each channel shows by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_estimator.identification.nuisances.hum import frequencies_of_hum
+from spool_estimator.identification.nuisances.record_nuisance import Nuisance
+from spool_estimator.identification.record import Record
+from spool_sim.valve.description import Valve
+
+from spool_gap.checks import conditions
+from spool_gap.checks.stuck import dithered, is_stuck
+from spool_gap.likelihood.readings import Readings, readings_of
+from spool_gap.registry import RECORD_NUISANCES
+
+Mask = NDArray[np.bool_]
+
+#: s of records that are analysed at most, spread over the time: their noise allows for no more.
+LONGEST = 60.0
+#: s of a stuck spool's record that are looked at: its picture needs no more.
+STUCK_LONGEST = 8.0
+#: s of a part of a longer record.
+PART = 12.0
+CHECK_CLIPPING = "measuring range against the largest acceleration, amplifier setting"
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What a first look shows.
+
+    Attributes:
+        readings: of each stretch, those to hold out last.
+        held: how many of them are held out as a whole.
+        limits: m/s^2, of each channel that clips, by its name.
+        nuisances: that the channels show without any model.
+        warnings: one line each.
+        trusted: both channels are of one valve.
+        stuck: the spool moves with its body.
+    """
+
+    readings: tuple[Readings, ...]
+    held: int
+    limits: Mapping[str, float]
+    nuisances: tuple[Nuisance, ...]
+    warnings: tuple[str, ...]
+    trusted: bool
+    stuck: bool
+
+
+def look_at(records: Sequence[Record], holdout: Sequence[Record], valve: Valve) -> Look:
+    """Return what a first look at ``records`` of ``valve`` shows.
+
+    Raises:
+        InputError: the records cannot be analysed; what is wrong is named.
+    """
+    usable, warnings = conditions.usable(records)
+    held = list(conditions.usable(holdout)[0]) if holdout else []
+    stuck = is_stuck(usable, valve)
+    longest = STUCK_LONGEST if stuck else LONGEST
+    usable, held = _parts(usable, longest), _parts(held, longest)
+    if stuck:
+        usable, held = list(dithered(usable)), list(dithered(held))
+    everything = [*usable, *held]
+    whole, spiked, hums, found = _by_themselves(everything, valve)
+    readings = tuple(
+        readings_of(record, missing=missing, hum=hum)
+        for record, missing, hum in zip(everything, spiked, hums, strict=True)
+    )
+    limits, clips = _limits(readings)
+    warnings += clips
+    trusted = True
+    for record in whole[:3]:
+        told, good = conditions.judge(record, valve)
+        # Flat tops spoil the coherence of channels that belong together, and are told themselves.
+        told = told if good or not limits else []
+        warnings += [line for line in told if line not in warnings]
+        trusted = trusted and (good or bool(limits))
+    clipping = [
+        Nuisance("clipping", name, limit, "m/s^2", CHECK_CLIPPING, 0.01 * limit)
+        for name, limit in sorted(limits.items())
+    ]
+    kept = [one for one in found if one.channel not in limits or one.id == "spikes"]
+    nuisances = () if stuck else (*kept, *clipping)
+    return Look(readings, len(held), limits, nuisances, tuple(warnings), trusted, stuck)
+
+
+def _by_themselves(
+    records: Sequence[Record], valve: Valve
+) -> tuple[list[Record], list[tuple[Mask, Mask]], list[tuple[float, ...]], list[Nuisance]]:
+    """Return the records without spikes, hum and drift, where spikes were, lines of hum, what was found."""
+    whole = list(records)
+    hums: list[tuple[float, ...]] = [()] * len(whole)
+    missing: list[tuple[Mask, Mask]] = [
+        (np.zeros(one.body.size, np.bool_), np.zeros(one.body.size, np.bool_)) for one in records
+    ]
+    found: list[Nuisance] = []
+    for nuisance in RECORD_NUISANCES:
+        cleaned = nuisance.clean(whole, valve)
+        if nuisance.id == "spikes":
+            missing = [
+                (after.body != before.body, after.spool != before.spool)
+                for before, after in zip(whole, cleaned.records, strict=True)
+            ]
+        if nuisance.id == "hum" and cleaned.found:
+            hums = [frequencies_of_hum(record, valve) for record in whole]
+        whole = list(cleaned.records)
+        found += cleaned.found
+    return whole, missing, hums, found
+
+
+def _limits(readings: Sequence[Readings]) -> tuple[dict[str, float], list[str]]:
+    limits: dict[str, float] = {}
+    warnings = []
+    for name in ("spool", "body"):
+        own = [(getattr(one, f"{name}_limit"), getattr(one, f"{name}_clipped")) for one in readings]
+        clipped = [(limit, share) for limit, share in own if limit > 0.0]
+        if clipped:
+            limits[name] = clipped[0][0]
+            share = 100.0 * max(share for _, share in clipped)
+            warnings.append(f"{name} clips at {limits[name]:.4g} m/s^2 in {share:.2g} % of the samples")
+    return limits, warnings
+
+
+def _parts(records: Sequence[Record], longest: float) -> list[Record]:
+    """Return parts of ``records`` that together hold at most ``longest`` s, spread over the time.
+
+    Parts with more motion are preferred within each piece of the time.
+    """
+    total = sum(record.duration for record in records)
+    if total <= longest:
+        return list(records)
+    found: list[Record] = []
+    for record in records:
+        count = max(1, int(longest * record.duration / total / PART))
+        length = round(min(PART, longest) / record.sample_period)
+        if record.body.size <= 2 * length:
+            found.append(record.part(0, min(record.body.size, round(longest / record.sample_period))))
+            continue
+        edges = np.linspace(0, record.body.size, count + 1).astype(int).tolist()
+        for begin, end in pairwise(edges):
+            starts = range(begin, max(begin + 1, end - length), max(1, length // 2))
+            first = max(starts, key=lambda start: float(record.body[start : start + length].std()))
+            found.append(record.part(first, min(first + length, record.body.size)))
+    return found

@@ -1,0 +1,195 @@
+"""Something else: what no catalogue law explains, as a smooth force of the motion and of time.
+
+The competitor of all named structures is a force whose law nobody knows: smooth functions of displacement,
+velocity, their product, the way since the last reversal, and time, with coefficients of unknown size. Its
+evidence is the marginal likelihood over these coefficients, whose one variance is the most likely one, so
+that it pays for what it could have explained and did not.
+
+Source: MacKay, Bayesian interpolation, 1992 (evidence of a linear model with a Gaussian prior).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+
+from spool_gap.effect import Motion
+
+from .chain_part import CHAIN_PARTS, Spectrum
+from .prediction import FREE, Prediction, Predictions
+from .score import Score
+from .structure import Structure
+from .structure_fit import StructureFit
+
+Array = NDArray[np.float64]
+
+#: Degree of the functions of one variable, and of each of two.
+DEGREE, BOTH = 9, 4
+#: Ratios of the coefficients' standard deviation to that of white noise of equal power, that are tried.
+WIDTHS = np.geomspace(1e-3, 1e3, 61)
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """What a smooth force explains of what a fit leaves.
+
+    Attributes:
+        gain: of the evidence (log), 0 at least.
+        share: of the spool's acceleration, rms, that it makes.
+        follows: what most of it is a function of.
+    """
+
+    gain: float
+    share: float
+    follows: str
+
+
+def rest_of(predictions: Predictions, fit: StructureFit) -> Rest:
+    """Return what a smooth force explains of what ``fit`` leaves."""
+    score = Score(predictions, fit)
+    best = Rest(0.0, 0.0, "nothing")
+    for name, forces in _columns(score.motion).items():
+        gain, coefficients = _evidence(*score.left_with(forces))
+        if gain > best.gain:
+            share = share_of_force(predictions, fit.structure, coefficients @ forces)
+            best = Rest(gain, share, name)
+    return best
+
+
+def _columns(motion: Motion) -> Mapping[str, Array]:
+    """Return smooth forces along ``motion`` of unit rms, shape (q, n), by what they are a function of."""
+    z = np.clip(motion.displacement / motion.largest_displacement, -1.0, 1.0)
+    v = np.clip(motion.velocity / motion.largest_velocity, -1.0, 1.0)
+    time = 2.0 * (motion.time - motion.time.min()) / max(float(np.ptp(motion.time)), 1e-9) - 1.0
+    side = motion.sign
+    # Speeds near rest are a class of their own: friction has most to say there.
+    slow = np.array([side * np.exp(-np.abs(v) / width) for width in (0.03, 0.1, 0.3)])
+    of_z = chebyshev.chebvander(z, DEGREE).T[1:]
+    of_v = np.concatenate([chebyshev.chebvander(v, DEGREE).T[1:], side[np.newaxis], slow])
+    two = [of_z[i] * of_v[j] for i in range(BOTH) for j in range(BOTH)]
+    two += [side * of_z[i] for i in range(BOTH)]
+    of_time = chebyshev.chebvander(time, BOTH).T[1:]
+    way = _way(motion)
+    found = {
+        "position": of_z,
+        "speed": of_v,
+        "position and speed": np.concatenate([of_z, of_v, np.array(two)]),
+        "the way since the last reversal": np.array(
+            [side * np.exp(-way / width) for width in (0.01, 0.03, 0.1, 0.3)]
+        ),
+        "time": np.concatenate(
+            [of_time * z, of_time * v, of_time * side, of_time * (z**3), of_time * (v * np.abs(v))]
+        ),
+    }
+    return {
+        name: rows / (np.sqrt(np.mean(rows**2, axis=1, keepdims=True)) + 1e-12)
+        for name, rows in found.items()
+    }
+
+
+def _way(motion: Motion) -> Array:
+    """Return the travel since the last reversal over the largest displacement, shape (n,)."""
+    z = motion.displacement / motion.largest_displacement
+    turned = np.flatnonzero(np.diff(np.sign(motion.velocity)) != 0.0) + 1
+    last = np.zeros(z.size, dtype=np.int64)
+    last[turned] = turned
+    return np.asarray(np.abs(z - z[np.maximum.accumulate(last)]))
+
+
+def _evidence(columns: Array, residual: Array) -> tuple[float, Array]:
+    """Return the log evidence gained by ``columns`` (q, numbers) in ``residual``, and their coefficients.
+
+    Both are of unit noise. The prior variance of all coefficients is the most likely one.
+    """
+    products = columns @ columns.T
+    values, vectors = np.linalg.eigh(products)
+    keep = values > 1e-9 * values[-1]
+    values, vectors = values[keep], vectors[:, keep]
+    seen = vectors.T @ (columns @ residual)
+    scale = float(values.mean())
+    variances = (WIDTHS**2) / scale
+    grown = 1.0 + variances[:, np.newaxis] * values
+    logs = -0.5 * np.sum(np.log(grown), axis=1) + 0.5 * np.sum(
+        variances[:, np.newaxis] / grown * seen**2, axis=1
+    )
+    best = int(np.argmax(logs))
+    coefficients = -vectors @ (variances[best] / grown[best] * seen)
+    return float(max(0.0, logs[best])), coefficients
+
+
+def share_of_effect(predictions: Predictions, fit: StructureFit, terms: tuple[str, ...]) -> float:
+    """Return the share of the spool's acceleration (rms) that force ``terms`` of ``fit`` change.
+
+    What the base with other numbers would do as well is not counted.
+    """
+    own = fit.structure
+    rows = []
+    for part in predictions.parts:
+        rows.append(part.force_of(own, terms, fit.looseness))
+    return share_of_force(predictions, own, np.concatenate(rows))
+
+
+def share_of_force(predictions: Predictions, own: Structure, force: Array) -> float:
+    """Return the rms of what ``force`` (n,) along the motion adds to the acceleration, over that measured."""
+    begin, changed, measured = 0, 0.0, 0.0
+    for part in predictions.parts:
+        row = force[begin : begin + part.size]
+        begin += part.size
+        errors = part.errors([own], 1.0)
+        others = np.array([errors.displacement, errors.velocity])
+        lines = part.lines_of_forces(np.concatenate([row[np.newaxis], others]), own, FREE)[:, part.inside]
+        flat = lines.reshape(3, -1)
+        reading = part.lines_of(part.spool)[part.inside].reshape(1, -1)
+        beside = np.concatenate([flat[1:], reading])
+        real = [np.concatenate([rows.real, rows.imag], axis=1) for rows in (flat[:1], beside)]
+        scaled = real[1] / (np.linalg.norm(real[1], axis=1, keepdims=True) + 1e-300)
+        basis = np.linalg.qr(scaled.T)[0]
+        left = real[0][0] - basis @ (basis.T @ real[0][0])
+        changed += float(left @ left)
+        measured += float(np.sum(np.abs(reading) ** 2))
+    return float(np.sqrt(changed / max(measured, 1e-300)))
+
+
+def share_between(
+    predictions: Predictions,
+    fit: StructureFit,
+    terms: tuple[str, ...],
+    other: StructureFit,
+    others: tuple[str, ...],
+) -> float:
+    """Return the share by which ``terms`` of ``fit`` and ``others`` of ``other`` differ along its motion."""
+    rows = [
+        part.force_of(fit.structure, terms, fit.looseness)
+        - part.force_of(fit.structure, others, fit.looseness, values=other.structure.values)
+        for part in predictions.parts
+    ]
+    return share_of_force(predictions, fit.structure, np.concatenate(rows))
+
+
+def share_of_part(predictions: Predictions, fit: StructureFit, key: str) -> float:
+    """Return the share of the spool's acceleration (rms) that the part ``key`` of the chain changes."""
+    own, part = fit.structure, CHAIN_PARTS[key]
+    bare = own.without(key)
+    changed = measured = 0.0
+    size = own.values[part.parameters[0].name]
+    for one in predictions.parts:
+        errors = np.zeros((one.windows, one.lines.size), dtype=np.complex128)
+        lines = one.lines_of_part(part, own.values, bare, FREE, errors) * size
+        alone, reading = _beside_reading(one, lines)
+        changed += alone
+        measured += reading
+    return float(np.sqrt(changed / max(measured, 1e-300)))
+
+
+def _beside_reading(part: Prediction, lines: Spectrum) -> tuple[float, float]:
+    """Return the power of ``lines`` that no gain or delay of the reading makes, and that of the reading."""
+    reading = part.lines_of(part.spool)[part.inside].ravel()
+    late = reading * np.tile(2j * np.pi * part.lines, int(part.inside.sum()))
+    rows = [np.concatenate([row.real, row.imag]) for row in (lines[part.inside].ravel(), reading, late)]
+    basis = np.linalg.qr(np.array([row / (np.linalg.norm(row) + 1e-300) for row in rows[1:]]).T)[0]
+    left = rows[0] - basis @ (basis.T @ rows[0])
+    return float(left @ left), float(np.sum(np.abs(reading) ** 2))

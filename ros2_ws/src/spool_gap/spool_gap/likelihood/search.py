@@ -1,0 +1,406 @@
+"""Search for the most likely structures: what is added to the base, exchanged, and left out again.
+
+Every addition that a score test finds promising is fitted, from the base and from each of the best
+structures in turn, so that no step is final. Then each effect is exchanged for those that act alike, and
+each component is left out to see what it is worth. Everything that was fitted stays, for the decision.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spool_gap.registry import EFFECTS, FRICTIONS
+
+from .balance import Balance
+from .chain_part import CHAIN_PARTS, DELAY, GAIN
+from .prediction import Predictions
+from .score import Proposal, best_of, proposals
+from .structure import Structure, Values
+from .structure_fit import ENOUGH, LOOSENESS, STEPS, StructureFit, fit_structure, judged
+
+Key = tuple[frozenset[str], frozenset[str]]
+
+#: Looseness at which starts are compared and fitted first, where fits have few minima, and of those starts
+#: that a regression finds near the minimum.
+LOOSE, TIGHT = LOOSENESS[0], 0.03
+#: Starts that are fitted of a stop, and of other effects whose fits have local minima; steps of such a fit.
+STARTS, MOST_STARTS, QUICK = 3, 5, 4
+#: Starts by the balance of forces, and share of what the base leaves of that from which an effect is fitted.
+BALANCED, SPEAKS = 3, 0.9
+#: Steps of a fit while structures are only compared.
+BRIEF = 15
+#: Draws around the best structure's numbers, and their standard deviation (ln): a factor of 3 either way.
+DRAWS, SHAKEN = 24, 1.1
+#: Rise of the log likelihood that ends a fit while structures are only compared: at least, and as a share of
+#: what the best one gains over the base.
+ROUGH, ROUGHLY = 3.0, 1e-3
+#: Structures that are extended side by side, and additions to each that are fitted at most.
+BEAM, MOST_ADDED = 2, 5
+#: Share of the best structure's gain over the base from which the next one is extended, too.
+NEAR_BEST = 0.95
+#: Components of a structure at most: effects, and parts of the chain.
+MOST_EFFECTS, MOST_PARTS = 3, 5
+#: Share of the best proposal's gain from which another one is fitted.
+HOPEFUL = 0.1
+#: Evidence (log likelihood less its penalty) from which a component stays: twice what counts as decisive
+#: (Kass and Raftery, 1995), since many are tried.
+DECISIVE = 10.0
+
+
+class Search:
+    """Search over structures of one valve and record.
+
+    Attributes:
+        fits: the most likely fit of each structure that was tried.
+    """
+
+    def __init__(
+        self,
+        predictions: Predictions,
+        base: Structure,
+        names: Sequence[str],
+        tell: Callable[[str, float], None] = lambda _what, _share: None,
+        allowed: float = math.inf,
+    ) -> None:
+        """Fit the base.
+
+        Args:
+            predictions: of the record.
+            base: with the numbers of the valve's description.
+            names: of the effects that may be missing.
+            tell: takes what is done and the share of the work.
+            allowed: s, after which nothing further is tried.
+        """
+        self._predictions, self._names, self._tell = predictions, tuple(names), tell
+        self._deadline = time.monotonic() + allowed
+        self.fits: dict[Key, StructureFit] = {}
+        self._numbers: dict[str, dict[str, float]] = {}
+        tell("fitting the base", 0.1)
+        rough = fit_structure(predictions, base)
+        for part in predictions.parts:
+            part.leave_out_reversals()
+        self.base = self._tighten(rough.structure)
+        values = self.base.structure.values
+        damping = values.get("viscous_coefficient", 0.0)
+        self._balance = Balance(predictions, values["spring_stiffness"], damping)
+
+    @property
+    def late(self) -> bool:
+        """Whether no further structure is tried."""
+        return time.monotonic() > self._deadline
+
+    @property
+    def best(self) -> StructureFit:
+        """The structure with the most evidence among those that make sense on a machine."""
+        return max(self._sensible(), key=lambda one: one.evidence)
+
+    def _sensible(self) -> list[StructureFit]:
+        found = []
+        for one in self.fits.values():
+            values = one.structure.values
+            if not any(EFFECTS[name].sensible(values, {}) for name in one.structure.effects):
+                found.append(one)
+        return found
+
+    @property
+    def simplest(self) -> StructureFit:
+        """The structure with the fewest numbers among those whose evidence does not decide against it."""
+        least = self.best.evidence - DECISIVE
+        near = [one for one in self._sensible() if one.evidence >= least]
+        return min(near, key=lambda one: (one.count, -one.evidence))
+
+    @property
+    def _enough(self) -> float:
+        """Rise of the log likelihood that ends a fit while structures are only compared."""
+        if not self.fits:
+            return ROUGH
+        return max(ROUGH, ROUGHLY * (self.best.log_likelihood - self.base.log_likelihood))
+
+    def without(self, fit: StructureFit, name: str) -> StructureFit | None:
+        """Return the fit of ``fit`` without the effect ``name``, if there is one."""
+        return self.fits.get(fit.structure.without(name).key)
+
+    def run(self) -> None:
+        """Extend, exchange and leave out until nothing is more likely."""
+        self._extend([self.base])
+        while not self.late and self._exchanged():
+            self._extend([self.best])
+        self._polish()
+        if not self.late:
+            self._shake()
+        for _ in range(3):
+            before = self.simplest
+            self.leave_out(before)
+            if self.simplest.structure.key == before.structure.key:
+                break
+
+    def _polish(self) -> None:
+        """Fit on what may turn out to be the best."""
+        least = self.best.evidence - 5.0 * self._enough
+        for one in [fit for fit in self._sensible() if fit.evidence > least]:
+            self._settle(one.structure, one.looseness)
+
+    def _shake(self) -> None:
+        """Look for a better minimum of the best structure: from its numbers, each several times off."""
+        best = self.best
+        names = [own for name in best.structure.effects if _several(name) for own in EFFECTS[name].fitted]
+        if not names:
+            return
+        generator = np.random.default_rng(0)
+        factors = np.exp(generator.normal(0.0, SHAKEN, (DRAWS, len(names))))
+        trials = [
+            best.structure.moved(
+                {name: best.structure.values[name] * factor for name, factor in zip(names, row, strict=True)}
+            ).bounded(self._predictions.seconds)
+            for row in factors.tolist()
+        ]
+        loose = (LOOSENESS[1], best.looseness)
+        rows = self._predictions.errors(trials, loose[0])
+        likely = [self._predictions.log_likelihood(lines) for lines in rows]
+        for place in np.argsort(likely)[::-1][:2].tolist():
+            self._keep(self._fit(trials[place], tuple(dict.fromkeys(loose))))
+        if self.best.evidence > best.evidence + ROUGH:
+            self._settle(self.best.structure, self.best.looseness)
+
+    def _settle(self, one: Structure, looseness: float) -> None:
+        """Fit ``one`` to its end; with forces that jump at last by all that corrects the motion."""
+        found = self._keep(self._fit(one, (looseness,), enough=ENOUGH, steps=STEPS))
+        if one.jumps:
+            self._keep(fit_structure(self._predictions, found.structure, (looseness,)))
+
+    # Steps ----------------------------------------------------------------------------------------------
+
+    def _extend(self, frontier: Sequence[StructureFit]) -> None:
+        """Add what is promising to the structures of ``frontier`` and to what comes of them."""
+        expanded: set[Key] = set()
+        queue = list(frontier)
+        while queue and not self.late:
+            for fit in queue:
+                expanded.add(fit.structure.key)
+                self._tell(f"adding to {_named(fit)}", 0.2 + 0.05 * min(len(expanded), 10))
+                self._add_to(fit)
+            queue = self._next(expanded)
+
+    def _next(self, expanded: set[Key]) -> list[StructureFit]:
+        """Return which structures are extended next: what is decisively better than those that were.
+
+        Next to the best single component the second best is extended, if that is nearly as likely.
+        """
+        done = [one.evidence for one in self._sensible() if one.structure.key in expanded]
+        known = max(done, default=-math.inf)
+        ranked = sorted(self._sensible(), key=lambda one: -one.evidence)
+        gain = ranked[0].evidence - self.base.evidence
+        found = [ranked[0]] if ranked[0].evidence > known + DECISIVE else []
+        singles = [one for one in ranked if len(one.structure.effects) + len(one.structure.parts) == 1]
+        least = self.base.evidence + max(DECISIVE, NEAR_BEST * gain)
+        found += [one for one in singles[:BEAM] if one.evidence > least]
+        return [one for one in dict.fromkeys(found) if one.structure.key not in expanded]
+
+    def _add_to(self, fit: StructureFit) -> None:
+        """Fit ``fit`` with one component more: first loosely, then those that are promising."""
+        own, penalty = fit.structure, 0.5 * math.log(self._predictions.numbers)
+        allowed = [name for name in self._names if self._may_add(own, name)]
+        quick: list[tuple[float, StructureFit]] = []
+        before: dict[bool, float] = {}
+        found_rows = proposals(self._predictions, fit, allowed)
+        if not own.effects:
+            found_rows = self._with_balanced(found_rows, own, allowed)
+        for rows in found_rows:
+            best = best_of(rows)
+            if best.name in CHAIN_PARTS and len(own.parts) >= MOST_PARTS:
+                continue
+            hidden = best.name in EFFECTS and EFFECTS[best.name].local_minima | EFFECTS[best.name].localised
+            if best.gain > best.count * penalty or (hidden and not own.effects):
+                found = self._quick(own, rows)
+                jumps = found.structure.jumps
+                if jumps not in before:
+                    rough = [self._fit(own, (one,), jumps=jumps, steps=QUICK) for one in (LOOSE, TIGHT)]
+                    before[jumps] = max(one.log_likelihood for one in rough)
+                quick.append((found.log_likelihood - before[jumps], found))
+        quick.sort(key=lambda row: -row[0])
+        for gain, one in quick[:MOST_ADDED]:
+            if gain >= max(1.0, HOPEFUL * quick[0][0]):
+                self._tighten(one.structure, one.looseness)
+
+    def _fit(
+        self,
+        one: Structure,
+        looseness: Sequence[float],
+        *,
+        jumps: bool | None = None,
+        steps: int = BRIEF,
+        enough: float | None = None,
+    ) -> StructureFit:
+        """Return the fit of ``one``, without samples at reversals where its force ``jumps`` there."""
+        # A force that jumps is fitted without what depends on the instants of its jumps; they are not heard
+        # either, as errors would be moved there.
+        apart = one.jumps if jumps is None else jumps
+        with self._predictions.reversals(counted=not apart, heard=not apart):
+            return fit_structure(
+                self._predictions, one, looseness, steps=steps, enough=enough or self._enough
+            )
+
+    def _may_add(self, own: Structure, name: str) -> bool:
+        if (
+            name in own.effects
+            or len(own.effects) >= MOST_EFFECTS
+            or set(EFFECTS[name].terms) & set(own.terms)
+        ):
+            return False
+        return not (name in FRICTIONS and any(one in FRICTIONS for one in own.effects))
+
+    def _exchanged(self) -> bool:
+        """Whether the best structure with one effect exchanged is more likely than it."""
+        best = self.best
+        for name in best.structure.effects:
+            for other in self._like(name):
+                if self.late:
+                    break
+                if other in best.structure.effects:
+                    continue
+                bare = best.structure.without(name)
+                if not self._may_add(bare, other):
+                    continue
+                self._tell(f"{other.replace('_', ' ')} in place of {name.replace('_', ' ')}", 0.7)
+                start = bare.having((*bare.effects, other), bare.parts)
+                known = self.fits.get(start.key)
+                starts = list(self._acting_like(name, other, best.structure.values))
+                if starts and (known is None or known.evidence < best.evidence):
+                    self._exchange(bare, other, best, starts)
+        return self.best.structure.key != best.structure.key
+
+    def _exchange(
+        self, bare: Structure, other: str, best: StructureFit, starts: Sequence[dict[str, float]]
+    ) -> None:
+        """Fit ``bare`` with the effect ``other`` from ``starts``."""
+        wider = bare.having((*bare.effects, other), bare.parts)
+        trials = [wider.moved({**best.structure.values, **one}) for one in starts]
+        trials = [one.bounded(self._predictions.seconds) for one in trials]
+        rows = self._predictions.errors(trials, best.looseness)
+        likely = [self._predictions.log_likelihood(lines) for lines in rows]
+        for place in np.argsort(likely)[::-1][:2].tolist():
+            near = (max(best.looseness, LOOSENESS[1]), best.looseness)
+            self._keep(self._fit(trials[place], tuple(dict.fromkeys(near))))
+
+    def _like(self, name: str) -> list[str]:
+        """Return the effects that act like ``name``."""
+        containing = [one for one in self._names if name in EFFECTS[one].replaces]
+        frictions = [one for one in self._names if one in FRICTIONS] if name in FRICTIONS else []
+        near = [one for one in EFFECTS[name].confusable_with if one in self._names]
+        return [one for one in dict.fromkeys([*containing, *frictions, *near]) if one != name]
+
+    def _acting_like(self, name: str, other: str, values: Values) -> Iterator[dict[str, float]]:
+        """Yield starts of ``other`` in place of ``name``."""
+        entry = EFFECTS[other]
+        fastest = float(np.quantile(np.abs(self._velocity()), 0.99))
+        contained = dict(values)
+        if "coulomb_force" not in contained and name in FRICTIONS:
+            contained["coulomb_force"] = values.get("dahl_force", 0.0)
+        if name in entry.replaces or (name in FRICTIONS and contained.get("coulomb_force")):
+            like = entry.acting_like(contained)
+            for speeds in entry.speeds_to_try(fastest):
+                yield {**like, **speeds}
+        known = self.fits.get((frozenset([other]), frozenset()))
+        if known is not None:
+            yield {one: known.structure.values[one] for one in entry.fitted if one in known.structure.values}
+
+    def leave_out(self, fit: StructureFit) -> None:
+        """Fit what is left of ``fit`` without each of its components."""
+        for name in (*fit.structure.effects, *fit.structure.parts):
+            bare = fit.structure.without(name)
+            known = self.fits.get(bare.key)
+            start = bare if known is None else bare.moved(known.structure.values)
+            self._tell(f"without {name.replace('_', ' ')}", 0.8)
+            for one in (start, bare):
+                self._settle(one, fit.looseness)
+
+    # Fits -----------------------------------------------------------------------------------------------
+
+    def _quick(self, own: Structure, starts: Sequence[Proposal]) -> StructureFit:
+        """Return the most likely loose fit of ``own`` with what ``starts`` propose."""
+        name, seconds = starts[0].name, self._predictions.seconds
+        effect = name in EFFECTS
+        wider = own.having(
+            (*own.effects, name) if effect else own.effects, own.parts if effect else (*own.parts, name)
+        )
+        best = wider.moved(best_of(starts).values).bounded(seconds)
+        trials = [wider.moved(one.values).bounded(seconds) for one in starts]
+        if name in self._numbers:
+            trials = [best.moved(self._numbers[name]), best]
+        elif effect and EFFECTS[name].localised:
+            more = EFFECTS[name].starts(best.values, self._reach())
+            trials += [wider.moved(one).bounded(seconds) for one in more]
+            rows = self._predictions.errors(trials, LOOSE)
+            likely = [self._predictions.log_likelihood(lines) for lines in rows]
+            trials = [trials[place] for place in np.argsort(likely)[::-1][:STARTS].tolist()]
+        elif effect and _several(name) and not own.effects:
+            places = np.linspace(0, len(trials) - 1, min(MOST_STARTS, len(trials))).round().astype(int)
+            trials = [trials[place] for place in places.tolist()]
+        else:
+            trials = [best]
+        quick = [self._fit(one, (LOOSE,), steps=QUICK) for one in trials]
+        if effect and not own.effects:
+            quick += [self._fit(one, (TIGHT,), steps=QUICK) for one in self._by_balance(wider, name)]
+        return max(quick, key=lambda one: one.log_likelihood)
+
+    def _with_balanced(
+        self, found: list[list[Proposal]], own: Structure, allowed: Sequence[str]
+    ) -> list[list[Proposal]]:
+        """Return ``found`` with the effects that the balance of forces speaks for."""
+        rows = {one[0].name: one for one in found}
+        for name in allowed:
+            left = min((row[0] for row in self._balance.starts(EFFECTS[name])), default=math.inf)
+            if left < SPEAKS * self._balance.left:
+                given = rows.get(name, [Proposal(name, own.values, 0.0, 0)])
+                rows[name] = [replace(one, gain=math.inf) for one in given]
+        return list(rows.values())
+
+    def _by_balance(self, wider: Structure, name: str) -> list[Structure]:
+        """Return ``wider`` with the numbers that the balance of forces gives it."""
+        found = sorted(self._balance.starts(EFFECTS[name]), key=lambda row: row[0])[:BALANCED]
+        # What the base makes of gain and delay belongs to a model without the effect.
+        nominal = {GAIN: 0.0, DELAY: 0.0}
+        return [wider.moved({**values, **nominal}).bounded(self._predictions.seconds) for _, values in found]
+
+    def _tighten(self, begun: Structure, looseness: float = LOOSE) -> StructureFit:
+        """Fit on from ``begun``, with the correction ``looseness`` and with tighter ones."""
+        found = self._keep(self._fit(begun, tuple(one for one in LOOSENESS if one <= looseness)))
+        for name in found.structure.effects:
+            if found.evidence > self.base.evidence:
+                self._numbers[name] = {one: found.structure.values[one] for one in EFFECTS[name].fitted}
+        return found
+
+    def _keep(self, fit: StructureFit) -> StructureFit:
+        fit = judged(self._predictions, fit)
+        known = self.fits.get(fit.structure.key)
+        if known is None or fit.evidence > known.evidence:
+            self.fits[fit.structure.key] = fit
+            return fit
+        return known
+
+    def _reach(self) -> float:
+        return max(
+            float(np.quantile(np.abs(part.errors([self.base.structure], LOOSE).displacement), 0.9995))
+            for part in self._predictions.parts
+        )
+
+    def _velocity(self) -> NDArray[np.float64]:
+        part = max(self._predictions.parts, key=lambda one: one.seconds)
+        return part.errors([self.base.structure], LOOSE).velocity
+
+
+def _named(fit: StructureFit) -> str:
+    names = [*fit.structure.effects, *fit.structure.parts]
+    return " and ".join(names).replace("_", " ") or "the base"
+
+
+def _several(name: str) -> bool:
+    """Whether fits of the effect ``name`` have local minima."""
+    entry = EFFECTS[name]
+    return entry.local_minima or entry.localised or name in FRICTIONS

@@ -1,0 +1,201 @@
+"""The search names what is hidden in a short record, says where no law is known, and favours no side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from spool_estimator.identification.record import Record
+from spool_gap.evidence.analyse import analyse
+from spool_gap.likelihood.prediction import Prediction, Predictions
+from spool_gap.likelihood.readings import readings_of
+from spool_gap.likelihood.rest import Rest, rest_of
+from spool_gap.likelihood.search import Search
+from spool_gap.likelihood.structure import structure_of
+from spool_gap.likelihood.structure_fit import fit_structure
+from spool_gap.result import GapResult
+from spool_gap.workflow.preparation import motions_for, tried_effects
+from spool_sim.excitation import SweptSine
+from spool_sim.model import MODELS, Model
+from spool_sim.sensors import Sensor
+from spool_sim.simulator import Simulator
+from spool_sim.terms import term
+from spool_sim.valve.description import find_valve
+
+Array = NDArray[np.float64]
+#: Force on the spool, N, of displacement (m), velocity (m/s) and time (s).
+Force = Callable[[float, float, float], float]
+
+VALVE = find_valve("4weh10_soft").model_copy(update={"dynamic_viscosity": 0.03})
+BASE = MODELS["fluid"]
+MOTIONS = motions_for(BASE)
+SECONDS, RATE, FINER, NOISE = 12.0, 1000.0, 8, 0.03
+SWEEP = SweptSine(start_frequency=6.0, stop_frequency=60.0, duration=6.0, amplitude=9.0)
+HIDDEN = {
+    "quadratic_damping": ("quadratic_coefficient", 20.0),
+    "spring_backlash": ("backlash", 2e-4),
+    "coulomb_friction": ("coulomb_force", 0.4),
+}
+
+
+@lru_cache
+def record(effect: str = "", **given: float) -> Record:
+    terms = () if not effect else (term(effect),)
+    simulator = Simulator(
+        VALVE, SWEEP, model=Model("hidden", (*BASE.terms, *terms), {}), parameters=given,
+        sample_rate=RATE, block_size=50, seed=5,
+        body_sensor=Sensor(noise=NOISE), spool_sensor=Sensor(noise=NOISE),
+    )  # fmt: skip
+    blocks = list(simulator.records(SECONDS))
+    body, spool = (np.concatenate([getattr(one, name) for one in blocks]) for name in ("body", "spool"))
+    return Record("hidden", 0, 1.0 / RATE, body.astype(np.float64), spool.astype(np.float64))
+
+
+def hiding(effect: str) -> Record:
+    name, value = HIDDEN[effect]
+    return record(effect, **{name: value})
+
+
+@lru_cache
+def moved_by(force: Force) -> Record:
+    """Return a record of the fluid model with one ``force`` more, stepped by Runge and Kutta's method."""
+    mass, stiffness = VALVE.moving_mass, VALVE.spring_stiffness
+    damping = VALVE.likely_viscous_coefficient
+    step = 1.0 / (RATE * FINER)
+    count = round(SECONDS / step)
+    body = SWEEP.acceleration(0.5 * step * np.arange(2 * count + 1)).tolist()
+
+    def pull(z: float, v: float, t: float, a: float) -> float:
+        return -a - (damping * v + stiffness * z + force(z, v, t)) / mass
+
+    z = v = 0.0
+    spool = np.empty(count)
+    for n in range(count):
+        t, first, middle, last = n * step, body[2 * n], body[2 * n + 1], body[2 * n + 2]
+        k1 = pull(z, v, t, first)
+        spool[n] = k1 + first
+        k2 = pull(z + 0.5 * step * v, v + 0.5 * step * k1, t, middle)
+        k3 = pull(z + 0.5 * step * v + 0.25 * step**2 * k1, v + 0.5 * step * k2, t, middle)
+        k4 = pull(z + step * v + 0.5 * step**2 * k2, v + step * k3, t, last)
+        z += step * v + step**2 / 6.0 * (k1 + k2 + k3)
+        v += step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    draw = np.random.default_rng(7)
+    rows = [np.array(body[: 2 * count : 2])[::FINER], spool[::FINER]]
+    read = [row + NOISE * draw.standard_normal(row.size) for row in rows]
+    return Record("own law", 0, 1.0 / RATE, *read)
+
+
+def predictions(of: Record) -> Predictions:
+    return Predictions([Prediction(readings_of(of), VALVE, MOTIONS)])
+
+
+@lru_cache
+def drag() -> GapResult:
+    return analyse([hiding("quadratic_damping")], VALVE, BASE)
+
+
+def test_quadratic_damping_is_named_with_its_size() -> None:
+    result = drag()
+    assert result.verdict == "quadratic_damping"
+    (size,) = result.effects[0].parameters
+    assert size.value == pytest.approx(20.0, abs=4.0 * size.standard_deviation, rel=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("effect", ["spring_backlash", "coulomb_friction"])
+def test_play_and_friction_are_named_with_their_sizes(effect: str) -> None:
+    result = analyse([hiding(effect)], VALVE, BASE)
+    assert result.verdict == effect
+    (size,) = result.effects[0].parameters
+    assert size.value == pytest.approx(HIDDEN[effect][1], abs=4.0 * size.standard_deviation, rel=0.01)
+
+
+@pytest.mark.parametrize("effect", sorted(HIDDEN))
+def test_the_search_ends_at_what_is_hidden(effect: str) -> None:
+    """Among effects that are easily taken for each other."""
+    names = [*HIDDEN, "cubic_stiffness"]
+    search = Search(predictions(hiding(effect)), structure_of(BASE, VALVE), names)
+    search.run()
+    assert search.simplest.structure.effects == (effect,)
+    name, value = HIDDEN[effect]
+    assert search.simplest.structure.values[name] == pytest.approx(value, rel=0.02)
+
+
+def test_sensors_that_are_both_turned_round_tell_the_same() -> None:
+    of = hiding("quadratic_damping")
+    same_result(analyse([replace(of, body=-of.body, spool=-of.spool)], VALVE, BASE), drag())
+
+
+def test_a_record_of_a_later_hour_tells_the_same() -> None:
+    of = hiding("quadratic_damping")
+    same_result(analyse([replace(of, start=of.start + 3_600_000_000_000)], VALVE, BASE), drag())
+
+
+def test_a_stretch_late_in_a_recording_tells_the_same() -> None:
+    of = hiding("quadratic_damping")
+    late = replace(of, start=of.start + 500_000_000_000, origin=of.start)
+    same_result(analyse([late], VALVE, BASE), drag())
+
+
+def same_result(found: GapResult, other: GapResult) -> None:
+    """Check that two results are the same but for rounding: a hundredth of each interval."""
+    assert found.verdict == other.verdict
+    assert [entry.id for entry in found.nuisances] == [entry.id for entry in other.nuisances]
+    assert found.confidence == pytest.approx(other.confidence, abs=1e-3)
+    assert found.after.nrmse == pytest.approx(other.after.nrmse, rel=1e-3)
+    for one, two in zip(found.parameters, other.parameters, strict=True):
+        assert one.value == pytest.approx(two.value, abs=0.01 * two.standard_deviation)
+        assert one.standard_deviation == pytest.approx(two.standard_deviation, rel=0.02)
+
+
+def soft_drag(z: float, v: float, _t: float) -> float:
+    """A smooth law of no catalogue: drag that acts on one half of the stroke and pushes on the other."""
+    return 2.0 * float(np.tanh(z / 3e-4)) * v
+
+
+@pytest.mark.slow
+def test_a_smooth_law_of_no_catalogue_is_unexplained() -> None:
+    result = analyse([moved_by(soft_drag)], VALVE, BASE)
+    assert result.verdict == "unexplained"
+    assert not result.effects
+    assert result.remainder is not None
+    assert result.remainder.function_of == "position and speed"
+
+
+def left(force: Force) -> Rest:
+    """Return what a smooth force explains of what the base leaves."""
+    every = predictions(moved_by(force))
+    return rest_of(every, fit_structure(every, structure_of(BASE, VALVE)))
+
+
+def test_noise_follows_nothing() -> None:
+    found = left(lambda _z, _v, _t: 0.0)
+    assert found.gain < 10.0
+    assert found.share < 0.0025
+
+
+@pytest.mark.parametrize(
+    ("follows", "force"),
+    [
+        ("position", lambda z, _v, _t: 0.15 if z > 5e-4 else 0.0),
+        ("speed", lambda _z, v, _t: 0.15 * float(np.sign(v))),
+        ("position and speed", soft_drag),
+        ("time", lambda _z, v, t: 0.3 * (t / SECONDS - 0.5) * v),
+    ],
+)
+def test_a_force_that_is_missing_is_told_by_what_it_follows(follows: str, force: Force) -> None:
+    found = left(force)
+    assert found.follows == follows
+    assert found.gain > 10.0
+    assert found.share > 0.0025
+
+
+def test_only_effects_with_forces_are_tried_that_the_base_does_not_have() -> None:
+    tried = tried_effects(MODELS["coulomb"])
+    assert "coulomb_friction" not in tried
+    assert not {"spool_gain_error", "spool_delay", "sensor_saturation", "asymmetric_friction"} & set(tried)
+    assert {"quadratic_damping", "end_stop", "spring_backlash"} <= set(tried)
