@@ -67,7 +67,8 @@ def words_of(decision: Decision, look: Look, base: Model, before: Judged, after:
         limit = look.limits["spool"]
         extra[SATURATION] = (Quantity("saturation_limit", "m/s^2", limit, 0.01 * limit, Validity.VALID),)
         names.append(SATURATION)
-    open_ = decision.unexplained
+    # A free run that leaves no more than noise explains the record, whatever its prediction errors follow.
+    open_ = decision.unexplained and after.agreement.nrmse > after.floor
     doubtful = not look.trusted and (open_ or not names)
     candidates: tuple[str, ...] = ()
     if doubtful or (open_ and not names):

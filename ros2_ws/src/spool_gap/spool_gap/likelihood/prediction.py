@@ -59,8 +59,6 @@ LEAST_POWER = 0.0125
 FAR = 1e3
 #: Speed over its 80 % quantile below which the side of a reversal is not certain.
 SLOW = 0.06
-#: Share of a window's samples that must be left without those at reversals.
-LEAST_KEPT = 0.5
 #: Looseness of a free run, which is not corrected at all.
 FREE = -1.0
 
@@ -165,10 +163,6 @@ class Prediction:
         slow = SLOW * float(np.quantile(np.abs(velocity), 0.8))
         change = np.maximum(np.abs(np.diff(velocity, append=0.0)), np.abs(np.diff(velocity, prepend=0.0)))
         kept = self.counted * (np.abs(velocity) > np.maximum(change, slow))
-        rows = kept[: self.windows * self._window].reshape(self.windows, self._window)
-        # A spool at rest has no reversals.
-        calm = np.repeat(rows.mean(axis=1) < LEAST_KEPT, self._window)
-        kept[: calm.size][calm] = self.counted[: calm.size][calm]
         self._reversals = self.counted - kept
         self.use_reversals(counted=False, heard=True)
 
