@@ -18,7 +18,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import Stores, get_typestore
 from spool_bag.importing.bag_import import ImportResult, import_record
 from spool_bag.importing.records.choices import choices
-from spool_bag.importing.records.clocks import TopicTimes, check_one_time
+from spool_bag.importing.records.two_clocks import TopicTimes, check_one_time
 from spool_bag.reading.reader import BagReader
 from spool_core.errors import InputError
 

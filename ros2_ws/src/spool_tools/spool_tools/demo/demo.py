@@ -33,8 +33,6 @@ from spool_sim.excitation import from_mapping
 
 from spool_tools.console.outputs import write_json
 from spool_tools.demo.processes import Nodes
-from spool_tools.demo.recording_report import write_report
-from spool_tools.operations.record_replay import replay_bag
 
 #: What is said of an event, by whether it was raised live and from the bag.
 _RAISED = {
@@ -138,6 +136,9 @@ def run_demo(seconds: float, out: Path) -> int:
     Raises:
         InputError: ``out`` can't be used.
     """
+    from spool_tools.demo.recording_report import write_report  # noqa: PLC0415 - matplotlib, after the run only
+    from spool_tools.operations.record_replay import replay_bag  # noqa: PLC0415 - SciPy, likewise
+
     folder = _folder(out)
     domain = isolate()
     display = Display(seconds, tuple(valve.name for valve in VALVES))

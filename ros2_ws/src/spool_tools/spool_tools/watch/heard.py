@@ -16,7 +16,6 @@ from rclpy.node import Node
 from rich.text import Text
 from spool_core.node import qos
 from spool_core.uncertainty import with_interval
-from spool_monitor.alarms.alarm import AlarmState
 from spool_monitor.node import valve_condition as conditions
 from spool_monitor.node.valve_condition import monitored_valves
 from spool_msgs.msg import Alarm, AlarmList, HealthEvent, ModelEstimate, Quantity, ValveHealth
@@ -62,9 +61,9 @@ VALVE_COLUMNS = ("valve", "health", "shakes at", "natural", "stiffness", "viscou
 ALARM_COLUMNS = ("alarm", "state", "severity", "since", "by", "says")
 #: States in which an alarm waits for an operator.
 WAITING = (
-    AlarmState.UNACKNOWLEDGED,
-    AlarmState.RETURNED_UNACKNOWLEDGED,
-    AlarmState.LATCHED_UNACKNOWLEDGED,
+    Alarm.STATE_UNACKNOWLEDGED,
+    Alarm.STATE_RETURNED_UNACKNOWLEDGED,
+    Alarm.STATE_LATCHED_UNACKNOWLEDGED,
 )
 
 
@@ -224,6 +223,8 @@ def valve_row(valve: HeardValve, now: float) -> tuple[Text, ...]:
 
 def alarm_row(alarm: Alarm) -> tuple[Text, ...]:
     """Return the cells of ``ALARM_COLUMNS`` for ``alarm``."""
+    from spool_monitor.alarms.alarm import AlarmState  # noqa: PLC0415 - SciPy, which off a terminal nobody needs
+
     state = AlarmState(alarm.state)
     waits = state in WAITING
     cause = f" ({alarm.cause.replace('_', ' ')})" if alarm.cause else ""
@@ -241,7 +242,7 @@ def alarm_row(alarm: Alarm) -> tuple[Text, ...]:
 def shown_alarms(valve: HeardValve | None) -> list[Alarm]:
     """Return the alarms of ``valve`` that are not normal, those that wait first."""
     listed = [] if valve is None or valve.alarms is None else list(valve.alarms.alarms)
-    return [one for one in listed if one.state not in (AlarmState.NORMAL, Alarm.STATE_UNKNOWN)]
+    return [one for one in listed if one.state not in (Alarm.STATE_NORMAL, Alarm.STATE_UNKNOWN)]
 
 
 def line_of(valve: HeardValve, now: float) -> str:

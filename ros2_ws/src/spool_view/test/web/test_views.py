@@ -15,9 +15,9 @@ from spool_monitor.history.trend import Sums, TrendStore
 from spool_monitor.node.valve_condition import CONDITIONS, DRIFT, condition_of
 from spool_msgs.msg import AccelerationBlock, AlarmList, Quantity, ValveHealth
 from spool_msgs.srv import ManageBaseline
-from spool_view.web.operator import RateLimit
 from spool_view.web.server.application import LANGUAGES, SITE, language_of
-from spool_view.web.view import (
+from spool_view.web.server.operator import RateLimit
+from spool_view.web.server.view import (
     AT_REST,
     MOST,
     MOST_VALVES,

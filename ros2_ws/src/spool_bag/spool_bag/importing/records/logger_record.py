@@ -15,9 +15,9 @@ from spool_core.errors import InputError
 from spool_core.text import printable
 
 from spool_bag.importing.formats.format import open_table, read_channels
-from spool_bag.importing.records.clocks import Series, TopicTimes, check_one_time, merged
 from spool_bag.importing.records.roles import ChannelUse, use_of_time, uses_of
 from spool_bag.importing.records.time_axis import SAME, TimeBase, loose_time_base, time_base
+from spool_bag.importing.records.two_clocks import Series, TopicTimes, check_one_time, merged
 from spool_bag.importing.tables.table import STAMP, Channel, Group, Table, Values
 from spool_bag.names import BODY, OIL_TEMPERATURE, SPOOL, TIME
 

@@ -17,7 +17,7 @@ from spool_core.node import qos
 from spool_monitor.node.valve_condition import monitored_valves
 from spool_msgs.msg import AccelerationBlock, AlarmList, GapAnalysis, ModelEstimate, ValveHealth
 from spool_msgs.srv import AcknowledgeAlarm, ManageBaseline, ResetAlarms, ShelveAlarm, TakeSnapshot
-from spool_view.web.view import NAMES, Board, HeardValve, alarms_of
+from spool_view.web.server.view import NAMES, Board, HeardValve, alarms_of
 from std_srvs.srv import Trigger
 
 #: s between two askings for the baseline and the limits of a valve whose page is open.

@@ -16,7 +16,9 @@ from spool_monitor.history.state_file import default_folder
 from spool_msgs.msg import AccelerationBlock
 from spool_msgs.srv import AcknowledgeAlarm, ManageBaseline, ResetAlarms, ShelveAlarm, TakeSnapshot
 from spool_view.web.node.listening import Calls, Listening
-from spool_view.web.operator import (
+from spool_view.web.server.application import ServerThread, application
+from spool_view.web.server.operating import Desk
+from spool_view.web.server.operator import (
     ACKNOWLEDGE,
     ANALYSE,
     FREEZE,
@@ -29,9 +31,7 @@ from spool_view.web.operator import (
     OperatorToken,
     Outcome,
 )
-from spool_view.web.server.application import ServerThread, application
-from spool_view.web.server.operating import Desk
-from spool_view.web.view import Board, spectrum_of
+from spool_view.web.server.view import Board, spectrum_of
 from std_srvs.srv import Trigger
 
 #: Folder of token and log below the state folder.

@@ -16,8 +16,8 @@ from urllib.parse import urlsplit
 
 import uvicorn
 from jinja2 import BaseLoader, Environment, StrictUndefined
-from spool_view.web.operator import RateLimit
 from spool_view.web.server.operating import Desk, Operating, Records
+from spool_view.web.server.operator import RateLimit
 from spool_view.web.server.streams import PageProtocol, Streams
 from starlette.applications import Starlette
 from starlette.datastructures import Headers

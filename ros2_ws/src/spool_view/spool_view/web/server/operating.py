@@ -11,8 +11,16 @@ from pathlib import Path
 from typing import Any
 
 from spool_core.errors import InputError
-from spool_view.web.operator import Act, ActLog, ActRefusedError, OperatorToken, Outcome, RateLimit, act_of
-from spool_view.web.view import RANGES, Board, trend_of
+from spool_view.web.server.operator import (
+    Act,
+    ActLog,
+    ActRefusedError,
+    OperatorToken,
+    Outcome,
+    RateLimit,
+    act_of,
+)
+from spool_view.web.server.view import RANGES, Board, trend_of
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response

@@ -12,7 +12,7 @@ from typing import Any
 
 from spool_monitor.node.valve_condition import condition_of
 from spool_view.web.server.operating import Desk
-from spool_view.web.view import HeardValve, detail_of, row_of
+from spool_view.web.server.view import HeardValve, detail_of, row_of
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.types import Receive, Scope, Send
