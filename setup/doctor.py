@@ -183,8 +183,8 @@ def _ros_variables(environment: Mapping[str, str]) -> Iterator[CheckResult]:
 
 def _exposure(layout: Layout, environment: Mapping[str, str]) -> Iterator[CheckResult]:
     """Who else can reach the nodes, and change the code that they load."""
-    exposure = _module(layout, "spool_core", "node.exposure")
-    kernels = _module(layout, "spool_core", "kernels.kernel_folder")
+    exposure = _module(layout, "spool_core", "node.network")
+    kernels = _module(layout, "spool_core", "kernels.kernel_files")
     seen = {**environment, **({exposure.WHEELS: "1"} if layout.underlay.is_wheels else {})}
     said = exposure.network_warnings(seen)
     yield from (CheckResult("warning", text) for text in said)
@@ -202,7 +202,7 @@ def _exposure(layout: Layout, environment: Mapping[str, str]) -> Iterator[CheckR
     reason = kernels.refusal(folder)
     if reason is None:
         yield CheckResult("ok", f"compiled kernels are kept in {folder}, which nobody else can write")
-        damaged = _module(layout, "spool_core", "kernels.kernel_files").damaged_files(folder)
+        damaged = kernels.damaged_files(folder)
         if damaged:
             yield CheckResult(
                 "warning",

@@ -147,7 +147,7 @@ def test_a_study_goes_on_where_it_was_ended(tmp_path: Path, monkeypatch):
     lines = [json.dumps(one.to_dict()) for one in rows]
     (tmp_path / study.ROWS).write_text("\n".join([lines[0], lines[0][:30], ""]))
     looked = []
-    monkeypatch.setattr(study, "judge_field_seed", lambda seed: looked.append(seed) or rows[1])
+    monkeypatch.setattr(study, "judge_field_seed", lambda seed, **_: looked.append(seed) or rows[1])
     for _ in range(2):
         assert study.run(2, 5, tmp_path, 1) == rows
     assert looked == [6]

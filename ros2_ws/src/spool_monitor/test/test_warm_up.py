@@ -75,5 +75,5 @@ def test_after_the_warm_up_nothing_is_compiled() -> None:
     )
     assert (done.returncode, done.stderr) == (0, "")
     warmed, *missed = done.stdout.split("\n")
-    assert int(warmed) > 20  # else nothing below could fail
+    assert int(warmed) > 10  # else nothing below could fail
     assert [kernel for kernel in missed if kernel] == []

@@ -286,9 +286,9 @@ def test_columns_with_escapes_do_not_reach_the_terminal(tmp_path: Path) -> None:
 
 EXPAND = """
 import sys
-from spool_bag.importing.tables import growing
+from spool_bag.importing.tables import table
 from spool_bag.importing.records.logger_record import read_record as read_csv
-growing.MOST_SAMPLES //= 10
+table.MOST_SAMPLES //= 10
 from spool_core.errors import InputError
 try:
     read_csv(sys.argv[1])
