@@ -7,7 +7,8 @@ changed. Structures of that model are compared by one likelihood, see :mod:`.lik
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 
 from spool_core.uncertainty import Quantity
@@ -23,6 +24,7 @@ from spool_gap.likelihood.structure import structure_of
 from spool_gap.likelihood.structure_fit import StructureFit
 from spool_gap.registry import EFFECTS
 from spool_gap.result import GapResult, GapSettings, NamedEffect, RankedHypothesis, SmallEffect
+from spool_gap.selection.context import Progress
 from spool_gap.workflow.preparation import motions_for, tried_effects
 
 from .decision import Decision, decide
@@ -30,8 +32,6 @@ from .held_out import HeldOut, Judged
 from .intervals import Numbers, numbers_of, profiles_of
 from .look import look_at
 from .words import Words, words_of
-
-Progress = Callable[[str, float], None]
 
 #: s that a search may take; what it found by then is judged.
 ALLOWED = 60.0
@@ -48,7 +48,7 @@ def analyse(
     settings: GapSettings | None = None,
     progress: Progress | None = None,
 ) -> GapResult:
-    """Return what ``base`` lacks in ``records``, judged on data that no fit has seen.
+    """Return what ``base`` lacks in ``records``, judged on data that a last fit is made without.
 
     Args:
         records: two accelerations each, of one valve.
@@ -73,21 +73,25 @@ def analyse(
     held = HeldOut(
         predictions, [number >= len(look.readings) - look.held for number in range(len(look.readings))]
     )
-    search = Search(predictions, structure_of(base, valve), [] if look.stuck else names, tell, ALLOWED)
-    search.run()
-    tell("deciding", 0.85)
-    decision = decide(predictions, search, look, chosen, motions)
-    tell("judging on data held out", 0.92)
-    before, after = held.judged(decision.base), held.judged(decision.fit)
-    words = words_of(decision, look, base, before, after)
-    result = _assembled(records, base, predictions, search, decision, held, (before, after), words)
-    if chosen.profiles:
-        tell("profiling the numbers", 0.95)
-        names = [quantity.name for effect in result.effects for quantity in effect.parameters]
-        result = replace(result, profiles=profiles_of(predictions, decision.fit, decision.numbers, names))
-    late = (f"out of time after {ALLOWED:g} s of searching: this is the best so far",) if search.late else ()
+    # Records that are held out take no part in the search; windows do, since a sweep shows each motion once.
+    with held.apart() if look.held else nullcontext():
+        search = Search(predictions, structure_of(base, valve), [] if look.stuck else names, tell, ALLOWED)
+        search.run()
+        late = search.late
+        tell("deciding", 0.85)
+        decision = decide(predictions, search, look, chosen, motions)
+        tell("judging on data held out", 0.92)
+        before, after = held.judged(decision.base), held.judged(decision.fit)
+        words = words_of(decision, look, base, before, after)
+        result = _assembled(records, base, predictions, search, decision, held, (before, after), words)
+        if chosen.profiles:
+            tell("profiling the numbers", 0.95)
+            names = [quantity.name for effect in result.effects for quantity in effect.parameters]
+            own = profiles_of(predictions, decision.fit, decision.numbers, names)
+            result = replace(result, profiles=own)
+    told = (f"out of time after {ALLOWED:g} s of searching: this is the best so far",) if late else ()
     result = replace(
-        result, warnings=(*look.warnings, *late, *result.warnings), elapsed=time.monotonic() - begun
+        result, warnings=(*look.warnings, *told, *result.warnings), elapsed=time.monotonic() - begun
     )
     return as_stuck(result) if look.stuck else result
 

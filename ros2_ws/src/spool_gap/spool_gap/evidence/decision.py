@@ -72,7 +72,7 @@ class Decision:
 
     @property
     def confidence(self) -> float:
-        """Probability of what is said."""
+        """Probability of the verdict."""
         said = UNEXPLAINED if self.unexplained else _joined(self.fit)
         return self.probabilities.get(said, 0.0)
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spool_gap.likelihood.prediction import Prediction, Predictions
+from spool_gap.likelihood.prediction import Predictions
 from spool_gap.likelihood.structure import Structure
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
 from spool_gap.report.location import Residual, locate, surface
@@ -64,13 +64,12 @@ class HeldOut:
     @contextmanager
     def apart(self) -> Iterator[None]:
         """Leave the windows out of fits while this lasts."""
+        before = [part.held for part in self._predictions.parts]
         self._predictions.hold_out(self.windows)
         try:
             yield
         finally:
-            self._predictions.hold_out(
-                [np.zeros(part.windows, dtype=np.bool_) for part in self._predictions.parts]
-            )
+            self._predictions.hold_out(before)
 
     def judged(self, fit: StructureFit) -> Judged:
         """Return what ``fit``, refitted without them, leaves of the windows."""
@@ -163,8 +162,3 @@ def _amplitude_ratio(spectra: Sequence[tuple[Array, Array, Array]]) -> float:
         np.add.at(model, place[good], other[good])
     there = measured > 1e-3 * measured.max(initial=0.0)
     return float(np.mean(np.sqrt(model[there] / measured[there]))) if there.any() else math.nan
-
-
-def longest(predictions: Predictions) -> Prediction:
-    """Return the longest part."""
-    return max(predictions.parts, key=lambda part: part.seconds)

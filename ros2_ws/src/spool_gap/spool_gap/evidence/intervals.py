@@ -18,17 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_core.uncertainty import Quantity, Validity
 
+from spool_gap.fitting.profile import FAR_ENOUGH, STEPS
 from spool_gap.likelihood.prediction import Predictions
 from spool_gap.likelihood.structure_fit import StructureFit, curvature_of, fit_structure
-from spool_gap.profile_likelihood import RISE_95, ProfileLikelihood, verdict_of
+from spool_gap.profile_likelihood import ProfileLikelihood, verdict_of
 
 Array = NDArray[np.float64]
-
-#: Standard deviations at which a number is held, until the likelihood has fallen enough: the first four show
-#: a parabola where there is one, the last a number that is hardly bounded.
-PROFILED = (1.0, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0)
-#: Fall at which a side of a profile ends.
-FAR_ENOUGH = 1.5 * RISE_95
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +136,7 @@ def _side(
     own = math.sqrt(max(curvature_of(predictions, fit).covariance[place, place], 1e-300))
     widened = max(1.0, (spread / own) ** 2)
     start = fit.structure
-    for step in PROFILED:
+    for step in STEPS:
         value = min(max(best + side * step * spread, unknown.low), unknown.high)
         held = fit_structure(
             predictions, start.moved({name: value}), (fit.looseness,), held=frozenset({name}), steps=6

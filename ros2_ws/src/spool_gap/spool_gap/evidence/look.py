@@ -17,6 +17,7 @@ from spool_gap.checks import conditions
 from spool_gap.checks.stuck import dithered, is_stuck
 from spool_gap.likelihood.readings import Readings, readings_of
 from spool_gap.registry import RECORD_NUISANCES
+from spool_gap.report.outcome import CHECK_CLIPPING
 
 Mask = NDArray[np.bool_]
 
@@ -26,7 +27,6 @@ LONGEST = 60.0
 STUCK_LONGEST = 8.0
 #: s of a part of a longer record.
 PART = 12.0
-CHECK_CLIPPING = "measuring range against the largest acceleration, amplifier setting"
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ def look_at(records: Sequence[Record], holdout: Sequence[Record], valve: Valve) 
     trusted = True
     for record in whole[:3]:
         told, good = conditions.judge(record, valve)
-        # Flat tops spoil the coherence of channels that belong together, and are told themselves.
+        # Flat tops spoil the coherence of channels that belong together; they have a warning themselves.
         told = told if good or not limits else []
         warnings += [line for line in told if line not in warnings]
         trusted = trusted and (good or bool(limits))

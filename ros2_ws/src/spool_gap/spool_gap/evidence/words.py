@@ -15,36 +15,16 @@ from spool_gap.evidence.held_out import Judged
 from spool_gap.evidence.look import Look
 from spool_gap.likelihood.chain_part import CHAIN_PARTS
 from spool_gap.registry import EFFECTS
+from spool_gap.report.outcome import CHECK_COLOURED, COLOURED, DOUBTFUL, LOOKS_LIKE
 from spool_gap.result import Remainder
+from spool_gap.thresholds import THRESHOLDS
 
 SATURATION, UNEXPLAINED = "sensor_saturation", "unexplained"
-#: Confidence at most where the channels may not be of one valve: even that they are is doubted.
-DOUBTFUL = 0.3
-#: Error from which a model explains nothing, and units or columns are asked about.
-EXPLAINS_NOTHING = 0.8
-#: Power of what is left over that of white noise from which noise is called coloured: the density of white
-#: noise is known to some 10 %, that of the residual to some 20 %.
-COLOURED = 2.0
-CHECK_COLOURED = (
-    "noise in the band of the motion that is louder than above it: cable and connector, 1/f noise of a MEMS "
-    "sensor, vibration across its axis, which one axis cannot tell from noise"
-)
-#: What a remainder may be that follows from each of these.
-LOOKS_LIKE = {
-    "position": "a spring, a magnet or a stop that the catalogue does not describe",
-    "speed": "friction or drag of another law",
-    "position and speed": "flow forces, or friction that depends on the place",
-    "the way since the last reversal": "hysteresis, as of friction before it slides",
-    "time": "something that changes over the record: oil that warms, a sensor that drifts",
-    "frequency": "a filter or a resonance of the measuring chain or its mounting",
-    "nothing": "noise that is louder than what the record shows above its excitation, or motion that "
-    "parts from the model's at chance",
-}
 
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """What is said; fields as those of the result. ``extra``: numbers of effects that no fit has."""
+    """Verdict in words; fields as those of the result. ``extra``: numbers of effects that no fit has."""
 
     verdict: str
     confidence: float
@@ -60,7 +40,7 @@ class Words:
 
 
 def words_of(decision: Decision, look: Look, base: Model, before: Judged, after: Judged) -> Words:
-    """Return what is said of ``decision`` on records with ``look``."""
+    """Return the words for ``decision`` on records with ``look``."""
     names = [*decision.effects]
     extra: dict[str, tuple[Quantity, ...]] = {}
     if "spool" in look.limits:
@@ -95,7 +75,7 @@ def words_of(decision: Decision, look: Look, base: Model, before: Judged, after:
         if remainder is not None:
             text = f"{text} {_still_missing(remainder)}"
     warnings = []
-    if after.agreement.nrmse > EXPLAINS_NOTHING:
+    if after.agreement.nrmse > THRESHOLDS.explains_nothing:
         warnings.append(
             f"even the best model leaves {100.0 * after.agreement.nrmse:.3g} % of the spool's acceleration: "
             "units of both channels, order and sign of the columns, valve file?"

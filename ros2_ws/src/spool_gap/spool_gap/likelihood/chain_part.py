@@ -44,7 +44,7 @@ class ChainPart:
     check: str
 
     def told(self, values: Values, deviations: Values) -> Nuisance:
-        """Return what is told of it: its corner or natural frequency, or its rate."""
+        """Return its nuisance for the result: its corner or natural frequency, or its rate."""
         place = 1 if self.id == "extra_mode" else 0
         own = self.parameters[place]
         size, spread, unit = abs(values[own.name]), deviations.get(own.name, float("nan")), own.unit

@@ -311,7 +311,7 @@ class Search:
             yield {one: known.structure.values[one] for one in entry.fitted if one in known.structure.values}
 
     def leave_out(self, fit: StructureFit) -> None:
-        """Fit what is left of ``fit`` without each of its components."""
+        """Fit ``fit`` without each of its components."""
         for name in (*fit.structure.effects, *fit.structure.parts):
             bare = fit.structure.without(name)
             known = self.fits.get(bare.key)
