@@ -196,3 +196,14 @@ def test_a_force_that_is_missing_is_told_by_what_it_follows(follows: str, force:
     assert found.follows == follows
     assert found.gain > 10.0
     assert found.share > 0.0025
+
+
+def test_a_record_that_is_held_out_takes_no_part_in_the_numbers() -> None:
+    other = record("quadratic_damping", quadratic_coefficient=30.0)
+    found = analyse([hiding("quadratic_damping")], VALVE, BASE, holdout=[other])
+    assert found.verdict == drag().verdict
+    (effect,) = found.effects
+    (number,) = effect.parameters
+    # The other record has half as much again of it.
+    assert number.value == pytest.approx(20.0, rel=0.02)
+    assert found.after.nrmse > 2.0 * found.noise_floor
