@@ -1,13 +1,15 @@
 """Install spool_tools as an ament_python package."""
 
-from setuptools import find_packages, setup
+from xml.etree import ElementTree
+
+from setuptools import find_namespace_packages, setup
 
 PACKAGE = "spool_tools"
 
 setup(
     name=PACKAGE,
-    version="0.1.0",
-    packages=find_packages(exclude=["test"]),
+    version=ElementTree.parse("package.xml").findtext("version"),
+    packages=find_namespace_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
     package_data={f"{PACKAGE}.report": ["templates/*.html", "templates/*.js", "templates/vendor/*/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),

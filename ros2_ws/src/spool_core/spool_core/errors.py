@@ -15,6 +15,8 @@ from pathlib import Path
 OLDEST = {"pydantic": "2.0", "typer": "0.29", "textual": "8.0"}
 #: Import names whose package has another one.
 PACKAGES = {"yaml": "PyYAML", "nptdms": "npTDMS"}
+#: Libraries of ROS 2 besides messages, which no package registry has under these names.
+ROS = ("rclpy", "ament_index_python", "launch", "launch_ros")
 
 
 class InputError(ValueError):
@@ -48,6 +50,8 @@ def libraries_reported(program: str) -> Iterator[None]:
 def unmet_library(error: ImportError) -> str | None:
     """Return which library an import failed for and what to do; ``None`` for a module of the suite itself."""
     name = (error.name or "").partition(".")[0]
+    if name in ROS or name.endswith(("_msgs", "_interfaces")):
+        return f"this needs ROS 2 ({name} is missing): use ./spool in a checkout, or source a ROS 2"
     if not name or name.startswith("spool_") or name in sys.stdlib_module_names:
         return None
     package = PACKAGES.get(name, name)

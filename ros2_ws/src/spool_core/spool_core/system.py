@@ -1,25 +1,39 @@
-"""What the operating system gives: private folders, files written whole or not at all, scheduling."""
+"""Calls of the operating system: private folders, locks, files written whole or not at all, scheduling.
+
+The analysis of records also runs on Windows and macOS. This module alone knows their differences: no other
+module that such an analysis imports uses what only Linux has (``tests/test_portable.py``).
+"""
 
 from __future__ import annotations
 
 import contextlib
-import grp
+import ctypes
 import multiprocessing
 import multiprocessing.connection
 import os
-import pwd
 import re
 import shutil
 import signal
 import stat
+import sys
 import tempfile
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from spool_core.errors import InputError
 
+if sys.platform == "win32":
+    import msvcrt
+else:
+    import fcntl
+    import grp
+    import pwd
+
+#: Flags of every ``os.open`` that writes: children do not inherit the file, line ends stay as they are.
+OPEN_FLAGS: int = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 FILE_MODE = 0o600
 FOLDER_MODE = 0o700
 
@@ -52,12 +66,17 @@ def private_file(path: Path) -> None:
     Raises:
         OSError: it can't be made.
     """
-    os.close(os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, FILE_MODE))
+    os.close(os.open(path, os.O_RDWR | os.O_CREAT | OPEN_FLAGS, FILE_MODE))
     restrict(path, FILE_MODE)
 
 
 def restrict(path: Path, mode: int) -> None:
-    """Set the permissions of ``path`` where it is this user's; nothing happens elsewhere."""
+    """Set the permissions of ``path`` where it is this user's; nothing happens elsewhere.
+
+    Windows has no such permissions: there the folder above decides.
+    """
+    if sys.platform == "win32":
+        return
     try:
         status = path.stat()
         if status.st_uid == os.geteuid() and stat.S_IMODE(status.st_mode) != mode:
@@ -74,7 +93,7 @@ def private_temporary_folder(name: str) -> Path:
     Raises:
         OSError: none can be made.
     """
-    base = Path(tempfile.gettempdir()) / f"spool_{os.geteuid()}"
+    base = Path(tempfile.gettempdir()) / f"spool_{_user_number()}"
     try:
         private_folder(base / name)
         restrict(base, FOLDER_MODE)
@@ -89,8 +108,11 @@ def others_may_write(folder: Path) -> str | None:
     """Return who besides this user and root may change what lies in ``folder``, ``None`` where nobody may.
 
     Every folder above it counts too: who may write there may put another one in its place, unless the sticky
-    bit (``/tmp``) forbids it. A group without other members is the user's own.
+    bit (``/tmp``) forbids it. A group without other members is the user's own. Windows keeps the
+    folders of users apart: nobody may.
     """
+    if sys.platform == "win32":
+        return None
     try:
         path = folder.resolve()
     except (OSError, RuntimeError) as error:
@@ -167,6 +189,8 @@ def give_way() -> None:
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if sys.platform != "linux":
+        return
     if os.sched_getscheduler(0) != os.SCHED_OTHER:  # of a parent that runs before all others
         with contextlib.suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
@@ -179,6 +203,8 @@ def processor_list(text: str) -> set[int]:
     Raises:
         InputError: it is no such list, or names a processor that this process may not use.
     """
+    if sys.platform != "linux":
+        raise InputError("cpus: only Linux binds a process to processors: leave it out")
     found: set[int] = set()
     for part in text.split(","):
         match = re.fullmatch(r"(\d{1,4})(?:-(\d{1,4}))?", part.strip())
@@ -198,7 +224,9 @@ def use_processors(text: str) -> None:
     Raises:
         InputError: as of :func:`processor_list`.
     """
-    os.sched_setaffinity(0, processor_list(text))
+    chosen = processor_list(text)
+    if sys.platform == "linux":
+        os.sched_setaffinity(0, chosen)
 
 
 def run_before_others(priority: int) -> None:
@@ -209,6 +237,8 @@ def run_before_others(priority: int) -> None:
     """
     if not 1 <= priority <= 99:
         raise InputError(f"priority: {priority} is none of SCHED_FIFO: 1 to 99")
+    if sys.platform != "linux":
+        raise InputError("priority: only Linux has SCHED_FIFO: leave it out")
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except OSError as error:
@@ -231,8 +261,63 @@ def limit_processors(most: int) -> None:
     _limit = most
 
 
+def lock_file(descriptor: int, *, wait: bool = True) -> None:
+    """Lock the open file or folder ``descriptor`` for this process alone, until it is closed.
+
+    Raises:
+        BlockingIOError: another process holds it and ``wait`` is false.
+        OSError: the file system has no locks.
+    """
+    if sys.platform == "win32":
+        os.lseek(descriptor, 0, os.SEEK_SET)
+        while True:
+            try:
+                msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+            except PermissionError:
+                if not wait:
+                    raise BlockingIOError("another process holds the lock") from None
+                time.sleep(0.05)
+            else:
+                return
+    else:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+
+
+def open_folder(folder: Path) -> int | None:
+    """Return a descriptor of ``folder``, ``None`` on Windows, which opens no folders.
+
+    Raises:
+        OSError: it cannot be opened.
+    """
+    if sys.platform == "win32":
+        return None
+    return os.open(folder, os.O_RDONLY | os.O_DIRECTORY | OPEN_FLAGS)
+
+
+def sync_folder(folder: Path) -> None:
+    """Bring the names of the files in ``folder`` to the disk; Windows does so by itself.
+
+    Raises:
+        OSError: the disk does not take them.
+    """
+    descriptor = open_folder(folder)
+    if descriptor is None:
+        return
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _user_number() -> int:
+    """Return the number of this user, 0 on Windows, where each user has a temporary folder anyway."""
+    return 0 if sys.platform == "win32" else os.geteuid()
+
+
 def _own_group(number: int) -> bool:
     """Whether nobody but this user (and root) is in the group ``number``: Debian's user private groups."""
+    if sys.platform == "win32":
+        return True
     if number == 0:
         return True
     try:
@@ -244,6 +329,8 @@ def _own_group(number: int) -> bool:
 
 
 def _user(number: int) -> str:
+    if sys.platform == "win32":
+        return f"user {number}"
     try:
         return pwd.getpwuid(number).pw_name
     except KeyError:
@@ -251,6 +338,8 @@ def _user(number: int) -> str:
 
 
 def _group(number: int) -> str:
+    if sys.platform == "win32":
+        return str(number)
     try:
         return grp.getgrgid(number).gr_name
     except KeyError:
@@ -270,6 +359,12 @@ def _appear(part: Path, target: Path) -> None:
 
 
 def _running(process: int) -> bool:
+    if sys.platform == "win32":  # os.kill would end it
+        kernel, still_active, query = ctypes.windll.kernel32, 259, 0x1000
+        handle, code = kernel.OpenProcess(query, False, process), ctypes.c_ulong()
+        running = bool(handle and kernel.GetExitCodeProcess(handle, ctypes.byref(code)))
+        kernel.CloseHandle(handle)
+        return running and code.value == still_active
     try:
         os.kill(process, 0)
     except ProcessLookupError:

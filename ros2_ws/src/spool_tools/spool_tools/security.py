@@ -16,6 +16,7 @@ from typing import Any
 from xml.etree import ElementTree as Xml
 
 from spool_core.errors import InputError
+from spool_core.system import OPEN_FLAGS
 
 #: Time for which certificates hold: that of sros2.
 VALID = timedelta(days=3650)
@@ -219,7 +220,7 @@ def _enclave(
 
 
 def _write(path: Path, content: bytes, mode: int = 0o644) -> None:
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, mode)
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | OPEN_FLAGS, mode)
     with os.fdopen(descriptor, "wb") as stream:
         stream.write(content)
 

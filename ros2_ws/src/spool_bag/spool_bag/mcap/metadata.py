@@ -16,6 +16,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 from spool_core.errors import InputError
 from spool_core.files import YamlError, load_yaml
+from spool_core.system import sync_folder
 from spool_core.text import printable
 
 FILE_NAME = "metadata.yaml"
@@ -32,6 +33,7 @@ MOST_MISSING = 10
 UNFINISHED = {"recording": "not finished"}
 #: Key of ``custom_data`` that holds the relative standard deviation of the sampling rate.
 RATE_STD = "import_rate_std"
+_PACKAGE = Path(__file__).resolve().parent.parent
 #: Key of ``custom_data`` that names the machine of which a bag was recorded.
 MACHINE = "machine"
 
@@ -112,15 +114,6 @@ def write_metadata(folder: Path, bag: BagMetadata) -> None:
         os.fsync(stream.fileno())
     temporary.replace(folder / FILE_NAME)
     sync_folder(folder)
-
-
-def sync_folder(folder: Path) -> None:
-    """Bring the names in ``folder`` to the disk; synced files can be lost with their name otherwise."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def is_bag_file(path: Path) -> bool:
@@ -356,11 +349,10 @@ def _register_installed(store: Typestore, name: str) -> None:
 
 
 def _message_folder(package: str) -> Path | None:
-    for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
-        folder = Path(prefix) / "share" / package / "msg"
-        if prefix and folder.is_dir():
-            return folder
-    return None
+    prefixes = [prefix for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix]
+    # Without ROS: the wheel has our own messages in this package.
+    folders = [Path(prefix) / "share" / package / "msg" for prefix in (*prefixes, _PACKAGE)]
+    return next((folder for folder in folders if folder.is_dir()), None)
 
 
 def _message_file(name: str) -> Path | None:

@@ -14,6 +14,7 @@ from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2.metadata import parse_qos
 from spool_core.errors import InputError
 from spool_core.files import load_yaml
+from spool_core.system import OPEN_FLAGS
 
 from spool_bag.mcap.mcap_file import McapFile
 from spool_bag.mcap.mcap_record import Topic
@@ -34,7 +35,7 @@ class Output:
     """
 
     def __init__(self, path: Path) -> None:
-        self.descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        self.descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | OPEN_FLAGS, 0o644)
         self.position = 0
         self.digest = hashlib.sha256()
 

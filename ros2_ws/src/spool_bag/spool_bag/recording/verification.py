@@ -11,6 +11,7 @@ from typing import Any
 
 from spool_core.errors import InputError
 from spool_core.files import YamlError, load_yaml
+from spool_core.system import OPEN_FLAGS
 
 from spool_bag.mcap.mcap_file import McapFile
 from spool_bag.mcap.metadata import FILE_NAME, LARGEST, MOST_VALUES, ROOT
@@ -83,7 +84,7 @@ def make_keys(folder: Path) -> tuple[Path, Path]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for path, content, mode in ((private, secret, 0o600), (public, shown, 0o644)):
-            descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
+            descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | OPEN_FLAGS, mode)
             with os.fdopen(descriptor, "wb") as stream:
                 stream.write(content)
     except FileExistsError as error:

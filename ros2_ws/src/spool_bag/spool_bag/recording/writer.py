@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import math
 import os
 import time
@@ -14,7 +13,7 @@ from types import TracebackType
 
 from rosbags.interfaces import Qos
 from spool_core.errors import InputError
-from spool_core.system import leftovers, partial_name, remove
+from spool_core.system import leftovers, lock_file, open_folder, partial_name, remove, sync_folder
 
 from spool_bag.mcap.metadata import (
     BagMetadata,
@@ -24,7 +23,6 @@ from spool_bag.mcap.metadata import (
     definition,
     metadata_text,
     qos_text,
-    sync_folder,
     write_metadata,
 )
 from spool_bag.mcap.part_chain import BEGIN, END, LOSSES, QUOTA, PartBegin, PartEnd
@@ -520,9 +518,11 @@ class FolderClaim:
     """
 
     def __init__(self, folder: Path) -> None:
-        self._descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        self._descriptor = open_folder(folder)
+        if self._descriptor is None:
+            return
         try:
-            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock_file(self._descriptor, wait=False)
         except BlockingIOError:
             self.release()
             raise InputError(
@@ -533,8 +533,8 @@ class FolderClaim:
 
     def release(self) -> None:
         """Let others write; once more does nothing."""
-        descriptor, self._descriptor = self._descriptor, -1
-        if descriptor >= 0:
+        descriptor, self._descriptor = self._descriptor, None
+        if descriptor is not None:
             os.close(descriptor)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import importlib
 import importlib.util
@@ -19,7 +18,7 @@ from types import ModuleType
 from typing import TypeVar, cast
 
 from spool_core.kernels.kernel_files import MAGIC, keep_sealed, kernel_folder
-from spool_core.system import private_folder
+from spool_core.system import lock_file, private_folder
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -92,7 +91,7 @@ def alone() -> Iterator[None]:
         yield
         return
     with lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+        lock_file(lock.fileno())
         yield
 
 

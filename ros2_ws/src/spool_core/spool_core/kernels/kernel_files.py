@@ -11,7 +11,6 @@ so ``./spool doctor`` checks the files without numba.
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import importlib
 import logging
@@ -25,7 +24,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from spool_core.system import others_may_write, private_folder, private_temporary_folder
+from spool_core.system import lock_file, others_may_write, private_folder, private_temporary_folder
 
 INDEX, DATA = ".nbi", ".nbc"
 #: First bytes of each file. Another layout of the files needs another number here.
@@ -157,7 +156,7 @@ class SealedCacheFile:
     def _alone(self) -> Iterator[None]:
         """Let no other process change the index meanwhile."""
         with (self._folder / "writing.lock").open("a") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
+            lock_file(lock.fileno())
             yield
 
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import IO
 
 from spool_core.errors import InputError
-from spool_core.system import private_temporary_folder
+from spool_core.system import lock_file, private_temporary_folder
 
 #: Set by what starts the nodes on the wheels from PyPI, whose middleware has no DDS security built in.
 WHEELS = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
@@ -116,7 +115,7 @@ def _claim() -> tuple[int, IO[str]]:
     for number in DOMAINS:
         lock = (folder / str(number)).open("w")
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock_file(lock.fileno(), wait=False)
         except BlockingIOError:
             lock.close()
             continue

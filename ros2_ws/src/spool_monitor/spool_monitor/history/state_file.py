@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import os
@@ -11,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from spool_core.system import FILE_MODE, private_folder, restrict
+from spool_core.system import FILE_MODE, OPEN_FLAGS, lock_file, private_folder, restrict, sync_folder
 
 #: Written by this version; it reads older ones. A later version that changes what a key means counts up.
 FORMAT = 1
@@ -68,7 +67,7 @@ class StateFile:
         head = {"format": FORMAT, "sequence": self._sequence, "sha256": _digest(self._sequence, text)}
         private_folder(self._target.parent)
         new = _beside(self._target, NEW)
-        descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, FILE_MODE)
+        descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | OPEN_FLAGS, FILE_MODE)
         with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
             restrict(new, FILE_MODE)
             stream.write(f'{json.dumps(head)[:-1]}, "content": {text}}}\n')
@@ -77,7 +76,7 @@ class StateFile:
         if self._target.exists():  # a damaged file must not replace the good copy
             self._target.replace(_beside(self._target, LAST if self._sound else DAMAGED))
         new.replace(self._target)
-        _sync_folder(self._target.parent)
+        sync_folder(self._target.parent)
         self._sound = True
 
     def load(self) -> Any | None:
@@ -140,13 +139,13 @@ class FolderLock:
 
     def __init__(self, folder: Path) -> None:
         private_folder(folder)
-        descriptor = os.open(folder / "lock", os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, FILE_MODE)
+        descriptor = os.open(folder / "lock", os.O_WRONLY | os.O_CREAT | OPEN_FLAGS, FILE_MODE)
         self._stream = os.fdopen(descriptor, "w", encoding="utf-8")
         for path in folder.iterdir():  # of versions that left them readable to others
             if path.is_file() and not path.is_symlink():
                 restrict(path, FILE_MODE)
         try:
-            fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock_file(self._stream.fileno(), wait=False)
         except OSError:
             self._stream.close()
             raise
@@ -209,11 +208,3 @@ def _text(content: Any) -> str:
 
 def _digest(sequence: int, text: str) -> str:
     return hashlib.sha256(f"{sequence}\n{text}".encode()).hexdigest()
-
-
-def _sync_folder(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
