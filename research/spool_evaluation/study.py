@@ -12,7 +12,6 @@ STUDIES = {
     "gap": "gap",
     "field": "field.study",
     "gap-limit": "gap_limit",
-    "ablation": "ablation",
     "estimation": "estimation",
     "records": "records",
     "steps": "steps",
@@ -31,7 +30,6 @@ def run_study(
     workers: int | None,
     *,
     diagnosing: bool = False,
-    evidence: bool = False,
 ) -> None:
     """Run the study ``what`` over ``cases`` cases from ``seed`` on; write what was found into ``out``.
 
@@ -39,7 +37,6 @@ def run_study(
         what: one of ``STUDIES``.
         cases, seed, out, workers: as the study takes them.
         diagnosing: the field study also states why each wrong verdict is wrong.
-        evidence: the field study asks the analysis by evidence.
 
     Raises:
         InputError: there is no such study, or it has no diagnosis.
@@ -48,8 +45,5 @@ def run_study(
         raise InputError(f"study {what}: there is no such study; there are {', '.join(STUDIES)}")
     if diagnosing and what != "field":
         raise InputError(f"study {what}: only the study field has a diagnosis; remove --diagnose")
-    if evidence and what != "field":
-        raise InputError(f"study {what}: only the study field can ask by evidence; remove --evidence")
-    given = {"diagnosing": diagnosing, "evidence": evidence}
-    options = {name: True for name, wanted in given.items() if wanted}
+    options = {"diagnosing": True} if diagnosing else {}
     import_module(f"{__package__}.studies.{STUDIES[what]}").run(cases, seed, out, workers, **options)

@@ -14,7 +14,7 @@ def study(
         str,
         typer.Argument(
             help="gap: effects named right? field: behind real measuring chains? gap-limit: how small? "
-            "ablation: what is each stage worth? estimation: do intervals hold? "
+            "estimation: do intervals hold? "
             "records: is the truth of bags/ found? steps: what does a step cost? "
             "monitor: events found in time? monitor-hours: quiet over healthy hours? "
             "fleet: drift found over a year? fleet-cost: what does a bag cost?"
@@ -27,10 +27,6 @@ def study(
     diagnose: Annotated[
         bool, typer.Option("--diagnose", help="State why each wrong verdict is wrong (field only).")
     ] = False,
-    evidence: Annotated[
-        bool,
-        typer.Option("--evidence", help="Ask the analysis by evidence, not yet that of gap (field only)."),
-    ] = False,
 ) -> None:
     """Count over many blind records how often the suite is right.
 
@@ -38,7 +34,7 @@ def study(
     """
     from spool_evaluation.study import run_study  # noqa: PLC0415 - slow to load
 
-    run_study(what, cases, seed, out, workers, diagnosing=diagnose, evidence=evidence)
+    run_study(what, cases, seed, out, workers, diagnosing=diagnose)
 
 
 COMMAND = Command(study, place=130, line="how often the suite is right, over many blind records")

@@ -12,9 +12,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from spool_gap.effect import Effect, Motion
+from spool_gap.effect import Effect, Motion, SensorEffect
 from spool_gap.registry import EFFECTS
-from spool_gap.sensor_effect import SensorEffect
 
 from spool_evaluation.results.page import MarkedPage, sentence
 
@@ -28,8 +27,6 @@ STIFFNESS, DAMPING = 1632.0, 4.0
 OUTSIDE = "Forces from outside, changes with time"
 CHANNELS = "Sensors and data channels"
 GROUPS = ("Dry friction", "Drag and springs", OUTSIDE, CHANNELS)
-#: Effects on the spool and its readings that a verdict may name.
-MECHANICS = {name: entry for name, entry in EFFECTS.items() if not entry.nuisance}
 
 
 def shown_motion() -> Motion:
@@ -87,7 +84,7 @@ def _draw_force(axis: Axes, entry: Effect, motion: Motion) -> None:
 def _draw_channel(axis: Axes, entry: SensorEffect, motion: Motion) -> None:
     part = slice(0, 600)
     typical = {number.name: number.start for number in entry.numbers}
-    reading = entry.reading(motion.acceleration, motion.period, typical, motion.time)
+    reading = entry.reading(motion.acceleration, motion.period, typical)
     axis.plot(motion.time[part], motion.acceleration[part], color=LAW, label="acceleration")
     axis.plot(motion.time[part], reading[part], color=LEFT, label="reading")
     axis.set_xlabel("time, s")
@@ -109,9 +106,7 @@ def effects_text() -> str:
     parts = []
     for title in GROUPS:
         parts.append(f"### {title}\n")
-        parts += [
-            _one_effect(entry) for entry in EFFECTS.values() if group(entry) == title and not entry.nuisance
-        ]
+        parts += [_one_effect(entry) for entry in EFFECTS.values() if group(entry) == title]
     return "\n".join(parts)
 
 
@@ -130,7 +125,7 @@ def _one_effect(entry: Effect) -> str:
 def main(arguments: list[str] | None = None) -> int:
     """Write FOLDER/effects.md between its marks, and the pictures into FOLDER/effects."""
     given = sys.argv[1:] if arguments is None else arguments
-    figures = {name: draw(entry) for name, entry in MECHANICS.items()}
+    figures = {name: draw(entry) for name, entry in EFFECTS.items()}
     PAGE.write(Path(given[0] if given else "docs"), effects_text(), figures)
     return 0
 

@@ -6,7 +6,7 @@ import json
 import traceback
 from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -97,27 +97,22 @@ def judge_seed(seed: int, hidden: str | None = None, factor: float | None = None
     return judge(make(seed, hidden, factor=factor))
 
 
-def judge(
-    case: BlindCase, left_out: frozenset[str] = frozenset(), *, least_share: float | None = None
-) -> BlindVerdict:
-    """Return what the workflow, without the stages ``left_out``, says to ``case``.
+def judge(case: BlindCase, *, least_share: float | None = None) -> BlindVerdict:
+    """Return what the workflow says to ``case``.
 
     ``least_share``: of the spool's acceleration, that a name must be worth; ``None`` takes the default.
 
     A crash is a row too, and counts as wrong.
     """
+    from spool_gap.evidence.analyse import analyse  # noqa: PLC0415 - counting needs none of its kernels
     from spool_gap.report.serialisation import result_to_dict  # noqa: PLC0415
     from spool_gap.result import GapSettings  # noqa: PLC0415
-    from spool_gap.workflow.analyse import analyse  # noqa: PLC0415 - counting needs none of its kernels
 
     record, valve = given(case)
-    settings = GapSettings(left_out=left_out)
-    if least_share is not None:
-        settings = replace(settings, least_share=least_share)
+    settings = GapSettings() if least_share is None else GapSettings(least_share=least_share)
     watch = Stopwatch()
     try:
-        found = analyse([record], valve, MODELS[BASE], settings=settings)
-        result = result_to_dict(found) | {"changed_by": sorted({change.stage for change in found.trace})}
+        result = result_to_dict(analyse([record], valve, MODELS[BASE], settings=settings))
     except InputError as error:
         return row_of(case, {"verdict": REFUSED}, watch.read(), str(error))
     except Exception:  # one crash must not end the study; its last lines are kept
@@ -179,7 +174,6 @@ def row_of(
             f"delay {1e3 * condition.delay:+.2f} ms"
         ),
         message=message,
-        changed_by=tuple(result.get("changed_by", ())),
     )
 
 
@@ -201,7 +195,6 @@ class BlindVerdict:
         evidence, threshold: of the likelihood-ratio test that knows what is hidden.
         condition: excitation, spring, rate and so on, for looking up.
         message: why it was refused.
-        changed_by: stages of the selection that changed the choice.
     """
 
     seed: int
@@ -224,7 +217,6 @@ class BlindVerdict:
     threshold: float | None = None
     condition: str = ""
     message: str = ""
-    changed_by: tuple[str, ...] = ()
 
     @property
     def right(self) -> bool:

@@ -10,7 +10,6 @@ setup(
     name=PACKAGE,
     version=ElementTree.parse("package.xml").findtext("version"),
     packages=find_namespace_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={f"{PACKAGE}.report": ["*.json"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
@@ -24,7 +23,7 @@ setup(
     # What the estimator asks for while a stream is live: it stands below this package and imports none of it.
     entry_points={
         "spool.gap_analysis": [
-            "analyse = spool_gap.workflow.analyse:analyse",
+            "analyse = spool_gap.evidence.analyse:analyse",
             "to_dict = spool_gap.report.serialisation:result_to_dict",
         ]
     },

@@ -9,8 +9,6 @@ import traceback
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
-from importlib import import_module
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -24,7 +22,6 @@ from spool_sim.model import MODELS
 from spool_evaluation.results.page import markdown_table, renew_json, save_picture, study_command, write_page
 from spool_evaluation.results.proportion import Proportion
 from spool_evaluation.results.timing import Stopwatch
-from spool_evaluation.studies.field.calibration import confidence_rule
 from spool_evaluation.studies.field.diagnosis import diagnose
 from spool_evaluation.studies.field.reliability import ENOUGH, brier_scores, deciles, reliability_figure
 from spool_evaluation.studies.field.summary import (
@@ -47,8 +44,6 @@ from spool_evaluation.studies.gap import BASE, CATALOGUE_NAMES
 from spool_evaluation.studies.workers import spread
 
 ROWS, RESULT = "field_cases.jsonl", "field_study.json"
-#: Rule of the confidences, fitted where all seeds are of the calibration window; `spool_gap.report` ships it.
-RULE, CALIBRATION = "confidence_rule.json", "calibration"
 #: s of computing after which a case counts as one without a word: five times what the workflow may take.
 LONGEST = 600.0
 
@@ -77,29 +72,24 @@ def run(
     workers: int | None = None,
     *,
     diagnosing: bool = False,
-    evidence: bool = False,
 ) -> list[FieldVerdict]:
     """Analyse ``cases`` field cases from ``seed`` on; write rows, page and diagram into ``out``.
 
     What the rows in ``out`` hold already is not analysed again. With ``diagnosing`` a second page states why
-    each wrong verdict is wrong; with ``evidence`` :mod:`spool_gap.evidence` is asked in place of the workflow
-    that `./spool gap` runs.
+    each wrong verdict is wrong.
     """
     out.mkdir(parents=True, exist_ok=True)
     seeds = range(seed, seed + cases)
     found = {row.seed: row for row in kept(out / ROWS) if row.seed in seeds}
     missing = [number for number in seeds if number not in found]
     with (out / ROWS).open("a") as file:
-        judge = partial(judge_field_seed, evidence=evidence)
-        for row in spread(judge, missing, f"{len(missing)} field cases", workers):
+        for row in spread(judge_field_seed, missing, f"{len(missing)} field cases", workers):
             found[row.seed] = row
             file.write(json.dumps(row.to_dict()) + "\n")
             file.flush()
     rows = [found[number] for number in seeds]
     renew_json(out / RESULT, field_result(rows))
-    if {row.window for row in rows} == {CALIBRATION}:
-        renew_json(out / RULE, confidence_rule(rows, study_command("field", cases, seed)))
-    command = study_command("field", cases, seed) + (" --evidence" if evidence else "")
+    command = study_command("field", cases, seed)
     page = write_field_page(rows, out, command)
     _show(rows)
     print(f"{page}: every number, what went wrong and how to make it again")
@@ -135,12 +125,12 @@ def field_result(rows: Sequence[FieldVerdict]) -> dict[str, Any]:
     }
 
 
-def judge_field_seed(seed: int, *, evidence: bool = False) -> FieldVerdict:
+def judge_field_seed(seed: int) -> FieldVerdict:
     """Make the field case of ``seed`` and return what the workflow says to it."""
-    return judge_field(make_field(seed), evidence=evidence)
+    return judge_field(make_field(seed))
 
 
-def judge_field(case: FieldCase, *, evidence: bool = False) -> FieldVerdict:
+def judge_field(case: FieldCase) -> FieldVerdict:
     """Return what the workflow says to the files of ``case``, as `./spool gap` reads them.
 
     A crash is a row too, and so is a case that takes longer than ``LONGEST``.
@@ -151,7 +141,7 @@ def judge_field(case: FieldCase, *, evidence: bool = False) -> FieldVerdict:
         watch = Stopwatch()
         try:
             with _at_most(LONGEST):
-                result = analysed(record, valve, evidence=evidence)
+                result = analysed(record, valve)
         except InputError as error:
             return field_row(case, {"verdict": REFUSED}, watch.read(), str(error).replace(f"{record}: ", ""))
         except Exception:  # one crash must not end the study; its last lines are kept
@@ -160,30 +150,23 @@ def judge_field(case: FieldCase, *, evidence: bool = False) -> FieldVerdict:
     return field_row(case, result, watch.read())
 
 
-def analysed(record: Path, valve: Path, *, evidence: bool = False) -> dict[str, Any]:
+def analysed(record: Path, valve: Path) -> dict[str, Any]:
     """Return the result of the gap workflow on a record and a valve file, types of JSON.
-
-    With ``evidence``, that of :mod:`spool_gap.evidence`.
 
     Raises:
         InputError: the record is refused.
     """
     from spool_estimator.identification.record import LARGEST  # noqa: PLC0415
     from spool_estimator.plausibility import check_records  # noqa: PLC0415 - counting needs none of its kernels
+    from spool_gap.evidence.analyse import analyse  # noqa: PLC0415
     from spool_gap.report.serialisation import result_to_dict  # noqa: PLC0415
     from spool_tools.input.record_loading import Selection, load_recordings, stretches_of  # noqa: PLC0415
     from spool_tools.operations.gap_run import doubted  # noqa: PLC0415
 
-    folder = "evidence" if evidence else "workflow"
-    analyse = import_module(f"spool_gap.{folder}.analyse").analyse
     recordings, described = load_recordings([record], str(valve), Selection(longest=LARGEST))
     stretches = stretches_of(recordings)
-    result = doubted(analyse(stretches, described, MODELS[BASE]), check_records(described, stretches))
-    nuisances = [
-        {"id": one.id, "channel": one.channel, "size": one.size, "unit": one.unit}
-        for one in getattr(result, "nuisances", ())
-    ]
-    return {**result_to_dict(result), "nuisances": nuisances}
+    result = analyse(stretches, described, MODELS[BASE])
+    return result_to_dict(doubted(result, check_records(described, stretches)))
 
 
 def field_row(

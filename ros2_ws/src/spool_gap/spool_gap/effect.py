@@ -1,16 +1,16 @@
-"""Effect of the catalogue: what its file says about it.
+"""Effect of the catalogue: what its class says about it.
 
-An effect's file in ``catalogue/`` holds one class. Its law is that of force terms of :mod:`spool_sim.terms`;
-what stands here is how to find it: its signature at a measured motion, where a fit starts, and with what it
-is confusable.
+Each effect is one class in a file of ``catalogue/``. Its law is that of terms of :mod:`spool_sim.terms`; the
+class states how to find it: its signature at a measured motion, where a fit starts, and with what it is
+confusable. An effect of the spool's channel derives from :class:`SensorEffect`.
 """
 
 from __future__ import annotations
 
-from abc import ABC
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,14 +94,11 @@ class Effect(ABC):
         confusable_with: effects with a similar signature.
         distinguished_by: which excitation distinguishes them.
         localised: it acts in few stretches of a record only.
-        follows_time: in a sweep it goes with the excitation's frequency, as small errors of any model do.
         local_minima: with it the motion can go several ways at one excitation, so that a fit of free runs may
             end in a wrong local minimum: runs are synchronised to the measured motion.
         searched: it is looked for along the measured motion; else where ``meaning`` or its file says.
         load_cell_zero: force records cannot tell it from the zero of their load cell.
-        nuisance: it is of the measuring chain: told, taken out of the record, and no part of a verdict.
         scanned: numbers in which the force is not linear that are taken from a list, not refined.
-        may_vanish: numbers that may end at a bound without harm: parts of its force that vanish.
         picture: what its signature is drawn over: ``velocity``, ``displacement``, ``time`` or ``samples``.
     """
 
@@ -117,13 +114,10 @@ class Effect(ABC):
     confusable_with: ClassVar[tuple[str, ...]] = ()
     distinguished_by: ClassVar[str] = ""
     localised: ClassVar[bool] = False
-    follows_time: ClassVar[bool] = False
     local_minima: ClassVar[bool] = False
     searched: ClassVar[bool] = True
     load_cell_zero: ClassVar[bool] = False
-    nuisance: ClassVar[bool] = False
     scanned: ClassVar[tuple[str, ...]] = ()
-    may_vanish: ClassVar[tuple[str, ...]] = ()
     picture: ClassVar[str] = "velocity"
 
     @property
@@ -212,9 +206,47 @@ class Effect(ABC):
                 return f"{name} is not significant"
         return ""
 
-    def trifling(self, values: Mapping[str, float], seconds: float) -> bool:  # noqa: ARG002
-        """Whether the fitted ``values`` mean nothing on a machine in a record of ``seconds``."""
-        return False
+
+class SensorEffect(Effect):
+    """Effect of the spool's channel: its numbers, and what it makes of an acceleration.
+
+    A likelihood knows the channel by the parts of :mod:`.likelihood.chain_part`, a first look its rail; the
+    class gives what is found there its name and what to check.
+
+    Attributes:
+        parameters: 0 where the channel is right; ``start`` is a typical size.
+        equation: the reading as text.
+    """
+
+    kinds = ("accelerations",)
+    picture = "samples"
+    searched = False
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    equation: ClassVar[str] = ""
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Name the numbers that the class declares."""
+        super().__init_subclass__(**options)
+        cls.fitted = tuple(parameter.name for parameter in cls.parameters)
+
+    @abstractmethod
+    def reading(self, acceleration: Array, period: float, values: Mapping[str, float]) -> Array:
+        """Return what the channel reads, m/s^2, shape of ``acceleration`` (..., n).
+
+        Args:
+            acceleration: of the spool, a sample every ``period`` s.
+            values: its parameters.
+        """
+
+    @property
+    def law(self) -> str:
+        """Its law as text."""
+        return self.equation
+
+    @property
+    def numbers(self) -> tuple[Parameter, ...]:
+        """Its parameters."""
+        return self.parameters
 
 
 def scan(low: float, high: float, count: int) -> list[float]:

@@ -1,4 +1,4 @@
-"""Registry of the effects in the folder ``catalogue``, and of those of the measuring chain."""
+"""Registry of the effects in the folder ``catalogue``, and of the nuisances that a record shows by itself."""
 
 from __future__ import annotations
 
@@ -6,13 +6,8 @@ from spool_core.discovery import classes_in
 from spool_core.errors import InputError
 from spool_estimator.identification.nuisances.record_nuisance import RecordNuisance
 
-from .chain_effect import ChainEffect
 from .effect import Effect
 
-#: Nuisances that compete with effects for what a model lacks.
-CHAIN: dict[str, ChainEffect] = {
-    entry.id: entry() for entry in classes_in(f"{__package__}.nuisances", ChainEffect)
-}
 #: Nuisances that a record shows without a model, in the order in which they are looked for.
 RECORD_NUISANCES: tuple[RecordNuisance, ...] = tuple(
     sorted(
@@ -20,9 +15,10 @@ RECORD_NUISANCES: tuple[RecordNuisance, ...] = tuple(
         key=lambda entry: entry.order,
     )
 )
+#: Every effect by its id, in their order.
 EFFECTS: dict[str, Effect] = {
-    **{entry.id: entry() for entry in classes_in(f"{__package__}.catalogue", Effect)},
-    **CHAIN,
+    entry.id: entry()
+    for entry in sorted(classes_in(f"{__package__}.catalogue", Effect), key=lambda one: str(one.id))
 }
 
 #: Ids of the laws of dry friction: of these a machine has one.

@@ -1,28 +1,25 @@
-"""Result of an analysis of the model gap."""
+"""Settings and result of an analysis of the model gap."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 from spool_core.uncertainty import Quantity
 from spool_estimator.identification.nuisances.record_nuisance import Nuisance
 from spool_sim.model import Model
 
-from spool_gap.profile_likelihood import ProfileLikelihood
-
 Array = NDArray[np.float64]
+Progress = Callable[[str, float], None]
 
-
-#: What the standard deviations of the selection's own fit count, for people. Measured on records with a known
-#: truth: in practice_01 (no dry friction) stiffness and drag lie within their intervals, in practice_03 and
-#: practice_04 drag and Coulomb force are 0.3 to 0.5 % off, 6 to 19 half widths.
-COUNTED = (
-    "these intervals count the noise alone, since no fit of the whole record ended where the selection did; "
-    "values may be off by up to about 0.5 % besides"
-)
+#: Twice the fall of the log likelihood at the ends of a 95 % interval of one number (Wilks, 1938).
+RISE_95 = float(chi2.ppf(0.95, 1))
+IDENTIFIABLE, ONE_SIDED, TOGETHER, NOT = "identifiable", "one-sided", "only together", "not identifiable"
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,22 +29,18 @@ class GapSettings:
     Attributes:
         gain_tolerance: relative gain error of the spool's sensor that its data sheet allows.
         delay_tolerance: delay between the channels that the measuring system allows, s.
-        longest: samples at most that are simulated, for the fit and again for the held-out part.
-        most_effects: at most that are named in one record.
+        most_effects: at most that are named in a force record.
         least_share: of the spool's acceleration, rms, that an effect must change to be part of the verdict.
         thorough: a search has all the time that it takes.
         profiles: the profile likelihood of each number of what is named is worked out.
-        left_out: names of stages of the selection that are not run, to see what they are worth.
     """
 
     gain_tolerance: float = 0.05
     delay_tolerance: float = 0.5e-3
-    longest: int = 30_000
     most_effects: int = 3
     least_share: float = 0.0025
     thorough: bool = False
     profiles: bool = False
-    left_out: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,23 +209,32 @@ class RankedHypothesis:
     accepted: bool = False
     reason: str = ""
 
-    @property
-    def key(self) -> tuple[str, tuple[str, ...]]:
-        """What tells it from the other rows: its effect, and those that it was tried jointly with."""
-        return self.id, self.jointly_with
-
 
 @dataclass(frozen=True, slots=True)
-class Change:
-    """Change of the choice: the stage that made it, and the effects chosen before and after it.
+class ProfileLikelihood:
+    """Profile likelihood of a number.
 
-    ``gave_up``: the stage was not run to its end, since the time was over.
+    Attributes:
+        name, unit: of the number.
+        values: at which it was held, in rising order, SI, shape (n,).
+        rises: of twice the negative log likelihood over its least, all other numbers fitted, shape (n,).
+        best: the estimate.
+        low, high: ends of its 95 % interval, ``None`` where the record sets no bound on that side.
+        verdict: ``identifiable``, ``one-sided``, ``only together`` (with ``partner``), ``not identifiable``.
+        partner: the number that moves most along with it, empty where none does.
+        sentence: the verdict in words.
     """
 
-    stage: str
-    before: tuple[str, ...]
-    after: tuple[str, ...]
-    gave_up: bool = False
+    name: str
+    unit: str
+    values: tuple[float, ...]
+    rises: tuple[float, ...]
+    best: float
+    low: float | None
+    high: float | None
+    verdict: str
+    partner: str
+    sentence: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,16 +261,14 @@ class GapResult:
         before, after: held-out agreement.
         noise_floor: nrmse that noise alone would leave with the final model.
         model: with everything that was found, to simulate with.
-        noise_alone: deviations of the parameters count the noise of the samples alone, see ``COUNTED``.
         warnings: what a reader should know, one line each.
         seconds: of data used; ``elapsed``: s of computing.
-        predictable: predictable share of what is left, by what from, see :mod:`.screening.remainder`.
+        predictable: share of what is left that a smooth force explains, by what it is a function of.
         remainder: what is left, ``None`` where that is noise.
         nuisances: what the measuring chain did.
         small_effects: what was found and does not matter.
-        trace: which stage of the selection changed the choice.
-        confidence_note: why the confidence is capped, empty where it is a frequency.
-        signs: what the confidence goes by, see :mod:`.report.confidence`.
+        confidence_note: what the confidence does not count, empty where it counts all.
+        signs: what the confidence goes by.
         profiles: of the numbers of what is named, where they were asked for.
         correlation: of the numbers ``correlated``, shape (p, p); empty where it is not known.
         correlated: names of its rows.
@@ -295,7 +295,6 @@ class GapResult:
     after: HeldOutAgreement
     noise_floor: float
     model: Model
-    noise_alone: bool = False
     warnings: tuple[str, ...] = ()
     seconds: float = 0.0
     elapsed: float = 0.0
@@ -304,9 +303,44 @@ class GapResult:
     remainder: Remainder | None = None
     nuisances: tuple[Nuisance, ...] = ()
     small_effects: tuple[SmallEffect, ...] = ()
-    trace: tuple[Change, ...] = ()
     confidence_note: str = ""
     signs: Mapping[str, float] = field(default_factory=dict)
     profiles: tuple[ProfileLikelihood, ...] = ()
     correlation: Array = field(default_factory=lambda: np.empty((0, 0)))
     correlated: tuple[str, ...] = ()
+
+
+def verdict_of(
+    name: str, unit: str, values: tuple[float, ...], rises: tuple[float, ...], best: float, partner: str = ""
+) -> ProfileLikelihood:
+    """Return the profile with its verdict; ``values`` in rising order, with ``best`` among them."""
+    low, high = _crossing(values, rises, best, -1), _crossing(values, rises, best, 1)
+    own, other = name.replace("_", " "), partner.replace("_", " ")
+    shown = f"{best:.4g} {unit}".removesuffix(" 1")
+    if low is not None and high is not None:
+        verdict = IDENTIFIABLE
+        text = f"{own} is identifiable: {low:.4g} to {high:.4g} (95 %), best {shown}"
+    elif low is not None or high is not None:
+        verdict = ONE_SIDED
+        bound = f"at least {low:.4g}" if low is not None else f"at most {high:.4g}"
+        text = f"{own} is bounded on one side: {bound} (95 %); the record does not tell how much more or less"
+        text += f", since {other} makes up for it" if other else ""
+    elif partner:
+        verdict = TOGETHER
+        text = f"{own} is known only together with {other}: any change of one is made up for by the other"
+    else:
+        verdict = NOT
+        text = f"{own} is not identifiable: the record hardly depends on it"
+    return ProfileLikelihood(name, unit, values, rises, best, low, high, verdict, partner, text)
+
+
+def _crossing(values: tuple[float, ...], rises: tuple[float, ...], best: float, side: int) -> float | None:
+    """Return where the profile first crosses ``RISE_95`` going to ``side`` of ``best``, interpolated."""
+    points = sorted(zip(values, rises, strict=True), reverse=side < 0)
+    walk = [(value, rise) for value, rise in points if (value - best) * side >= 0.0]
+    for (near, below), (far, above) in pairwise(walk):
+        if below < RISE_95 <= above:
+            # The root of a rise is nearly linear.
+            inner = math.sqrt(max(below, 0.0))
+            return near + (math.sqrt(RISE_95) - inner) / (math.sqrt(above) - inner) * (far - near)
+    return None

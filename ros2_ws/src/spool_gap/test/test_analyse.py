@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from spool_core.errors import InputError
 from spool_estimator.identification.record import Record
+from spool_gap.evidence.analyse import analyse
+from spool_gap.likelihood.structure import structure_of
 from spool_gap.report.serialisation import result_to_dict
-from spool_gap.result import GapResult, GapSettings
-from spool_gap.workflow.analyse import analyse
-from spool_gap.workflow.preparation import given_by
+from spool_gap.result import GapResult
 from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS, model_from_mapping
 from spool_sim.sensors import Sensor
@@ -21,7 +21,6 @@ from spool_sim.valve.description import find_valve
 
 VALVE = find_valve("4weh10_soft").model_copy(update={"dynamic_viscosity": 0.03})
 SWEEP = SweptSine(start_frequency=6.0, stop_frequency=80.0, duration=8.0, amplitude=9.0)
-SETTINGS = GapSettings(longest=9000)
 
 
 def record(model: str = "fluid", seconds: float = 24.0, seed: int = 1, **given: object) -> Record:
@@ -45,11 +44,11 @@ def healthy() -> Record:
 @lru_cache
 def with_cubic() -> GapResult:
     hidden = record("fluid_cubic_stiffness", cubic_coefficient=4e7)
-    return analyse([hidden], VALVE, MODELS["fluid"], settings=SETTINGS)
+    return analyse([hidden], VALVE, MODELS["fluid"])
 
 
 def test_nothing_is_named_where_nothing_is_missing() -> None:
-    result = analyse([healthy()], VALVE, MODELS["fluid"], settings=SETTINGS)
+    result = analyse([healthy()], VALVE, MODELS["fluid"])
     assert result.verdict == "none"
     assert result.effects == ()
     assert result.after.nrmse < 1.3 * result.noise_floor
@@ -57,7 +56,7 @@ def test_nothing_is_named_where_nothing_is_missing() -> None:
 
 def test_friction_of_two_directions_keeps_a_correlation_for_each_number() -> None:
     hidden = record("fluid_asymmetric_friction", 16.0, seed=3, forward_force=0.2, backward_force=0.1)
-    result = analyse([hidden], VALVE, MODELS["fluid"], settings=SETTINGS)
+    result = analyse([hidden], VALVE, MODELS["fluid"])
     assert result.verdict == "asymmetric_friction"
     assert {"forward_force", "backward_force"} <= set(result.correlated)
     assert result.correlation.shape == (len(result.correlated), len(result.correlated))
@@ -79,7 +78,7 @@ def test_a_hardening_spring_is_named_with_its_size_and_closes_the_gap() -> None:
 
 def test_coulomb_friction_is_not_taken_for_a_confusable_effect() -> None:
     hidden = record("coulomb", coulomb_force=0.4)
-    result = analyse([hidden], VALVE, MODELS["fluid"], settings=SETTINGS)
+    result = analyse([hidden], VALVE, MODELS["fluid"])
     assert result.verdict == "coulomb_friction"
     assert result.effects[0].parameters[0].value == pytest.approx(0.4, rel=0.03)
     assert {row.id for row in result.ranking} >= {"stribeck_friction", "mixed_friction"}
@@ -95,21 +94,21 @@ def test_the_gap_is_gone_where_the_saved_model_is_the_base() -> None:
     names = [entry.name for entry in found.model.terms]
     base = model_from_mapping({"name": "saved", "terms": names, "parameters": dict(found.model.values)})
     hidden = record("fluid_cubic_stiffness", seed=2, cubic_coefficient=4e7)
-    assert analyse([hidden], VALVE, base, settings=SETTINGS).verdict == "none"
+    assert analyse([hidden], VALVE, base).verdict == "none"
 
 
 @pytest.mark.slow
 def test_gain_within_its_tolerance_is_no_effect_and_beyond_it_is_one() -> None:
     within = record(spool={"gain_error": 0.03})
     beyond = record(spool={"gain_error": 0.09})
-    assert analyse([within], VALVE, MODELS["fluid"], settings=SETTINGS).verdict == "none"
-    result = analyse([beyond], VALVE, MODELS["fluid"], settings=SETTINGS)
+    assert analyse([within], VALVE, MODELS["fluid"]).verdict == "none"
+    result = analyse([beyond], VALVE, MODELS["fluid"])
     assert result.verdict == "spool_gain_error"
     assert result.effects[0].parameters[0].value == pytest.approx(0.09, abs=0.01)
 
 
 def test_a_channel_that_clips_is_named_and_its_limit_read() -> None:
-    result = analyse([record(spool={"full_scale": 16.0})], VALVE, MODELS["fluid"], settings=SETTINGS)
+    result = analyse([record(spool={"full_scale": 16.0})], VALVE, MODELS["fluid"])
     assert result.verdict == "sensor_saturation"
     assert result.effects[0].parameters[0].value == pytest.approx(16.0, rel=1e-3)
 
@@ -120,14 +119,14 @@ def test_the_spools_limit_is_named_where_the_body_clips_too() -> None:
     clipped = replace(
         whole, body=np.clip(whole.body, -limit, limit), spool=np.clip(whole.spool, -limit, limit)
     )
-    result = analyse([clipped], VALVE, MODELS["fluid"], settings=SETTINGS)
+    result = analyse([clipped], VALVE, MODELS["fluid"])
     assert result.verdict.split("+")[0] == "sensor_saturation"
     assert result.effects[0].parameters[0].value == pytest.approx(limit, rel=1e-3)
 
 
 def test_another_record_can_be_held_out() -> None:
     other = record(seconds=16.0, seed=5)
-    result = analyse([healthy()], VALVE, MODELS["fluid"], holdout=[other], settings=SETTINGS)
+    result = analyse([healthy()], VALVE, MODELS["fluid"], holdout=[other])
     assert result.verdict == "none"
 
 
@@ -145,7 +144,7 @@ def test_the_result_survives_json_and_pickle() -> None:
 
 @pytest.mark.slow
 def test_the_same_record_gives_the_same_numbers() -> None:
-    first, again = (analyse([healthy()], VALVE, MODELS["fluid"], settings=SETTINGS) for _ in range(2))
+    first, again = (analyse([healthy()], VALVE, MODELS["fluid"]) for _ in range(2))
     assert first.after == again.after
     assert first.parameters == again.parameters
 
@@ -170,9 +169,9 @@ def test_a_bad_record_is_refused_in_words() -> None:
     }
     for words, bad in cases.items():
         with pytest.raises(InputError, match=words):
-            analyse([bad], VALVE, MODELS["fluid"], settings=SETTINGS)
+            analyse([bad], VALVE, MODELS["fluid"])
 
 
 def test_coefficients_that_count_per_weight_take_that_of_the_valves_spool() -> None:
     light = VALVE.model_copy(update={"spool_mass": 0.12})
-    assert given_by(light)["normal_load"] == pytest.approx(0.12 * 9.80665)
+    assert structure_of(MODELS["fluid"], light).values["normal_load"] == pytest.approx(0.12 * 9.80665)

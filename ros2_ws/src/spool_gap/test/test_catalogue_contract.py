@@ -2,33 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from spool_core.errors import InputError
-from spool_estimator.identification.record import Record, records_from_blocks
 from spool_gap.effect import Effect, Motion
-from spool_gap.fitting.hypothesis import Fitting
+from spool_gap.likelihood.kernel import motions_for
 from spool_gap.registry import EFFECTS, effect
-from spool_gap.result import GapSettings
-from spool_gap.screening.regression import Balance, Screened
-from spool_gap.sensor_effect import SensorEffect
-from spool_gap.simulation.point import Point
-from spool_gap.simulation.segments import Stretch, stretches_of
-from spool_gap.simulation.shooting import pieces_of
-from spool_gap.simulation.simulate import Simulation
-from spool_gap.thresholds import THRESHOLDS
-from spool_gap.workflow.preparation import motions_for
-from spool_sim.excitation import SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
-from spool_sim.model import MODELS, Model
-from spool_sim.sensors import Sensor
-from spool_sim.simulator import Simulator
-from spool_sim.terms import Parameter, term
-from spool_sim.valve.description import find_valve
+from spool_sim.model import MODELS
+from spool_sim.terms import term
 
 CONTRACT = {
     "coulomb_friction", "stribeck_friction", "mixed_friction", "asymmetric_friction", "presliding_friction",
@@ -36,27 +19,7 @@ CONTRACT = {
     "constant_force", "damping_drift", "spool_gain_error", "spool_delay", "sensor_saturation",
 }  # fmt: skip
 FORCES = sorted(name for name, entry in EFFECTS.items() if entry.terms)
-#: What two accelerometers show along the motion; the others are found from the start, checks or the base.
-SEARCHED = sorted(
-    name
-    for name, entry in EFFECTS.items()
-    if "accelerations" in entry.kinds and entry.searched and not entry.nuisance
-)
 PERIOD = 1e-4
-VALVE = find_valve("4weh10_soft")
-FLUID = MODELS["fluid"]
-LINES = (47.0,)
-
-
-class Nonlinear(SensorEffect):
-    """Nonlinear channel, as one file of the catalogue would declare it."""
-
-    id = "nonlinear"
-    parameters = (Parameter("nonlinearity", "s^2/m", -0.02, 0.02, 1e-3, "change of the gain per m/s^2"),)
-    equation = "reading = (1 + b abs(a)) a"
-
-    def reading(self, acceleration, period, values, time):
-        return acceleration * (1.0 + values["nonlinearity"] * np.abs(acceleration))
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +50,7 @@ def test_an_effect_says_what_a_reader_needs(name: str) -> None:
     assert entry.distinguished_by
     assert entry.fitted
     assert set(entry.confusable_with) | set(entry.replaces) <= set(EFFECTS)
-    assert set(entry.amplitudes) | set(entry.may_vanish) <= set(entry.fitted)
+    assert set(entry.amplitudes) <= set(entry.fitted)
     assert [number.name for number in entry.numbers] == list(dict.fromkeys(n.name for n in entry.numbers))
     for number in entry.numbers:
         assert number.unit
@@ -163,75 +126,3 @@ def test_the_switched_kernel_moves_the_spool_as_a_kernel_of_its_own(name: str) -
     switched = next(motion for motion in motions_for(MODELS["fluid"]) if motion.has(laws))
     found, _ = switched.advance(MotionState(), excitation, switched.row(laws, values)[np.newaxis], **options)
     np.testing.assert_allclose(found.displacement, expected.displacement, rtol=1e-9, atol=1e-15)
-
-
-def simulated(model: Model, values: Mapping[str, float]) -> Record:
-    """A sweep over a valve, s."""
-    sensor = Sensor(noise=0.02)
-    sweep = SweptSine(start_frequency=6.0, stop_frequency=60.0, duration=8.0, amplitude=8.0)
-    simulator = Simulator(
-        VALVE, sweep, model=model, parameters=values, sample_rate=1000.0, block_size=50, body_sensor=sensor,
-        spool_sensor=sensor,
-    )  # fmt: skip
-    (record,) = records_from_blocks(simulator.records(16.0), "contract")
-    return record
-
-
-def stretches(record: Record) -> list[Stretch]:
-    return stretches_of([record], [], FLUID, VALVE, damping=2.0)
-
-
-def balance(record: Record) -> Balance:
-    found = Balance(stretches(record), VALVE.moving_mass, VALVE.spring_stiffness, VALVE.viscous_coefficient)
-    found.prepare()
-    return found
-
-
-@pytest.fixture(scope="module", name="linear")
-def _linear() -> Record:
-    return simulated(FLUID, {})
-
-
-def typical(entry: Effect, motion: Motion) -> dict[str, float]:
-    """Parameters with which the force is a fifth of the spring's, rms."""
-    trials = list(entry.trials(motion))
-    trial = trials[len(trials) // 2]
-    wanted = 0.2 * motion.stiffness * float(motion.displacement.std())
-    sizes = wanted / np.maximum(np.sqrt(np.mean(trial.columns**2, axis=1)), 1e-12)
-    found = (entry.values(sign * sizes, trial.shape, motion) for sign in (1.0, -1.0))
-    return next(values for values in found if values is not None)
-
-
-def screened(entry: Effect, record: Record) -> Screened:
-    (found,) = balance(record).screen([entry], LINES)
-    return found
-
-
-@pytest.mark.parametrize("name", sorted(set(SEARCHED) & set(FORCES)))
-def test_the_regression_sees_an_effect_in_a_record_that_has_it(name: str, linear: Record) -> None:
-    entry = EFFECTS[name]
-    values = typical(entry, balance(linear).joined(LINES))
-    model = Model("own", (*FLUID.terms, *(term(law) for law in entry.terms)), {})
-    assert screened(entry, simulated(model, values)).gain > 10.0 * THRESHOLDS.screened
-    assert not balance(linear).screen([entry], LINES) or screened(entry, linear).gain < THRESHOLDS.screened
-
-
-@pytest.mark.parametrize(
-    "entry", [Nonlinear(), *(EFFECTS[name] for name in SEARCHED if not EFFECTS[name].terms)]
-)
-def test_a_fit_recovers_what_distorts_the_channel(
-    entry: SensorEffect, linear: Record, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(EFFECTS, entry.id, entry)
-    truth = {number.name: number.start for number in entry.numbers}
-    time = linear.sample_period * np.arange(linear.spool.size)
-    record = replace(linear, spool=entry.reading(linear.spool, linear.sample_period, truth, time))
-    found = screened(entry, record)
-    assert found.gain > THRESHOLDS.screened
-    simulation = Simulation(pieces_of(stretches(record), 9000), motions_for(FLUID))
-    fitting = Fitting(simulation, FLUID, VALVE, GapSettings())
-    start = Point(fitting.terms_of([entry.id]), {**FLUID.values_for(VALVE), **found.values})
-    fitted = fitting.fit((entry.id,), [start], rounds=20).fitted
-    for name, value in truth.items():
-        assert fitted.point.get(name) == pytest.approx(value, abs=4.0 * fitted.deviations[name], rel=0.02)
-    assert screened(entry, linear).gain < THRESHOLDS.screened

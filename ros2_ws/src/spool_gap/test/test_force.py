@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from spool_core.errors import InputError
-from spool_gap.catalogue.presliding_friction import dahl_state
-from spool_gap.force.force_analyse import analyse_forces
-from spool_gap.force.force_record import ForceRecord
+from spool_gap.catalogue.friction import dahl_state
+from spool_gap.force.analyse import analyse_forces
+from spool_gap.force.balance import ForceRecord
 from spool_gap.report.serialisation import result_to_dict
 from spool_sim.model import MODELS
 
@@ -109,3 +109,20 @@ def test_a_record_in_which_nothing_moves_is_refused() -> None:
     still = ForceRecord("rig", 0.0, PERIOD, np.zeros(4000), np.ones(4000))
     with pytest.raises(InputError, match="displacement_m does not change"):
         analyse_forces([still], MODELS["fluid"], "imposed")
+
+
+def test_numbers_that_differ_between_two_records_are_reported() -> None:
+    """One friction of 15 N, one of 20 N, and another zero of the load cell."""
+    one = forced(3, 15.0 * np.sign(rig(3)[2]))
+    other = forced(5, 20.0 * np.sign(rig(5)[2]), zero=30.0)
+    (line,) = _differing([one], [other])
+    assert "coulomb force" in line
+    assert "force zero" in line
+    assert "viscous" not in line
+    same = forced(5, 15.0 * np.sign(rig(5)[2]))
+    assert _differing([one], [same]) == []
+
+
+def _differing(records: list[ForceRecord], holdout: list[ForceRecord]) -> list[str]:
+    result = analyse_forces(records, MODELS["fluid"], "imposed", holdout=holdout)
+    return [line for line in result.warnings if line.startswith("no numbers hold in all records")]

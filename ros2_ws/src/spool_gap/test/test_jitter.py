@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from spool_estimator.identification.record import Record
+from spool_gap.evidence.analyse import analyse
 from spool_gap.result import GapResult
-from spool_gap.workflow.analyse import analyse
 from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor

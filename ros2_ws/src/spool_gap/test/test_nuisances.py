@@ -1,4 +1,4 @@
-"""What a measuring chain does to a record is found with its size, taken out, and never named as mechanics."""
+"""What a measuring chain does to a record is found with its size, and never named as mechanics."""
 
 from __future__ import annotations
 
@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from spool_estimator.identification.record import Record
-from spool_gap.registry import CHAIN, RECORD_NUISANCES
+from spool_gap.evidence.analyse import analyse
+from spool_gap.registry import RECORD_NUISANCES
 from spool_gap.result import GapResult
-from spool_gap.workflow.analyse import analyse
 from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor
@@ -135,17 +134,3 @@ def test_motion_at_the_mains_frequency_is_no_hum(clean: Record) -> None:
     moved = replace(clean, body=clean.body + line.real, spool=clean.spool + (follows * line).real)
     hum = next(entry for entry in RECORD_NUISANCES if entry.id == "hum")
     assert not hum.clean([moved], VALVE).found
-
-
-@pytest.mark.parametrize("name", sorted(CHAIN))
-def test_what_a_chain_effect_makes_of_a_reading_it_takes_out_again(clean: Record, name: str) -> None:
-    effect = CHAIN[name]
-    values = {parameter.name: parameter.start for parameter in effect.parameters} | {"corner_common": 0.0}
-    read = effect.reading(clean.spool, clean.sample_period, values, TIME)
-    back = effect.corrected(replace(clean, spool=read), values)
-    again = effect.reading(back.body, clean.sample_period, values, TIME)
-    # A low-pass is put on the other channel instead: both read alike then.
-    target: NDArray[np.float64] = clean.spool if name != "anti_alias" else read
-    inside = slice(2000, -2000)
-    assert np.std((back.spool - target)[inside]) < 0.02 * np.std(target)
-    assert again.shape == back.body.shape

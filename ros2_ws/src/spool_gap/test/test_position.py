@@ -8,12 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from spool_gap.force import force_analyse
-from spool_gap.force.force_analyse import analyse_forces
-from spool_gap.force.force_balance import ForceBalance, ForceFit
-from spool_gap.force.force_record import ForceRecord
-from spool_gap.force.force_result import Chosen
-from spool_gap.force.position_run import position_rmse, position_run, speed_at
+from spool_gap.force import analyse as workflow
+from spool_gap.force.analyse import analyse_forces
+from spool_gap.force.balance import ForceBalance, ForceFit, ForceRecord
+from spool_gap.force.position import Chosen, position_rmse, position_run, speed_at
 from spool_gap.registry import EFFECTS
 from spool_gap.result import RankedHypothesis
 from spool_sim.model import MODELS, Model
@@ -118,12 +116,12 @@ def test_an_effect_with_which_the_held_out_error_grows_is_refused_and_named() ->
     chosen: Chosen = ((entry, {}),)
     grown = worse(balance, fit, ())
     ranking = [RankedHypothesis(entry.id, (), balance.nrmse(grown), 50.0, {"push": 1.0}, accepted=True)]
-    kept, refused = force_analyse.without_growth(balance, [((), fit), (chosen, grown)], ranking)
+    kept, refused = workflow.without_growth(balance, [((), fit), (chosen, grown)], ranking)
     assert kept == [((), fit)]
     assert refused[0].startswith("Refused: constant force; on held-out data the error rises with it, from ")
     assert not ranking[0].accepted
     assert ranking[0].reason == "the error on held-out data rises with it"
-    kept, refused = force_analyse.without_growth(balance, [((), grown), (chosen, fit)], [])
+    kept, refused = workflow.without_growth(balance, [((), grown), (chosen, fit)], [])
     assert len(kept) == 2
     assert not refused
 
@@ -135,13 +133,13 @@ def test_numbers_that_follow_the_position_are_kept_only_if_both_errors_fall(
     bad = worse(balance, fit, ())
     base = MODELS["fluid"]
     for start, end, kept in ((bad, fit, True), (fit, bad, False), (fit, fit, False)):
-        monkeypatch.setattr(force_analyse, "fitted_by_position", lambda *_given, end=end: end)
-        assert (force_analyse.followed(balance, (), start, base) is end) == kept
+        monkeypatch.setattr(workflow, "fitted_by_position", lambda *_given, end=end: end)
+        assert (workflow.followed(balance, (), start, base) is end) == kept
     # A force error that grows is not made up for by a position that is followed better.
-    monkeypatch.setattr(force_analyse, "fitted_by_position", lambda *_given: bad)
+    monkeypatch.setattr(workflow, "fitted_by_position", lambda *_given: bad)
     places = iter([1e-3, 1e-6])
-    monkeypatch.setattr(force_analyse, "free_run_error", lambda *_given: next(places))
-    assert force_analyse.followed(balance, (), fit, base) is None
+    monkeypatch.setattr(workflow, "free_run_error", lambda *_given: next(places))
+    assert workflow.followed(balance, (), fit, base) is None
 
 
 def test_a_known_mass_is_not_fitted() -> None:

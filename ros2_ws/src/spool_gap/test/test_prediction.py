@@ -14,6 +14,7 @@ from scipy import linalg
 from spool_estimator.identification.record import Record, records_from_blocks
 from spool_estimator.identification.signals.spectra import delayed
 from spool_gap.likelihood.chain_part import CHAIN_PARTS, inverse
+from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import (
     FREE,
     Prediction,
@@ -24,7 +25,6 @@ from spool_gap.likelihood.readings import readings_of
 from spool_gap.likelihood.structure import Structure, structure_of
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
 from spool_gap.registry import EFFECTS
-from spool_gap.workflow.preparation import motions_for
 from spool_sim.excitation import SteppedSine, SweptSine
 from spool_sim.model import MODELS, Model, model_from_mapping
 from spool_sim.sensors import Sensor

@@ -7,11 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from spool_estimator.identification.record import Record
-from spool_gap.force.force_analyse import analyse_forces
-from spool_gap.force.force_record import ForceRecord
-from spool_gap.profile_likelihood import RISE_95, verdict_of
-from spool_gap.result import GapSettings
-from spool_gap.workflow.analyse import analyse
+from spool_gap.evidence.analyse import analyse
+from spool_gap.force.analyse import analyse_forces
+from spool_gap.force.balance import ForceRecord
+from spool_gap.result import RISE_95, GapSettings, verdict_of
 from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor

@@ -11,18 +11,15 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import cast
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from spool_estimator.identification.record import Record
 from spool_estimator.identification.signals.spectra import ZeroPhase, interval_mean_response, relative_motion
-from spool_gap.chain_effect import ChainEffect
-from spool_gap.effect import Motion, scan
+from spool_gap.effect import Motion, SensorEffect, scan
+from spool_gap.likelihood.chain_part import CHAIN_PARTS
 from spool_gap.registry import EFFECTS
-from spool_gap.sensor_effect import SensorEffect
 
 Array = NDArray[np.float64]
 
@@ -186,30 +183,24 @@ VALUES: tuple[tuple[str, list[float], Mapping[str, float], Mapping[str, float] |
     ("extra_mode", [3.0], {"mode_frequency": 30.0}, {"mode_frequency": 30.0, "mode_share": 1.9}),
 )
 
-#: Effect of the measuring chain, its numbers, and gain (1) and phase (rad) of the reading of a sine, by Hz.
-CHAINS: tuple[tuple[str, Mapping[str, float], dict[float, tuple[float, float]]], ...] = (
+#: Effect of the spool's channel, its numbers, and gain (1) and phase (rad) of the reading of a sine, by Hz.
+CHANNELS: tuple[tuple[str, Mapping[str, float], dict[float, tuple[float, float]]], ...] = (
     # 2 pi 12 * 3.7 ms late
     ("spool_delay", {"spool_delay": 3.7e-3}, {12.0: (1.0, -0.2789734)}),
     ("spool_gain_error", {"spool_gain_error": 0.15}, {12.0: (1.15, 0.0)}),
-    # (i f + f_body) / (i f + f_spool): (2 i + 0.1) / (2 i + 0.6); the other way round
-    ("ac_coupling", {"corner_difference": 0.5, "corner_common": 0.1}, {2.0: (0.9590228, 0.2414984)}),
-    ("ac_coupling", {"corner_difference": -0.5, "corner_common": 0.1}, {2.0: (1.042728, -0.2414984)}),
-    # 1 / (1 + sqrt 2 i x - x^2), x = 12 * 0.004; its inverse; which at 300 Hz, x = 3.6, is 10 at most
-    ("anti_alias", {"filter_time": 4e-3}, {12.0: (0.9999973, -0.06793431)}),
-    ("anti_alias", {"filter_time": -4e-3}, {12.0: (1.0000027, 0.06793431)}),
-    # 1 - 12.96 + 5.091169 i: 13.00 at 2.739144 rad
-    ("anti_alias", {"filter_time": -12e-3}, {300.0: (10.0, 2.739144)}),
+)
+#: Part of the measuring chain, its numbers after the channel's name, frequency (Hz), gain (1) and phase (rad).
+PARTS: tuple[tuple[str, Mapping[str, float], float, tuple[float, float]], ...] = (
+    # f / (f - i f_c): 2 / (2 - 0.6 i)
+    ("ac_coupling", {"corner": 0.6}, 2.0, (0.9578263, 0.2914568)),
+    # 1 / (1 + sqrt 2 i x - x^2), x = 12 * 0.004
+    ("anti_alias", {"filter_time": 4e-3}, 12.0, (0.9999973, -0.06793431)),
     # 1 + 0.3 * 144 / (900 - 144 + 36 i)
     (
         "extra_mode",
         {"mode_share": 0.3, "mode_frequency": 30.0, "mode_damping": 0.05},
-        {12.0: (1.057017, -0.002568485)},
-    ),
-    # 1 - 1.5 * 144 / (217 + 9.12 i) = 0.006363 + 0.041760 i is less than a tenth and becomes one
-    (
-        "extra_mode",
-        {"mode_share": -1.5, "mode_frequency": 19.0, "mode_damping": 0.02},
-        {12.0: (0.1, 1.419581)},
+        12.0,
+        (1.057017, -0.002568485),
     ),
 )
 RATE, COUNT = 1000.0, 4001
@@ -250,11 +241,9 @@ def test_parameters_are_those_worked_out_by_hand(
 
 def test_every_effect_has_values_worked_out_by_hand() -> None:
     """An effect without a row fails here: add its signature or its reading, and its parameters."""
-    alone = {"gain_drift", "sensor_saturation"}
-    shown = {row[0] for row in SIGNATURES} | {row[0] for row in CHAINS} | alone
+    shown = {row[0] for row in SIGNATURES} | {row[0] for row in CHANNELS} | {"sensor_saturation"}
     assert shown == set(EFFECTS)
-    searched = {name for name, entry in EFFECTS.items() if entry.searched or entry.terms}
-    assert {row[0] for row in VALUES} == searched
+    assert {row[0] for row in VALUES} == {name for name, entry in EFFECTS.items() if entry.terms}
 
 
 def test_sizes_of_a_motion_are_those_worked_out_by_hand() -> None:
@@ -268,128 +257,35 @@ def test_sizes_of_a_motion_are_those_worked_out_by_hand() -> None:
     assert scan(2.0, 2e-3, 4) == scan(0.0, 2e-3, 4) == []
 
 
-@pytest.mark.parametrize(("name", "values", "by_hand"), CHAINS)
+@pytest.mark.parametrize(("name", "values", "by_hand"), CHANNELS)
 def test_channel_reads_a_sine_as_worked_out_by_hand(
     name: str, values: Mapping[str, float], by_hand: dict[float, tuple[float, float]]
 ) -> None:
     entry = cast(SensorEffect, EFFECTS[name])
     for hertz, (gain, phase) in by_hand.items():
         rows = np.array([wave(hertz), wave(hertz, 3.0)])
-        one, other = entry.reading(rows, 1.0 / RATE, values, TIME)
+        one, other = entry.reading(rows, 1.0 / RATE, values)
         assert one.shape == other.shape == TIME.shape
         assert middle(one) == pytest.approx(middle(wave(hertz, gain, phase)), abs=MIDDLE * gain)
         assert other == pytest.approx(3.0 * one, abs=1e-9)
-        assert entry.reading(rows[0], 1.0 / RATE, values, TIME) == pytest.approx(one, abs=1e-9)
 
 
-def test_slow_sines_and_constants_pass_a_high_pass_as_worked_out_by_hand() -> None:
-    entry, values = (
-        cast(SensorEffect, EFFECTS["ac_coupling"]),
-        {"corner_difference": 0.5, "corner_common": 0.1},
-    )
-    # Sampled at 50 Hz the same row has 0.05 Hz: (0.05 i + 0.1) / (0.05 i + 0.6)
-    found = entry.reading(wave(1.0), 0.02, values, TIME)
-    assert middle(found) == pytest.approx(middle(wave(1.0, 0.1856953, 0.3805064)), abs=MIDDLE)
-    # The ratio of two high-passes is left open at 0 Hz, where no accelerometer sees a motion: 1.
-    assert middle(entry.reading(np.full(COUNT, 3.0), 1.0 / RATE, values, TIME)).mean() == pytest.approx(
-        3.0, rel=0.02
-    )
-
-
-def test_clipped_and_drifting_channels_read_what_was_worked_out_by_hand() -> None:
-    clipped, drifting = (cast(SensorEffect, EFFECTS[name]) for name in ("sensor_saturation", "gain_drift"))
-    row, time = np.array([3.0, -20.0, 17.0]), np.array([1.0, 4.0, 10.0])
-    found = clipped.reading(row, 1e-3, {"saturation_limit": 15.0}, time)
+def test_a_clipped_channel_reads_what_was_worked_out_by_hand() -> None:
+    clipped = cast(SensorEffect, EFFECTS["sensor_saturation"])
+    found = clipped.reading(np.array([3.0, -20.0, 17.0]), 1e-3, {"saturation_limit": 15.0})
     assert found.tolist() == [3.0, -15.0, 15.0]
-    # (1 + 0.02 t) a: 3 * 1.02; -20 * 1.08; 17 * 1.2
-    found = drifting.reading(row, 1e-3, {"gain_drift_rate": 0.02}, time)
-    assert found == pytest.approx([3.06, -21.6, 20.4], rel=EXACT)
 
 
-def corrected(name: str, values: Mapping[str, float], record: Record) -> tuple[Array, Array]:
-    found = cast(ChainEffect, EFFECTS[name]).corrected(record, values)
-    return middle(found.body), middle(found.spool)
-
-
-def record_of(hertz: float, spool: float = 1.0) -> Record:
-    return Record("by hand", 0, 1.0 / RATE, wave(hertz), wave(hertz, spool))
-
-
-def test_a_record_is_corrected_as_worked_out_by_hand() -> None:
-    # Divided by 1 + 0.02 t, t from the origin on: the record begins 5 s after it.
-    late = replace(record_of(12.0), start=7_000_000_000, origin=2_000_000_000)
-    body, spool = corrected("gain_drift", {"gain_drift_rate": 0.02}, late)
-    assert body == pytest.approx(middle(wave(12.0)))
-    assert spool == pytest.approx(middle(wave(12.0) / (1.0 + 0.02 * (5.0 + TIME))), rel=EXACT, abs=1e-12)
-    # The other channel is filtered alike: 1 / (1 + sqrt 2 i x - x^2), x = 12 * 0.004
-    alike = middle(wave(12.0, 0.9999973, -0.06793431))
-    body, spool = corrected("anti_alias", {"filter_time": 4e-3}, record_of(12.0))
-    assert (body, spool) == (pytest.approx(alike, abs=MIDDLE), pytest.approx(middle(wave(12.0))))
-    body, spool = corrected("anti_alias", {"filter_time": -4e-3}, record_of(12.0))
-    assert (body, spool) == (pytest.approx(middle(wave(12.0))), pytest.approx(alike, abs=MIDDLE))
-    # The mode is taken out of the spool: 1 / 1.057017, 0.002568485 ahead
-    mode = {"mode_share": 0.3, "mode_frequency": 30.0, "mode_damping": 0.05}
-    body, spool = corrected("extra_mode", mode, record_of(12.0))
-    assert body == pytest.approx(middle(wave(12.0)))
-    assert spool == pytest.approx(middle(wave(12.0, 0.9460585, 0.002568485)), abs=MIDDLE)
-    # Each channel through the inverse of its high-pass: (i f + f_c) / (i f), f_c 0.1 and 0.6 Hz at 2 Hz
-    body, spool = corrected("ac_coupling", {"corner_difference": 0.5, "corner_common": 0.1}, record_of(2.0))
-    assert body == pytest.approx(middle(wave(2.0, 1.001249, -0.04995840)), abs=0.01)
-    assert spool == pytest.approx(middle(wave(2.0, 1.044031, -0.2914568)), abs=0.01)
-    # ... and its mean and what is slower than 0.5 Hz left out
-    for slow, left in ((np.full(COUNT, 3.0), 1e-6), (wave(0.25), 0.02)):
-        shifted = replace(record_of(2.0), spool=record_of(2.0).spool + slow)
-        again = corrected("ac_coupling", {"corner_difference": 0.5, "corner_common": 0.1}, shifted)
-        assert again[1] == pytest.approx(spool, abs=left)
-
-
-def shaken(hertz: float) -> Motion:
-    """Return a motion whose spool's channel reads a sine."""
-    none = np.zeros(COUNT)
-    return Motion(none, none, none, TIME, 1.0 / RATE, 0.0, 0.18, 1500.0, 4.0, (), wave(hertz), 3.0)
-
-
-#: -(m + c / (i w) + k / (i w)^2) at 12 Hz, w = 75.39822: -(0.18 - 0.2638576 - 0.0530517 i)
-BALANCE = 0.0838576 + 0.0530517j
-
-
-@pytest.mark.parametrize(
-    ("name", "change"),
-    [
-        # (1 / (1 + sqrt 2 i x - x^2) - 1) / 0.001 s at x = 0.012: -0.144002 - 16.97056 i
-        ("anti_alias", -0.144002 - 16.97056j),
-        # (12 i / (12 i + 0.5) - 1) / 0.5 Hz
-        ("ac_coupling", -0.003466204 + 0.08318891j),
-    ],
-)
-def test_force_that_a_filter_feigns_is_the_one_worked_out_by_hand(name: str, change: complex) -> None:
-    (found,) = EFFECTS[name].signature(shaken(12.0), {})
-    size, phase = cmath.polar(BALANCE * change)
-    assert middle(found) == pytest.approx(middle(wave(12.0, size, phase)), abs=MIDDLE * size)
-
-
-def test_force_that_a_mode_feigns_is_the_one_worked_out_by_hand() -> None:
-    trials = list(EFFECTS["extra_mode"].trials(shaken(12.0)))
-    # From 4 * 3 Hz to twice the 12 Hz and a little more that hold the power, twelve to an octave.
-    tried = [trial.shape["mode_frequency"] for trial in trials]
-    assert tried[0] == pytest.approx(12.0)
-    assert 24.0 < tried[-1] < 28.0
-    assert np.diff(np.log2(tried)) == pytest.approx([1.0 / 12.0] * (len(tried) - 1), rel=0.1)
-    trial = trials[-1]
-    place = trial.shape["mode_frequency"]
-    # f^2 / (f0^2 - f^2 + 2 i 0.05 f0 f)
-    size, phase = cmath.polar(BALANCE * 144.0 / (place**2 - 144.0 + 1.2j * place))
-    (found,) = trial.columns
-    assert middle(found) == pytest.approx(middle(wave(12.0, size, phase)), abs=0.02 * size)
-
-
-def test_a_channel_without_a_reading_feigns_no_force() -> None:
-    silent = replace(shaken(12.0), reading=np.empty(0))
-    for name in ("anti_alias", "ac_coupling", "gain_drift"):
-        assert EFFECTS[name].signature(silent, {}).shape == (0, COUNT)
-    assert list(EFFECTS["extra_mode"].trials(silent)) == []
-    for name in ("spool_gain_error", "spool_delay", "sensor_saturation"):
-        assert EFFECTS[name].signature(shaken(12.0), {}).shape == (0, COUNT)
+@pytest.mark.parametrize("channel", ["body", "spool"])
+@pytest.mark.parametrize(("name", "numbers", "hertz", "by_hand"), PARTS)
+def test_part_of_the_chain_passes_a_sine_as_worked_out_by_hand(
+    channel: str, name: str, numbers: Mapping[str, float], hertz: float, by_hand: tuple[float, float]
+) -> None:
+    part = CHAIN_PARTS[f"{channel}_{name}"]
+    assert part.response is not None
+    values = {f"{channel}_{number}": value for number, value in numbers.items()}
+    (found,) = part.response(np.array([hertz]), values)
+    assert cmath.polar(complex(found)) == pytest.approx(by_hand, rel=EXACT)
 
 
 def test_zero_phase_band_has_the_gain_worked_out_by_hand() -> None:

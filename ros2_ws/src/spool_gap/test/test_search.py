@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from spool_estimator.identification.record import Record
 from spool_gap.evidence.analyse import analyse
+from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.readings import readings_of
 from spool_gap.likelihood.rest import Rest, rest_of
@@ -18,7 +19,6 @@ from spool_gap.likelihood.search import Search
 from spool_gap.likelihood.structure import structure_of
 from spool_gap.likelihood.structure_fit import fit_structure
 from spool_gap.result import GapResult
-from spool_gap.workflow.preparation import motions_for
 from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS, Model
 from spool_sim.sensors import Sensor

@@ -1,1 +1,1 @@
-"""The effects that the analysis can name: one file each."""
+"""The effects that the analysis can name: one class each, in files by family."""

@@ -6,6 +6,7 @@ changed. Structures of that model are compared by one likelihood, see :mod:`.lik
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from contextlib import nullcontext
@@ -17,15 +18,14 @@ from spool_sim.model import Model
 from spool_sim.terms import term
 from spool_sim.valve.description import Valve
 
-from spool_gap.checks.stuck import as_stuck
+from spool_gap.checks import as_stuck
+from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.search import Search
 from spool_gap.likelihood.structure import structure_of
 from spool_gap.likelihood.structure_fit import StructureFit
 from spool_gap.registry import EFFECTS
-from spool_gap.result import GapResult, GapSettings, NamedEffect, RankedHypothesis, SmallEffect
-from spool_gap.selection.context import Progress
-from spool_gap.workflow.preparation import motions_for, tried_effects
+from spool_gap.result import GapResult, GapSettings, NamedEffect, Progress, RankedHypothesis, SmallEffect
 
 from .decision import Decision, decide
 from .held_out import HeldOut, Judged
@@ -68,14 +68,16 @@ def analyse(
     look = look_at(records, holdout, valve)
     tell("preparing", 0.05)
     motions = motions_for(base)
-    names = [entry.id for entry in tried_effects(base) if entry.terms]
+    names = tried_effects(base)
     predictions = Predictions([Prediction(one, valve, motions) for one in look.readings])
     held = HeldOut(
         predictions, [number >= len(look.readings) - look.held for number in range(len(look.readings))]
     )
     # Records that are held out take no part in the search; windows do, since a sweep shows each motion once.
     with held.apart() if look.held else nullcontext():
-        search = Search(predictions, structure_of(base, valve), [] if look.stuck else names, tell, ALLOWED)
+        tried = [] if look.stuck else names
+        allowed = math.inf if chosen.thorough else ALLOWED
+        search = Search(predictions, structure_of(base, valve), tried, tell, allowed)
         search.run()
         late = search.late
         tell("deciding", 0.85)
@@ -89,11 +91,22 @@ def analyse(
             names = [quantity.name for effect in result.effects for quantity in effect.parameters]
             own = profiles_of(predictions, decision.fit, decision.numbers, names)
             result = replace(result, profiles=own)
-    told = (f"out of time after {ALLOWED:g} s of searching: this is the best so far",) if late else ()
+    hurried = f"out of time after {ALLOWED:g} s of searching: this is the best so far, --thorough goes on"
+    told = (hurried,) if late else ()
     result = replace(
         result, warnings=(*look.warnings, *told, *result.warnings), elapsed=time.monotonic() - begun
     )
     return as_stuck(result) if look.stuck else result
+
+
+def tried_effects(base: Model) -> list[str]:
+    """Return the forces that ``base`` may lack and that show along the measured motion."""
+    known = {entry.name for entry in base.terms}
+    return [
+        name
+        for name, entry in EFFECTS.items()
+        if entry.terms and entry.searched and "accelerations" in entry.kinds and not known & set(entry.terms)
+    ]
 
 
 def _assembled(

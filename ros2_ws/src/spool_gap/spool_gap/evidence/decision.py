@@ -17,13 +17,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spool_gap.likelihood.chain_part import DELAY, GAIN
+from spool_gap.likelihood.kernel import SwitchableMotion
 from spool_gap.likelihood.prediction import Predictions
 from spool_gap.likelihood.rest import Rest, rest_of, share_between, share_of_effect, share_of_part
 from spool_gap.likelihood.search import DECISIVE, Search
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
 from spool_gap.registry import EFFECTS
 from spool_gap.result import GapSettings
-from spool_gap.simulation.switchable import SwitchableMotion
 
 from .from_rest import TwoForces, split_by_direction, two_forces
 from .intervals import Numbers, numbers_of

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_sim.valve.description import Valve
 
+from spool_gap.likelihood.kernel import SwitchableMotion
 from spool_gap.likelihood.prediction import FREE, Prediction
 from spool_gap.likelihood.readings import Readings, readings_of
 from spool_gap.likelihood.search import DECISIVE
 from spool_gap.likelihood.structure import Structure
 from spool_gap.likelihood.structure_fit import StructureFit
-from spool_gap.simulation.switchable import SwitchableMotion
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,8 @@ gives the covariance of the numbers. Errors that go with the motion, as those of
 that is a little wrong, repeat from line to line; each window of a second then pulls the numbers another way
 than chance allows. The sandwich of curvature and of the scatter of the windows' pulls counts that.
 
-Sources: Huber, 1967; White, 1982 (sandwich); Murphy and van der Vaart, 2000 (profile likelihood).
+Sources: Huber, 1967; White, 1982 (sandwich); Murphy and van der Vaart, JASA 95, 2000 (profile likelihood);
+Raue and others, Bioinformatics 25, 2009 (what a profile says of a number).
 """
 
 from __future__ import annotations
@@ -18,12 +19,17 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_core.uncertainty import Quantity, Validity
 
-from spool_gap.fitting.profile import FAR_ENOUGH, STEPS
 from spool_gap.likelihood.prediction import Predictions
 from spool_gap.likelihood.structure_fit import StructureFit, curvature_of, fit_structure
-from spool_gap.profile_likelihood import ProfileLikelihood, verdict_of
+from spool_gap.result import RISE_95, ProfileLikelihood, verdict_of
 
 Array = NDArray[np.float64]
+
+#: Standard deviations at which a number is held, until the likelihood has fallen enough: the first four show
+#: a parabola where there is one, the last a number that is hardly bounded.
+STEPS = (1.0, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0)
+#: Fall of twice the log likelihood at which a side ends.
+FAR_ENOUGH = 1.5 * RISE_95
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,11 +13,11 @@ from spool_estimator.identification.nuisances.record_nuisance import Nuisance
 from spool_estimator.identification.record import Record
 from spool_sim.valve.description import Valve
 
-from spool_gap.checks import conditions
-from spool_gap.checks.stuck import dithered, is_stuck
+from spool_gap import checks as conditions
+from spool_gap.checks import dithered, is_stuck
 from spool_gap.likelihood.readings import Readings, readings_of
 from spool_gap.registry import RECORD_NUISANCES
-from spool_gap.report.outcome import CHECK_CLIPPING
+from spool_gap.report.wording import CHECK_CLIPPING
 
 Mask = NDArray[np.bool_]
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from spool_core.uncertainty import PLUS_MINUS, Quantity, Validity, percent, with_interval
+from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.identification.nuisances.record_nuisance import Nuisance
 from spool_sim.model import Model
 
@@ -15,11 +15,24 @@ from spool_gap.evidence.held_out import Judged
 from spool_gap.evidence.look import Look
 from spool_gap.likelihood.chain_part import CHAIN_PARTS
 from spool_gap.registry import EFFECTS
-from spool_gap.report.outcome import CHECK_COLOURED, COLOURED, DOUBTFUL, LOOKS_LIKE
+from spool_gap.report.wording import (
+    CHECK_COLOURED,
+    LOOKS_LIKE,
+    UNEXPLAINED,
+    named,
+    nothing_missing,
+    still_missing,
+    unnamed,
+)
 from spool_gap.result import Remainder
 from spool_gap.thresholds import THRESHOLDS
 
-SATURATION, UNEXPLAINED = "sensor_saturation", "unexplained"
+SATURATION, COMPARED = "sensor_saturation", "the spool's acceleration"
+#: Power of what is left over the white noise's from which noise is called coloured: the density of white
+#: noise is known to some 10 %, that of the residual to some 20 %.
+COLOURED = 2.0
+#: Confidence at most where the channels may not be of one valve: even that they are is doubted.
+DOUBTFUL = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,17 +76,17 @@ def words_of(decision: Decision, look: Look, base: Model, before: Judged, after:
     nuisances = [*look.nuisances, *(_told(decision, key) for key in decision.parts)]
     if not open_ and power > COLOURED and not decision.fit.structure.jumps:
         nuisances.append(Nuisance("coloured_noise", "spool", _rms(after), "m/s^2", CHECK_COLOURED))
+    errors = before.agreement.nrmse, after.agreement.nrmse, after.floor, COMPARED
     if verdict == "none":
-        text = (
-            f"Nothing is missing: '{base.name}' leaves {percent(after.agreement.nrmse)} of the spool's "
-            f"acceleration, noise alone {percent(after.floor)}."
-        )
+        text = nothing_missing(base.name, *errors[1:])
     elif verdict == UNEXPLAINED:
-        text = _unnamed(decision, base, candidates, before, after)
+        text = unnamed(base.name, candidates, decision.rest.follows, *errors)
     else:
-        text = _named(decision, names, extra, before, after)
+        known = {one.name: one for one in decision.numbers.quantities}
+        numbers = {name: [known[own] for own in EFFECTS[name].fitted if own in known] for name in names}
+        text = named([(name, extra.get(name) or numbers[name]) for name in names], *errors)
         if remainder is not None:
-            text = f"{text} {_still_missing(remainder)}"
+            text = f"{text} {still_missing(remainder)}"
     warnings = []
     if after.agreement.nrmse > THRESHOLDS.explains_nothing:
         warnings.append(
@@ -104,46 +117,3 @@ def _remainder(decision: Decision, power: float, before: Judged, after: Judged) 
     share = max(after.agreement.nrmse**2 - after.floor**2, 0.0) / gap
     follows = decision.rest.follows
     return Remainder(min(share, 1.0), power, follows, LOOKS_LIKE.get(follows, LOOKS_LIKE["nothing"]))
-
-
-def _unnamed(
-    decision: Decision, base: Model, candidates: tuple[str, ...], before: Judged, after: Judged
-) -> str:
-    near = f"; nearest come {', '.join(candidates)}" if candidates else ""
-    if decision.rest.follows != "nothing":
-        near += f". What is left follows {decision.rest.follows}"
-    return (
-        f"Something is missing that has no name here: '{base.name}' leaves {percent(before.agreement.nrmse)} "
-        f"of the spool's acceleration, the best of the catalogue {percent(after.agreement.nrmse)}, "
-        f"noise would leave {percent(after.floor)}{near}."
-    )
-
-
-def _named(
-    decision: Decision,
-    names: list[str],
-    extra: Mapping[str, tuple[Quantity, ...]],
-    before: Judged,
-    after: Judged,
-) -> str:
-    parts = []
-    known = {one.name: one for one in decision.numbers.quantities}
-    for name in names:
-        entry = EFFECTS[name]
-        own = extra.get(name) or [known[one] for one in entry.fitted if one in known]
-        sizes = [f"{one.name} {with_interval(one.value, one.standard_deviation, one.unit)}" for one in own]
-        told = f"{', '.join(sizes)}; {PLUS_MINUS}"
-        parts.append(f"{name.replace('_', ' ')} ({told}): {entry.on_the_machine}; check {entry.to_check}")
-    return (
-        f"The model lacks {'; and '.join(parts)}. With it the error falls from "
-        f"{percent(before.agreement.nrmse)} to {percent(after.agreement.nrmse)} of the spool's acceleration "
-        f"(noise alone: {percent(after.floor)})."
-    )
-
-
-def _still_missing(left: Remainder) -> str:
-    follows = "nothing predicts it" if left.function_of == "nothing" else f"it follows {left.function_of}"
-    return (
-        f"Something else is left, {left.over_noise_floor:.3g} times the noise's power and "
-        f"{percent(left.share)} of the gap's; {follows}: {left.looks_like}."
-    )

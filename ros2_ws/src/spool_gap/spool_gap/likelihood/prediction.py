@@ -32,11 +32,8 @@ from spool_estimator.identification.signals.spectra import ZeroPhase
 from spool_sim.integration.composed_motion import Correction
 from spool_sim.valve.description import Valve
 
-from spool_gap.simulation.batches import steps_a_sample
-from spool_gap.simulation.point import Point
-from spool_gap.simulation.switchable import SwitchableMotion
-
 from .chain_part import DELAY, GAIN, SMALLEST, ChainPart, Spectrum, inverse
+from .kernel import Point, SwitchableMotion, steps_a_sample
 from .readings import Readings
 from .structure import Structure
 

@@ -1,1 +1,1 @@
-"""Result of an analysis: verdict, location of the gap, serialisation."""
+"""What a result says: where the gap sits, sentences, JSON."""

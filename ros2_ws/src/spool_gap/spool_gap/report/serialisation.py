@@ -8,8 +8,15 @@ from typing import Any
 from spool_core.uncertainty import Quantity
 from spool_estimator.identification.nuisances.record_nuisance import Nuisance
 
-from spool_gap.profile_likelihood import ProfileLikelihood
-from spool_gap.result import GapResult, HeldOutAgreement, RankedHypothesis, Remainder, Share, Where
+from spool_gap.result import (
+    GapResult,
+    HeldOutAgreement,
+    ProfileLikelihood,
+    RankedHypothesis,
+    Remainder,
+    Share,
+    Where,
+)
 
 
 def result_to_dict(result: GapResult) -> dict[str, Any]:

@@ -60,7 +60,7 @@ def gap(
         ),
     ] = 0.0025,
     thorough: Annotated[
-        bool, typer.Option(help="Search to the end; default: two minutes for a minute of data.")
+        bool, typer.Option(help="Search to the end; default: a minute of searching at most.")
     ] = False,
     profiles: Annotated[
         bool,

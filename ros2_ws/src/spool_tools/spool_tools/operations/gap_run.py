@@ -17,11 +17,11 @@ from spool_core.errors import InputError
 from spool_core.uncertainty import LEGEND, PLUS_MINUS, interval, percent, with_interval
 from spool_estimator.identification.record import LARGEST, Record
 from spool_estimator.plausibility import check_records
-from spool_gap.force.force_analyse import analyse_forces
-from spool_gap.force.force_record import ForceRecord
+from spool_gap.evidence.analyse import analyse
+from spool_gap.force.analyse import analyse_forces
+from spool_gap.force.balance import ForceRecord
 from spool_gap.report.serialisation import result_to_dict
-from spool_gap.result import COUNTED, GapResult, GapSettings
-from spool_gap.workflow.analyse import analyse
+from spool_gap.result import GapResult, GapSettings
 from spool_sim.model import Model, load_model
 from spool_sim.valve.description import Valve, find_valve
 
@@ -233,10 +233,7 @@ def show(result: GapResult, console: Console) -> None:
         shown = interval(quantity.value, quantity.standard_deviation)
         numbers.add_row(quantity.name, shown.value, shown.half_width, quantity.unit)
     console.print(numbers)
-    if result.noise_alone:
-        console.print(f"{LEGEND}; {COUNTED}", markup=False, highlight=False, soft_wrap=True)
-    else:
-        console.print(LEGEND, markup=False, highlight=False, soft_wrap=True)
+    console.print(LEGEND, markup=False, highlight=False, soft_wrap=True)
     for profile in result.profiles:
         console.print(profile.sentence, markup=False, highlight=False, soft_wrap=True)
     _show_nuisances(result, console)

@@ -13,9 +13,17 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 from spool_core.uncertainty import LEGEND, Quantity, interval, with_interval
-from spool_gap.profile_likelihood import RISE_95, ProfileLikelihood
 from spool_gap.registry import EFFECTS
-from spool_gap.result import COUNTED, Curves, GapResult, RankedHypothesis, Share, Surface, Where
+from spool_gap.result import (
+    RISE_95,
+    Curves,
+    GapResult,
+    ProfileLikelihood,
+    RankedHypothesis,
+    Share,
+    Surface,
+    Where,
+)
 
 from spool_tools.report import page as html
 from spool_tools.report.evidence.exhibit import AFTER, BEFORE, FLOOR, MEASURED, WIDTH, Exhibit, LeftOut
@@ -123,7 +131,7 @@ def gap_page(
         html.heading("Numbers"),
         html.table(["parameter", "base model", "with what was found", "unit"], _numbers(result)),
         html.paragraph(
-            f"{LEGEND}{f'; {COUNTED}' if result.noise_alone else ''}. "
+            f"{LEGEND}. "
             f"Model: {', '.join(term.name for term in result.model.terms)}; "
             f"{result.seconds:.0f} s of data, {result.elapsed:.1f} s of computing."
         ),

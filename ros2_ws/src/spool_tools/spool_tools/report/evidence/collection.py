@@ -15,9 +15,9 @@ from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, F
 from spool_estimator.identification.free_run import excitation_limit
 from spool_estimator.identification.record import Record
 from spool_estimator.refit import Refit
-from spool_gap.force.force_record import ForceRecord
+from spool_gap.force.balance import ForceRecord
+from spool_gap.likelihood.chain_part import DELAY, GAIN
 from spool_gap.result import Curves, GapResult
-from spool_gap.simulation.point import DELAY, GAIN
 from spool_monitor.drift.parameter_drift import DriftTrace
 from spool_monitor.events.event import Event, EventState
 from spool_sim.model import Model, load_model

@@ -1,0 +1,145 @@
+"""Springs that harden, have play or preload, and stops at the ends of the stroke."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from spool_gap.effect import Array, Effect, Motion, scan
+
+#: Stiffness of a contact over that of the spring, at least.
+STIFFER = 8.0
+
+
+class CubicStiffness(Effect):
+    """A force that grows with the cube of the displacement."""
+
+    id = "cubic_stiffness"
+    terms = ("cubic_stiffness",)
+    fitted = ("cubic_coefficient",)
+    amplitudes = ("cubic_coefficient",)
+    picture = "displacement"
+    confusable_with = ("end_stop", "spring_backlash", "spring_preload")
+    distinguished_by = "amplitudes from small to the whole stroke"
+
+    def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:  # noqa: ARG002
+        """Return z^3."""
+        return (motion.displacement**3)[np.newaxis]
+
+
+class SpringBacklash(Effect):
+    """The spring force is missing within a dead zone."""
+
+    id = "spring_backlash"
+    terms = ("spring_backlash",)
+    fitted = ("backlash",)
+    amplitudes = ("backlash",)
+    picture = "displacement"
+    local_minima = True
+    confusable_with = ("cubic_stiffness", "spring_preload", "presliding_friction")
+    distinguished_by = "amplitudes from below the dead zone to the stroke"
+
+    def shapes(self, motion: Motion) -> list[dict[str, float]]:
+        """Return the shapes to try."""
+        largest = motion.largest_displacement
+        return [{"backlash": play} for play in scan(3e-3 * largest, 0.7 * largest, 12)]
+
+    def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:
+        """Return the missing spring force for a row of dead zones."""
+        return np.clip(motion.displacement, -shape["backlash"], shape["backlash"])[np.newaxis]
+
+    def values(
+        self,
+        coefficients: Array,
+        shape: Mapping[str, float],
+        motion: Motion,
+    ) -> dict[str, float] | None:
+        """Return the play; the force within it must be the spring's, with the opposite sign."""
+        share = -float(coefficients[0]) / motion.stiffness
+        if share <= 0.1:
+            return None
+        return {"backlash": shape["backlash"] * min(share, 1.5)}
+
+
+class SpringPreload(Effect):
+    """A force towards the centre that is there as soon as the spool leaves it."""
+
+    id = "spring_preload"
+    terms = ("spring_preload",)
+    fitted = ("preload_force", "preload_travel")
+    amplitudes = ("preload_force",)
+    positive = True
+    picture = "displacement"
+    local_minima = True
+    confusable_with = ("cubic_stiffness", "spring_backlash")
+    distinguished_by = "amplitudes from below the give of the seats to the stroke"
+
+    def shapes(self, motion: Motion) -> list[dict[str, float]]:
+        """Return the shapes to try."""
+        largest = motion.largest_displacement
+        return [{"preload_travel": travel} for travel in scan(1e-3 * largest, 0.3 * largest, 9)]
+
+    def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:
+        """Return the force for a row of travels over which it builds up."""
+        return np.clip(motion.displacement / shape["preload_travel"], -1.0, 1.0)[np.newaxis]
+
+
+class EndStop(Effect):
+    """A stiff force beyond a clearance, near the largest displacement only."""
+
+    id = "end_stop"
+    terms = ("end_stop",)
+    fitted = ("stop_gap", "stop_stiffness", "stop_dissipation", "stop_damping")
+    amplitudes = ("stop_stiffness",)
+    localised = True
+    picture = "displacement"
+    confusable_with = ("cubic_stiffness",)
+    distinguished_by = "an amplitude that reaches the stop, and one that does not"
+
+    def shapes(self, motion: Motion) -> list[dict[str, float]]:
+        """Return the shapes to try."""
+        largest = motion.largest_displacement
+        shares = (0.55, 0.65, 0.75, 0.82, 0.88, 0.92, 0.95, 0.97, 0.985)
+        return [{"stop_gap": share * largest} for share in shares]
+
+    def signature(self, motion: Motion, shape: Mapping[str, float]) -> Array:
+        """Return the depth beyond a row of clearances, and the loss in the contact."""
+        depth = np.maximum(np.abs(motion.displacement) - shape["stop_gap"], 0.0)
+        return np.asarray((np.sign(motion.displacement) * depth)[np.newaxis])
+
+    def values(
+        self,
+        coefficients: Array,
+        shape: Mapping[str, float],
+        motion: Motion,  # noqa: ARG002
+    ) -> dict[str, float] | None:
+        """Return clearance and contact stiffness."""
+        if coefficients[0] <= 0.0:
+            return None
+        return {
+            **shape,
+            "stop_stiffness": float(coefficients[0]),
+            "stop_dissipation": 0.3,
+            "stop_damping": 1.0,
+        }
+
+    def starts(self, values: Mapping[str, float], reach: float) -> list[dict[str, float]]:
+        """Return several contact laws: the regression smooths a contact that lasts few samples."""
+        return [dict(values)] + [
+            {
+                "stop_gap": share * reach,
+                "stop_stiffness": stiffness,
+                "stop_dissipation": loss,
+                "stop_damping": 1.0,
+            }
+            for share in (0.8, 0.87, 0.91, 0.94, 0.96, 0.98)
+            for stiffness in (6e4, 2e5, 6e5)
+            for loss in (0.5, 4.0, 12.0)
+        ]
+
+    def sensible(self, values: Mapping[str, float], deviations: Mapping[str, float]) -> str:
+        """Return why ``values`` make no sense: what gives way like a spring is no stop."""
+        if values["stop_stiffness"] < STIFFER * values.get("spring_stiffness", 0.0):
+            return f"stop_stiffness is not even {STIFFER:g} times the spring's"
+        return super().sensible(values, deviations)

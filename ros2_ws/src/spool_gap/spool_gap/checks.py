@@ -1,0 +1,354 @@
+"""Checks of a record: whether it can be analysed, which unit or sign is wrong, whether the spool is stuck.
+
+Dry friction and strong springs make a spool follow its body, play and soft springs make it lag: each bends
+the transfer by as much as a wrong unit does, but at some frequencies. So the record is held against all
+valves whose spring and drag are anywhere between, with and without a factor of 9.81.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+from spool_core.errors import InputError
+from spool_estimator.identification.record import Record
+from spool_estimator.identification.signals.spectra import ChannelNoise, noise_of
+from spool_sim.valve.description import Valve
+
+from .result import GapResult
+from .thresholds import THRESHOLDS
+
+Array = NDArray[np.float64]
+
+#: s without any change from which a channel is dead: noise alone changes a reading within a few samples.
+STILL = 0.5
+GRAVITY = 9.80665
+#: Spring and drag over those of the valve's description: of any valve that may be met, a stuck one included,
+#: and of one whose units alone are wrong.
+ANY_SPRING: Array = np.geomspace(0.3, 64.0, 36, dtype=np.float64)
+SAME_SPRING: Array = np.geomspace(0.7, 1.5, 9, dtype=np.float64)
+ANY_DRAG: Array = np.geomspace(0.1, 6.0, 14, dtype=np.float64)
+#: The same where the spool floats in the play of its springs: hardly a spring, but the drag that it has.
+NO_SPRING: Array = np.geomspace(1e-3, 0.3, 9, dtype=np.float64)
+SAME_DRAG: Array = np.geomspace(0.5, 2.0, 7, dtype=np.float64)
+#: Frequencies that are looked at, and a distance (natural logarithm) beyond which more says nothing.
+LOOKED_AT, FAR = 150, 1.5
+#: Share of the frequencies that are the slow ones.
+SLOW = 0.1
+#: Relative motion over that of the described valve, rms, below which a spool is stuck: 26 dB less; a spring
+#: or a drag twenty times as strong as described would be needed to move so little.
+STUCK = 0.05
+#: Share of the body's rms that noise is given in a record whose channels read the same numbers: so little
+#: moves no number of the fit.
+DITHER = 1e-4
+#: Confidence of that verdict: that of others which one clear fact decides.
+CONFIDENCE = 0.99
+
+
+def usable(records: Sequence[Record]) -> tuple[list[Record], list[str]]:
+    """Return the stretches that are long enough, and warnings about the others.
+
+    Raises:
+        InputError: there is none, or a channel is dead.
+    """
+    warnings = []
+    kept = [record for record in records if record.duration >= THRESHOLDS.shortest_stretch]
+    if sum(record.duration for record in kept) < THRESHOLDS.shortest:
+        longest = max((record.duration for record in records), default=0.0)
+        raise InputError(
+            f"{records[0].name if records else 'record'}: too short: its longest stretch without gaps has "
+            f"{longest:.1f} s, an analysis needs {THRESHOLDS.shortest:g} s or more in all: record longer"
+        )
+    gaps = sum(not record.cut for record in records) - 1
+    if gaps > 0:
+        lost = sum(record.duration for record in records) - sum(record.duration for record in kept)
+        warnings.append(f"the record has {gaps} gaps; {len(kept)} stretches are used, {lost:.1f} s left out")
+    for record in kept:
+        for name, row in (("body", record.body), ("spool", record.spool)):
+            if not float(np.ptp(row)) > 0.0:
+                raise InputError(
+                    f"{record.name}: {name} reads {row[0]:g} m/s^2 throughout: check sensor and cable"
+                )
+            still = longest_still(row) * record.sample_period
+            if still > STILL:
+                warnings.append(f"{name} does not change for {still:.1f} s: check sensor and cable")
+    return [part for record in kept for part in _changing(record)] or kept, warnings
+
+
+def _changing(record: Record) -> list[Record]:
+    """Return the parts of ``record`` that are long enough and in which both channels change."""
+    found = [record]
+    for name in ("body", "spool"):
+        found = [part for one in found for part in _without_still(one, getattr(one, name))]
+    return [part for part in found if part.duration >= THRESHOLDS.shortest_stretch]
+
+
+def _without_still(record: Record, row: Array) -> list[Record]:
+    edges = np.flatnonzero(np.concatenate([[True], np.diff(row) != 0.0, [True]]))
+    still = np.flatnonzero(np.diff(edges) * record.sample_period > STILL)
+    if not still.size:
+        return [record]
+    firsts = [0, *edges[still + 1].tolist()]
+    stops = [*edges[still].tolist(), row.size]
+    return [record.part(first, stop) for first, stop in zip(firsts, stops, strict=True) if stop - first > 1]
+
+
+def longest_still(row: Array) -> int:
+    """Return the largest number of equal samples in a row."""
+    edges = np.flatnonzero(np.concatenate([[True], np.diff(row) != 0.0, [True]]))
+    return int(np.diff(edges).max())
+
+
+def judge(record: Record, valve: Valve) -> tuple[list[str], bool]:
+    """Return what is doubtful about ``record``, one line each, and whether a verdict may still be trusted.
+
+    Raises:
+        InputError: the record cannot be analysed: no excitation, a channel dead, sampled too slowly,
+            channels exchanged, or a unit that is off by 9.81.
+    """
+    noise = noise_of(record.body, record.spool, record.sample_rate)
+    natural = valve.natural_frequency
+    body, spool = float(record.body.std()), float(record.spool.std())
+    needed = THRESHOLDS.samples_per_period * natural
+    # First of all: what is sampled too slowly folds back and looks like noise.
+    if record.sample_rate < needed:
+        raise InputError(
+            f"{record.name}: {record.sample_rate:g} Hz is too slow for a natural frequency of "
+            f"{natural:.1f} Hz: sample at {needed:.0f} Hz or more"
+        )
+    if body < THRESHOLDS.excited * noise.body_rms or noise.high <= noise.low:
+        if spool > THRESHOLDS.excited * max(noise.spool_rms, noise.body_rms):
+            raise InputError(
+                f"{record.name}: body shows only noise ({body:.3g} m/s^2) while spool moves: "
+                "is its sensor dead, or not mounted?"
+            )
+        raise InputError(
+            f"{record.name}: no excitation: body has {body:.3g} m/s^2 rms, its noise {noise.body_rms:.3g}: "
+            "record while the valve vibrates"
+        )
+    if spool < THRESHOLDS.excited * noise.spool_rms and spool < 0.05 * body:
+        raise InputError(
+            f"{record.name}: spool shows only noise ({spool:.3g} m/s^2) while body moves with {body:.3g}: "
+            "is its sensor dead, or not mounted?"
+        )
+    if record.sample_rate < THRESHOLDS.samples_per_excited_period * noise.high:
+        raise InputError(
+            f"{record.name}: {record.sample_rate:g} Hz is too slow for a natural frequency of "
+            f"{natural:.1f} Hz driven up to {min(noise.high, 0.5 * record.sample_rate):.0f} Hz: "
+            f"sample at {max(needed, 10.0 * min(noise.high, 200.0)):.0f} Hz or more"
+        )
+    warnings: list[str] = []
+    ratio, coherence, frequency = transfer(record, noise)
+    low = frequency < 0.45 * natural
+    if coherence.size and float(np.median(coherence)) < THRESHOLDS.incoherent:
+        warnings.append(
+            f"body and spool hardly belong together (coherence {float(np.median(coherence)):.2f}): "
+            "same valve, same clock, sensors tight?"
+        )
+        return warnings, False
+    trusted = True
+    text = unit_or_exchange(ratio, frequency, valve)
+    if text:
+        raise InputError(f"{record.name}: {text}")
+    if frequency.size >= 4 and like_no_valve(ratio, frequency, valve):
+        warnings.append(
+            "spool over body is the transfer of no valve with this mass, whatever its spring: units of both "
+            "channels, order of the columns, valve file?"
+        )
+        trusted = False
+    if not low.any() and frequency.size and float(frequency.min()) > 1.3 * natural:
+        warnings.append(
+            f"the excitation begins at {noise.low:.0f} Hz, above the natural frequency of {natural:.1f} Hz: "
+            "gain, stiffness and slow friction are hardly determined there"
+        )
+    return warnings, trusted
+
+
+def transfer(record: Record, noise: ChannelNoise) -> tuple[Array, Array, Array]:
+    """Return the spool's acceleration over the body's (complex), coherence, and frequency where driven."""
+    piece = int(min(record.body.size // 4, round(2.0 * record.sample_rate)))
+    options = {"fs": record.sample_rate, "window": "hann", "nperseg": piece}
+    frequency, body = signal.welch(record.body, **options)
+    _, spool = signal.welch(record.spool, **options)
+    _, cross = signal.csd(record.body, record.spool, **options)
+    driven = (body > 30.0 * noise.body) & (frequency >= noise.low) & (frequency <= noise.high)
+    ratio = cross[driven] / body[driven]
+    coherence = np.abs(cross[driven]) ** 2 / (body[driven] * spool[driven])
+    return ratio, coherence, frequency[driven]
+
+
+def unit_or_exchange(ratio: Array, frequency: Array, valve: Valve) -> str:
+    """Return what is wrong with units or channels, or an empty string.
+
+    Judged by the transfer that the valve's description gives: spool over body, with its sign.
+    """
+    if frequency.size < 4:
+        return ""
+    expected = expected_transfer(frequency, valve)
+
+    def distance(candidate: Array) -> float:
+        return float(np.median(np.abs(np.log(np.maximum(np.abs(ratio), 1e-9) / np.abs(candidate)))))
+
+    direct = distance(expected)
+    factor = wrong_unit(ratio, frequency, valve)
+    if factor > 1.0:
+        return "spool reads 9.81 times too much: is body in g instead of m/s^2?"
+    if factor < 1.0:
+        return "spool reads 9.81 times too little: is spool in g instead of m/s^2?"
+    if opposite(ratio, frequency, valve):
+        return "body and spool have opposite signs: one sensor is turned round: change the sign of its column"
+    inverse = 1.0 / expected
+    unlike = difference(np.abs(ratio), frequency, valve, 1.0, ANY_SPRING) > THRESHOLDS.unlike_described
+    if unlike and direct > 0.45 and distance(inverse) < 0.4 * direct:
+        return "body and spool look exchanged: the one that should follow leads: swap the columns"
+    return ""
+
+
+# Units and signs --------------------------------------------------------------------------------------------
+
+
+def expected_transfer(frequency: Array, valve: Valve) -> Array:
+    """Return spool over body by the valve's description, complex, shape of ``frequency`` (Hz)."""
+    return np.asarray(_transfer(frequency, valve, np.ones((1, 1)), np.ones((1, 1)))[0, 0])
+
+
+def _transfer(frequency: Array, valve: Valve, spring: Array, drag: Array) -> Array:
+    angular = 2j * np.pi * frequency
+    force = valve.spring_stiffness * spring[..., np.newaxis] + (
+        angular * valve.likely_viscous_coefficient * drag[..., np.newaxis]
+    )
+    return np.asarray(force / (force + valve.moving_mass * angular**2))
+
+
+def difference(size: Array, frequency: Array, valve: Valve, factor: float, springs: Array) -> float:
+    """Return how far ``size`` is from ``factor`` times the nearest valve: mean difference of logarithms.
+
+    Args:
+        size: amplitude of the transfer, shape (n,).
+        frequency: Hz, shape (n,).
+        valve: the description.
+        factor: on its transfer.
+        springs: that are tried, over the description's.
+    """
+    apart, _ = _nearest(size, frequency, valve, factor, springs, ANY_DRAG)
+    if springs is not ANY_SPRING:
+        return apart
+    floating, _ = _nearest(size, frequency, valve, factor, NO_SPRING, SAME_DRAG)
+    return min(apart, floating, _floating_above(size, frequency, valve, factor))
+
+
+def _floating_above(size: Array, frequency: Array, valve: Valve, factor: float) -> float:
+    """Return the difference from the nearest valve whose spool floats in its play above some frequency."""
+    swings = _apart(size, frequency, valve, factor, ANY_SPRING, ANY_DRAG)
+    floats = _apart(size, frequency, valve, factor, NO_SPRING[:1], ANY_DRAG)
+    below = np.cumsum(swings, axis=-1)
+    above = np.cumsum(floats[..., ::-1], axis=-1)[..., ::-1]
+    return float((below[..., :-1] + above[..., 1:]).min()) / swings.shape[-1]
+
+
+def opposite(ratio: Array, frequency: Array, valve: Valve) -> bool:
+    """Whether ``ratio`` (complex) has the sign of no valve: one sensor is turned round."""
+    apart, (spring, drag) = _nearest(np.abs(ratio), frequency, valve, 1.0, ANY_SPRING, ANY_DRAG)
+    nearest = _transfer(frequency, valve, np.array([[spring]]), np.array([[drag]]))[0, 0]
+    described = expected_transfer(frequency, valve)
+    # Exchanged channels have no valve's amplitude, and their angle says nothing.
+    tried = (described, nearest) if apart < THRESHOLDS.unlike_described else (described,)
+    # A channel that lags, as behind a low-pass, has the right sign where the excitation is slow.
+    slow = frequency <= np.quantile(frequency, SLOW)
+    alike = [np.cos(np.angle(ratio / one)) for one in tried]
+    return any(
+        np.median(row) < THRESHOLDS.opposite and np.median(row[slow]) < THRESHOLDS.opposite_slow
+        for row in alike
+    )
+
+
+def _nearest(
+    size: Array, frequency: Array, valve: Valve, factor: float, springs: Array, drags: Array
+) -> tuple[float, tuple[float, float]]:
+    apart = _apart(size, frequency, valve, factor, springs, drags).mean(axis=-1)
+    spring, drag = np.unravel_index(int(np.argmin(apart)), apart.shape)
+    return float(apart[spring, drag]), (float(springs[spring]), float(drags[drag]))
+
+
+def _apart(size: Array, frequency: Array, valve: Valve, factor: float, springs: Array, drags: Array) -> Array:
+    """Return how far ``size`` is from valves at each frequency, shape (springs, drags, frequencies)."""
+    some = np.unique(np.linspace(0, frequency.size - 1, min(frequency.size, LOOKED_AT)).astype(int))
+    spring, drag = np.meshgrid(springs, drags, indexing="ij")
+    tried = np.log(factor * np.abs(_transfer(frequency[some], valve, spring, drag)))
+    return np.asarray(np.minimum(np.abs(np.log(np.maximum(size[some], 1e-9)) - tried), FAR))
+
+
+def wrong_unit(ratio: Array, frequency: Array, valve: Valve) -> float:
+    """Return the factor by which the spool's channel reads too much (9.81), too little (1/9.81), or 1."""
+    size = np.abs(ratio)
+    unscaled = difference(size, frequency, valve, 1.0, ANY_SPRING)
+    # Everywhere alike, next to the description as it stands.
+    powers = np.log(np.maximum(size, 1e-9) / np.abs(expected_transfer(frequency, valve))) / math.log(GRAVITY)
+    for sign in (1.0, -1.0):
+        factor = GRAVITY**sign
+        left = difference(size, frequency, valve, factor, SAME_SPRING)
+        shifted = np.median(np.abs(powers - sign)) < 0.35 * np.median(np.abs(powers))
+        everywhere = float(np.quantile(sign * powers, 0.25)) > 0.5 and bool(shifted)
+        clearly = left < THRESHOLDS.wrong_unit * unscaled and unscaled > THRESHOLDS.unlike_described
+        if clearly or (everywhere and left < THRESHOLDS.wrong_unit_everywhere * unscaled):
+            return float(factor)
+    return 1.0
+
+
+def like_no_valve(ratio: Array, frequency: Array, valve: Valve) -> bool:
+    """Whether ``ratio`` is the transfer of no valve with this mass, whatever its spring and drag."""
+    return difference(np.abs(ratio), frequency, valve, 1.0, ANY_SPRING) > THRESHOLDS.like_no_valve
+
+
+# Stuck spool ------------------------------------------------------------------------------------------------
+
+
+def is_stuck(records: Sequence[Record], valve: Valve) -> bool:
+    """Whether the spool of ``valve`` moves with its body throughout ``records``."""
+    return all(_is_stuck(record, valve) for record in records)
+
+
+def _is_stuck(record: Record, valve: Valve) -> bool:
+    rate = record.sample_rate
+    noise = noise_of(record.body, record.spool, rate)
+    piece = int(min(record.body.size, max(256, 2 ** round(np.log2(rate)))))
+    frequency, body = signal.welch(record.body, rate, "hann", piece)
+    moved = signal.welch(record.spool - record.body, rate, "hann", piece)[1]
+    driven = (frequency >= noise.low) & (frequency <= noise.high) & (frequency > 0.0)
+    if not driven.any():
+        return False
+    expected = np.abs(expected_transfer(frequency[driven], valve) - 1.0) ** 2 * body[driven]
+    shown = np.maximum(moved[driven] - noise.body - noise.spool, 0.0)
+    return float(shown.sum()) < STUCK**2 * float(expected.sum())
+
+
+def dithered(records: Sequence[Record]) -> tuple[Record, ...]:
+    """Return ``records`` with a little noise on the spool's channel, without which nothing can be fitted."""
+    generator = np.random.default_rng(0)
+    return tuple(
+        replace(one, spool=one.spool + DITHER * one.body.std() * generator.standard_normal(one.spool.size))
+        for one in records
+    )
+
+
+def as_stuck(result: GapResult) -> GapResult:
+    """Return ``result`` with the verdict on a stuck spool."""
+    return replace(
+        result,
+        verdict="unexplained",
+        confidence=CONFIDENCE,
+        effects=(),
+        candidates=(),
+        nuisances=(),
+        remainder=None,
+        sentence=(
+            "The spool is stuck: it moves with its body, so this record says nothing of its spring and its "
+            "friction. Check for silting, dirt, a bent spool or a deformed bore, a solenoid that holds it; "
+            "or whether both sensors sit on the body."
+        ),
+        advice="a stronger excitation near the natural frequency, or moving the spool by its solenoid",
+    )

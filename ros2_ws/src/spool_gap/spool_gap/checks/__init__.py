@@ -1,1 +1,0 @@
-"""Checks: whether a record can be analysed at all."""

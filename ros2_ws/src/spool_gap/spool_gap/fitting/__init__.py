@@ -1,1 +1,0 @@
-"""Fitting of hypotheses by their free runs."""

@@ -1,0 +1,413 @@
+"""Workflow for force records: base, where the gap sits, which force is missing, what is left."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_core.errors import InputError
+from spool_core.uncertainty import Z_95, percent, with_interval
+from spool_sim.model import Model
+
+from spool_gap.effect import Effect
+from spool_gap.registry import EFFECTS, FRICTIONS
+from spool_gap.result import (
+    GapResult,
+    GapSettings,
+    NamedEffect,
+    ProfileLikelihood,
+    Progress,
+    RankedHypothesis,
+    verdict_of,
+)
+
+from .balance import (
+    ForceBalance,
+    ForceFit,
+    ForceRecord,
+    check_mass,
+    check_motion,
+    conditions_of,
+    independent_samples,
+)
+from .position import CONSTANT, Chosen, cross_validated, fitted_by_position, free_run_error
+from .result import SIMPLER, quantities_of, result_of
+
+Array = NDArray[np.float64]
+
+#: s of the stretches that are fitted and held out by turns.
+STRETCH = 4.0
+#: Share of the held-out error, rms, that an effect must take away.
+SMALLEST = 0.03
+#: Twice the log likelihood ratio, after the BIC penalty of the parameters, from which an effect counts.
+EVIDENCE = 20.0
+#: Correlation of two columns, base taken off, from which they cannot be distinguished.
+ALIKE = 0.97
+#: Ratio of the 95 to the 5 % quantile of the speed below which the speed hardly varies, and standard
+#: deviations from which viscous and Coulomb friction are two numbers all the same (one in 370 by chance).
+VARIED, TWO_NUMBERS = 6.0, 3.0
+#: Why a hypothesis of the ranking is not part of the verdict: the held-out error grows.
+GROWS = "the error on held-out data rises with it"
+#: Standard deviations of a linear number, and factors on one that shapes a law, at which they are held.
+DEVIATIONS = (-4.0, -3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0, 4.0)
+FACTORS = (0.1, 0.3, 0.6, 0.8, 0.9, 0.95, 1.0, 1.05, 1.1, 1.25, 1.6, 3.0, 10.0)
+
+
+def analyse_forces(
+    records: Sequence[ForceRecord],
+    base: Model,
+    kind: str,
+    *,
+    holdout: Sequence[ForceRecord] = (),
+    mass: float | None = None,
+    settings: GapSettings | None = None,
+    progress: Progress | None = None,
+) -> GapResult:
+    """Return which force is missing in ``records``.
+
+    Args:
+        records: displacement and force.
+        base: with ``spring`` and ``viscous_friction``, and ``inertia`` where the force drives a mass.
+        kind: ``driven`` or ``imposed``.
+        holdout: records to judge on; without them every other stretch is held out.
+        mass: kg, that the force drives; ``None`` fits it.
+        settings: amounts.
+        progress: takes what is done and the share of the work.
+
+    Raises:
+        InputError: the records cannot be analysed; what is wrong is named.
+    """
+    begun = time.monotonic()
+    chosen_settings = settings or GapSettings()
+    tell = progress or (lambda _what, _share: None)
+    tell("checking the records", 0.0)
+    train, held = _split(records, holdout)
+    warnings = conditions_of(train)
+    conditions_of(held)
+    names = {entry.name for entry in base.terms}
+    columns = ["damping"] if "viscous_friction" in names else []
+    columns += ["stiffness"] if "spring" in names else []
+    columns += ["mass"] if kind == "driven" and mass is None else []
+    balance = ForceBalance(train, held, [*columns, "zero"], driven=kind == "driven", mass=mass)
+    if kind == "driven":
+        check_motion(balance, train[0].name)
+        check_mass(balance, balance.fit([]), train[0].name, mass)
+    if kind == "driven" and "stiffness" in columns and not _has_spring(train, balance, base):
+        columns.remove("stiffness")
+        warnings.append("no spring is seen: a free run without one does as well, so the base has none here")
+        balance = ForceBalance(train, held, [*columns, "zero"], driven=True, mass=mass)
+    alike = _cannot_tell(balance)
+    steps: list[tuple[Chosen, ForceFit]] = [((), balance.fit([]))]
+    ranking: list[RankedHypothesis] = []
+    while len(steps) <= chosen_settings.most_effects:
+        tell(f"trying effects jointly with {' + '.join(steps[-1][1].effects) or 'the base'}", 0.3)
+        better = _forward(balance, steps[-1], ranking, kind)
+        if better is None:
+            break
+        steps.append(better)
+    tell("measuring what is left", 0.9)
+    if kind == "driven":
+        tell("following the position", 0.6)
+        steps = _by_position(train, balance, steps, base)
+        steps += _with_constant_force(balance, steps[-1], ranking, base)
+    steps, refused = without_growth(balance, steps, ranking)
+    told = [*warnings, *refused, *(_differing(balance, steps[-1][0]) if holdout else [])]
+    result = result_of(records, base, kind, balance, steps, ranking, told, alike, begun)
+    result = replace(result, sentence=" ".join([result.sentence, *refused]))
+    if chosen_settings.profiles and result.effects:
+        result = replace(result, profiles=force_profiles(balance, *steps[-1], result.effects))
+    return result
+
+
+def _split(
+    records: Sequence[ForceRecord], holdout: Sequence[ForceRecord]
+) -> tuple[list[ForceRecord], list[ForceRecord]]:
+    if not records:
+        raise InputError("records: none given")
+    if holdout:
+        return list(records), list(holdout)
+    train: list[ForceRecord] = []
+    held: list[ForceRecord] = []
+    for record in records:
+        count = round(record.duration / STRETCH)
+        count = max(count, 2)
+        edges = (record.force.size * np.arange(count + 1)) // count
+        for number, (low, high) in enumerate(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)):
+            part = ForceRecord(
+                record.name, record.start + low * record.period, record.period,
+                record.displacement[low:high], record.force[low:high],
+            )  # fmt: skip
+            if part.force.size >= 30:
+                (train if number % 2 == 0 else held).append(part)
+    if not train or not held:
+        longest = max(record.duration for record in records)
+        raise InputError(
+            f"{records[0].name}: too short: its longest stretch has {longest:.2f} s; "
+            "record longer, or name another record with --holdout"
+        )
+    return train, held
+
+
+def _cannot_tell(balance: ForceBalance) -> tuple[str, ...]:
+    """Return names of forces that these records cannot distinguish."""
+    speed = np.abs(np.concatenate([balance.motions[id(record)].velocity for record in balance.train]))
+    moving = speed[speed > 0.05 * float(np.quantile(speed, 0.95))]
+    spread = float(np.quantile(moving, 0.95) / max(float(np.quantile(moving, 0.05)), 1e-12))
+    rows = []
+    for record in balance.train:
+        motion = balance.motions[id(record)]
+        rows.append(np.array([motion.velocity, motion.sign, np.ones(motion.time.size)]))
+    velocity, sign, one = np.concatenate(rows, axis=1)
+    velocity, sign = velocity - velocity.mean() * one, sign - sign.mean() * one
+    alike = abs(float(velocity @ sign)) / max(float(np.linalg.norm(velocity) * np.linalg.norm(sign)), 1e-30)
+    # A driven mass passes through all speeds; an imposed one may have a single speed, and its reversals.
+    if alike <= ALIKE and (spread >= VARIED or (balance.driven and _two_numbers(balance))):
+        return ()
+    return ("viscous_friction", "coulomb_friction")
+
+
+def _has_spring(train: Sequence[ForceRecord], balance: ForceBalance, base: Model) -> bool:
+    """Whether a spring is needed: by covariance, and by free runs over parts that no fit has seen."""
+    coulomb = EFFECTS["coulomb_friction"]
+    chosen: Chosen = ((coulomb, {}),) if balance.plausible(coulomb, [], {}) else ()
+    fit = balance.fit(chosen)
+    fit = fitted_by_position(base, balance, chosen, fit) or fit
+    place = balance.base.index("stiffness")
+    if abs(float(fit.coefficients[place])) < TWO_NUMBERS * float(fit.deviations[place]):
+        return False
+    without = [name for name in balance.base if name != "stiffness"]
+    errors = [cross_validated(train, names, chosen, base, balance.mass) for names in (balance.base, without)]
+    return errors[0] < errors[1] or math.isinf(errors[1])
+
+
+def _two_numbers(balance: ForceBalance) -> bool:
+    """Whether the covariance of a joint fit determines both viscous and Coulomb friction."""
+    if "damping" not in balance.base:
+        return False
+    fit = balance.fit([(EFFECTS["coulomb_friction"], {})])
+    size = np.abs(fit.coefficients) / np.maximum(fit.deviations, 1e-300)
+    return bool(min(size[balance.base.index("damping")], size[-1]) > TWO_NUMBERS)
+
+
+def _by_position(
+    train: Sequence[ForceRecord],
+    balance: ForceBalance,
+    steps: Sequence[tuple[Chosen, ForceFit]],
+    base: Model,
+) -> list[tuple[Chosen, ForceFit]]:
+    """Return ``steps`` with the numbers that follow the position, where that holds on parts left out, too."""
+    chosen, fit = steps[-1]
+    found = followed(balance, chosen, fit, base)
+    if found is None or any(_grows(balance, found, before) for _, before in steps[:-1]):
+        return list(steps)
+    errors = [
+        cross_validated(train, balance.base, chosen, base, balance.mass, by_position=by_position)
+        for by_position in (True, False)
+    ]
+    return [*steps[:-1], (chosen, found)] if errors[0] < errors[1] else list(steps)
+
+
+def followed(balance: ForceBalance, chosen: Chosen, fit: ForceFit, base: Model) -> ForceFit | None:
+    """Return ``fit`` with the numbers that follow the position, if both held-out errors fall with them.
+
+    These are the errors of the force and of the free run of position. A step of friction at a reversal is
+    smeared by the low-pass, and the numbers of the balance follow that: with friction the force counts away
+    from reversals.
+    """
+    found = fitted_by_position(base, balance, chosen, fit)
+    if found is None:
+        return None
+    sliding = any(entry.is_friction for entry, _ in chosen)
+    forces = [balance.held_out_error(one, sliding=sliding) for one in (fit, found)]
+    places = [free_run_error(base, balance, chosen, one) for one in (fit, found)]
+    falls = forces[1] < forces[0] and (places[1] < places[0] or math.isnan(places[0]))
+    return found if falls else None
+
+
+def _grows(balance: ForceBalance, fit: ForceFit, before: ForceFit) -> bool:
+    """Whether the held-out error of ``fit`` is larger than that of ``before``, in N or over the force."""
+    return balance.held_out_error(fit) > balance.held_out_error(before) or balance.nrmse(fit) > balance.nrmse(
+        before
+    )
+
+
+def without_growth(
+    balance: ForceBalance, steps: Sequence[tuple[Chosen, ForceFit]], ranking: list[RankedHypothesis]
+) -> tuple[list[tuple[Chosen, ForceFit]], list[str]]:
+    """Return ``steps`` without those that make the held-out error larger, and a sentence about each."""
+    kept, refused = list(steps), []
+    while len(kept) > 1 and _grows(balance, kept[-1][1], kept[-2][1]):
+        (chosen, fit), (others, before) = kept.pop(), kept[-1]
+        names = [entry.id for entry, _ in chosen if entry.id not in {one.id for one, _ in others}]
+        refused.append(_refused(names, balance.nrmse(before), balance.nrmse(fit)))
+        for place, row in enumerate(ranking):
+            if row.accepted and row.id in names:
+                ranking[place] = replace(row, accepted=False, reason=GROWS)
+    return kept, refused
+
+
+def _with_constant_force(
+    balance: ForceBalance, step: tuple[Chosen, ForceFit], ranking: list[RankedHypothesis], base: Model
+) -> list[tuple[Chosen, ForceFit]]:
+    """Return ``step`` with its constant force named, if held-out data needs that.
+
+    The force of an actuator has a zero, too, and friction that differs by direction is the same to a record
+    without rest: the simpler of them is named.
+    """
+    entry = EFFECTS[CONSTANT]
+    chosen, fit = step
+    if any(own.name == CONSTANT for own in base.terms):
+        return []
+    names = [name for name in balance.base if name != "zero"]
+    bare = ForceBalance(balance.train, balance.held, names, driven=True, mass=balance.mass)
+    without = bare.fit(chosen)
+    without = followed(bare, chosen, without, base) or without
+    before, after = (math.sqrt(sum(float(np.sum(row**2)) for row in own.held)) for own in (without, fit))
+    place = balance.base.index("zero")
+    size = abs(float(fit.coefficients[place])) / max(float(fit.deviations[place]), 1e-300)
+    independent = sum(independent_samples(row) for row in without.held)
+    evidence = 2.0 * independent * math.log(max(before, 1e-12) / max(after, 1e-12))
+    evidence -= math.log(max(3.0, independent))
+    enough = after < (1.0 - SMALLEST) * before and evidence > EVIDENCE and size > TWO_NUMBERS
+    reason = "" if enough else "it does not close the gap significantly"
+    push = -balance.sign * float(fit.coefficients[place])
+    known = tuple(e.id for e, _ in chosen)
+    row = RankedHypothesis(
+        CONSTANT, known, balance.nrmse(fit), evidence, {"push": push}, accepted=enough, reason=reason
+    )
+    ranking.append(row)
+    return [((*chosen, (entry, {})), fit)] if enough else []
+
+
+def _forward(
+    balance: ForceBalance, step: tuple[Chosen, ForceFit], ranking: list[RankedHypothesis], kind: str
+) -> tuple[Chosen, ForceFit] | None:
+    chosen, fit = step
+    before = balance.nrmse(fit)
+    # One law of dry friction is enough: another next to it would only repair its shape at reversals.
+    contained = {name for entry, _ in chosen for name in (entry.id, *entry.replaces)}
+    if contained & FRICTIONS:
+        contained |= FRICTIONS
+    found: list[tuple[float, float, Chosen, ForceFit, Effect]] = []
+    independent = sum(independent_samples(row) for row in fit.held)
+    for entry in EFFECTS.values():
+        # The load cell's zero is in the base, and a constant push is not distinguished from it.
+        zero_alone = entry.load_cell_zero and entry.searched
+        if kind not in entry.kinds or not entry.terms or entry.id in contained or zero_alone:
+            continue
+        kept = tuple(pair for pair in chosen if pair[0].id not in entry.replaces)
+        shape = balance.best_shape(entry, kept)
+        if shape is None:
+            continue
+        tried = (*kept, (entry, shape))
+        result = balance.fit(tried)
+        after = balance.nrmse(result)
+        evidence = independent * math.log(max(before, 1e-12) ** 2 / max(after, 1e-12) ** 2)
+        evidence -= math.log(max(3.0, independent)) * (
+            len(result.coefficients) - len(fit.coefficients) + len(shape)
+        )
+        values = balance.values(entry, shape, result) or {}
+        reason = ""
+        if after > (1.0 - SMALLEST) * before or evidence < EVIDENCE:
+            reason = "it does not close the gap significantly"
+        elif entry.load_cell_zero:
+            reason = "the difference of the directions is not told from the load cell's zero"
+        ranking.append(
+            RankedHypothesis(entry.id, tuple(e.id for e, _ in chosen), after, evidence, values, False, reason)
+        )
+        if not reason:
+            found.append((evidence, after, tried, result, entry))
+    if not found:
+        return None
+    found.sort(key=lambda row: -row[0])
+    best = found[0]
+    for row in found[1:]:
+        # The simpler one stays where the richer one is hardly better.
+        if row[4].id in best[4].replaces and row[1] < SIMPLER * best[1]:
+            best = row
+    for number, entry_ in enumerate(ranking):
+        if entry_.id == best[4].id and entry_.jointly_with == tuple(e.id for e, _ in chosen):
+            ranking[number] = RankedHypothesis(
+                entry_.id, entry_.jointly_with, entry_.nrmse_after, entry_.evidence, entry_.parameters, True
+            )
+    return best[2], best[3]
+
+
+def _differing(balance: ForceBalance, chosen: Chosen) -> list[str]:
+    """Return a line on the numbers that differ between the fitted records and those held out.
+
+    Both are fitted alike, by the balance of forces; a number differs where the difference is beyond its 95 %
+    interval.
+    """
+    other = ForceBalance(balance.held, balance.train, balance.base, driven=balance.driven, mass=balance.mass)
+    if other.sign != balance.sign:
+        return []
+    try:
+        rows = [quantities_of(own, own.fit(chosen), chosen) for own in (balance, other)]
+    except (ValueError, np.linalg.LinAlgError):
+        return []
+    texts = []
+    for one, two in zip(*rows, strict=False):
+        apart = abs(one.value - two.value)
+        if one.name == two.name and apart > Z_95 * math.hypot(one.standard_deviation, two.standard_deviation):
+            shown = (with_interval(q.value, q.standard_deviation, q.unit) for q in (one, two))
+            texts.append(f"{one.name.replace('_', ' ')} {' against '.join(shown)}")
+    if not texts:
+        return []
+    return [
+        "no numbers hold in all records: those fitted and those held out differ beyond their 95 % intervals: "
+        + "; ".join(texts)
+    ]
+
+
+def _refused(names: Sequence[str], before: float, after: float) -> str:
+    """Return the sentence on effects ``names`` with which the held-out error grows."""
+    told = " and ".join(name.replace("_", " ") for name in names)
+    return (
+        f"Refused: {told}; on held-out data the error rises with it, from {percent(before, 3)} to "
+        f"{percent(after, 3)}."
+    )
+
+
+# Profile likelihood -----------------------------------------------------------------------------------------
+
+
+def force_profiles(
+    balance: ForceBalance, chosen: Chosen, fit: ForceFit, effects: tuple[NamedEffect, ...]
+) -> tuple[ProfileLikelihood, ...]:
+    """Return the profiles of the numbers of ``effects``, the ``chosen`` ones of ``fit``."""
+    found = []
+    for entry, shape in chosen:
+        named = next((effect for effect in effects if effect.id == entry.id), None)
+        for quantity in named.parameters if named else ():
+            value, deviation = quantity.value, quantity.standard_deviation
+            if quantity.name in shape:
+                values, rises = _shaped(balance, chosen, fit, entry, quantity.name)
+            else:
+                steps = [step for step in DEVIATIONS if _possible(entry, value, value + step * deviation)]
+                values, rises = tuple(value + step * deviation for step in steps), tuple(s**2 for s in steps)
+            found.append(verdict_of(quantity.name, quantity.unit, values, rises, value))
+    return tuple(found)
+
+
+def _possible(entry: Effect, value: float, other: float) -> bool:
+    """Whether the law of ``entry`` exists with ``other`` for ``value``: friction below zero does not."""
+    return entry.load_cell_zero or value * other > 0.0 or not entry.terms
+
+
+def _shaped(
+    balance: ForceBalance, chosen: Chosen, fit: ForceFit, entry: Effect, name: str
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    independent = sum(independent_samples(row) for row in fit.train)
+    own = next(shape for other, shape in chosen if other.id == entry.id)
+    values, rises = [], []
+    for factor in FACTORS:
+        held = {**own, name: own[name] * factor}
+        tried = balance.fit([(e, held if e.id == entry.id else shape) for e, shape in chosen])
+        values.append(held[name])
+        rises.append(independent * math.log(max(tried.squares, 1e-300) / max(fit.squares, 1e-300)))
+    return tuple(values), tuple(rises)

@@ -1,0 +1,249 @@
+"""Result of an analysis of force records: verdict, numbers, where the gap sat, what is left."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+from scipy.special import expit
+from spool_core.uncertainty import Quantity, Validity
+from spool_sim.model import Model
+
+from spool_gap.registry import EFFECTS, FRICTIONS
+from spool_gap.report.location import Residual, locate, surface
+from spool_gap.report.wording import (
+    LOOKS_LIKE,
+    UNEXPLAINED,
+    named,
+    nothing_missing,
+    still_missing,
+    unnamed,
+)
+from spool_gap.result import Curves, GapResult, HeldOutAgreement, NamedEffect, RankedHypothesis, Remainder
+
+from .balance import BASE_NAMES, ForceBalance, ForceFit, ForceRecord
+from .position import Chosen, free_run_error, model_of, parameters_of
+
+Array = NDArray[np.float64]
+
+#: Error over that of a richer law up to which the simpler one, which it contains, is kept.
+SIMPLER = 1.15
+#: Error from which what is left has no name; below, derivatives of the displacement may be the reason.
+LEFT = 0.03
+#: Error up to which an effect that was added explains the force, and share of the gap's power from which what
+#: is left besides is said: a tenth of its amplitude.
+MUCH, LITTLE = 0.4, 0.01
+#: Error of a free run of position over the travel, rms, up to which it follows the motion.
+FOLLOWED = 0.01
+#: Share of the gap's power that names must explain to stay where something else is left.
+EXPLAINS = 0.1
+#: Confidence at most, and why: of verdicts on records of accelerometers three in four were right.
+MOST_SURE, NOT_CALIBRATED = 0.75, "not calibrated for force records"
+COMPARED = "the force"
+
+
+def result_of(
+    records: Sequence[ForceRecord],
+    base: Model,
+    kind: str,
+    balance: ForceBalance,
+    steps: list[tuple[Chosen, ForceFit]],
+    ranking: list[RankedHypothesis],
+    warnings: list[str],
+    alike: tuple[str, ...],
+    begun: float,
+) -> GapResult:
+    """Return the outcome of ``steps``, base first; ``alike`` are forces that are not distinguished."""
+    chosen, final = steps[-1]
+    _, first = steps[0]
+    before, after = balance.nrmse(first), balance.nrmse(final)
+    zero = float(final.coefficients[balance.base.index("zero")]) * balance.sign
+    size = math.sqrt(float(np.mean(np.concatenate([balance.seen(r) - zero for r in balance.held]) ** 2)))
+    floor = math.sqrt(float(np.mean([balance.noise_power(record) for record in balance.held]))) / size
+    names = tuple(entry.id for entry, _ in chosen)
+    candidates: tuple[str, ...] = ()
+    advice = ""
+    if alike:
+        warnings = [
+            *warnings,
+            "viscous and Coulomb friction cannot be distinguished here: the speed hardly varies; "
+            "their sum at this speed is what the record tells",
+        ]
+        advice = "drive with speeds that differ by a factor of 10 or more"
+    verdict = "+".join(names) or "none"
+    confidence = _confidence(ranking, names)
+    if alike and (FRICTIONS & set(names) or not names):
+        verdict, confidence, candidates = UNEXPLAINED, 0.5, (*alike, *names)
+    elif names and after > MUCH:
+        verdict, confidence, candidates = UNEXPLAINED, 0.5, names
+    elif not names and before > 3.0 * floor and before > LEFT:
+        verdict, confidence = UNEXPLAINED, 0.6
+    runs = [free_run_error(base, balance, *steps[0]), free_run_error(base, balance, chosen, final)]
+    travel = float(np.std(np.concatenate([record.displacement for record in balance.held])))
+    # A motion that is followed shows all forces, however well its second derivative is known.
+    followed = runs[1] < FOLLOWED * travel
+    # A step of friction is smeared at reversals; a force that is missing acts between them, too.
+    smeared = bool(FRICTIONS & set(names)) and balance.sliding_error(final) <= LEFT
+    left = None if followed or smeared else _remainder(before, after, floor)
+    if names and not alike and left is not None and 1.0 - left.share >= EXPLAINS:
+        verdict, confidence, candidates = "+".join((*names, UNEXPLAINED)), _confidence(ranking, names), ()
+    left = left if UNEXPLAINED in verdict else None
+    effects = [] if verdict in ("none", UNEXPLAINED) else _named(balance, steps, chosen, final)
+    runner = max(
+        (h for h in ranking if not h.accepted and not h.jointly_with), key=lambda h: h.evidence, default=None
+    )
+    text = _sentence(base, verdict, effects, (*alike, *candidates), left, (before, after, floor))
+    where = locate(_residual(balance, first, floor * size))
+    return GapResult(
+        record=", ".join(dict.fromkeys(record.name for record in records)),
+        kind=kind, base_model=base.name, verdict=verdict, confidence=min(confidence, MOST_SURE),
+        confidence_note=NOT_CALIBRATED, sentence=_told(text, alike), effects=tuple(effects),
+        runner_up=runner, candidates=candidates,
+        ranking=tuple(sorted(ranking, key=lambda h: (len(h.jointly_with), -h.evidence))),
+        base=quantities_of(balance, first, ()), parameters=quantities_of(balance, final, chosen),
+        where=where, where_after=locate(_residual(balance, final, floor * size)),
+        surface=surface(_residual(balance, first, floor * size)),
+        surface_after=surface(_residual(balance, final, floor * size)),
+        curves=_curves(balance, first, final, floor * size),
+        before=HeldOutAgreement(before, math.nan, runs[0]), after=HeldOutAgreement(after, math.nan, runs[1]),
+        noise_floor=floor, remainder=left,
+        model=model_of(base, balance, chosen, final), warnings=tuple(warnings),
+        seconds=sum(record.duration for record in (*balance.train, *balance.held)),
+        elapsed=time.monotonic() - begun, advice=advice,
+        correlation=final.correlation, correlated=_correlated(balance, final, chosen),
+    )  # fmt: skip
+
+
+def _remainder(before: float, after: float, floor: float) -> Remainder | None:
+    """Return what is left where it is more than noise and than what derivatives err by, else ``None``."""
+    if after < MUCH and (after <= 3.0 * floor or after <= LEFT):
+        return None
+    if after < MUCH and after**2 < LITTLE * before**2:
+        return None
+    gap = max(before**2 - floor**2, 1e-30)
+    share = max(0.0, after**2 - floor**2) / gap
+    return Remainder(share, (after / max(floor, 1e-12)) ** 2, "nothing", LOOKS_LIKE["nothing"])
+
+
+def _confidence(ranking: Sequence[RankedHypothesis], names: tuple[str, ...]) -> float:
+    sure = 0.95
+    for name in names:
+        own = next((h for h in ranking if h.id == name and h.accepted), None)
+        if own is None:
+            continue
+        rivals = [h for h in ranking if h.jointly_with == own.jointly_with and h.id != name and not h.reason]
+        # A richer law that was passed over always has more evidence: how near it came to being taken counts.
+        richer = [h for h in rivals if name in EFFECTS[h.id].replaces]
+        nearest = max([1.0, *(own.nrmse_after / h.nrmse_after for h in richer)])
+        sure *= 1.0 - 0.5 * min(1.0, (nearest - 1.0) / (SIMPLER - 1.0))
+        others = [h.evidence for h in rivals if h not in richer]
+        sure *= float(expit(0.1 * (own.evidence - max([0.0, *others]))))
+    return sure
+
+
+def quantities_of(balance: ForceBalance, fit: ForceFit, chosen: Chosen) -> tuple[Quantity, ...]:
+    """Return the numbers of ``fit``: those of the base, then those of the ``chosen`` effects."""
+    found = []
+    for place, name in enumerate(balance.base):
+        own, unit = BASE_NAMES[name]
+        sign = balance.sign if name == "zero" else 1.0
+        found.append(
+            Quantity(
+                own, unit, sign * float(fit.coefficients[place]), float(fit.deviations[place]), Validity.VALID
+            )
+        )
+    for entry, shape in chosen:
+        found += parameters_of(balance, fit, entry, shape)
+    return tuple(found)
+
+
+def _correlated(balance: ForceBalance, fit: ForceFit, chosen: Chosen) -> tuple[str, ...]:
+    """Return the names of the numbers that the rows of the fit's correlation are; columns have their own."""
+    own = {BASE_NAMES[name][0]: name for name in balance.base}
+    own |= {
+        entry.fitted[0]: f"{entry.id}.0" for entry, shape in chosen if len(entry.fitted) == 1 and not shape
+    }
+    numbers = {column: name for name, column in own.items()}
+    return tuple(numbers.get(column, column) for column in fit.names)
+
+
+def _named(
+    balance: ForceBalance, steps: list[tuple[Chosen, ForceFit]], chosen: Chosen, final: ForceFit
+) -> list[NamedEffect]:
+    found = []
+    last = balance.nrmse(steps[0][1])
+    for entry, shape in chosen:
+        fit = next((fit for some, fit in steps if any(e.id == entry.id for e, _ in some)), final)
+        after = balance.nrmse(fit)
+        found.append(
+            NamedEffect(
+                entry.id, tuple(parameters_of(balance, final, entry, shape)), last, after, math.nan,
+                entry.on_the_machine, entry.to_check,
+            )
+        )  # fmt: skip
+        last = after
+    return found
+
+
+def _residual(balance: ForceBalance, fit: ForceFit, floor: float) -> Residual:
+    motions = [balance.motions[id(record)] for record in balance.held]
+    return Residual(
+        np.concatenate([motion.time for motion in motions]),
+        np.concatenate([motion.displacement for motion in motions]),
+        np.concatenate([motion.velocity for motion in motions]),
+        np.concatenate(fit.held), floor, balance.held[0].period,
+    )  # fmt: skip
+
+
+def _curves(balance: ForceBalance, first: ForceFit, final: ForceFit, floor: float) -> Curves:
+    loudest = int(np.argmax([float(np.sum(row**2)) for row in first.held]))
+    record = balance.held[loudest]
+    measured = balance.sign * record.force
+    piece = min(record.force.size, round(8.0 / record.period))
+    rows = (measured - measured.mean(), first.held[loudest], final.held[loudest])
+    spectra = [signal.welch(row, 1.0 / record.period, "hann", piece, detrend=False) for row in rows]
+    part = slice(0, min(record.force.size, round(5.0 / record.period)))
+    frequency = np.asarray(spectra[0][0])
+    densities = [np.asarray(density) for _, density in spectra]
+    return Curves(
+        time=record.time[part],
+        measured=measured[part],
+        before=(measured - first.held[loudest])[part],
+        after=(measured - final.held[loudest])[part],
+        frequency=frequency,
+        measured_density=densities[0],
+        before_density=densities[1],
+        after_density=densities[2],
+        floor_density=np.full(frequency.size, 2.0 * floor**2 * record.period),
+        unit="N",
+    )
+
+
+def _sentence(
+    base: Model,
+    verdict: str,
+    effects: Sequence[NamedEffect],
+    candidates: tuple[str, ...],
+    left: Remainder | None,
+    errors: tuple[float, float, float],
+) -> str:
+    if verdict == "none":
+        return nothing_missing(base.name, *errors[1:], COMPARED)
+    if verdict == UNEXPLAINED:
+        return unnamed(base.name, tuple(dict.fromkeys(candidates)), "nothing", *errors, COMPARED)
+    text = named([(effect.id, effect.parameters) for effect in effects], *errors, COMPARED)
+    return text if left is None else f"{text} {still_missing(left)}"
+
+
+def _told(text: str, alike: tuple[str, ...]) -> str:
+    """Return ``text`` behind what the record cannot distinguish."""
+    if not alike:
+        return text
+    return (
+        "Viscous and Coulomb friction cannot be distinguished in this record: the speed hardly varies. "
+        + text
+    )

@@ -1,1 +1,0 @@
-"""Nuisances of the measuring chain: found, corrected and told, never taken for mechanics."""

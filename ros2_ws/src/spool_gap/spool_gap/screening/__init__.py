@@ -1,1 +1,0 @@
-"""Screening: which effects are worth simulating."""

@@ -1,1 +1,0 @@
-"""Simulation of hypotheses: free runs over segments of the records."""

@@ -1,1 +1,0 @@
-"""Workflow of a gap analysis, from records to a result."""

@@ -1,0 +1,56 @@
+"""One kernel for every structure moves as a kernel of its own, and steps as finely as a structure needs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from spool_gap.likelihood.kernel import Point, SwitchableMotion, steps_a_sample
+from spool_sim.excitation import SweptSine
+from spool_sim.integration.composed_motion import ComposedMotion, MotionState
+from spool_sim.integration.step_size import half_step_times
+from spool_sim.model import MODELS, model_from_mapping
+from spool_sim.terms import term
+from spool_sim.valve.description import find_valve
+
+VALVE = find_valve("4weh10_soft").model_copy(update={"dynamic_viscosity": 0.03})
+FLUID = MODELS["fluid"]
+BASE = tuple(entry.name for entry in FLUID.terms)
+EXTRAS = ("coulomb_friction", "stribeck_friction", "presliding_friction", "end_stop", "spring_backlash")
+SWEEP = SweptSine(start_frequency=6.0, stop_frequency=60.0, duration=8.0, amplitude=8.0)
+
+
+@pytest.mark.parametrize("extra", EXTRAS)
+def test_a_kernel_of_all_terms_moves_as_one_of_the_terms_that_are_on(extra: str) -> None:
+    active = (*BASE, extra)
+    every = SwitchableMotion((*BASE, *EXTRAS))
+    model = model_from_mapping({"name": "own", "terms": list(active)}, "own")
+    own = ComposedMotion([term(name) for name in active])
+    values = {**model.values_for(VALVE), "stop_gap": 2e-4}
+    body = SWEEP.acceleration(half_step_times(0, 2000, 1000.0, 2))
+    given = {"sample_period": 1e-3, "substeps": 2}
+    one, _ = every.advance(MotionState(), body, every.row(active, values)[np.newaxis], **given)
+    other, _ = own.advance(MotionState(), body, own.table(values, 1), **given)
+    np.testing.assert_allclose(one.acceleration, other.acceleration, rtol=1e-9, atol=1e-9)
+    assert np.ptp(one.displacement) > 1e-4
+
+
+def test_a_base_without_drag_has_none_in_the_kernel_that_holds_it() -> None:
+    active = ("inertia", "spring")
+    every = SwitchableMotion(BASE)
+    own = ComposedMotion([term(name) for name in active])
+    values = {"mass": 0.18, "spring_stiffness": 1632.0, "viscous_coefficient": 4.0}
+    body = SWEEP.acceleration(half_step_times(0, 2000, 1000.0, 2))
+    given = {"sample_period": 1e-3, "substeps": 2}
+    one, _ = every.advance(MotionState(), body, every.row(active, values)[np.newaxis], **given)
+    other, _ = own.advance(MotionState(), body, own.table(values, 1), **given)
+    np.testing.assert_allclose(one.acceleration, other.acceleration, rtol=1e-9, atol=1e-9)
+
+
+def test_steps_grow_shorter_with_stiffness_and_where_a_force_has_kinks() -> None:
+    values = dict(FLUID.values_for(VALVE))
+    start = Point((*BASE, "coulomb_friction"), {**values, "coulomb_force": 0.25})
+    stiff = Point((*BASE, "presliding_friction"), {**values, "dahl_force": 0.3, "dahl_stiffness": 1e6})
+    stop = Point((*BASE, "end_stop"), {**values, "stop_stiffness": 1e3})
+    smooth, kinked = (steps_a_sample(point, 1e-3, 100.0) for point in (start, stop))
+    assert smooth < kinked
+    assert smooth < steps_a_sample(stiff, 1e-3, 100.0) <= 8
