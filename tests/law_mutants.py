@@ -37,13 +37,12 @@ SOURCE = ROOT / "ros2_ws" / "src"
 SIMULATION = "spool_sim/test/test_reference_values.py"
 EFFECTS = "spool_gap/test/test_reference_values.py"
 ESTIMATES = "spool_estimator/test/test_reference_values.py"
-#: Functions that hold no law: texts, checks of settings, what a search tries, the optimiser of phases, and
-#: how far a record is mirrored at its ends.
+#: Functions that hold no law: texts, checks of settings, what a search tries, and the optimiser of phases.
 NOT_LAWS = {
-    "_low_crest_phases", "_samples", "shapes", "starts", "sensible", "trifling", "unknowns", "acting_like",
+    "_low_crest_phases", "_samples", "shapes", "starts", "sensible", "unknowns", "acting_like",
     "speeds_to_try", "Recorded.highest_frequency", "laws", "slides", "jumps", "uncompiled", "start_for",
-    "check", "term", "channel", "found", "load_sensors", "trials", "on_the_machine", "to_check", "law",
-    "numbers", "is_friction", "__init_subclass__", "_lengths",
+    "check", "term", "found", "load_sensors", "trials", "on_the_machine", "to_check", "law",
+    "numbers", "is_friction", "__init_subclass__",
 }  # fmt: skip
 #: Functions that only convert or make room: dropping them changes no number.
 NO_ARITHMETIC = {
@@ -66,14 +65,12 @@ MODULES: dict[str, str] = {
     "spool_sim.sensors": SIMULATION,
     "spool_sim.excitation": SIMULATION,
     **{
-        f"spool_gap.{folder}.{path.stem}": EFFECTS
-        for folder in ("catalogue", "nuisances")
-        for path in sorted((SOURCE / "spool_gap/spool_gap" / folder).glob("*.py"))
+        f"spool_gap.catalogue.{path.stem}": EFFECTS
+        for path in sorted((SOURCE / "spool_gap/spool_gap/catalogue").glob("*.py"))
         if path.stem != "__init__"
     },
     "spool_gap.effect": EFFECTS,
-    "spool_gap.sensor_effect": EFFECTS,
-    "spool_gap.chain_effect": EFFECTS,
+    "spool_gap.likelihood.chain_part": EFFECTS,
     "spool_estimator.identification.signals.spectra": EFFECTS,
     "spool_estimator.stream_estimator": ESTIMATES,
 }
@@ -89,6 +86,7 @@ ONLY = {
         "acceleration", "duration", "frequencies", "highest_frequency", "revolutions", "rise",
         "steps", "sum_of_lines", "turns_to_sine",
     },
+    "spool_gap.likelihood.chain_part": {"high_pass", "low_pass", "mode"},
     "spool_estimator.identification.signals.spectra": {
         "_rise", "apply", "delayed", "gain", "interval_mean_response", "relative_motion",
         "settling",

@@ -340,8 +340,7 @@ def _forward(
 def _differing(balance: ForceBalance, chosen: Chosen) -> list[str]:
     """Return a line on the numbers that differ between the fitted records and those held out.
 
-    Both are fitted alike, by the balance of forces; a number differs where the difference is beyond its 95 %
-    interval.
+    Both are fitted alike, by the balance of forces; a number differs where its 95 % intervals do not overlap.
     """
     other = ForceBalance(balance.held, balance.train, balance.base, driven=balance.driven, mass=balance.mass)
     if other.sign != balance.sign:
@@ -353,13 +352,13 @@ def _differing(balance: ForceBalance, chosen: Chosen) -> list[str]:
     texts = []
     for one, two in zip(*rows, strict=False):
         apart = abs(one.value - two.value)
-        if one.name == two.name and apart > Z_95 * math.hypot(one.standard_deviation, two.standard_deviation):
+        if one.name == two.name and apart > Z_95 * (one.standard_deviation + two.standard_deviation):
             shown = (with_interval(q.value, q.standard_deviation, q.unit) for q in (one, two))
             texts.append(f"{one.name.replace('_', ' ')} {' against '.join(shown)}")
     if not texts:
         return []
     return [
-        "no numbers hold in all records: those fitted and those held out differ beyond their 95 % intervals: "
+        "no numbers hold in all records: those fitted and those held out differ beyond their 95 % intervals, "
         + "; ".join(texts)
     ]
 
