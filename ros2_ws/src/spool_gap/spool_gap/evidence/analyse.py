@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 
+from spool_core.errors import InputError
 from spool_core.uncertainty import Quantity
 from spool_estimator.identification.record import Record
 from spool_sim.model import Model
@@ -35,6 +36,8 @@ from .words import Words, words_of
 
 #: s that a search may take; what it found by then is judged.
 ALLOWED = 60.0
+#: Numbers to compare at least: those of a second of record in a band of 100 Hz.
+FEWEST = 200.0
 #: Structures that the ranking shows.
 RANKED = 20
 
@@ -70,6 +73,8 @@ def analyse(
     motions = motions_for(base)
     names = tried_effects(base)
     predictions = Predictions([Prediction(one, valve, motions) for one in look.readings])
+    if predictions.numbers < FEWEST:
+        raise InputError(f"{records[0].name}: {', '.join(look.warnings) or 'spikes'}: too few samples are left")
     held = HeldOut(
         predictions, [number >= len(look.readings) - look.held for number in range(len(look.readings))]
     )

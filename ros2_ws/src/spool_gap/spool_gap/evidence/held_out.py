@@ -89,7 +89,9 @@ class HeldOut:
             measured += float(np.sum(np.abs(reading) ** 2))
             noise += part.noise_of(one, int(part.held.sum()))
             rows.append(np.array([part.spool, predicted, found.displacement, found.velocity]))
-            ratios.append((part.lines, _power(reading), _power(part.lines_of(predicted)[part.held])))
+            # Samples left out would leak into quiet bands, in one row and not in the other.
+            whole = [_power(part.lines_of(row)[part.held]) for row in (part.spool, predicted)]
+            ratios.append((part.lines, whole[0], whole[1]))
         size = max(measured, 1e-300)
         agreement = HeldOutAgreement(math.sqrt(left / size), _amplitude_ratio(ratios))
         return Judged(one, agreement, rows, math.sqrt(noise / size))
