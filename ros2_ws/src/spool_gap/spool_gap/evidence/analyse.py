@@ -31,6 +31,7 @@ from spool_gap.result import GapResult, GapSettings, NamedEffect, Progress, Rank
 from .decision import Decision, decide
 from .held_out import HeldOut, Judged
 from .intervals import Numbers, numbers_of, profiles_of
+from .jitter import jitter_of
 from .look import look_at
 from .words import Words, words_of
 
@@ -74,7 +75,9 @@ def analyse(
     names = tried_effects(base)
     predictions = Predictions([Prediction(one, valve, motions) for one in look.readings])
     if predictions.numbers < FEWEST:
-        raise InputError(f"{records[0].name}: {', '.join(look.warnings) or 'spikes'}: too few samples are left")
+        raise InputError(
+            f"{records[0].name}: {', '.join(look.warnings) or 'spikes'}: too few samples are left"
+        )
     held = HeldOut(
         predictions, [number >= len(look.readings) - look.held for number in range(len(look.readings))]
     )
@@ -89,7 +92,10 @@ def analyse(
         decision = decide(predictions, search, look, chosen, motions)
         tell("judging on data held out", 0.92)
         before, after = held.judged(decision.base), held.judged(decision.fit)
-        words = words_of(decision, look, base, before, after)
+        # Forces that jump leave what looks like jitter.
+        jumps = decision.fit.structure.jumps
+        jitter = None if jumps or look.stuck else jitter_of(predictions.parts, after.rows)
+        words = words_of(decision, look, base, before, after, jitter)
         result = _assembled(records, base, predictions, search, decision, held, (before, after), words)
         if chosen.profiles:
             tell("profiling the numbers", 0.95)

@@ -12,6 +12,7 @@ from spool_sim.model import Model
 
 from spool_gap.evidence.decision import Decision
 from spool_gap.evidence.held_out import Judged
+from spool_gap.evidence.jitter import sentence
 from spool_gap.evidence.look import Look
 from spool_gap.likelihood.chain_part import CHAIN_PARTS
 from spool_gap.registry import EFFECTS
@@ -52,8 +53,10 @@ class Words:
     extra: Mapping[str, tuple[Quantity, ...]] = field(default_factory=dict)
 
 
-def words_of(decision: Decision, look: Look, base: Model, before: Judged, after: Judged) -> Words:
-    """Return the words for ``decision`` on records with ``look``."""
+def words_of(
+    decision: Decision, look: Look, base: Model, before: Judged, after: Judged, jitter: Nuisance | None = None
+) -> Words:
+    """Return the words for ``decision`` on records with ``look``, whose sampling instants may scatter."""
     names = [*decision.effects]
     extra: dict[str, tuple[Quantity, ...]] = {}
     if "spool" in look.limits:
@@ -74,7 +77,9 @@ def words_of(decision: Decision, look: Look, base: Model, before: Judged, after:
     power = (after.agreement.nrmse / max(after.floor, 1e-12)) ** 2
     remainder = _remainder(decision, power, before, after) if open_ else None
     nuisances = [*look.nuisances, *(_told(decision, key) for key in decision.parts)]
-    if not open_ and power > COLOURED and not decision.fit.structure.jumps:
+    if jitter is not None:
+        nuisances.append(jitter)
+    elif not open_ and power > COLOURED and not decision.fit.structure.jumps:
         nuisances.append(Nuisance("coloured_noise", "spool", _rms(after), "m/s^2", CHECK_COLOURED))
     errors = before.agreement.nrmse, after.agreement.nrmse, after.floor, COMPARED
     if verdict == "none":
@@ -87,7 +92,7 @@ def words_of(decision: Decision, look: Look, base: Model, before: Judged, after:
         text = named([(name, extra.get(name) or numbers[name]) for name in names], *errors)
         if remainder is not None:
             text = f"{text} {still_missing(remainder)}"
-    warnings = []
+    warnings = [] if jitter is None else [sentence(jitter)]
     if after.agreement.nrmse > THRESHOLDS.explains_nothing:
         warnings.append(
             f"even the best model leaves {100.0 * after.agreement.nrmse:.3g} % of the spool's acceleration: "
