@@ -254,7 +254,7 @@ def _show_nuisances(result: GapResult, console: Console) -> None:
     if result.nuisances:
         table = Table("measuring chain", "channel", "size", "unit", "", box=None, pad_edge=False)
         for entry in result.nuisances:
-            note = "taken out; " if entry.corrected else ""
+            note = "left out; " if entry.corrected else ""
             size = f"{entry.size:.2g}"
             table.add_row(entry.id, entry.channel, size, entry.unit, f"{note}check {entry.check}")
         console.print(table)

@@ -46,7 +46,7 @@ PROFILES = (
 )
 EVIDENCE = (
     "What an expert looks at before believing the above, in this order. Records are shown as they were "
-    "measured: what was taken out of a channel is still in them here."
+    "measured: what the comparison leaves out is still in them here."
 )
 SPECTRUM = "What is left over by frequency, before and after, with the measured signal and the noise."
 
@@ -353,7 +353,7 @@ def _found(result: GapResult) -> list[dict[str, object]]:
 def _nuisances(result: GapResult) -> list[dict[str, object]]:
     return [
         {
-            "finding": f"{entry.id.replace('_', ' ')}{', taken out' if entry.corrected else ''}",
+            "finding": f"{entry.id.replace('_', ' ')}{', left out' if entry.corrected else ''}",
             "channel": entry.channel,
             "size": f"{entry.size:.2g} {entry.unit}".removesuffix(" 1"),
             "what to check": entry.check,

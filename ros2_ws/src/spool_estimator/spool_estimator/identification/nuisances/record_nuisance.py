@@ -50,7 +50,7 @@ class Nuisance:
         channel: ``body``, ``spool`` or ``both``.
         size: how large it is, in ``unit``, with its standard ``deviation`` (NaN where that is not known).
         check: what to look at on the measuring chain.
-        corrected: it was taken out of the record before anything was fitted.
+        corrected: it is left out of what is compared.
     """
 
     id: str
