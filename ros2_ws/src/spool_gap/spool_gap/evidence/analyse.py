@@ -37,8 +37,6 @@ from .words import Words, words_of
 
 #: s that a search may take; what it found by then is judged.
 ALLOWED = 60.0
-#: Numbers to compare at least: those of a second of record in a band of 100 Hz.
-FEWEST = 200.0
 #: Structures that the ranking shows.
 RANKED = 20
 
@@ -74,9 +72,11 @@ def analyse(
     motions = motions_for(base)
     names = tried_effects(base)
     predictions = Predictions([Prediction(one, valve, motions) for one in look.readings])
-    if predictions.numbers < FEWEST:
+    if predictions.numbers <= 0.0:
+        clipped = " and ".join(look.limits) or "neither"
         raise InputError(
-            f"{records[0].name}: {', '.join(look.warnings) or 'spikes'}: too few samples are left"
+            f"{records[0].name}: no second of the record can be compared, since too many samples are missing or "
+            f"clipped (channel that clips: {clipped}); choose a larger range of the sensor, or excite less"
         )
     held = HeldOut(
         predictions, [number >= len(look.readings) - look.held for number in range(len(look.readings))]
