@@ -75,8 +75,8 @@ def analyse(
     if predictions.numbers <= 0.0:
         clipped = " and ".join(look.limits) or "neither"
         raise InputError(
-            f"{records[0].name}: no second of the record can be compared, since too many samples are missing or "
-            f"clipped (channel that clips: {clipped}); choose a larger range of the sensor, or excite less"
+            f"{records[0].name}: no second of the record can be compared, since too many samples are missing "
+            f"or clipped (channel that clips: {clipped}); choose a larger range of the sensor, or excite less"
         )
     held = HeldOut(
         predictions, [number >= len(look.readings) - look.held for number in range(len(look.readings))]
