@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 
+from spool_core.errors import InputError
 from spool_core.uncertainty import Quantity
 from spool_estimator.identification.record import Record
 from spool_sim.model import Model
@@ -33,8 +34,8 @@ from .intervals import Numbers, numbers_of, profiles_of
 from .look import look_at
 from .words import Words, words_of
 
-#: s that a search may take; what it found by then is judged.
-ALLOWED = 60.0
+#: Steps of integration that a search may take, about a minute's; what it found by then is judged.
+ALLOWED = 4e8
 #: Structures that the ranking shows.
 RANKED = 20
 
@@ -70,6 +71,12 @@ def analyse(
     motions = motions_for(base)
     names = [entry.id for entry in tried_effects(base) if entry.terms]
     predictions = Predictions([Prediction(one, valve, motions) for one in look.readings])
+    if predictions.numbers <= 0.0:
+        clipped = " and ".join(look.limits) or "neither"
+        raise InputError(
+            f"{records[0].name}: no second of the record can be compared, since too many samples are missing or "
+            f"clipped (channel that clips: {clipped}); choose a larger range of the sensor, or excite less"
+        )
     held = HeldOut(
         predictions, [number >= len(look.readings) - look.held for number in range(len(look.readings))]
     )
@@ -89,7 +96,7 @@ def analyse(
             names = [quantity.name for effect in result.effects for quantity in effect.parameters]
             own = profiles_of(predictions, decision.fit, decision.numbers, names)
             result = replace(result, profiles=own)
-    told = (f"out of time after {ALLOWED:g} s of searching: this is the best so far",) if late else ()
+    told = ("the search ended before everything was tried: this is the best so far",) if late else ()
     result = replace(
         result, warnings=(*look.warnings, *told, *result.warnings), elapsed=time.monotonic() - begun
     )
