@@ -86,7 +86,7 @@ def analyse(
         search.run()
         late = search.late
         tell("deciding", 0.85)
-        decision = decide(predictions, search, look, chosen, motions)
+        decision = decide(predictions, search, look, chosen, motions, held)
         tell("judging on data held out", 0.92)
         before, after = held.judged(decision.base), held.judged(decision.fit)
         words = words_of(decision, look, base, before, after)

@@ -9,7 +9,7 @@ integrals biases it, and a spool at rest tells nothing.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,6 +70,7 @@ class Balance:
         edge = min(speed.size // 4, round(2.0 / part.period))
         slips[:edge] = slips[-edge:] = False
         slips &= part.counted > 0.5
+        self._slips, self._band, self._part = slips, band, part
         force = -part.valve.moving_mass * band.apply(part.spool)[slips]
         rows = [force, self.motion.displacement[slips], self.motion.velocity[slips]]
         self._trials: dict[str, list[tuple[Trial, slice]]] = {}
@@ -83,6 +84,7 @@ class Balance:
         everything = np.array(rows)
         self._scales: Array = np.linalg.norm(everything, axis=1) + 1e-300
         everything /= self._scales[:, np.newaxis]
+        self._rows: Array = everything
         self._products: Array = everything @ everything.T
         self._size = max(1, force.size)
         self.left: float = self._solved([1, 2])[0]
@@ -95,16 +97,55 @@ class Balance:
             if solved[0] <= 0.0:
                 continue
             values = {"spring_stiffness": float(solved[0]), "viscous_coefficient": max(float(solved[1]), 0.0)}
-            begin = 2
-            for name, (trial, cut) in zip(names, trials, strict=True):
-                own = solved[begin : begin + cut.stop - cut.start]
-                begin += own.size
-                found = EFFECTS[name].values(own, trial.shape, self.motion)
-                if found is None:
-                    break
-                values |= found
-            else:
-                yield Balanced(left, values)
+            found = self._values(names, trials, solved[2:])
+            if found is not None:
+                yield Balanced(left, {**values, **found})
+
+    def like(self, name: str, force: Array) -> list[Balanced]:
+        """Return numbers with which the effect ``name`` and some drag act like ``force`` (n,), best first.
+
+        Their "viscous_coefficient" is what the drag changes by.
+        """
+        target = self._band.apply(force)[self._slips]
+        size = float(np.linalg.norm(target)) + 1e-300
+        seen = self._rows @ (target / size)
+        found = []
+        for trial, cut in self._trials[name]:
+            places = [2, *range(cut.start, cut.stop)]
+            solved = np.linalg.lstsq(self._products[np.ix_(places, places)], seen[places], rcond=1e-10)[0]
+            left = size * float(np.sqrt(max(0.0, 1.0 - float(solved @ seen[places])) / self._size))
+            solved = solved * size / self._scales[places]
+            values = self._values([name], [(trial, cut)], solved[1:])
+            if values is not None:
+                found.append(Balanced(left, {"viscous_coefficient": float(solved[0]), **values}))
+        return sorted(found, key=lambda one: one.left)
+
+    def force_of(self, terms: Sequence[str], values: Mapping[str, float]) -> Array:
+        """Return the force of ``terms`` with ``values`` along the motion, N, shape (n,)."""
+        motion = next(entry for entry in self._part.motions if entry.has(terms))
+        row = np.array([motion.row(("inertia", *terms), values)])
+        first = round(self._part.readings.time / self._part.period)
+        own = self.motion
+        return np.asarray(
+            motion.forces(
+                own.displacement, own.velocity, row, sample_period=own.period, first_sample=first
+            )[0]
+        )
+
+    def _values(
+        self, names: Sequence[str], trials: Sequence[tuple[Trial, slice]], solved: Array
+    ) -> dict[str, float] | None:
+        """Return the numbers of the effects ``names`` for the coefficients of their trials, if they make sense."""
+        found: dict[str, float] = {}
+        begin = 0
+        for name, (trial, cut) in zip(names, trials, strict=True):
+            own = solved[begin : begin + cut.stop - cut.start]
+            begin += own.size
+            values = EFFECTS[name].values(own, trial.shape, self.motion)
+            if values is None:
+                return None
+            found |= values
+        return found
 
     def _solved(self, places: Sequence[int]) -> tuple[float, Array]:
         """Return what the forces at ``places`` leave, N rms, and their coefficients."""

@@ -37,6 +37,8 @@ STARTS, MOST_STARTS, QUICK = 2, 5, 4
 CONTACTS = (LOOSENESS[0], LOOSENESS[2])
 #: Starts by the balance of forces, and share of what the base leaves of that from which an effect is fitted.
 BALANCED, SPEAKS = 3, 0.9
+#: Starts of a law of friction that acts like another one.
+ALIKE = 4
 #: Steps of a fit while structures are only compared.
 BRIEF = 15
 #: Draws around the best structure's numbers, and their standard deviation (ln): a factor of 3 either way.
@@ -319,14 +321,13 @@ class Search:
     def _acting_like(self, name: str, other: str, values: Values) -> Iterator[dict[str, float]]:
         """Yield starts of ``other`` in place of ``name``."""
         entry = EFFECTS[other]
-        fastest = float(np.quantile(np.abs(self._velocity()), 0.99))
-        contained = dict(values)
-        if "coulomb_force" not in contained and name in FRICTIONS:
-            contained["coulomb_force"] = values.get("dahl_force", 0.0)
-        if name in entry.replaces or (name in FRICTIONS and contained.get("coulomb_force")):
-            like = entry.acting_like(contained)
-            for speeds in entry.speeds_to_try(fastest):
-                yield {**like, **speeds}
+        if name in FRICTIONS and other in FRICTIONS:
+            force = self._balance.force_of(EFFECTS[name].terms, values)
+            for one in self._balance.like(other, force)[:ALIKE]:
+                drag = values.get("viscous_coefficient", 0.0) + one.values["viscous_coefficient"]
+                yield {**one.values, "viscous_coefficient": max(drag, 0.0)}
+        elif name in entry.replaces:
+            yield from ({**entry.acting_like(values), **speeds} for speeds in entry.speeds_to_try(self._fastest))
         known = self.fits.get((frozenset([other]), frozenset()))
         if known is not None:
             yield {one: known.structure.values[one] for one in entry.fitted if one in known.structure.values}
@@ -429,9 +430,9 @@ class Search:
             return fit
         return known
 
-    def _velocity(self) -> NDArray[np.float64]:
-        part = max(self._predictions.parts, key=lambda one: one.seconds)
-        return part.errors([self.base.structure], LOOSE).velocity
+    @property
+    def _fastest(self) -> float:
+        return float(np.quantile(np.abs(self._balance.motion.velocity), 0.99))
 
 
 def _named(fit: StructureFit) -> str:
