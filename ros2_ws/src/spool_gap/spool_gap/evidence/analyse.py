@@ -35,8 +35,8 @@ from .jitter import jitter_of
 from .look import look_at
 from .words import Words, words_of
 
-#: s that a search may take; what it found by then is judged.
-ALLOWED = 60.0
+#: Steps of integration that a search may take, about a minute's; what it found by then is judged.
+ALLOWED = 4e8
 #: Structures that the ranking shows.
 RANKED = 20
 
@@ -89,7 +89,7 @@ def analyse(
         search.run()
         late = search.late
         tell("deciding", 0.85)
-        decision = decide(predictions, search, look, chosen, motions)
+        decision = decide(predictions, search, look, chosen, motions, held)
         tell("judging on data held out", 0.92)
         before, after = held.judged(decision.base), held.judged(decision.fit)
         # Forces that jump leave what looks like jitter.
@@ -102,7 +102,7 @@ def analyse(
             names = [quantity.name for effect in result.effects for quantity in effect.parameters]
             own = profiles_of(predictions, decision.fit, decision.numbers, names)
             result = replace(result, profiles=own)
-    hurried = f"out of time after {ALLOWED:g} s of searching: this is the best so far, --thorough goes on"
+    hurried = "the search ended before everything was tried: this is the best so far, --thorough goes on"
     told = (hurried,) if late else ()
     result = replace(
         result, warnings=(*look.warnings, *told, *result.warnings), elapsed=time.monotonic() - begun

@@ -26,6 +26,7 @@ from spool_gap.registry import EFFECTS
 from spool_gap.result import GapSettings
 
 from .from_rest import TwoForces, split_by_direction, two_forces
+from .held_out import HeldOut
 from .intervals import Numbers, numbers_of
 from .look import Look
 
@@ -34,6 +35,8 @@ from .look import Look
 TEMPERATURE = 30.0
 #: Standard deviations by which gain or delay must exceed its tolerance (95 %).
 BEYOND = 2.0
+#: Share of what a named effect changes that may be left unexplained beside it.
+MOST_LEFT = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,9 +89,11 @@ def decide(
     look: Look,
     settings: GapSettings,
     motions: Sequence[SwitchableMotion],
+    held: HeldOut,
 ) -> Decision:
     """Return what the fits of ``search`` say."""
     fit, refused = _plainest(predictions, search, settings)
+    fit = _predicting(search, held, fit, refused)
     valve = predictions.parts[0].valve
     forces = two_forces(look.readings, valve, motions, fit)
     fit, numbers = _refined(predictions, fit)
@@ -108,7 +113,14 @@ def decide(
     gain = rest.gain / numbers.dispersion
     matters = rest.share >= settings.least_share
     unexplained = gain > DECISIVE and matters
-    probabilities = _probabilities(search, fit, gain - DECISIVE if matters else -math.inf)
+    if unexplained:
+        # A name stands beside a remainder only where that is small against what the name explains: a law
+        # that is none of the catalogue's looks like the nearest one of them, and leaves the rest.
+        least = rest.share / MOST_LEFT
+        for name in [one for one in named if shares.get(one, 0.0) < least]:
+            named.remove(name)
+            refused[name] = "what is left with it is too large for its law to be the right one"
+    probabilities = _probabilities(search, fit, refused, gain - DECISIVE if matters else -math.inf)
     parts = tuple(key for key in own.parts if share_of_part(predictions, fit, key) >= settings.least_share)
     singles = [one for one in search.fits.values() if len(one.structure.effects) == 1]
     nearest = max(singles, key=lambda one: one.evidence, default=None)
@@ -146,6 +158,22 @@ def _plainest(
     return fit, refused
 
 
+def _predicting(
+    search: Search, held: HeldOut, fit: StructureFit, refused: dict[str, str]
+) -> StructureFit:
+    """Return ``fit`` without effects that make the free run over held-out windows no better."""
+    for name in fit.structure.effects:
+        without = search.without(fit, name)
+        if without is None or without.evidence >= fit.evidence:
+            continue
+        error = held.judged(fit).agreement.nrmse
+        bare = held.judged(without).agreement.nrmse
+        if error >= bare:
+            refused[name] = f"with it a free run leaves {100.0 * error:.2g} %, without it {100.0 * bare:.2g} %"
+            return _predicting(search, held, without, refused)
+    return fit
+
+
 def _by_direction(
     predictions: Predictions, fit: StructureFit, numbers: Numbers, forces: TwoForces
 ) -> tuple[StructureFit, Numbers]:
@@ -172,9 +200,13 @@ def _by_direction(
     return again, Numbers(tuple(quantities), correlation, numbers.dispersion)
 
 
-def _probabilities(search: Search, fit: StructureFit, rest: float) -> dict[str, float]:
+def _probabilities(
+    search: Search, fit: StructureFit, refused: Mapping[str, str], rest: float
+) -> dict[str, float]:
     best: dict[str, float] = {}
     for one in search.fits.values():
+        if set(one.structure.effects) & (set(refused) - set(fit.structure.effects)):
+            continue
         if any(EFFECTS[name].sensible(one.structure.values, {}) for name in one.structure.effects):
             continue
         name = _joined(one)

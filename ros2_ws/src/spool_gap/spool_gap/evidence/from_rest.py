@@ -6,6 +6,7 @@ acceleration. From rest the spool has to travel to that middle first, and rings 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -33,6 +34,8 @@ BIASED = 0.02
 RATIOS = np.linspace(-0.9, 0.9, 37)
 #: Ratio below which two forces are one: friction scatters by as much from stroke to stroke.
 LEAST_RATIO = 0.1
+#: Standard deviations of the likelihood's scatter that the evidence must exceed.
+SCATTERS = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +73,9 @@ def two_forces(
     deviation = max(float(np.ptp(RATIOS[near])) / 4.0, step / 3.0)
     below, top, above = likely[best - 1 : best + 2].tolist()
     ratio = float(RATIOS[best]) + 0.5 * step * (below - above) / (below - 2.0 * top + above)
-    if evidence < DECISIVE or abs(ratio) < max(LEAST_RATIO, 2.0 * deviation):
+    # From one ratio to the next the likelihood scatters, as reversals of the simulated motion come and go.
+    scatter = 1.5 * float(np.median(np.abs(np.diff(likely, 2)))) / math.sqrt(6.0)
+    if evidence < DECISIVE + SCATTERS * scatter or abs(ratio) < max(LEAST_RATIO, 2.0 * deviation):
         return None
     return TwoForces(ratio, deviation, evidence)
 

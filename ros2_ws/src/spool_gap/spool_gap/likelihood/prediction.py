@@ -24,6 +24,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +57,8 @@ LEAST_POWER = 0.0125
 FAR = 1e3
 #: Speed over its 80 % quantile below which the side of a reversal is not certain.
 SLOW = 0.06
+#: Excerpts in which structures are fitted briefly, and s of each.
+EXCERPTS, EXCERPT = 3, 7.0
 #: Looseness of a free run, which is not corrected at all.
 FREE = -1.0
 
@@ -85,6 +88,7 @@ class Prediction:
         lines: frequencies that are compared, Hz, shape (lines,).
         windows: of a second; ``inside``: those whose errors count, shape (windows,).
         spool, body: measured, averaged, m/s^2, shape (n,).
+        work: steps of integration so far.
     """
 
     def __init__(self, readings: Readings, valve: Valve, motions: Sequence[SwitchableMotion]) -> None:
@@ -95,7 +99,7 @@ class Prediction:
             valve: gives the corrections.
             motions: kernels, the quickest first; the first one that has all terms of a structure runs it.
         """
-        self.readings, self.valve, self._motions = readings, valve, tuple(motions)
+        self.readings, self.valve, self.motions = readings, valve, tuple(motions)
         self._every = max(1, math.floor(1.0 / (readings.period * RATE) + 1e-9))
         self.period = readings.period * self._every
         box = np.ones(self._every) / self._every
@@ -120,6 +124,7 @@ class Prediction:
         self._places = np.flatnonzero((frequency >= low) & (frequency < high) & ~hummed)
         self.lines: Array = frequency[self._places]
         self._edges = _edges(self.lines)
+        self._hum = _waves(readings.hum, self._window, self.period)
         self._taper = signal.windows.tukey(self._window, 0.1)
         self._whole_windows: Mask = np.ones(self.windows, dtype=np.bool_)
         self._whole_windows[[0, -1]] = False
@@ -130,10 +135,11 @@ class Prediction:
         self._inputs: dict[tuple[float, ...], Array] = {}
         self._spools: dict[tuple[float, ...], Array] = {}
         self._corrections: dict[float, Correction] = {}
+        self.work = 0.0
         self._floor = self._noise_floor()
-        self._reading_lines = self.lines_of(self.spool)
         self.body: Array = body[: self.size]
-        self._body_lines = self.lines_of(self.body)
+        self._length = fft.next_fast_len(self.size, real=True)
+        self._every_line: Array = np.maximum(fft.rfftfreq(self._length, self.period), 0.3)
         self.count(self._there)
 
     def _whole(self, mask: Mask) -> Array:
@@ -192,9 +198,10 @@ class Prediction:
             looseness: share of the excitation's rms that the correction takes for input noise, or ``FREE``.
         """
         first = structures[0]
-        motion = next(entry for entry in self._motions if entry.has(first.terms))
+        motion = next(entry for entry in self.motions if entry.has(first.terms))
         fastest = min(self.readings.noise.high, 0.4 / self.period)
         substeps = self._substeps(first, fastest)
+        self.work += float(len(structures) * substeps * self.size)
         body_rows, bodies = _distinct([self._input(one, substeps) for one in structures])
         spool_rows, spools = _distinct([self._corrected_spool(one) for one in structures])
         errors, displacement, velocity = motion.predict_batch(
@@ -209,19 +216,34 @@ class Prediction:
             means=self._every > 1,
             begin=self.readings.time,
         )
-        lines = self.lines_of(np.clip(np.nan_to_num(errors, nan=FAR), -FAR, FAR) * self.counted)
         far = ~(np.abs(errors).max(axis=1) < FAR)
+        seen = np.clip(np.nan_to_num(errors, nan=FAR), -FAR, FAR)
+        for number, one in enumerate(structures):
+            if one.parts and not far[number]:
+                seen[number] = self._as_read(seen[number], one)
+        lines = self.lines_of(seen * self.counted)
         for number, one in enumerate(structures):
             gains = self._gains(one, self.windows)[:, np.newaxis]
-            response = np.abs(one.response("spool", self.lines))
-            lines[number] *= response * self._volume(one, looseness) * gains
-            # What the inverse of a response leaves out is not predicted.
-            left_out = 1.0 - np.minimum(1.0, response / SMALLEST) ** 2
-            if left_out.any():
-                lines[number] += left_out * self._reading_lines
+            lines[number] *= (1.0 + one.values[GAIN]) * self._volume(one, looseness) * gains
             if far[number]:
                 lines[number] = FAR
         return Errors(lines, displacement[0], velocity[0], errors[0])
+
+    def _as_read(self, row: Array, one: Structure) -> Array:
+        """Return errors ``row`` (n,) as the spool's channel shows them, but for its gain.
+
+        What the inverse of its response leaves out is not predicted.
+        """
+        response = np.abs(one.response("spool", self._every_line)) / (1.0 + one.values[GAIN])
+        if np.allclose(response, 1.0):
+            return row
+        left_out = 1.0 - np.minimum(1.0, response / SMALLEST) ** 2
+        return self._through(row, response) + self._through(self.spool, left_out)
+
+    def _through(self, rows: Array, transfer: Spectrum | Array) -> Array:
+        """Return ``rows`` (..., n) times ``transfer`` at every frequency of them."""
+        lines = fft.rfft(rows, self._length, axis=-1) * transfer
+        return np.asarray(fft.irfft(lines, self._length, axis=-1)[..., : self.size])
 
     def _substeps(self, one: Structure, fastest: float) -> int:
         # Within a tenth of each number the same steps will do.
@@ -236,16 +258,14 @@ class Prediction:
         found = self.errors([one], looseness)
         error = found.series * self._gains(one, self.size)
         if one.parts or one.values[GAIN]:
-            length = fft.next_fast_len(2 * error.size, real=True)
-            frequency = np.maximum(fft.rfftfreq(length, self.period), 0.3)
-            error = fft.irfft(fft.rfft(error, length) * one.response("spool", frequency), length)[
-                : error.size
-            ]
+            error = self._through(error, one.response("spool", self._every_line))
         return self.spool - error, found
 
     def lines_of(self, rows: Array) -> Spectrum:
         """Return the spectra of the windows of ``rows`` (..., n), shape (..., windows, lines)."""
         cut = rows[..., : self.windows * self._window].reshape(*rows.shape[:-1], self.windows, self._window)
+        if self._hum.size:
+            cut = cut - (cut @ self._hum) @ self._hum.T
         lines: Spectrum = fft.rfft(cut * self._taper, axis=-1)[..., self._places]
         return lines
 
@@ -262,19 +282,23 @@ class Prediction:
             errors: of ``one``.
         """
         size = values[part.parameters[0].name]
-        share = self._volume(one, looseness) / self._ratio(one, looseness)
-        share = share * np.abs(one.response("spool", self.lines))
+        frequency, volume = self._every_line, self._volume(one, looseness)
+        share = np.abs(one.response("spool", frequency)) / self._ratio(one, looseness, frequency)
         if part.response is None:
             time = self.readings.time + np.arange(self.size, dtype=np.float64) * self.period
             middle = self.windows_of(time).mean(axis=1)[:, np.newaxis]
-            return np.asarray(errors * middle - self.lines_of(self.spool * time * self.counted) * share)
-        changed = (part.response(self.lines, values) - 1.0) / size
+            read = self._through(self.spool * time, share)
+            return np.asarray(errors * middle - self.lines_of(read * self.counted) * volume)
+        changed = (part.response(frequency, values) - 1.0) / size
         if part.channel == "spool":
-            return np.asarray(errors * changed.real - self._reading_lines * changed * share)
-        turn = 2j * np.pi * self.lines
+            read = self.lines_of(self._through(self.spool, changed * share) * self.counted)
+            own = ((part.response(self.lines, values) - 1.0) / size).real
+            return np.asarray(errors * own - read * volume)
+        turn = 2j * np.pi * frequency
         mass, stiffness, damping = _linear(one)
         passed = (damping * turn + stiffness) / (mass * turn**2 + damping * turn + stiffness)
-        return np.asarray(self._body_lines * changed * passed * share)
+        moved = self._through(self.body, changed * passed * share)
+        return np.asarray(self.lines_of(moved * self.counted) * volume)
 
     def windows_of(self, row: Array) -> Array:
         """Return ``row`` (n,) cut into windows, shape (windows, samples)."""
@@ -310,13 +334,14 @@ class Prediction:
 
         Forces of a term, N, through the linear valve that ``one`` has, corrected as the errors are.
         """
-        turn = 2j * np.pi * self.lines
+        turn = 2j * np.pi * self._every_line
         mass, stiffness, damping = _linear(one)
         moved = -(turn**2) / (mass * turn**2 + damping * turn + stiffness)
         middle = np.exp(0.5 * turn * self.period) if self._every > 1 else 1.0
-        share = moved * middle / self._ratio(one, looseness) * self._volume(one, looseness)
-        share = share * np.abs(one.response("spool", self.lines))
-        return np.asarray(-self.lines_of(forces * self.counted) * share)
+        share = moved * middle / self._ratio(one, looseness, self._every_line)
+        share = share * np.abs(one.response("spool", self._every_line))
+        felt = self._through(forces, share)
+        return np.asarray(-self.lines_of(felt * self.counted) * self._volume(one, looseness))
 
     def force_of(
         self,
@@ -326,7 +351,7 @@ class Prediction:
         values: Mapping[str, float] | None = None,
     ) -> Array:
         """Return the force of ``terms`` along the motion of ``one``, by its or other ``values``, N, (n,)."""
-        motion = next(entry for entry in self._motions if entry.has((*one.terms, *terms)))
+        motion = next(entry for entry in self.motions if entry.has((*one.terms, *terms)))
         errors = self.errors([one], looseness)
         rows = np.array([motion.row(("inertia", *terms), values or one.values)])
         first = round(self.readings.time / self.period)
@@ -421,8 +446,8 @@ class Prediction:
             )
         return self._corrections[looseness]
 
-    def _ratio(self, one: Structure, looseness: float) -> Spectrum:
-        """Return the errors of a free run over those of the corrected one, for the linear valve."""
+    def _ratio(self, one: Structure, looseness: float, frequency: Array) -> Spectrum:
+        """Return the errors of a free run over those of the corrected one at ``frequency``, for a linear valve."""
         mass, stiffness, damping = _linear(one)
         correction = self._correction(looseness)
         step = _step_of(mass, stiffness, damping, self.period)
@@ -431,7 +456,7 @@ class Prediction:
             seen = (step[1] - np.array([0.0, 1.0])) / self.period
         else:
             seen, factors = np.array([-stiffness / mass, -damping / mass]), step @ factors
-        turn = np.exp(2j * np.pi * self.lines * self.period)
+        turn = np.exp(2j * np.pi * frequency * self.period)
         determinant = (turn - step[0, 0]) * (turn - step[1, 1]) - step[0, 1] * step[1, 0]
         moved = (
             (turn - step[1, 1]) * factors[0] + step[0, 1] * factors[1],
@@ -447,7 +472,7 @@ class Prediction:
         """
         if looseness == FREE:
             return np.ones(self.lines.size)
-        ratio = np.log(np.abs(self._ratio(one, looseness)))
+        ratio = np.log(np.abs(self._ratio(one, looseness, self.lines)))
         means = np.add.reduceat(ratio, self._edges[:-1]) / np.diff(self._edges)
         return np.repeat(np.exp(means), np.diff(self._edges))
 
@@ -500,6 +525,31 @@ class Predictions:
         """Take ``parts`` together."""
         self.parts = tuple(parts)
         self.seconds = max(part.readings.time + part.seconds for part in parts)
+
+    def excerpt(self, motions: Sequence[SwitchableMotion]) -> Predictions:
+        """Return this for excerpts with much motion, spread over the time, or itself where that is short."""
+        if sum(part.seconds for part in self.parts) <= EXCERPTS * EXCERPT:
+            return self
+        found = []
+        for part in self.parts:
+            length = round(EXCERPT / part.readings.period)
+            count = max(1, round(EXCERPTS * part.seconds / sum(one.seconds for one in self.parts)))
+            edges = np.linspace(0, part.readings.spool.size, count + 1).astype(int).tolist()
+            for begin, end in pairwise(edges):
+                if end - begin < 3.0 * WINDOW / part.readings.period:
+                    continue
+                starts = range(begin, max(begin + 1, end - length), max(1, length // 4))
+                power = [float(np.mean(part.readings.spool[one : one + length] ** 2)) for one in starts]
+                first = starts[int(np.argmax(power))]
+                found.append(part.readings.part(first, min(first + length, end)))
+        brief = Predictions([Prediction(one, self.parts[0].valve, motions) for one in found])
+        brief.seconds = self.seconds
+        return brief
+
+    @property
+    def work(self) -> float:
+        """Steps of integration so far."""
+        return sum(part.work for part in self.parts)
 
     @contextmanager
     def reversals(self, *, counted: bool, heard: bool) -> Iterator[None]:
@@ -562,6 +612,12 @@ def _step_of(mass: float, stiffness: float, damping: float, period: float) -> Ar
     return np.array(
         [[even - half * odd, odd], [-stiffness / mass * odd, even + (-damping / mass - half) * odd]]
     )
+
+
+def _waves(frequencies: Sequence[float], count: int, period: float) -> Array:
+    """Return an orthonormal basis of waves of ``frequencies`` (Hz), shape (count, 2 f)."""
+    turns = 2.0 * np.pi * np.outer(np.arange(count) * period, np.asarray(frequencies, dtype=np.float64))
+    return np.asarray(np.linalg.qr(np.concatenate([np.cos(turns), np.sin(turns)], axis=1))[0])
 
 
 def _edges(lines: Array) -> NDArray[np.int64]:

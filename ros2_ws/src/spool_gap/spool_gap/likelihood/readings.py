@@ -7,7 +7,7 @@ for it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +57,15 @@ class Readings:
     spool_clipped: float
     hum: tuple[float, ...]
     record: Record
+
+    def part(self, begin: int, end: int) -> Readings:
+        """Return the samples from ``begin`` to before ``end``."""
+        return replace(
+            self,
+            time=self.time + begin * self.period,
+            **{name: getattr(self, name)[begin:end] for name in ("body", "spool", "heard", "counted")},
+            record=self.record.part(begin, end),
+        )
 
 
 def readings_of(

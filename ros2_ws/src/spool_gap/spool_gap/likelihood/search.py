@@ -8,12 +8,10 @@ each component is left out to see what it is worth. Everything that was fitted s
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spool_gap.registry import EFFECTS, FRICTIONS
 
@@ -29,10 +27,17 @@ Key = tuple[frozenset[str], frozenset[str]]
 #: Looseness at which starts are compared and fitted first, where fits have few minima, and of those starts
 #: that a regression finds near the minimum.
 LOOSE, TIGHT = LOOSENESS[0], 0.03
+#: Looseness up to which structures are compared: the motion of a looser one is the measured one, whatever acts.
+COMPARED = LOOSENESS[2]
 #: Starts that are fitted of a stop, and of other effects whose fits have local minima; steps of such a fit.
-STARTS, MOST_STARTS, QUICK = 3, 5, 4
+STARTS, MOST_STARTS, QUICK = 2, 5, 4
+#: Looseness at which starts of an effect that acts in few stretches only are compared: a motion that follows
+#: the measured one too closely hides a contact of few samples.
+CONTACTS = (LOOSENESS[0], LOOSENESS[2])
 #: Starts by the balance of forces, and share of what the base leaves of that from which an effect is fitted.
 BALANCED, SPEAKS = 3, 0.9
+#: Starts of a law of friction that acts like another one.
+ALIKE = 4
 #: Steps of a fit while structures are only compared.
 BRIEF = 15
 #: Draws around the best structure's numbers, and their standard deviation (ln): a factor of 3 either way.
@@ -51,6 +56,9 @@ HOPEFUL = 0.1
 #: Evidence (log likelihood less its penalty) from which a component stays: twice what counts as decisive
 #: (Kass and Raftery, 1995), since many are tried.
 DECISIVE = 10.0
+#: Evidence by which a structure without a component must be behind not to be fitted to its end, and share of
+#: what an effect explains that one in its place must explain in a brief fit.
+CLOSE, NEARLY = 100.0, 0.8
 
 
 class Search:
@@ -75,25 +83,28 @@ class Search:
             base: with the numbers of the valve's description.
             names: of the effects that may be missing.
             tell: takes what is done and the share of the work.
-            allowed: s, after which nothing further is tried.
+            allowed: steps of integration, after which nothing further is tried.
         """
         self._predictions, self._names, self._tell = predictions, tuple(names), tell
-        self._deadline = time.monotonic() + allowed
+        self._allowed = allowed
         self.fits: dict[Key, StructureFit] = {}
         self._numbers: dict[str, dict[str, float]] = {}
         tell("fitting the base", 0.1)
         rough = fit_structure(predictions, base)
-        for part in predictions.parts:
+        self._brief = predictions.excerpt(predictions.parts[0].motions)
+        for part in {*predictions.parts, *self._brief.parts}:
             part.leave_out_reversals()
-        self.base = self._tighten(rough.structure)
+        self.base = judged(predictions, rough)
+        for one, looseness in ((rough.structure, LOOSE), (base, TIGHT)):
+            self.base = self._tighten(one, looseness)
         values = self.base.structure.values
         damping = values.get("viscous_coefficient", 0.0)
-        self._balance = Balance(predictions, values["spring_stiffness"], damping)
+        self._balance = Balance(predictions, values["spring_stiffness"], damping, names)
 
     @property
     def late(self) -> bool:
         """Whether no further structure is tried."""
-        return time.monotonic() > self._deadline
+        return self._predictions.work + self._brief.work > self._allowed
 
     @property
     def best(self) -> StructureFit:
@@ -203,29 +214,29 @@ class Search:
         return [one for one in dict.fromkeys(found) if one.structure.key not in expanded]
 
     def _add_to(self, fit: StructureFit) -> None:
-        """Fit ``fit`` with one component more: first loosely, then those that are promising."""
+        """Fit ``fit`` with one component more: first briefly, then those that are promising."""
         own, penalty = fit.structure, 0.5 * math.log(self._predictions.numbers)
         allowed = [name for name in self._names if self._may_add(own, name)]
+        shares = dict.fromkeys((LOOSE, TIGHT, *((fit.looseness,) if own.effects else ())))
         quick: list[tuple[float, StructureFit]] = []
         before: dict[bool, float] = {}
-        found_rows = proposals(self._predictions, fit, allowed)
-        if not own.effects:
-            found_rows = self._with_balanced(found_rows, own, allowed)
-        for rows in found_rows:
+        for rows in self._with_balanced(proposals(self._predictions, fit, allowed), own, allowed):
+            if self.late:
+                break
             best = best_of(rows)
             if best.name in CHAIN_PARTS and len(own.parts) >= MOST_PARTS:
                 continue
             hidden = best.name in EFFECTS and EFFECTS[best.name].local_minima | EFFECTS[best.name].localised
             if best.gain > best.count * penalty or (hidden and not own.effects):
-                found = self._quick(own, rows)
-                jumps = found.structure.jumps
-                if jumps not in before:
-                    rough = [self._fit(own, (one,), jumps=jumps, steps=QUICK) for one in (LOOSE, TIGHT)]
-                    before[jumps] = max(one.log_likelihood for one in rough)
-                quick.append((found.log_likelihood - before[jumps], found))
+                for found in self._quick(fit, rows):
+                    jumps = found.structure.jumps
+                    if jumps not in before:
+                        rough = [self._fit(own, (one,), jumps=jumps, brief=True) for one in shares]
+                        before[jumps] = max(one.log_likelihood for one in rough)
+                    quick.append((found.log_likelihood - before[jumps], found))
         quick.sort(key=lambda row: -row[0])
         for gain, one in quick[:MOST_ADDED]:
-            if gain >= max(1.0, HOPEFUL * quick[0][0]):
+            if gain >= max(1.0, HOPEFUL * quick[0][0]) and not self.late:
                 self._tighten(one.structure, one.looseness)
 
     def _fit(
@@ -236,14 +247,19 @@ class Search:
         jumps: bool | None = None,
         steps: int = BRIEF,
         enough: float | None = None,
+        brief: bool = False,
     ) -> StructureFit:
-        """Return the fit of ``one``, without samples at reversals where its force ``jumps`` there."""
+        """Return the fit of ``one``, without samples at reversals where its force ``jumps`` there.
+
+        A ``brief`` one is of few steps and of excerpts of the record.
+        """
         # A force that jumps is fitted without what depends on the instants of its jumps; they are not heard
         # either, as errors would be moved there.
         apart = one.jumps if jumps is None else jumps
-        with self._predictions.reversals(counted=not apart, heard=not apart):
+        predictions = self._brief if brief else self._predictions
+        with predictions.reversals(counted=not apart, heard=not apart):
             return fit_structure(
-                self._predictions, one, looseness, steps=steps, enough=enough or self._enough
+                predictions, one, looseness, steps=QUICK if brief else steps, enough=enough or self._enough
             )
 
     def _may_add(self, own: Structure, name: str) -> bool:
@@ -278,15 +294,21 @@ class Search:
     def _exchange(
         self, bare: Structure, other: str, best: StructureFit, starts: Sequence[dict[str, float]]
     ) -> None:
-        """Fit ``bare`` with the effect ``other`` from ``starts``."""
+        """Fit ``bare`` with the effect ``other`` from ``starts``, if it explains nearly what ``best`` does."""
         wider = bare.having((*bare.effects, other), bare.parts)
         trials = [wider.moved({**best.structure.values, **one}) for one in starts]
         trials = [one.bounded(self._predictions.seconds) for one in trials]
-        rows = self._predictions.errors(trials, best.looseness)
-        likely = [self._predictions.log_likelihood(lines) for lines in rows]
-        for place in np.argsort(likely)[::-1][:2].tolist():
-            near = (max(best.looseness, LOOSENESS[1]), best.looseness)
-            self._keep(self._fit(trials[place], tuple(dict.fromkeys(near))))
+        rows = self._brief.errors(trials, best.looseness)
+        likely = [self._brief.log_likelihood(lines) for lines in rows]
+        near = [trials[place] for place in np.argsort(likely)[::-1][:2].tolist()]
+        known, without, *found = [
+            self._fit(one, (best.looseness,), jumps=wider.jumps, brief=True)
+            for one in (best.structure, bare, *near)
+        ]
+        least = without.log_likelihood + NEARLY * (known.log_likelihood - without.log_likelihood)
+        for one in found:
+            if one.log_likelihood > least:
+                self._keep(self._fit(one.structure, (best.looseness,)))
 
     def _like(self, name: str) -> list[str]:
         """Return the effects that act like ``name``."""
@@ -298,14 +320,13 @@ class Search:
     def _acting_like(self, name: str, other: str, values: Values) -> Iterator[dict[str, float]]:
         """Yield starts of ``other`` in place of ``name``."""
         entry = EFFECTS[other]
-        fastest = float(np.quantile(np.abs(self._velocity()), 0.99))
-        contained = dict(values)
-        if "coulomb_force" not in contained and name in FRICTIONS:
-            contained["coulomb_force"] = values.get("dahl_force", 0.0)
-        if name in entry.replaces or (name in FRICTIONS and contained.get("coulomb_force")):
-            like = entry.acting_like(contained)
-            for speeds in entry.speeds_to_try(fastest):
-                yield {**like, **speeds}
+        if name in FRICTIONS and other in FRICTIONS:
+            force = self._balance.force_of(EFFECTS[name].terms, values)
+            for one in self._balance.like(other, force)[:ALIKE]:
+                drag = values.get("viscous_coefficient", 0.0) + one.values["viscous_coefficient"]
+                yield {**one.values, "viscous_coefficient": max(drag, 0.0)}
+        elif name in entry.replaces:
+            yield from ({**entry.acting_like(values), **speeds} for speeds in entry.speeds_to_try(self._fastest))
         known = self.fits.get((frozenset([other]), frozenset()))
         if known is not None:
             yield {one: known.structure.values[one] for one in entry.fitted if one in known.structure.values}
@@ -318,59 +339,83 @@ class Search:
             start = bare if known is None else bare.moved(known.structure.values)
             self._tell(f"without {name.replace('_', ' ')}", 0.8)
             for one in (start, bare):
-                self._settle(one, fit.looseness)
+                found = self._keep(self._fit(one, (fit.looseness,)))
+                if found.evidence > fit.evidence - CLOSE:
+                    self._settle(found.structure, fit.looseness)
 
     # Fits -----------------------------------------------------------------------------------------------
 
-    def _quick(self, own: Structure, starts: Sequence[Proposal]) -> StructureFit:
-        """Return the most likely loose fit of ``own`` with what ``starts`` propose."""
-        name, seconds = starts[0].name, self._predictions.seconds
+    def _quick(self, fit: StructureFit, starts: Sequence[Proposal]) -> list[StructureFit]:
+        """Return brief fits of ``fit`` with what ``starts`` propose: the most likely of each of its forms."""
+        own, name, seconds = fit.structure, starts[0].name, self._predictions.seconds
         effect = name in EFFECTS
         wider = own.having(
             (*own.effects, name) if effect else own.effects, own.parts if effect else (*own.parts, name)
         )
         best = wider.moved(best_of(starts).values).bounded(seconds)
         trials = [wider.moved(one.values).bounded(seconds) for one in starts]
+        quick: list[StructureFit] = []
         if name in self._numbers:
             trials = [best.moved(self._numbers[name]), best]
         elif effect and EFFECTS[name].localised:
-            more = EFFECTS[name].starts(best.values, self._reach())
+            more = EFFECTS[name].starts(best.values, self._balance.reach)
             trials += [wider.moved(one).bounded(seconds) for one in more]
-            rows = self._predictions.errors(trials, LOOSE)
-            likely = [self._predictions.log_likelihood(lines) for lines in rows]
-            trials = [trials[place] for place in np.argsort(likely)[::-1][:STARTS].tolist()]
+            quick = []
+            for share in CONTACTS:
+                rows = self._brief.errors(trials, share)
+                likely = [self._brief.log_likelihood(lines) for lines in rows]
+                near = [trials[place] for place in np.argsort(likely)[::-1][:STARTS].tolist()]
+                quick += [self._fit(one, (share,), brief=True) for one in near]
+            trials = []
         elif effect and _several(name) and not own.effects:
             places = np.linspace(0, len(trials) - 1, min(MOST_STARTS, len(trials))).round().astype(int)
             trials = [trials[place] for place in places.tolist()]
         else:
-            trials = [best]
-        quick = [self._fit(one, (LOOSE,), steps=QUICK) for one in trials]
-        if effect and not own.effects:
-            quick += [self._fit(one, (TIGHT,), steps=QUICK) for one in self._by_balance(wider, name)]
-        return max(quick, key=lambda one: one.log_likelihood)
+            # Of each form of the effect, as a line or a bend over time, the best.
+            forms = {len(wider.moved(one.values).unknowns(seconds)): one for one in reversed(starts)}
+            forms |= {len(best.unknowns(seconds)): best_of(starts)}
+            trials = [wider.moved(one.values).bounded(seconds) for one in forms.values()]
+        quick += [self._fit(one, (LOOSE,), brief=True) for one in trials]
+        if own.effects:
+            # What is fitted already need not be found again by a loose correction.
+            kept = best.moved({one: own.values[one] for one in fit.names})
+            quick.append(self._fit(kept, (fit.looseness,), brief=True))
+        if effect:
+            quick += [self._fit(one, (TIGHT,), brief=True) for one in self._by_balance(wider)]
+        found: dict[int, StructureFit] = {}
+        for one in sorted(quick, key=lambda one: one.evidence):
+            found[len(one.unknowns)] = one
+        return list(found.values())
 
     def _with_balanced(
         self, found: list[list[Proposal]], own: Structure, allowed: Sequence[str]
     ) -> list[list[Proposal]]:
         """Return ``found`` with the effects that the balance of forces speaks for."""
         rows = {one[0].name: one for one in found}
+        before = min((one.left for one in self._balance.starts(own.effects)), default=self._balance.left)
         for name in allowed:
-            left = min((row[0] for row in self._balance.starts(EFFECTS[name])), default=math.inf)
-            if left < SPEAKS * self._balance.left:
+            left = min((one.left for one in self._balance.starts((*own.effects, name))), default=math.inf)
+            if left < SPEAKS * before:
                 given = rows.get(name, [Proposal(name, own.values, 0.0, 0)])
                 rows[name] = [replace(one, gain=math.inf) for one in given]
         return list(rows.values())
 
-    def _by_balance(self, wider: Structure, name: str) -> list[Structure]:
+    def _by_balance(self, wider: Structure) -> list[Structure]:
         """Return ``wider`` with the numbers that the balance of forces gives it."""
-        found = sorted(self._balance.starts(EFFECTS[name]), key=lambda row: row[0])[:BALANCED]
+        found = sorted(self._balance.starts(wider.effects), key=lambda one: one.left)[:BALANCED]
         # What the base makes of gain and delay belongs to a model without the effect.
-        nominal = {GAIN: 0.0, DELAY: 0.0}
-        return [wider.moved({**values, **nominal}).bounded(self._predictions.seconds) for _, values in found]
+        nominal = {GAIN: 0.0, DELAY: 0.0} if len(wider.effects) == 1 else {}
+        return [wider.moved({**one.values, **nominal}).bounded(self._predictions.seconds) for one in found]
 
     def _tighten(self, begun: Structure, looseness: float = LOOSE) -> StructureFit:
         """Fit on from ``begun``, with the correction ``looseness`` and with tighter ones."""
-        found = self._keep(self._fit(begun, tuple(one for one in LOOSENESS if one <= looseness)))
+        # Which correction is best is judged by the samples that count in comparisons, not by those of the fits.
+        last = begun
+        for share in (one for one in LOOSENESS if one <= looseness):
+            fit = self._fit(last, (share,))
+            last = fit.structure
+            if share <= COMPARED:
+                found = self._keep(fit)
         for name in found.structure.effects:
             if found.evidence > self.base.evidence:
                 self._numbers[name] = {one: found.structure.values[one] for one in EFFECTS[name].fitted}
@@ -384,15 +429,9 @@ class Search:
             return fit
         return known
 
-    def _reach(self) -> float:
-        return max(
-            float(np.quantile(np.abs(part.errors([self.base.structure], LOOSE).displacement), 0.9995))
-            for part in self._predictions.parts
-        )
-
-    def _velocity(self) -> NDArray[np.float64]:
-        part = max(self._predictions.parts, key=lambda one: one.seconds)
-        return part.errors([self.base.structure], LOOSE).velocity
+    @property
+    def _fastest(self) -> float:
+        return float(np.quantile(np.abs(self._balance.motion.velocity), 0.99))
 
 
 def _named(fit: StructureFit) -> str:

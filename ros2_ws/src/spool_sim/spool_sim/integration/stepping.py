@@ -430,7 +430,11 @@ def predict_kernel(
                 z, v = slip(z, v, 0.0, x, h, k1, 0.0, t, h, a0, b, d, q)
             i += 2
         if not (abs(z) < FARTHEST and abs(v) < FASTEST):
-            z, v, s = 0.0, 0.0, 0.0
+            # Nothing follows from a motion that diverges.
+            out_error[n:] = math.inf
+            out_z[n:] = 0.0
+            out_v[n:] = 0.0
+            return
         if means:
             error = measured[n] - (v - before) / (h * substeps) - mean / substeps
             out_error[n] = error

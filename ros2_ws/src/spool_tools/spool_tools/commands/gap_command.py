@@ -60,7 +60,7 @@ def gap(
         ),
     ] = 0.0025,
     thorough: Annotated[
-        bool, typer.Option(help="Search to the end; default: a minute of searching at most.")
+        bool, typer.Option(help="Search to the end; default: about a minute of computing.")
     ] = False,
     profiles: Annotated[
         bool,
