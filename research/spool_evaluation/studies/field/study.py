@@ -171,8 +171,8 @@ def analysed(record: Path, valve: Path, *, evidence: bool = False) -> dict[str, 
     from spool_estimator.identification.record import LARGEST  # noqa: PLC0415
     from spool_estimator.plausibility import check_records  # noqa: PLC0415 - counting needs none of its kernels
     from spool_gap.report.serialisation import result_to_dict  # noqa: PLC0415
-    from spool_tools.input.record_loading import Selection, load_recordings, stretches_of  # noqa: PLC0415
     from spool_tools.operations.gap_run import doubted  # noqa: PLC0415
+    from spool_tools.operations.record_loading import Selection, load_recordings, stretches_of  # noqa: PLC0415
 
     folder = "evidence" if evidence else "workflow"
     analyse = import_module(f"spool_gap.{folder}.analyse").analyse

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from spool_estimator.identification.least_squares import Unknown
-from spool_estimator.identification.signals.spectra import ZeroPhase
+from spool_estimator.identification.spectra import ZeroPhase
 from spool_sim.terms import Parameter
 
 from .effect import Array, Effect, Motion

@@ -28,7 +28,7 @@ from spool_sim.model import MODELS, Model
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.terms import Parameter, term
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 CONTRACT = {
     "coulomb_friction", "stribeck_friction", "mixed_friction", "asymmetric_friction", "presliding_friction",

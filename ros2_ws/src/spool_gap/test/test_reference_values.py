@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from spool_estimator.identification.record import Record
-from spool_estimator.identification.signals.spectra import ZeroPhase, interval_mean_response, relative_motion
+from spool_estimator.identification.spectra import ZeroPhase, interval_mean_response, relative_motion
 from spool_gap.chain_effect import ChainEffect
 from spool_gap.effect import Motion, scan
 from spool_gap.registry import EFFECTS

@@ -20,7 +20,7 @@ from spool_sim.excitation import SteppedSine
 from spool_sim.model import MODELS, model_from_mapping
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 VALVE = find_valve("4weh10_stiff").model_copy(update={"dynamic_viscosity": 0.015})
 FLUID = MODELS["fluid"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from spool_estimator.identification.signals.spectra import delayed
+from spool_estimator.identification.spectra import delayed
 from spool_sim.terms import Parameter
 
 from spool_gap.effect import Array

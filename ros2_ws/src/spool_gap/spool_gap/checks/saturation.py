@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_estimator.identification.channel_faults import at_rail, restored
 from spool_estimator.identification.record import Record
-from spool_estimator.identification.signals.channel_faults import at_rail, restored
 
 Array = NDArray[np.float64]
 

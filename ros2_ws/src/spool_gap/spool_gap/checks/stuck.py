@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from scipy import signal
 from spool_estimator.identification.record import Record
-from spool_estimator.identification.signals.spectra import noise_of
-from spool_sim.valve.description import Valve
+from spool_estimator.identification.spectra import noise_of
+from spool_sim.valve import Valve
 
 from spool_gap.result import GapResult
 

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 from spool_gap.thresholds import THRESHOLDS
 

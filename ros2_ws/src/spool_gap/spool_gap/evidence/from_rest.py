@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 from spool_gap.likelihood.prediction import FREE, Prediction
 from spool_gap.likelihood.readings import Readings, readings_of

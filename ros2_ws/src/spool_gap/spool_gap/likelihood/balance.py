@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_estimator.identification.signals.spectra import ZeroPhase
+from spool_estimator.identification.spectra import ZeroPhase
 
 from spool_gap.effect import Effect, Motion
 

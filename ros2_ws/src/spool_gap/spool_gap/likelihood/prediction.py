@@ -28,9 +28,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, linalg, signal
-from spool_estimator.identification.signals.spectra import ZeroPhase
+from spool_estimator.identification.spectra import ZeroPhase
 from spool_sim.integration.composed_motion import Correction
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 from spool_gap.simulation.batches import steps_a_sample
 from spool_gap.simulation.point import Point

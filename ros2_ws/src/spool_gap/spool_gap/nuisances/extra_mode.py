@@ -9,7 +9,7 @@ import numpy as np
 from scipy import fft
 from spool_estimator.identification.least_squares import Unknown
 from spool_estimator.identification.record import Record
-from spool_estimator.identification.signals.spectra import ZeroPhase
+from spool_estimator.identification.spectra import ZeroPhase
 from spool_sim.terms import Parameter
 
 from spool_gap.chain_effect import ChainEffect, Spectrum, filtered, lines_of

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, signal
-from spool_estimator.identification.signals.spectra import ZeroPhase, smoothed
+from spool_estimator.identification.spectra import ZeroPhase, smoothed
 
 from spool_gap.effect import Effect, Motion, Trial
 from spool_gap.simulation.segments import Stretch

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
-from spool_estimator.identification.signals.spectra import DRIVE_ONLY, quiet
+from spool_estimator.identification.spectra import DRIVE_ONLY, quiet
 
 from spool_gap.simulation.point import Point
 from spool_gap.simulation.response import responses

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import fft
 from spool_estimator.identification.free_run import Window
 from spool_estimator.identification.record import Record
-from spool_estimator.identification.signals.spectra import ZeroPhase
+from spool_estimator.identification.spectra import ZeroPhase
 
 from .contacts import Contacts, Mask
 from .segments import Stretch

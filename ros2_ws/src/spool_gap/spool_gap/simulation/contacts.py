@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
-from spool_estimator.identification.signals.spectra import ZeroPhase, relative_motion
+from spool_estimator.identification.spectra import ZeroPhase, relative_motion
 
 from .segments import Stretch, corrected
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_estimator.identification.signals.spectra import ZeroPhase, floor_of, interval_mean_response
+from spool_estimator.identification.spectra import ZeroPhase, floor_of, interval_mean_response
 
 from .point import Point
 from .shooting import Piece

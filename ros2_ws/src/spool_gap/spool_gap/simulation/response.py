@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
-from spool_estimator.identification.signals.spectra import ZeroPhase, interval_mean_response
+from spool_estimator.identification.spectra import ZeroPhase, interval_mean_response
 
 from .point import Point
 from .segments import Stretch

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from spool_core.errors import InputError
 from spool_estimator.identification.free_run import FreeRun, Window, excitation_limit
 from spool_estimator.identification.record import Record
-from spool_estimator.identification.signals.spectra import (
+from spool_estimator.identification.spectra import (
     ChannelNoise,
     Quiet,
     RelativeMotion,
@@ -21,7 +21,7 @@ from spool_estimator.identification.signals.spectra import (
     relative_motion,
 )
 from spool_sim.model import Model
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, signal
 from spool_estimator.identification.free_run import Window
-from spool_estimator.identification.signals.spectra import floor_of, smoothed
+from spool_estimator.identification.spectra import floor_of, smoothed
 
 from .batches import Batches, Run
 from .point import Point

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from spool_estimator.identification.free_run import FreeRun, half_steps
 from spool_sim.integration.composed_motion import MotionState
 from spool_sim.model import Model
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 from .batches import simpson_means
 from .point import Point

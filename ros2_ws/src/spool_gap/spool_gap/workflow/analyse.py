@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from spool_estimator.identification.record import Record
 from spool_sim.model import Model
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 from spool_gap.checks import conditions
 from spool_gap.checks.saturation import Saturation, find_saturation

@@ -8,7 +8,7 @@ from functools import partial
 
 from spool_estimator.identification.nuisances.record_nuisance import Nuisance
 from spool_estimator.identification.record import Record
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 from spool_gap.fitting.hypothesis import Hypothesis
 from spool_gap.registry import CHAIN, RECORD_NUISANCES

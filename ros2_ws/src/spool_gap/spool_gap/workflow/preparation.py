@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from spool_estimator.identification.record import Record
 from spool_sim.model import Model
 from spool_sim.terms import term
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 from spool_gap.checks.saturation import Saturation
 from spool_gap.effect import Effect
