@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from spool_monitor.valve_condition import DRIFT
 from spool_msgs.msg import Alarm, AlarmList, ValveHealth
-from spool_tools.operations.watch import HeardValve, Listener, shown_condition
-from spool_tools.operations.watch_app import WatchApp
+from spool_tools.operations.heard import HeardValve, Listener, shown_condition
+from spool_tools.operations.watch import WatchApp
 
 if TYPE_CHECKING:
     from textual.pilot import Pilot
