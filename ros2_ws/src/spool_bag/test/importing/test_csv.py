@@ -286,7 +286,7 @@ def test_columns_with_escapes_do_not_reach_the_terminal(tmp_path: Path) -> None:
 
 EXPAND = """
 import sys
-from spool_bag.importing.tables import table
+from spool_bag.importing import table
 from spool_bag.importing.logger_record import read_record as read_csv
 table.MOST_SAMPLES //= 10
 from spool_core.errors import InputError
