@@ -25,7 +25,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from spool_tools.demo.processes import find_executable
+from spool_tools.operations.demo import find_executable
 
 #: s, what is waited for comes much sooner on an idle machine, and still comes on a busy one.
 PATIENCE = 180.0

@@ -59,9 +59,9 @@ MODULES: dict[str, str] = {
         for path in sorted((SOURCE / "spool_sim/spool_sim/terms").glob("*.py"))
         if path.stem not in ("__init__", "registry")
     },
-    "spool_sim.valve.viscosity": SIMULATION,
-    "spool_sim.valve.lubrication": SIMULATION,
-    "spool_sim.valve.description": SIMULATION,
+    "spool_sim.viscosity": SIMULATION,
+    "spool_sim.lubrication": SIMULATION,
+    "spool_sim.valve": SIMULATION,
     "spool_sim.sensors": SIMULATION,
     "spool_sim.excitation": SIMULATION,
     **{
@@ -71,23 +71,23 @@ MODULES: dict[str, str] = {
     },
     "spool_gap.effect": EFFECTS,
     "spool_gap.likelihood.chain_part": EFFECTS,
-    "spool_estimator.identification.signals.spectra": EFFECTS,
+    "spool_estimator.identification.spectra": EFFECTS,
     "spool_estimator.stream_estimator": ESTIMATES,
 }
 #: Of a module only these functions are laws; all but NOT_LAWS elsewhere.
 ONLY = {
-    "spool_sim.valve.description": {
+    "spool_sim.valve": {
         "viscous_coefficient", "likely_viscous_coefficient", "likely_spool_mass", "dynamic_viscosity_at",
         "viscous_coefficient_at", "at", "_drag_of", "natural_frequency", "damping_ratio",
     },
-    "spool_sim.valve.lubrication": {"_fill", "film_parameter", "fluid_friction_coefficient", "ratio"},
+    "spool_sim.lubrication": {"_fill", "film_parameter", "fluid_friction_coefficient", "ratio"},
     "spool_sim.excitation": {
         "_band", "_continued", "_in_order", "_integral", "_one_list", "_ramp", "_steady", "_turns",
         "acceleration", "duration", "frequencies", "highest_frequency", "revolutions", "rise",
         "steps", "sum_of_lines", "turns_to_sine",
     },
     "spool_gap.likelihood.chain_part": {"high_pass", "low_pass", "mode"},
-    "spool_estimator.identification.signals.spectra": {
+    "spool_estimator.identification.spectra": {
         "_rise", "apply", "delayed", "gain", "interval_mean_response", "relative_motion",
         "settling",
     },

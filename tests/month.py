@@ -11,11 +11,11 @@ import time
 from pathlib import Path
 
 import numpy as np
-from spool_bag.mcap.metadata import ACCELERATION_BLOCK, typestore
-from spool_bag.recording.recorder import Recorded
-from spool_bag.recording.recording import Recording, RecordingSettings
-from spool_bag.recording.snapshot import HEALTH_EVENT, Message, SnapshotKeeper, SnapshotWriter
-from spool_bag.recording.writer import PartLimits
+from spool_bag.metadata import ACCELERATION_BLOCK, typestore
+from spool_bag.recorder import Recorded
+from spool_bag.recording import Recording, RecordingSettings
+from spool_bag.snapshot import HEALTH_EVENT, Message, SnapshotKeeper, SnapshotWriter
+from spool_bag.writer import PartLimits
 from spool_core.block import Block
 from spool_core.cdr import encode_block
 

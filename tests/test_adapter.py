@@ -23,7 +23,7 @@ from spool_monitor.replay import Replay
 from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate, ValveHealth
 from spool_sim.excitation import load_excitation
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 from std_msgs.msg import Float64MultiArray
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from spool_bag.reading.reader import BagReader
+from spool_bag.reader import BagReader
 from spool_msgs.msg import Alarm, AlarmList, HealthEvent, ValveHealth
 from spool_msgs.srv import AcknowledgeAlarm, ManageBaseline, ResetAlarms, ShelveAlarm, SuppressAlarm
 

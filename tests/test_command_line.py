@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import pyarrow.parquet
 import pytest
-from spool_bag.reading.information import describe
-from spool_bag.recording.writer import BagWriter
+from spool_bag.information import describe
+from spool_bag.writer import BagWriter
 from spool_msgs.msg import AccelerationBlock
 from spool_tools.cli import app
 from typer.main import get_command

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from spool_tools.demo.processes import find_executable
+from spool_tools.operations.demo import find_executable
 from std_msgs.msg import Float64
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ CONTRIBUTING = ROOT / "CONTRIBUTING.md"
 #: Its block is a node, which runs until it is ended.
 NODE = PACKAGES / "spool_core" / "spool_core" / "node" / "README.md"
 #: Of packages, and of those subpackages that have one.
-READMES = sorted([*PACKAGES.glob("*/README.md"), *PACKAGES.glob("*/spool_*/*/README.md")])
+READMES = sorted([*PACKAGES.glob("*/[A-Z]*.md"), *PACKAGES.glob("*/spool_*/*/README.md")])
 PAGES = [
     page
     for page in sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *READMES])
@@ -215,7 +215,7 @@ def test_each_recipe_is_found_by_its_file(copy: Path) -> None:
             "from spool_gap.registry import EFFECTS\n"
             "from spool_bag.importing.formats.format import formats\n"
             "from spool_monitor.detectors import KINDS\n"
-            "from spool_tools.console.command import command_modules\n"
+            "from spool_tools.command import command_modules\n"
             "name = 'progressive_stiffness'\n"
             "print(name in TERMS, name in EFFECTS, 'hot_oil' in KINDS)\n"
             "print('LGX' in [one.name for one in formats()], 'rate' in command_modules())\n",

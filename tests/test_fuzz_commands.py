@@ -26,8 +26,8 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, event, given, settings
 from hypothesis import strategies as st
-from spool_monitor.history.trend import Sums, TrendStore
-from spool_sim.valve.description import shipped_valves
+from spool_monitor.trend import Sums, TrendStore
+from spool_sim.valve import shipped_valves
 from spool_tools.cli import main
 
 EXAMPLES = int(os.environ.get("SPOOL_FUZZ_EXAMPLES", "0"))

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from spool_bag.reading.reader import BagReader
+from spool_bag.reader import BagReader
 from spool_msgs.msg import GapAnalysis, HealthEvent, ModelEstimate, WindowRefit
 from spool_sim.model import load_model
 from spool_tools.cli import main

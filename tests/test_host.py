@@ -22,7 +22,7 @@ from spool_core.node.parameters import rule
 from spool_msgs.msg import AccelerationBlock, ModelEstimate, ValveHealth
 from spool_sim.excitation import PRESETS
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 if TYPE_CHECKING:
     from .conftest import System, Topic
@@ -36,7 +36,7 @@ FAULTS = {
 }
 PROGRAM = """
 import sys, numba
-from spool_estimator.node.estimator_node import EstimatorNode
+from spool_estimator.estimator_node import EstimatorNode
 from spool_bringup.host.program import main
 
 @numba.njit(nogil=True)

@@ -29,7 +29,7 @@ PATIENCE = 60.0
 LASTING = """
 import os, subprocess, sys, time
 from pathlib import Path
-from spool_tools.demo.processes import find_executable
+from spool_tools.operations.demo import find_executable
 
 STUBBORN = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); time.sleep(600)"
 FORKING = "import os, time; os.fork() and os._exit(0); time.sleep(600)"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from spool_bag.reading.reader import BagReader
+from spool_bag.reader import BagReader
 from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate, ValveHealth
 
 if TYPE_CHECKING:

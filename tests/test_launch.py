@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import yaml
-from spool_bag.reading.information import describe
+from spool_bag.information import describe
 from spool_msgs.msg import ModelEstimate, ValveHealth
-from spool_tools.demo.processes import find_executable
+from spool_tools.operations.demo import find_executable
 
 if TYPE_CHECKING:
     from .conftest import System

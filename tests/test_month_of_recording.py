@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from spool_bag.mcap.mcap_file import McapFile
-from spool_bag.reading.reader import BagReader
-from spool_bag.recording.parts import numbered
+from spool_bag.mcap_file import McapFile
+from spool_bag.parts import numbered
+from spool_bag.reader import BagReader
 
 from tests.month import DAY
 

@@ -6,14 +6,14 @@ import json
 from pathlib import Path
 
 import pytest
-from spool_bag.reading.reader import BagReader
+from spool_bag.reader import BagReader
 from spool_estimator.identification.fit import fit
 from spool_estimator.identification.fit_result import FitSettings
 from spool_estimator.identification.record import records_from_blocks
 from spool_evaluation.studies.estimation import run
 from spool_gap.evidence.analyse import analyse
 from spool_sim.model import MODELS
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 BAGS = Path(__file__).parents[1] / "bags"
 

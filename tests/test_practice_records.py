@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
-from spool_bag.reading.reader import BagReader
+from spool_bag.reader import BagReader
 from spool_core.uncertainty import Validity
 from spool_estimator.estimate import State
 from spool_estimator.estimator import Estimator

@@ -24,9 +24,9 @@ from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import Temperature
-from spool_bag.reading.reader import BagReader
-from spool_bag.recording.recovery import recover
-from spool_bag.recording.verification import verify
+from spool_bag.reader import BagReader
+from spool_bag.recovery import recover
+from spool_bag.verification import verify
 from spool_core.block import Block
 from spool_core.node import qos
 from spool_core.node.messages import from_block
@@ -106,7 +106,7 @@ class Recorder:
         }
         self.process = subprocess.Popen(
             [
-                *(sys.executable, "-m", "spool_bag.recording.recorder_node", "--ros-args"),
+                *(sys.executable, "-m", "spool_bag.recorder_node", "--ros-args"),
                 *(part for argument in arguments for part in ("-p", argument)),
             ],
             env=environment,

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rclpy.serialization import serialize_message
-from spool_bag.reading.reader import BagReader
+from spool_bag.reader import BagReader
 from spool_core.node.messages import nanoseconds
 from spool_estimator.messages import to_refit_message
 from spool_msgs.msg import ModelEstimate, WindowRefit
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 from spool_tools.operations.record_replay import RefitRequest, replay_valve
 
 if TYPE_CHECKING:

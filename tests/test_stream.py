@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from spool_bag.reading.reader import BagReader
+from spool_bag.reader import BagReader
 from spool_core.block import Block
 from spool_core.block_gate import Fault
 from spool_core.node import qos
@@ -26,9 +26,9 @@ from spool_monitor.replay import Replay
 from spool_msgs.msg import AccelerationBlock, HealthEvent, ModelEstimate
 from spool_sim.excitation import load_excitation
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
-from spool_tools.input.record_sources import recorded_valve
+from spool_sim.valve import find_valve
 from spool_tools.operations.record_replay import replay_valve
+from spool_tools.operations.record_sources import recorded_valve
 
 if TYPE_CHECKING:
     from .conftest import System

@@ -16,19 +16,6 @@ RESEARCH = {path.parent.name for path in (ROOT / "research").glob("*/__init__.py
 MODULES = read_modules(SOURCE)
 
 
-def within(package: str) -> dict[str, set[str]]:
-    """Return which folders of ``package`` import which others of it."""
-    found: dict[str, set[str]] = {}
-    for module in MODULES.values():
-        if module.package != package:
-            continue
-        imported = {
-            MODULES[name].folder for name in module.imports if name.startswith(package) and name in MODULES
-        }
-        found.setdefault(module.folder, set()).update(imported - {module.folder})
-    return found
-
-
 def test_no_module_imports_itself_through_others() -> None:
     known = {name: module.imports & MODULES.keys() for name, module in MODULES.items()}
     assert len(list(TopologicalSorter(known).static_order())) == len(MODULES)
@@ -45,11 +32,6 @@ def test_packages_import_one_way() -> None:
         "spool_tools",
     ]
     assert [name for name in order if name in pillars] == pillars
-
-
-def test_folders_of_a_package_import_one_way() -> None:
-    for package in package_imports(MODULES):
-        list(TopologicalSorter(within(package)).static_order())
 
 
 def test_nothing_that_runs_on_a_machine_needs_studies_or_benchmarks() -> None:

@@ -14,10 +14,10 @@ import yaml
 from ament_index_python.packages import get_package_share_directory
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.parameter import Parameter
-from spool_bag.reading.reader import BagReader
+from spool_bag.reader import BagReader
 from spool_msgs.msg import HealthEvent, ModelEstimate, ValveHealth
 from spool_msgs.srv import ManageBaseline
-from spool_tools.demo.processes import find_executable
+from spool_tools.operations.demo import find_executable
 
 if TYPE_CHECKING:
     from .conftest import System

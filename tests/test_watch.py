@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from spool_monitor.node.valve_condition import DRIFT
+from spool_monitor.valve_condition import DRIFT
 from spool_msgs.msg import Alarm, AlarmList, ValveHealth
-from spool_tools.watch.app import WatchApp
-from spool_tools.watch.heard import HeardValve, Listener, shown_condition
+from spool_tools.operations.heard import HeardValve, Listener, shown_condition
+from spool_tools.operations.watch import WatchApp
 
 if TYPE_CHECKING:
     from textual.pilot import Pilot

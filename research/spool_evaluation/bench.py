@@ -10,7 +10,7 @@ from types import ModuleType
 from rich.console import Console
 from rich.table import Table
 from spool_core.errors import InputError, how_to_install
-from spool_tools.console.outputs import check_output, write_json
+from spool_tools.outputs import check_output, write_json
 
 from spool_evaluation.results.page import markdown_table, write_page
 from spool_evaluation.results.timing import Row

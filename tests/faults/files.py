@@ -10,17 +10,17 @@ from pathlib import Path
 
 import numpy as np
 from mcap.opcode import Opcode
-from spool_bag.mcap.mcap_file import McapFile
-from spool_bag.mcap.mcap_record import FRAME, MAGIC
-from spool_bag.mcap.metadata import ACCELERATION_BLOCK
-from spool_bag.reading.reader import BagReader
-from spool_bag.recording.recovery import RecoveryResult, recover
-from spool_bag.recording.verification import verify
-from spool_bag.recording.writer import BagWriter, PartLimits
+from spool_bag.mcap_file import McapFile
+from spool_bag.mcap_record import FRAME, MAGIC
+from spool_bag.metadata import ACCELERATION_BLOCK
+from spool_bag.reader import BagReader
+from spool_bag.recovery import RecoveryResult, recover
+from spool_bag.verification import verify
+from spool_bag.writer import BagWriter, PartLimits
 from spool_core.block import Block
 from spool_core.cdr import encode_block
 from spool_core.errors import InputError
-from spool_monitor.history.state_file import StateFile
+from spool_monitor.state_file import StateFile
 
 from .outcome import Outcome
 

@@ -20,8 +20,8 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
-from spool_bag.reading.reader import BagReader
-from spool_bag.recording.parts import numbered
+from spool_bag.parts import numbered
+from spool_bag.reader import BagReader
 from spool_core.block import Block
 from spool_core.node import qos
 from spool_core.node.messages import from_block
@@ -179,7 +179,7 @@ class Session:
         arguments = [part for name, value in parameters.items() for part in ("-p", f"{name}:={value!s}")]
         with self.log.open("ab") as log:
             return subprocess.Popen(
-                [sys.executable, "-m", "spool_bag.recording.recorder_node", "--ros-args", *arguments],
+                [sys.executable, "-m", "spool_bag.recorder_node", "--ros-args", *arguments],
                 env={
                     **os.environ,
                     **self.disk.environment,

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from spool_bag.recording.recovery import recover
+from spool_bag.recovery import recover
 from spool_core.errors import InputError
 
 from .disk import Disk
@@ -46,10 +46,10 @@ def record(bag: Path, times: Path) -> None:
     """Record :data:`COUNT` blocks in parts, ten times as fast as real time; remember when each was put."""
     import time  # noqa: PLC0415 - this runs in a process of its own
 
-    from spool_bag.mcap.metadata import ACCELERATION_BLOCK, definition  # noqa: PLC0415
-    from spool_bag.recording.recorder import Recorded  # noqa: PLC0415
-    from spool_bag.recording.recording import Recording, RecordingSettings  # noqa: PLC0415
-    from spool_bag.recording.writer import PartLimits  # noqa: PLC0415
+    from spool_bag.metadata import ACCELERATION_BLOCK, definition  # noqa: PLC0415
+    from spool_bag.recorder import Recorded  # noqa: PLC0415
+    from spool_bag.recording import Recording, RecordingSettings  # noqa: PLC0415
+    from spool_bag.writer import PartLimits  # noqa: PLC0415
     from spool_core.cdr import encode_block  # noqa: PLC0415
 
     class Quiet:

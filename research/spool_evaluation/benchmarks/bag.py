@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 from rosbags.highlevel import AnyReader
-from spool_bag.reading.reader import BagReader
-from spool_sim.valve.description import find_valve
-from spool_tools.input.record_loading import DEFAULT_VALVE
+from spool_bag.reader import BagReader
+from spool_sim.valve import find_valve
+from spool_tools.operations.record_loading import DEFAULT_VALVE
 from spool_tools.operations.record_replay import replay_valve
 from spool_tools.operations.simulation import simulate
 

@@ -16,17 +16,17 @@ import numpy as np
 import padasip
 from numpy.typing import NDArray
 from rich.console import Console
-from spool_bag.reading.reader import BagReader
+from spool_bag.reader import BagReader
 from spool_core.errors import InputError
 from spool_core.kernels.compiled import compiled
 from spool_core.node.network import isolate
 from spool_estimator.estimator import Estimator, settings_for
-from spool_estimator.recursion.recursive import ExponentialForgetting
+from spool_estimator.recursive import ExponentialForgetting
 from spool_estimator.refit import RefitSettings, WindowRefits, WindowTask, refit
 from spool_sim.model import MODELS
-from spool_sim.valve.description import find_valve
-from spool_tools.demo.processes import Nodes
-from spool_tools.input.record_loading import DEFAULT_VALVE
+from spool_sim.valve import find_valve
+from spool_tools.operations.demo import Nodes
+from spool_tools.operations.record_loading import DEFAULT_VALVE
 from spool_tools.operations.record_replay import RefitRequest, replay_valve
 from spool_tools.operations.simulation import simulate
 

@@ -15,10 +15,10 @@ from scipy.fft import rfft, rfftfreq
 from scipy.ndimage import median_filter
 from spool_blind.case import hidden_by, kind_of, make
 from spool_estimator.identification.record import Record
-from spool_estimator.identification.signals.spectra import RelativeMotion, ZeroPhase, relative_motion
+from spool_estimator.identification.spectra import RelativeMotion, ZeroPhase, relative_motion
 from spool_gap.effect import Motion
 from spool_gap.registry import EFFECTS
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 from spool_evaluation.results.timing import Stopwatch, Timing
 from spool_evaluation.studies.gap import given, judge

@@ -18,7 +18,7 @@ import yaml
 from rich.console import Console
 from spool_core.errors import InputError
 from spool_core.node.network import isolate
-from spool_tools.demo.processes import Nodes
+from spool_tools.operations.demo import Nodes
 
 from .load import valve_source
 from .load.process_cost import family, memory, processor_time

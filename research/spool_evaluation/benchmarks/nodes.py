@@ -7,10 +7,10 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from spool_bag.reading.information import describe
+from spool_bag.information import describe
 from spool_core.errors import InputError
 from spool_core.node.network import isolate
-from spool_tools.demo.processes import Nodes
+from spool_tools.operations.demo import Nodes
 
 from spool_evaluation.results.timing import Timing
 

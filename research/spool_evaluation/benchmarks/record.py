@@ -16,11 +16,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
-from spool_bag.reading.reader import BagReader
+from spool_bag.reader import BagReader
 from spool_core.cdr import block_sequence
 from spool_core.errors import InputError
 from spool_core.node.network import isolate
-from spool_tools.demo.processes import Nodes
+from spool_tools.operations.demo import Nodes
 
 from .load import plain_recorder, valve_source
 from .load.process_cost import memory, processor_time

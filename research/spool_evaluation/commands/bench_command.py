@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from spool_tools.console.cli_options import Force, JsonFile
-from spool_tools.console.command import Command
+from spool_tools.cli_options import Force, JsonFile
+from spool_tools.command import Command
 
 
 def bench(

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from spool_tools.console.cli_options import Force
-from spool_tools.console.command import Command
-from spool_tools.console.outputs import check_folder
+from spool_tools.cli_options import Force
+from spool_tools.command import Command
+from spool_tools.outputs import check_folder
 
 
 def paper(

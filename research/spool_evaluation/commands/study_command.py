@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from spool_tools.console.command import Command
+from spool_tools.command import Command
 
 
 def study(

@@ -15,7 +15,7 @@ from spool_evaluation.monitor_cases.scenario import ChannelFault, Scenario
 from spool_evaluation.results.page import markdown_table
 from spool_evaluation.results.proportion import CONFIDENCE, interval
 from spool_monitor.detectors import MonitorSettings
-from spool_monitor.events.event import Event, EventState
+from spool_monitor.event import Event, EventState
 from spool_monitor.monitor import Monitor
 from spool_monitor.replay import Replay
 from spool_sim.sensors import Sensor

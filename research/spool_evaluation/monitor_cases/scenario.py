@@ -11,8 +11,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from pydantic import Field
 from spool_sim.excitation import Array, MachineOrders
-from spool_sim.valve.description import Valve
-from spool_sim.valve.validation import NotNegative, Number
+from spool_sim.valve import NotNegative, Number, Valve
 
 #: s that the machine takes to stand still or to come up.
 FADE = 2.0

@@ -6,9 +6,9 @@ from dataclasses import asdict
 from pathlib import Path
 
 from spool_core.errors import InputError
-from spool_tools.console.outputs import write_json
-from spool_tools.console.terminal import progress
+from spool_tools.outputs import write_json
 from spool_tools.report import page as html
+from spool_tools.terminal import progress
 
 from spool_evaluation.paper.page import (
     amplitude_table,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from spool_sim.excitation import Excitation, SteadySine, SteppedSine
 from spool_sim.model import Model, model_from_mapping
 from spool_sim.sensors import PAPER_CHAIN, Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 from .data import PaperSeries
 

@@ -12,7 +12,7 @@ from spool_sim.excitation import SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
 from spool_sim.integration.step_size import half_step_times
 from spool_sim.model import MODELS
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 from spool_evaluation.results.page import save_picture
 

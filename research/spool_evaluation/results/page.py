@@ -8,7 +8,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 from matplotlib.figure import Figure
-from spool_tools.console.outputs import suite_version, write_json
+from spool_tools.outputs import suite_version, write_json
 
 
 def markdown_table(head: Sequence[str], body: Sequence[Sequence[str]]) -> str:

@@ -26,8 +26,8 @@ from spool_sim.excitation import Excitation, MachineOrders, SteppedSine, SweptSi
 from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor, SensorChannel
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import Valve, find_valve
-from spool_tools.console.outputs import write_json
+from spool_sim.valve import Valve, find_valve
+from spool_tools.outputs import write_json
 
 from spool_evaluation.results.page import markdown_table, save_picture, study_command, write_page
 from spool_evaluation.results.proportion import interval

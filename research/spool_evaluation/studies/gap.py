@@ -20,8 +20,8 @@ from spool_blind.case import BlindCase, make, truth_of, valve_text
 from spool_core.errors import InputError
 from spool_estimator.identification.record import Record
 from spool_sim.model import MODELS
-from spool_sim.valve.description import Valve, valve_from_mapping
-from spool_tools.console.outputs import write_json
+from spool_sim.valve import Valve, valve_from_mapping
+from spool_tools.outputs import write_json
 
 from spool_evaluation.results.page import markdown_table, save_picture, study_command, write_page
 from spool_evaluation.results.proportion import Proportion

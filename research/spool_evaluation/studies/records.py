@@ -14,9 +14,8 @@ from pathlib import Path
 from spool_core.errors import InputError
 from spool_estimator.identification.fit_result import FitSettings
 from spool_sim.model import MODELS
-from spool_tools.console.outputs import write_json
-from spool_tools.input.fit_data import load_data
-from spool_tools.input.record_loading import Selection
+from spool_tools.operations.record_loading import Selection, load_data
+from spool_tools.outputs import write_json
 from spool_tools.report.ranking import fit_and_validate
 
 from spool_evaluation.results.page import markdown_table, write_page

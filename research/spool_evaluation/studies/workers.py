@@ -8,7 +8,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from typing import TypeVar
 
 from spool_core.system import processors
-from spool_tools.console.terminal import progress
+from spool_tools.terminal import progress
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

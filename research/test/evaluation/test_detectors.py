@@ -22,10 +22,10 @@ from spool_evaluation.monitor_cases.scenario import (
 )
 from spool_evaluation.studies.monitor import MonitorPage
 from spool_monitor.detectors import DETECTORS, LINE, Judgement, Moment, MonitorSettings
-from spool_monitor.events.event import EventState
+from spool_monitor.event import EventState
 from spool_monitor.monitor import Monitor
 from spool_monitor.replay import Replay
-from spool_monitor.signals.window import Line
+from spool_monitor.window import Line
 from spool_sim.simulator import DEFAULT_START_STAMP
 
 

@@ -9,7 +9,7 @@ from spool_evaluation.pictures import convergence_picture, effect_pictures
 from spool_evaluation.pictures.law_pictures import PAGE, draw, law_text
 from spool_gap.registry import EFFECTS
 from spool_sim.terms import TERMS
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
 

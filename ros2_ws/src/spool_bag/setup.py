@@ -22,9 +22,9 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
-            "recorder = spool_bag.program:main",
-            "adapter = spool_bag.adapter.program:main",
+            "recorder = spool_bag.program:recorder",
+            "adapter = spool_bag.program:adapter",
         ],
-        "spool.sources": ["adapter = spool_bag.adapter.adapter_node:AdapterNode"],
+        "spool.sources": ["adapter = spool_bag.adapter_node:AdapterNode"],
     },
 )

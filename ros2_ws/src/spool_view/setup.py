@@ -10,7 +10,7 @@ setup(
     name=PACKAGE,
     version=ElementTree.parse("package.xml").findtext("version"),
     packages=find_namespace_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={f"{PACKAGE}.web": ["site/*.*", "site/vendor/uplot/*"]},
+    package_data={PACKAGE: ["site/*.*", "site/vendor/uplot/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
@@ -23,11 +23,11 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
-            "page = spool_view.web.program:main",
-            "plots = spool_view.bridge.plots.program:main",
-            "opcua = spool_view.bridge.opcua.program:main",
+            "page = spool_view.program:page",
+            "plots = spool_view.program:plots",
+            "opcua = spool_view.program:opcua",
         ],
         "spool.commands": ["spool_view = spool_view.bridge.commands"],
-        "spool.pages": ["page = spool_view.web.serve:serve"],
+        "spool.pages": ["page = spool_view.serve:serve"],
     },
 )

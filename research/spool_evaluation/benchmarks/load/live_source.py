@@ -16,7 +16,7 @@ from spool_msgs.msg import AccelerationBlock, ModelEstimate
 from spool_sim.excitation import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 BLOCK_RATE = 50.0
 #: s that nodes may take until they listen.

@@ -14,7 +14,7 @@ import rclpy
 from mcap.writer import CompressionType, Writer
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
-from spool_bag.mcap.metadata import definition
+from spool_bag.metadata import definition
 from spool_core.node import qos
 from spool_msgs.msg import AccelerationBlock
 

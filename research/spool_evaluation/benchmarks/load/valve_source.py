@@ -26,7 +26,7 @@ from spool_msgs.msg import AccelerationBlock, ModelEstimate
 from spool_sim.excitation import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 SAMPLE_RATE, BLOCK_RATE = 2000.0, 50.0
 #: Groups of valves whose blocks are due one after the other within a period: machines do not sample in step.

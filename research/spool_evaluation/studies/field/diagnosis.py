@@ -26,7 +26,7 @@ from spool_gap.likelihood.structure import structure_of
 from spool_gap.likelihood.structure_fit import LOOSENESS, StructureFit, fit_structure
 from spool_gap.registry import EFFECTS
 from spool_sim.model import MODELS
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 from spool_evaluation.results.page import markdown_table, write_page
 from spool_evaluation.studies.gap import BASE
@@ -149,7 +149,7 @@ def reason(row: FieldVerdict, advantage: float) -> str:
 
 def _predictions(record: Path, valve_file: Path) -> tuple[Predictions, Valve]:
     """Return the predictions of the longest stretch of the files of a case, as `./spool gap` reads them."""
-    from spool_tools.input.record_loading import Selection, load_recordings, stretches_of  # noqa: PLC0415
+    from spool_tools.operations.record_loading import Selection, load_recordings, stretches_of  # noqa: PLC0415
 
     recordings, valve = load_recordings([record], str(valve_file), Selection())
     longest = max(stretches_of(recordings), key=lambda one: one.duration)

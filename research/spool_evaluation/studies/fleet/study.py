@@ -10,8 +10,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from spool_fleet.catalogue.manifest import Service
-from spool_fleet.trends.judgement import CHANGED, MACHINE, confirmed, judged_alone
+from spool_fleet.judgement import CHANGED, MACHINE, confirmed, judged_alone
+from spool_fleet.manifest import Service
 
 from spool_evaluation.results.page import markdown_table, renew_json, study_command, write_page
 from spool_evaluation.results.proportion import Proportion

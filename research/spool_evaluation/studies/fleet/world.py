@@ -15,19 +15,11 @@ import numpy as np
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import make_estimator, settings_for
 from spool_fleet.analyses.base import REFERENCE
-from spool_fleet.trends.observations import (
-    COULOMB,
-    PARAMETERS,
-    STIFFNESS,
-    UNCERTAIN,
-    VISCOUS,
-    ObservedValve,
-    Series,
-)
+from spool_fleet.observations import COULOMB, PARAMETERS, STIFFNESS, UNCERTAIN, VISCOUS, ObservedValve, Series
 from spool_sim.excitation import Excitation, MachineOrders, Multisine
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import Valve, find_valve
+from spool_sim.valve import Valve, find_valve
 
 DAY = 86_400.0
 MONTH = 30.44

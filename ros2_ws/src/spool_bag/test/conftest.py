@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from spool_bag.mcap.metadata import ACCELERATION_BLOCK
-from spool_bag.recording.writer import BagWriter
+from spool_bag.metadata import ACCELERATION_BLOCK
+from spool_bag.writer import BagWriter
 from spool_core.block import Block
 from spool_core.cdr import encode_block
 

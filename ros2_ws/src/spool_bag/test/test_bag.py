@@ -18,11 +18,11 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
-from spool_bag.mcap.metadata import ACCELERATION_BLOCK, TEMPERATURE, typestore
-from spool_bag.reading.information import describe
-from spool_bag.reading.reader import WINDOW, BagReader
-from spool_bag.recording.recovery import recover
-from spool_bag.recording.writer import BagWriter
+from spool_bag.information import describe
+from spool_bag.metadata import ACCELERATION_BLOCK, TEMPERATURE, typestore
+from spool_bag.reader import WINDOW, BagReader
+from spool_bag.recovery import recover
+from spool_bag.writer import BagWriter
 from spool_core.block import Block
 from spool_core.cdr import OilTemperature, encode_block, encode_temperature
 from spool_core.errors import InputError
@@ -382,8 +382,8 @@ def test_information_counts_losses_and_refusals(tmp_path: Path, block: MakeBlock
 FILL = """
 import resource, sys
 from spool_core.cdr import encode_block
-from spool_bag.mcap.metadata import ACCELERATION_BLOCK
-from spool_bag.recording.writer import BagWriter, RecordingError
+from spool_bag.metadata import ACCELERATION_BLOCK
+from spool_bag.writer import BagWriter, RecordingError
 from spool_core.block import Block
 import numpy as np
 resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))

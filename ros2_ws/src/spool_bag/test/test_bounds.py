@@ -14,14 +14,14 @@ import zstandard
 from lz4.frame import compress as lz4_compress
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType, Writer
-from spool_bag.mcap.mcap_file import LARGEST_CHUNK
-from spool_bag.mcap.mcap_record import CHUNK_HEAD, FRAME, MAGIC
-from spool_bag.mcap.metadata import ACCELERATION_BLOCK, FILE_NAME, definition
-from spool_bag.reading.export import export_bag
-from spool_bag.reading.information import describe
-from spool_bag.reading.reader import BagReader
-from spool_bag.recording.recovery import recover
-from spool_bag.recording.writer import BagWriter
+from spool_bag.export import export_bag
+from spool_bag.information import describe
+from spool_bag.mcap_file import LARGEST_CHUNK
+from spool_bag.mcap_record import CHUNK_HEAD, FRAME, MAGIC
+from spool_bag.metadata import ACCELERATION_BLOCK, FILE_NAME, definition
+from spool_bag.reader import BagReader
+from spool_bag.recovery import recover
+from spool_bag.writer import BagWriter
 from spool_core.block import Block
 from spool_core.cdr import encode_block
 from spool_core.errors import InputError
@@ -30,7 +30,7 @@ MakeBlock = Callable[..., Block]
 
 DESCRIBE = """
 import sys
-from spool_bag.reading.information import describe
+from spool_bag.information import describe
 found = describe(sys.argv[1])
 print(len(found.damages), found.damages[0].reason if found.damages else "")
 # Not ru_maxrss, which a process takes over from the one that started it.

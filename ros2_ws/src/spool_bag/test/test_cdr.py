@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from spool_bag.mcap.metadata import ACCELERATION_BLOCK, TEMPERATURE, typestore
+from spool_bag.metadata import ACCELERATION_BLOCK, TEMPERATURE, typestore
 from spool_core.block import Block
 from spool_core.cdr import (
     CdrError,

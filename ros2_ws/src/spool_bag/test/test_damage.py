@@ -17,12 +17,12 @@ from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
-from spool_bag.mcap.mcap_record import FRAME, MAGIC
-from spool_bag.mcap.metadata import ACCELERATION_BLOCK, TEMPERATURE
-from spool_bag.reading.information import describe
-from spool_bag.reading.reader import BagReader
-from spool_bag.recording.recovery import RecoveryResult, recover
-from spool_bag.recording.writer import BagWriter
+from spool_bag.information import describe
+from spool_bag.mcap_record import FRAME, MAGIC
+from spool_bag.metadata import ACCELERATION_BLOCK, TEMPERATURE
+from spool_bag.reader import BagReader
+from spool_bag.recovery import RecoveryResult, recover
+from spool_bag.writer import BagWriter
 from spool_core.block import Block
 from spool_core.cdr import OilTemperature, encode_block, encode_temperature
 from spool_core.errors import InputError

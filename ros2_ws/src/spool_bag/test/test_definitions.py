@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from spool_bag.mcap.metadata import ACCELERATION_BLOCK, TEMPERATURE, definition, starts_with_header
+from spool_bag.metadata import ACCELERATION_BLOCK, TEMPERATURE, definition, starts_with_header
 from spool_core.errors import InputError
 
 OURS = [
@@ -53,9 +53,9 @@ def test_unknown_type_is_refused_by_name() -> None:
 def test_works_without_rclpy() -> None:
     code = (
         "import sys; sys.modules['rclpy'] = None\n"
-        "import spool_bag.names, spool_bag.reading.reader\n"
-        "import spool_bag.recording.recovery, spool_bag.reading.information\n"
-        "import spool_bag.reading.export, spool_bag.recording.recorder, spool_bag.mcap.metadata as d\n"
+        "import spool_bag.names, spool_bag.reader\n"
+        "import spool_bag.recovery, spool_bag.information\n"
+        "import spool_bag.export, spool_bag.recorder, spool_bag.metadata as d\n"
         "print(d.definition(d.ACCELERATION_BLOCK).digest)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

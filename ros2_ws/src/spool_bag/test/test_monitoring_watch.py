@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from spool_bag.recording.recorder import Monitored, MonitoringWatch
+from spool_bag.recorder import Monitored, MonitoringWatch
 
 
 def test_a_monitor_that_died_is_missed_within_seconds() -> None:

@@ -11,14 +11,14 @@ import pytest
 import yaml
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
-from spool_bag.mcap.metadata import ACCELERATION_BLOCK
-from spool_bag.reading.reader import BagReader
-from spool_bag.recording import recording as recording_module
-from spool_bag.recording.parts import Output
-from spool_bag.recording.recorder import Recorded
-from spool_bag.recording.recording import Recording, RecordingSettings, older, thin
-from spool_bag.recording.verification import make_keys, signer, verify
-from spool_bag.recording.writer import BagWriter, PartLimits
+from spool_bag import recording as recording_module
+from spool_bag.metadata import ACCELERATION_BLOCK
+from spool_bag.parts import Output
+from spool_bag.reader import BagReader
+from spool_bag.recorder import Recorded
+from spool_bag.recording import Recording, RecordingSettings, older, thin
+from spool_bag.verification import make_keys, signer, verify
+from spool_bag.writer import BagWriter, PartLimits
 from spool_core.block import Block
 from spool_core.cdr import encode_block
 from spool_core.errors import InputError

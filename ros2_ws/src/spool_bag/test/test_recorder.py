@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from spool_bag.mcap.metadata import ACCELERATION_BLOCK, TEMPERATURE
-from spool_bag.recording.recorder import TOPICS, LossCount, new_bag, select_topics, valve_namespaces
+from spool_bag.metadata import ACCELERATION_BLOCK, TEMPERATURE
+from spool_bag.recorder import TOPICS, LossCount, new_bag, select_topics, valve_namespaces
 from spool_core.block import Block
 from spool_core.cdr import encode_block
 from spool_core.errors import InputError

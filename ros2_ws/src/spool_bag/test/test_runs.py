@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_bag.reading import blocks as ordering
-from spool_bag.reading.blocks import Item, OrderingWindows, decode_blocks, keyed_of
-from spool_bag.reading.information import Timeline
+from spool_bag import blocks as ordering
+from spool_bag.blocks import Item, OrderingWindows, decode_blocks, keyed_of
+from spool_bag.information import Timeline
 from spool_core.block import Block, BlockRun
 from spool_core.cdr import CdrError, OilTemperature, decode_block, encode_block
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 from rosbags.highlevel import AnyReader
-from spool_bag.reading.information import describe
+from spool_bag.information import describe
 
 BAGS = Path(__file__).resolve().parents[4] / "bags"
 

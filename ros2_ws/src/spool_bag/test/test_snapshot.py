@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from spool_bag.mcap.metadata import ACCELERATION_BLOCK, typestore
-from spool_bag.reading.information import describe
-from spool_bag.reading.reader import BagReader
-from spool_bag.recording.snapshot import (
+from spool_bag.information import describe
+from spool_bag.metadata import ACCELERATION_BLOCK, typestore
+from spool_bag.reader import BagReader
+from spool_bag.snapshot import (
     HEALTH_EVENT,
     MOST_BYTES,
     MOST_WAITING,
@@ -19,7 +19,7 @@ from spool_bag.recording.snapshot import (
     SnapshotKeeper,
     SnapshotWriter,
 )
-from spool_bag.recording.writer import BagWriter, PartLimits
+from spool_bag.writer import BagWriter, PartLimits
 from spool_core.block import Block
 from spool_core.cdr import encode_block
 

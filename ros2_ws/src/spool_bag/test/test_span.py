@@ -6,10 +6,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from spool_bag.mcap.metadata import ACCELERATION_BLOCK
-from spool_bag.reading.blocks import Span
-from spool_bag.reading.reader import BagReader
-from spool_bag.recording.writer import BagWriter, PartLimits
+from spool_bag.blocks import Span
+from spool_bag.metadata import ACCELERATION_BLOCK
+from spool_bag.reader import BagReader
+from spool_bag.writer import BagWriter, PartLimits
 from spool_core.block import Block, BlockRun
 from spool_core.cdr import encode_block
 

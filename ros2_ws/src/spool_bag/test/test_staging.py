@@ -11,16 +11,16 @@ from pathlib import Path
 import pytest
 import yaml
 from mcap.reader import make_reader
-from spool_bag.reading.reader import BagReader
-from spool_bag.recording.writer import BagWriter
+from spool_bag.reader import BagReader
+from spool_bag.writer import BagWriter
 from spool_core.errors import InputError
 from spool_core.system import leftovers, staged
 
 WRITE = """
 import sys
 from spool_core.cdr import encode_block
-from spool_bag.mcap.metadata import ACCELERATION_BLOCK
-from spool_bag.recording.writer import BagWriter
+from spool_bag.metadata import ACCELERATION_BLOCK
+from spool_bag.writer import BagWriter
 from spool_core.block import Block
 import numpy as np
 samples = np.zeros(40, np.float32)

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pyarrow.csv as pa_csv
 import pytest
-from spool_bag.mcap.metadata import ACCELERATION_BLOCK
-from spool_bag.reading.export import export_bag
-from spool_bag.reading.information import Timeline, describe, duration_of
-from spool_bag.recording.writer import BagWriter
+from spool_bag.export import export_bag
+from spool_bag.information import Timeline, describe, duration_of
+from spool_bag.metadata import ACCELERATION_BLOCK
+from spool_bag.writer import BagWriter
 from spool_core.block import Block
 from spool_core.cdr import encode_block
 

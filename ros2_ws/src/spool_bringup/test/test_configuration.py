@@ -13,13 +13,13 @@ from typing import Any
 
 import pytest
 import yaml
-from spool_bag.adapter.adapter_node import AdapterNode
-from spool_bag.recording.recorder_node import RecorderNode
+from spool_bag.adapter_node import AdapterNode
+from spool_bag.recorder_node import RecorderNode
 from spool_core.node.managed_node import AUTOSTART, ManagedNode
-from spool_estimator.node.estimator_node import EstimatorNode
-from spool_monitor.node.monitor_node import MonitorNode
+from spool_estimator.estimator_node import EstimatorNode
+from spool_monitor.monitor_node import MonitorNode
 from spool_sim.simulator_node import SimulatorNode
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 CONFIG = Path(__file__).resolve().parent.parent / "config"
 MANUAL = CONFIG / "valve.yaml"
@@ -76,10 +76,10 @@ def test_the_manual_holds_these_nodes_and_no_others() -> None:
 START_NODES = """
 import json, sys
 import rclpy
-from spool_bag.adapter.adapter_node import AdapterNode
-from spool_bag.recording.recorder_node import RecorderNode
-from spool_estimator.node.estimator_node import EstimatorNode
-from spool_monitor.node.monitor_node import MonitorNode
+from spool_bag.adapter_node import AdapterNode
+from spool_bag.recorder_node import RecorderNode
+from spool_estimator.estimator_node import EstimatorNode
+from spool_monitor.monitor_node import MonitorNode
 from spool_sim.simulator_node import SimulatorNode
 
 found = []

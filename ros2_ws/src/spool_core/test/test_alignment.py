@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_core.alignment.aligner import Aligner, AlignerSettings, Channel
-from spool_core.alignment.sensor_clock import SampleClock
-from spool_core.alignment.sensor_stream import CONFIRM, Refusal, SensorStream
+from spool_core.aligner import Aligner, AlignerSettings, Channel
 from spool_core.block import Block
 from spool_core.block_gate import BlockGate, Verdict
+from spool_core.sensor_clock import SampleClock
+from spool_core.sensor_stream import CONFIRM, Refusal, SensorStream
 
 START = 1_700_000_000_000_000_000
 RATE = 1000.0

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from spool_core.alignment.aligner import CLOCK_STEP, Aligner, AlignerSettings, Channel
+from spool_core.aligner import CLOCK_STEP, Aligner, AlignerSettings, Channel
 from spool_core.block import Block
 from spool_core.block_gate import BlockGate, Fault, Verdict
 from spool_core.stamps import Rhythm

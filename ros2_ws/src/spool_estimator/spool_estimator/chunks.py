@@ -16,8 +16,8 @@ from spool_core.block import Samples
 from spool_core.kernels.compiled import compiled
 from spool_core.kernels.samples import StandingArrays, scan
 
-from spool_estimator.motion.history import DisplacementArrays, follow_displacement, keep, sampled_pointwise
-from spool_estimator.motion.prediction import (
+from spool_estimator.history import DisplacementArrays, follow_displacement, keep, sampled_pointwise
+from spool_estimator.prediction import (
     BAND_LIMITED,
     BODY,
     COUNT,
@@ -29,8 +29,8 @@ from spool_estimator.motion.prediction import (
     predict,
     shift,
 )
-from spool_estimator.recursion.recursive import RegressionArrays, advance
-from spool_estimator.recursion.window import WindowArrays, take_chunk
+from spool_estimator.recursive import RegressionArrays, advance
+from spool_estimator.sliding_window import WindowArrays, take_chunk
 
 from .stream_estimator import CHUNK
 

@@ -19,16 +19,12 @@ from spool_core.block import Samples
 from spool_core.errors import InputError
 from spool_core.kernels.samples import StandingWatch
 from spool_core.uncertainty import Quantity, Validity
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 from spool_estimator.identification.oil import oil_law
-from spool_estimator.motion.prediction import DELAY
-from spool_estimator.recursion.recursive import (
-    ExponentialForgetting,
-    RecursiveLeastSquares,
-    SlidingLeastSquares,
-)
-from spool_estimator.recursion.window import (
+from spool_estimator.prediction import DELAY
+from spool_estimator.recursive import ExponentialForgetting, RecursiveLeastSquares, SlidingLeastSquares
+from spool_estimator.sliding_window import (
     BODY,
     COLUMNS,
     DIRECTION,

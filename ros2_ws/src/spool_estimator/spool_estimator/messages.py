@@ -6,7 +6,7 @@ import math
 
 from spool_core.node.messages import from_quantity, nanoseconds, to_quantity, to_time
 from spool_msgs.msg import ModelEstimate, ValveDescription, WindowRefit
-from spool_sim.valve.description import Valve, valve_from_mapping
+from spool_sim.valve import Valve, valve_from_mapping
 
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.refit import Refit

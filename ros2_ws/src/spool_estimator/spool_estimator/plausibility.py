@@ -16,8 +16,8 @@ import numpy as np
 from spool_core.block import Block
 from spool_core.errors import InputError
 from spool_core.uncertainty import Z_95, compared
-from spool_sim.valve.description import FILM, Valve
-from spool_sim.valve.viscosity import OILS
+from spool_sim.valve import FILM, Valve
+from spool_sim.viscosity import OILS
 
 from spool_estimator.estimator import make_estimator
 from spool_estimator.identification.record import Record

@@ -7,4 +7,4 @@ from spool_core.node.program import start
 
 def main() -> int:
     """Run the node."""
-    return start("spool_estimator.node.estimator_node", "EstimatorNode")
+    return start("spool_estimator.estimator_node", "EstimatorNode")

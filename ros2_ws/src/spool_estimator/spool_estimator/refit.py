@@ -23,7 +23,7 @@ from spool_core.kernels.samples import OutlierFilter
 from spool_core.system import give_way
 from spool_core.uncertainty import Quantity, Validity
 from spool_sim.model import Model
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.identification.fit_result import Fit, FitSettings

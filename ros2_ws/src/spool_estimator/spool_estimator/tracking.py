@@ -11,10 +11,10 @@ from spool_core.kernels.samples import StandingWatch
 
 from spool_estimator import chunks
 from spool_estimator.chunks import LENGTHS, NOISE, SMALLEST_NOISE
-from spool_estimator.motion.history import Displacement, Fitter, History, WindowFit
-from spool_estimator.motion.prediction import BODY, MEAN_SQUARES, Prediction
-from spool_estimator.recursion.recursive import ENOUGH, RecursiveLeastSquares, SlidingLeastSquares
-from spool_estimator.recursion.window import ChunkWindow
+from spool_estimator.history import Displacement, Fitter, History, WindowFit
+from spool_estimator.prediction import BODY, MEAN_SQUARES, Prediction
+from spool_estimator.recursive import ENOUGH, RecursiveLeastSquares, SlidingLeastSquares
+from spool_estimator.sliding_window import ChunkWindow
 
 from .stream_estimator import CHUNK
 

@@ -14,12 +14,12 @@ from spool_sim.excitation import PRESETS
 from spool_sim.integration.composed_motion import ComposedMotion
 from spool_sim.model import load_model
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 from spool_estimator.estimator import Estimator, settings_for
-from spool_estimator.motion.prediction import Prediction
-from spool_estimator.recursion.recursive import ExponentialForgetting, RecursiveLeastSquares
-from spool_estimator.recursion.window import COLUMNS, ChunkWindow, Conditioning
+from spool_estimator.prediction import Prediction
+from spool_estimator.recursive import ExponentialForgetting, RecursiveLeastSquares
+from spool_estimator.sliding_window import COLUMNS, ChunkWindow, Conditioning
 from spool_estimator.stream_estimator import EXPONENTIAL, WINDOW
 
 #: s of data after which an estimator has started and stepped on.

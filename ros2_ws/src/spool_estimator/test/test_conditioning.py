@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from spool_estimator.recursion.window import (
+from spool_estimator.sliding_window import (
     BODY,
     COLUMNS,
     DIRECTION,

@@ -22,7 +22,7 @@ from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.warm_up import warm_up
 from spool_sim.excitation import PRESETS
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 warm_up()
 valve = find_valve("4weh10_soft")
@@ -63,7 +63,7 @@ def test_the_core_works_with_ros_blocked() -> None:
 
 
 def test_the_blocker_blocks() -> None:
-    done = run("import spool_estimator.node.estimator_node", *ROS)
+    done = run("import spool_estimator.estimator_node", *ROS)
     assert done.returncode == 1
     assert "is blocked" in done.stderr
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_estimator.motion.history import Displacement
+from spool_estimator.history import Displacement
 
 LOW_CUT = 4.0
 

@@ -20,7 +20,7 @@ from spool_estimator.stream_estimator import EstimatorSettings
 from spool_sim.excitation import PRESETS, Excitation, MachineOrders, Multisine, Part, Sequence, Standstill
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 NOISE = 0.03
 SETTINGS = EstimatorSettings(0.18)

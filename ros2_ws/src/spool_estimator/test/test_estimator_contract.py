@@ -25,7 +25,7 @@ from spool_estimator.stream_estimator import EstimatorSettings, StreamEstimator
 from spool_sim.excitation import PRESETS, MachineOrders
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 Make = Callable[[EstimatorSettings], StreamEstimator]
 

@@ -7,7 +7,7 @@ import padasip
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_estimator.recursion.recursive import ExponentialForgetting
+from spool_estimator.recursive import ExponentialForgetting
 
 SIZES = np.array([3.0, -1.0, 0.5, 2.0, 0.0, -0.2])
 

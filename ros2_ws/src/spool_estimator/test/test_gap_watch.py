@@ -7,8 +7,7 @@ import pytest
 from spool_core.block import Block
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
-from spool_estimator.gap_requests.gap_watch import LEARNED, GapChange, GapWatch
-from spool_estimator.gap_requests.gap_worker import RecentBlocks
+from spool_estimator.gap_requests import LEARNED, GapChange, GapWatch, RecentBlocks
 
 SECOND = 1_000_000_000
 

@@ -9,7 +9,7 @@ from spool_estimator.estimator import make_estimator, settings_for
 from spool_estimator.messages import from_description, to_description
 from spool_sim.excitation import PRESETS
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve, valve_from_mapping
+from spool_sim.valve import find_valve, valve_from_mapping
 
 LEAST = valve_from_mapping({"id": "least", "moving_mass": 0.18, "spring_stiffness": 1632.0})
 

@@ -10,7 +10,7 @@ from spool_estimator.stream_estimator import EstimatorSettings
 from spool_msgs.msg import ModelEstimate, ValveDescription
 from spool_sim.excitation import PRESETS
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 
 @pytest.mark.parametrize("state", State)

@@ -11,7 +11,7 @@ from spool_estimator.identification.oil import LAG, LONGEST_AGE, USUAL_DEVIATION
 from spool_sim.excitation import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import DEFAULT_START_STAMP, Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 VALVE = find_valve("4weh10_soft")
 VISCOUS = Quantity("viscous_coefficient", "N s/m", 4.0, 0.01, Validity.VALID)

@@ -11,7 +11,7 @@ from spool_estimator.plausibility import check_records
 from spool_sim.excitation import Multisine, Standstill
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import Valve, find_valve
+from spool_sim.valve import Valve, find_valve
 
 SOFT, STIFF = (find_valve(name) for name in ("4weh10_soft", "4weh10_stiff"))
 SHAKEN = Multisine(low_frequency=10.0, high_frequency=100.0, rms=7.0)

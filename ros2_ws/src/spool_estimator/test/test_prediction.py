@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_estimator.motion.prediction import (
+from spool_estimator.prediction import (
     BODY,
     COUNT,
     DISPLACEMENT,

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from spool_estimator.recursion.recursive import BATCH, RecursiveLeastSquares, times
+from spool_estimator.recursive import BATCH, RecursiveLeastSquares, times
 
 Array = NDArray[np.float64]
 

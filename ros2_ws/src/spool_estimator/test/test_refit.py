@@ -28,7 +28,7 @@ from spool_sim.excitation import Sequence as Parts
 from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 VALVE = find_valve("4weh10_soft")
 SETTINGS = RefitSettings(VALVE, MODELS["coulomb"], period=3.0)

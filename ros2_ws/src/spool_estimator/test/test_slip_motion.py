@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from spool_estimator.motion.friction_motion import MOTION_STATES, advance_sample, slip, slip_matrix
+from spool_estimator.friction_motion import MOTION_STATES, advance_sample, slip, slip_matrix
 
 MASS = 0.18
 

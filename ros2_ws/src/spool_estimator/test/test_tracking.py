@@ -14,7 +14,7 @@ from spool_estimator.stream_estimator import WINDOW
 from spool_sim.excitation import PRESETS, Excitation, Multisine, Part, Sequence
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 Array = NDArray[np.float64]
 NAMES = ("spring_stiffness", "viscous_coefficient", "coulomb_force")

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from spool_estimator.recursion.window import ChunkWindow
+from spool_estimator.sliding_window import ChunkWindow
 
 SCALE = np.array([3000.0, 5.0, 0.5])
 TRUTH = np.array([1632.0, 4.0, 0.3])

@@ -19,6 +19,6 @@ def table(store: Path | str, query: str) -> pa.Table:
     Raises:
         InputError: no such store, or the query is no SQL that can be answered.
     """
-    from spool_fleet.tables.query import ask  # noqa: PLC0415 - DuckDB takes a moment to load
+    from spool_fleet.query import ask  # noqa: PLC0415 - DuckDB takes a moment to load
 
     return ask(Path(store), query)

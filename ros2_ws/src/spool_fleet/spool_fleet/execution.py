@@ -22,8 +22,8 @@ from spool_core.system import limit_processors
 from spool_core.text import printable
 
 from spool_fleet.analyses.base import Rows, Subject, analyses
-from spool_fleet.catalogue.manifest import Manifest, StoredResult
-from spool_fleet.tables.parquet import missing_months, write_month
+from spool_fleet.manifest import Manifest, StoredResult
+from spool_fleet.parquet import missing_months, write_month
 
 if TYPE_CHECKING:
     from spool_tools.operations.record_replay import ReplaySettings

@@ -11,18 +11,16 @@ from typing import Any
 
 from spool_core.errors import InputError
 from spool_core.system import processors
-from spool_sim.valve.description import find_valve
-from spool_tools.console.outputs import suite_version
-from spool_tools.console.terminal import progress
+from spool_sim.valve import find_valve
+from spool_tools.outputs import suite_version
+from spool_tools.terminal import progress
 
-from spool_fleet.catalogue.add import DAMAGED, PathPattern, Scan, read_table, scan
+from spool_fleet.add import DAMAGED, Added, Naming, PathPattern, Scan, add, found_bags, read_table, scan
 from spool_fleet.execution import Executor, ProcessPool, RunResult, bring_up_to_date, run_tasks, tasks_due
-from spool_fleet.tables.query import QUESTIONS, sql_of
+from spool_fleet.manifest import Manifest, Service
+from spool_fleet.query import QUESTIONS, ask, rows_of, sql_of
 
 from .analyses.base import chosen
-from .catalogue.add import Added, Naming, add, found_bags
-from .catalogue.manifest import Manifest, Service
-from .tables.query import ask, rows_of
 
 
 def add_to_store(
@@ -77,7 +75,7 @@ def run_over_store(
     """
     from spool_tools.operations.record_replay import settings_from  # noqa: PLC0415 - slow to load
 
-    from spool_fleet.trends.judgement import sentences, write_trends  # noqa: PLC0415 - slow to load
+    from spool_fleet.judgement import sentences, write_trends  # noqa: PLC0415 - slow to load
 
     keys, count = dict.fromkeys(chosen(analysis), suite_version()), workers or processors()
     lines = []
@@ -120,7 +118,7 @@ def add_service(
     Raises:
         InputError: no machine, valve or date, a date that is none, or a machine or valve that is not known.
     """
-    from spool_fleet.trends.judgement import write_trends  # noqa: PLC0415 - slow to load
+    from spool_fleet.judgement import write_trends  # noqa: PLC0415 - slow to load
 
     given = {kind: text for kind, text in dates.items() if text is not None}
     if not given:
@@ -156,12 +154,10 @@ def write_page(store: Path, out: Path, reports: int, params_file: Path | None = 
     Raises:
         InputError: no store, the parameter file cannot be used, or the page cannot be written.
     """
-    from spool_tools.console.outputs import check_output, write_file  # noqa: PLC0415
+    from spool_tools.outputs import check_output, write_file  # noqa: PLC0415
 
-    from spool_fleet.page.content import write_reports  # noqa: PLC0415
-
-    from .page.content import page_content  # noqa: PLC0415 - slow to load
-    from .page.fleet_page import fleet_page  # noqa: PLC0415
+    from spool_fleet.content import page_content, write_reports  # noqa: PLC0415
+    from spool_fleet.fleet_page import fleet_page  # noqa: PLC0415
 
     check_output(out, "--out")
     with progress("drawing"):

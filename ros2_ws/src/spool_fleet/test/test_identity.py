@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from spool_core.errors import InputError
-from spool_fleet.catalogue.add import Identity, PathPattern, joined, read_table, start_of
+from spool_fleet.add import Identity, PathPattern, joined, read_table, start_of
 
 DAY = 86_400_000_000_000
 NAMES = st.text("abcdefghijklmnopqrstuvwxyz0123456789_-", min_size=1, max_size=12)

@@ -11,11 +11,11 @@ import pytest
 import spool_fleet
 from spool_core.errors import InputError
 from spool_fleet.analyses.base import REFERRED, analyses, chosen
-from spool_fleet.catalogue.manifest import Manifest
 from spool_fleet.execution import Done, ProcessPool, Task, run_task
+from spool_fleet.manifest import Manifest
 from spool_fleet.operations import add_service, add_to_store, answer, run_over_store
-from spool_fleet.tables.parquet import RECORD_TABLES
-from spool_tools.console.outputs import write_json
+from spool_fleet.parquet import RECORD_TABLES
+from spool_tools.outputs import write_json
 
 from .conftest import simulated_bag
 

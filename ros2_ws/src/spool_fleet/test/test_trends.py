@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_fleet.catalogue.manifest import Service
-from spool_fleet.trends.comparison import MONTH, Scatter, chance_score, likeliest_change
-from spool_fleet.trends.judgement import CHANGED, LEARNING, MACHINE, OK, UNKNOWN, Trend, judge
-from spool_fleet.trends.observations import (
+from spool_fleet.comparison import MONTH, Scatter, chance_score, likeliest_change
+from spool_fleet.judgement import CHANGED, LEARNING, MACHINE, OK, UNKNOWN, Trend, judge
+from spool_fleet.manifest import Service
+from spool_fleet.observations import (
     BIN,
     COULOMB,
     DAY,

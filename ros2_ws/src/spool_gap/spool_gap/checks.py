@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy import signal
 from spool_core.errors import InputError
 from spool_estimator.identification.record import Record
-from spool_estimator.identification.signals.spectra import ChannelNoise, noise_of
-from spool_sim.valve.description import Valve
+from spool_estimator.identification.spectra import ChannelNoise, noise_of
+from spool_sim.valve import Valve
 
 from .result import GapResult
 from .thresholds import THRESHOLDS

@@ -17,7 +17,7 @@ from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS, model_from_mapping
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 VALVE = find_valve("4weh10_soft").model_copy(update={"dynamic_viscosity": 0.03})
 SWEEP = SweptSine(start_frequency=6.0, stop_frequency=80.0, duration=8.0, amplitude=9.0)

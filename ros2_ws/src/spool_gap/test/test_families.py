@@ -21,7 +21,7 @@ from spool_sim.model import MODELS, Model
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.terms import term
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 VALVE = find_valve("4weh10_soft").model_copy(update={"dynamic_viscosity": 0.03})
 BASE = MODELS["fluid"]

@@ -17,7 +17,7 @@ from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 RATE, SECONDS, NOISE = 1000.0, 16.0, 0.03
 VALVE = find_valve("4weh10_soft").model_copy(update={"dynamic_viscosity": 0.03})

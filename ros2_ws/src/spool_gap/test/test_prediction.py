@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import linalg
 from spool_estimator.identification.record import Record, records_from_blocks
-from spool_estimator.identification.signals.spectra import delayed
+from spool_estimator.identification.spectra import delayed
 from spool_gap.likelihood.chain_part import CHAIN_PARTS, inverse
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import (
@@ -30,7 +30,7 @@ from spool_sim.model import MODELS, Model, model_from_mapping
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.terms import term
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 VALVE = find_valve("4weh10_soft").model_copy(update={"dynamic_viscosity": 0.03})
 BASE = MODELS["fluid"]

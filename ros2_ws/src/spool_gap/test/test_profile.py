@@ -15,7 +15,7 @@ from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 
 @given(st.floats(-50.0, 50.0), st.floats(1e-3, 10.0))

@@ -15,7 +15,7 @@ from typing import cast
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from spool_estimator.identification.signals.spectra import ZeroPhase, interval_mean_response, relative_motion
+from spool_estimator.identification.spectra import ZeroPhase, interval_mean_response, relative_motion
 from spool_gap.effect import Motion, SensorEffect, scan
 from spool_gap.likelihood.chain_part import CHAIN_PARTS
 from spool_gap.registry import EFFECTS

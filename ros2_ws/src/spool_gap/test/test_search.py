@@ -24,7 +24,7 @@ from spool_sim.model import MODELS, Model
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
 from spool_sim.terms import term
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 Array = NDArray[np.float64]
 #: Force on the spool, N, of displacement (m), velocity (m/s) and time (s).

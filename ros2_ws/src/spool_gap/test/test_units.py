@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from spool_gap.checks import GRAVITY, expected_transfer, like_no_valve, unit_or_exchange
-from spool_sim.valve.description import Valve, find_valve
+from spool_sim.valve import Valve, find_valve
 
 VALVE = find_valve("4weh10_soft")
 #: Hz: from a third of the natural frequency to five times it.

@@ -8,27 +8,21 @@ from dataclasses import dataclass, field, replace
 from spool_core.block import Block
 from spool_estimator.estimate import Estimate
 
+from spool_monitor.baseline import Baseline
+from spool_monitor.channels import ChannelLook, ChannelWatch, ResponseTracker, Signals, ValveResponse, look
 from spool_monitor.detectors import CHANNELS, ESTIMATE, LINE, SIGNALS, Detector, Judgement, Moment, detectors
-from spool_monitor.detectors.not_judged import BLIND, NotJudged
-from spool_monitor.detectors.settings import (
+from spool_monitor.detectors.base import (
     BASELINE_TIME,
+    BLIND,
     FALSE_ALARM_HOURS,
     MINIMUM_BODY,
     NATURAL_FREQUENCY,
     MonitorSettings,
+    NotJudged,
 )
-from spool_monitor.drift.baseline import Baseline
-from spool_monitor.drift.parameter_drift import ParameterDrift
-from spool_monitor.events.event import Condition, Event
-from spool_monitor.signals.channels import (
-    ChannelLook,
-    ChannelWatch,
-    ResponseTracker,
-    Signals,
-    ValveResponse,
-    look,
-)
-from spool_monitor.signals.window import Line, WindowTracker, find_line
+from spool_monitor.event import Condition, Event
+from spool_monitor.parameter_drift import ParameterDrift
+from spool_monitor.window import Line, WindowTracker, find_line
 
 #: s after the last suspicion before parameters are judged again, in memories of the estimator.
 WARY = 2.5

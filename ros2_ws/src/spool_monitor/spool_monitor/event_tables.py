@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from spool_monitor.detectors import KINDS
-from spool_monitor.events.event import EventKind
+from spool_monitor.event import EventKind
 
 
 def number_table() -> str:

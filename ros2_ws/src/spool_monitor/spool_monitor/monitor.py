@@ -13,11 +13,11 @@ from spool_estimator.estimate import Estimate, State
 
 from spool_monitor.detection import Detection
 from spool_monitor.detectors import Judgement, check_settings
+from spool_monitor.detectors.base import NATURAL_FREQUENCY, MonitorSettings
 from spool_monitor.detectors.data_fault import DataFaultWatch
-from spool_monitor.detectors.settings import NATURAL_FREQUENCY, MonitorSettings
 from spool_monitor.detectors.stale import STALE_AFTER, StaleWatch
-from spool_monitor.events.event import Condition, Event, Namur, Severity
-from spool_monitor.signals.window import Line
+from spool_monitor.event import Condition, Event, Namur, Severity
+from spool_monitor.window import Line
 
 #: s, an estimator that starts with the data needs this long for its first estimate.
 FIRST_ESTIMATE = 2.0

@@ -7,4 +7,4 @@ from spool_core.node.program import start
 
 def main() -> int:
     """Run the node."""
-    return start("spool_monitor.node.monitor_node", "MonitorNode")
+    return start("spool_monitor.monitor_node", "MonitorNode")

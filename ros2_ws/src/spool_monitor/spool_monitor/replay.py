@@ -9,14 +9,14 @@ from dataclasses import dataclass, field
 from spool_core.block import Block, BlockRun
 from spool_core.block_gate import BlockGate, SharedGate
 from spool_estimator.estimate import Estimate
-from spool_estimator.gap_requests.gap_watch import GapWatch
+from spool_estimator.gap_requests import GapWatch
 from spool_estimator.plausibility import ValveCheck
 from spool_estimator.refit import Refit, WindowRefits, refit
 from spool_estimator.stream_estimator import StreamEstimator
 
 from spool_monitor.detectors.model_gap import gap_event
-from spool_monitor.drift.parameter_drift import DriftTrace
-from spool_monitor.events.event import Event, EventState
+from spool_monitor.event import Event, EventState
+from spool_monitor.parameter_drift import DriftTrace
 
 from .monitor import Monitor
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.uncertainty import Quantity
-from spool_monitor.alarms.alarm import (
+from spool_monitor.alarm import (
     Action,
     Alarm,
     AlarmRefusedError,
@@ -28,7 +28,7 @@ from spool_monitor.alarms.alarm import (
     unshelve,
 )
 from spool_monitor.detectors import event_kind
-from spool_monitor.events.event import Event, EventState, Namur, Severity
+from spool_monitor.event import Event, EventState, Namur, Severity
 
 SECOND = 1_000_000_000
 NOW = 100 * SECOND

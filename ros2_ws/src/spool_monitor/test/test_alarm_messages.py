@@ -5,10 +5,10 @@ from enum import IntEnum
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from spool_core.uncertainty import Quantity
-from spool_monitor.alarms.alarm import AlarmState, Operator
-from spool_monitor.alarms.alarm_store import AlarmStore
-from spool_monitor.events.event import Event, EventState, Namur, Severity
-from spool_monitor.node.messages import to_alarm_list
+from spool_monitor.alarm import AlarmState, Operator
+from spool_monitor.alarm_store import AlarmStore
+from spool_monitor.event import Event, EventState, Namur, Severity
+from spool_monitor.messages import to_alarm_list
 from spool_msgs.msg import Alarm, AlarmList, ValveHealth
 
 SECOND = 1_000_000_000

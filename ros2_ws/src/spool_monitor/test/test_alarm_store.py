@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from spool_core.errors import InputError
 from spool_core.uncertainty import Quantity
-from spool_monitor.alarms.alarm import AlarmRefusedError, AlarmState, Operator
-from spool_monitor.alarms.alarm_store import AlarmStore
+from spool_monitor.alarm import AlarmRefusedError, AlarmState, Operator
+from spool_monitor.alarm_store import AlarmStore
 from spool_monitor.detectors import event_kind
-from spool_monitor.events.event import Condition, Event, EventState, Finding, Namur, Severity
+from spool_monitor.event import Condition, Event, EventState, Finding, Namur, Severity
 
 SECOND = 1_000_000_000
 CONDITIONS = (

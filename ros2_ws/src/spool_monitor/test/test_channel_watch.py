@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from spool_core.block import Block, Samples
 from spool_estimator.estimator import Estimator, settings_for
-from spool_monitor.events.event import Event, EventState
+from spool_monitor.event import Event, EventState
 from spool_monitor.monitor import HealthLevel, Monitor
 from spool_monitor.replay import Replay
 from spool_sim.excitation import from_mapping
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 VALVE = find_valve("4weh10_soft")
 #: A machine at 18 Hz that slows down to the valve's 15 Hz from 15 to 18 s.

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from spool_core.text import Account
 from spool_core.uncertainty import Quantity
 from spool_monitor.detectors import KINDS, event_kind
-from spool_monitor.events.event import Condition, Event, EventCause, EventKind, EventState, Finding, Severity
+from spool_monitor.event import Condition, Event, EventCause, EventKind, EventState, Finding, Severity
 
 SECOND = 1_000_000_000
 NOTHING = Quantity("amplification", "1")

@@ -20,7 +20,7 @@ from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor import detection, monitor, replay
 from spool_sim.excitation import PRESETS
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 valve = find_valve("4weh10_soft")
 both = replay.Replay(Estimator(settings_for(valve)), monitor.Monitor())
@@ -58,6 +58,6 @@ def test_the_core_works_with_ros_blocked() -> None:
 
 
 def test_the_blocker_blocks() -> None:
-    done = run("import spool_monitor.node.monitor_node", *ROS)
+    done = run("import spool_monitor.monitor_node", *ROS)
     assert done.returncode == 1
     assert "is blocked" in done.stderr

@@ -7,16 +7,16 @@ import pytest
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
+from spool_monitor.baseline import Baseline
 from spool_monitor.detectors import MonitorSettings
-from spool_monitor.drift.baseline import Baseline
-from spool_monitor.drift.parameter_drift import ParameterDrift
-from spool_monitor.events.event import Event
+from spool_monitor.event import Event
 from spool_monitor.monitor import Monitor
+from spool_monitor.parameter_drift import ParameterDrift
 from spool_monitor.replay import Replay
 from spool_sim.excitation import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 VALVE = find_valve("4weh10_soft")
 

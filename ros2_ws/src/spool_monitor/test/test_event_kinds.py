@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 from spool_monitor.detectors import DETECTORS, KINDS, LIMITS, MonitorLimit, event_kind, latching_kinds
+from spool_monitor.event import EventKind, Namur
 from spool_monitor.event_tables import meaning_table, number_table
-from spool_monitor.events.event import EventKind, Namur
 
 ALARMS_PAGE = Path(__file__).resolve().parents[4] / "docs" / "alarms.md"
 

@@ -10,8 +10,8 @@ import pytest
 from spool_core.block import Block
 from spool_core.errors import InputError
 from spool_monitor.detectors import MonitorSettings
-from spool_monitor.detectors.settings import NATURAL_FREQUENCY
-from spool_monitor.events.event import EventState
+from spool_monitor.detectors.base import NATURAL_FREQUENCY
+from spool_monitor.event import EventState
 from spool_monitor.monitor import Monitor
 
 RATE, SIZE = 1000, 100

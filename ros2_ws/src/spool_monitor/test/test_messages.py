@@ -10,10 +10,10 @@ from rclpy.serialization import deserialize_message, serialize_message
 from spool_core.node.managed_node import AUTOSTART
 from spool_core.uncertainty import Quantity, Validity
 from spool_monitor.detectors import Judgement
-from spool_monitor.events.event import Event, EventState, Severity
+from spool_monitor.event import Event, EventState, Severity
+from spool_monitor.messages import to_event_message, to_health_message
 from spool_monitor.monitor import BaselineState, Health, HealthLevel, Monitor
-from spool_monitor.node.messages import to_event_message, to_health_message
-from spool_monitor.node.monitor_node import MonitorNode
+from spool_monitor.monitor_node import MonitorNode
 from spool_msgs.msg import HealthEvent, ValveHealth
 
 

@@ -16,13 +16,13 @@ from spool_estimator.estimate import State
 from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.detectors import Judgement, MonitorSettings
 from spool_monitor.detectors.stale import STALE_AFTER
-from spool_monitor.events.event import Event, EventState, Severity
+from spool_monitor.event import Event, EventState, Severity
 from spool_monitor.monitor import FIRST_BLOCK, FIRST_ESTIMATE, BaselineState, HealthLevel, Monitor
 from spool_monitor.replay import Replay
 from spool_sim.excitation import PRESETS, Excitation, from_mapping
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 NOISY = Sensor(noise=0.05)
 START = 1_700_000_000_000_000_000

@@ -11,14 +11,14 @@ from spool_core.text import Account
 from spool_core.uncertainty import Quantity
 from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.detectors import KINDS, MonitorSettings
-from spool_monitor.drift.parameter_drift import Outlook
-from spool_monitor.events.event import Condition, EventKind, EventState, Finding, Severity
+from spool_monitor.event import Condition, EventKind, EventState, Finding, Severity
 from spool_monitor.monitor import Monitor
+from spool_monitor.parameter_drift import Outlook
 from spool_monitor.replay import Replay
 from spool_sim.excitation import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 SECOND = 1_000_000_000
 MEMORY = 4.0

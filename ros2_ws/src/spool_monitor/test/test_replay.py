@@ -11,17 +11,17 @@ from hypothesis import strategies as st
 from spool_core.block import Block, BlockRun
 from spool_estimator.estimate import Estimate
 from spool_estimator.estimator import ESTIMATORS, make_estimator, settings_for
-from spool_estimator.gap_requests.gap_watch import GapWatch
+from spool_estimator.gap_requests import GapWatch
 from spool_monitor.detectors import MonitorSettings
 from spool_monitor.detectors.model_gap import gap_event
-from spool_monitor.events.event import Event, EventState
+from spool_monitor.event import Event, EventState
 from spool_monitor.monitor import Monitor
 from spool_monitor.replay import Replay
 from spool_sim.excitation import from_mapping, load_excitation
 from spool_sim.model import model_from_mapping
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 VALVE = find_valve("4weh10_soft")
 SETTINGS = MonitorSettings(natural_frequency=VALVE.natural_frequency, baseline_time=2.0)

@@ -7,8 +7,8 @@ import pytest
 from spool_monitor.detection import Detection, configured
 from spool_monitor.detectors import Moment, MonitorSettings
 from spool_monitor.detectors.resonance import KIND, Resonance
-from spool_monitor.events.event import Condition, Event, EventState, Severity
-from spool_monitor.signals.window import Line
+from spool_monitor.event import Condition, Event, EventState, Severity
+from spool_monitor.window import Line
 
 NATURAL = 15.0
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from spool_monitor.drift.parameter_drift import CumulativeSum, mean_run_length, threshold_for
+from spool_monitor.parameter_drift import CumulativeSum, mean_run_length, threshold_for
 
 SECOND = 1_000_000_000
 

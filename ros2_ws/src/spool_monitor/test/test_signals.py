@@ -8,11 +8,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from spool_core.block import Block
-from spool_estimator.identification.signals.channel_faults import DEPTHS, FLATTER, flat_top
-from spool_monitor.detection import configured
-from spool_monitor.detectors.sensor_dead import FOLLOWS, due_powers
-from spool_monitor.detectors.stuck_spool import due_power
-from spool_monitor.signals.channels import (
+from spool_estimator.identification.channel_faults import DEPTHS, FLATTER, flat_top
+from spool_monitor.channels import (
     ResponseTracker,
     Signals,
     ValveResponse,
@@ -22,7 +19,10 @@ from spool_monitor.signals.channels import (
     spectra,
     transfer,
 )
-from spool_monitor.signals.window import WindowTracker
+from spool_monitor.detection import configured
+from spool_monitor.detectors.sensor_dead import FOLLOWS, due_powers
+from spool_monitor.detectors.stuck_spool import due_power
+from spool_monitor.window import WindowTracker
 
 RATE = 1000.0
 Array = NDArray[np.float64]

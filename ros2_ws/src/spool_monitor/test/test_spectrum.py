@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from spool_core.block import Block
-from spool_monitor.signals.window import BAND, Line, WindowTracker, find_line, strongest
+from spool_monitor.window import BAND, Line, WindowTracker, find_line, strongest
 
 START = 1_700_000_000_000_000_000
 RATES = (1000.0, 2000.0, 10000.0)

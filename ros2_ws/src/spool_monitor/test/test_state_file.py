@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_monitor.history.state_file import FolderLock, StateFile, default_folder
+from spool_monitor.state_file import FolderLock, StateFile, default_folder
 
 
 def names(folder: Path) -> set[str]:
@@ -120,7 +120,7 @@ def test_what_was_kept_during_a_downgrade_is_taken_up_by_the_later_version(
     older = StateFile(path)
     older.load()
     older.save("during")
-    monkeypatch.setattr("spool_monitor.history.state_file.FORMAT", 2)
+    monkeypatch.setattr("spool_monitor.state_file.FORMAT", 2)
     upgraded = StateFile(path)
     assert upgraded.load() == "during"
     assert upgraded.warnings == []
@@ -174,7 +174,7 @@ def test_what_json_cannot_hold_leaves_the_state_as_it_was(tmp_path: Path) -> Non
 WRITER = """
 import sys
 from pathlib import Path
-from spool_monitor.history.state_file import StateFile
+from spool_monitor.state_file import StateFile
 file = StateFile(Path(sys.argv[1]))
 first = (file.load() or {"count": 0})["count"]
 for count in range(first + 1, first + 1000000):

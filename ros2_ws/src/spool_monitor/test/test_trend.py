@@ -14,8 +14,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.errors import InputError
-from spool_monitor.history.trend import DAY, HOUR, KEPT, MINUTE, Sums, TrendStore, finest, own_file
-from spool_monitor.history.trend_writer import TrendWriter
+from spool_monitor.trend import DAY, HOUR, KEPT, MINUTE, Sums, TrendStore, finest, own_file
+from spool_monitor.trend_writer import TrendWriter
 
 SECOND = 1_000_000_000
 NOON = 1_735_732_800  # s, 2025-01-01 12:00 UTC
@@ -252,7 +252,7 @@ def test_a_value_of_the_wrong_kind_is_damage(tmp_path: Path) -> None:
 WRITER = """
 import sys
 from pathlib import Path
-from spool_monitor.history.trend import Sums, TrendStore
+from spool_monitor.trend import Sums, TrendStore
 store = TrendStore(Path(sys.argv[1]))
 while True:
     sums = Sums()

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import pytest
 from spool_core.uncertainty import Quantity
-from spool_monitor.alarms.alarm import Operator
-from spool_monitor.events.event import Event, EventState, Severity
-from spool_monitor.history.state_file import StateFile
-from spool_monitor.history.valve_state import ALARMS, RETRY, ValveState
+from spool_monitor.alarm import Operator
+from spool_monitor.event import Event, EventState, Severity
 from spool_monitor.monitor import Monitor
+from spool_monitor.state_file import StateFile
+from spool_monitor.valve_state import ALARMS, RETRY, ValveState
 
 
 def opened(folder: Path | None) -> tuple[ValveState, list[str]]:
@@ -33,10 +33,10 @@ def stuck(state: EventState, stamp: int) -> Event:
 WORKER = """
 import sys
 from pathlib import Path
-from spool_monitor.alarms.alarm import Operator
-from spool_monitor.events.event import Event, EventState, Severity
+from spool_monitor.alarm import Operator
+from spool_monitor.event import Event, EventState, Severity
 from spool_monitor.monitor import Monitor
-from spool_monitor.history.valve_state import ValveState
+from spool_monitor.valve_state import ValveState
 from spool_core.uncertainty import Quantity
 
 state = ValveState(Monitor(), Path(sys.argv[1]), print)

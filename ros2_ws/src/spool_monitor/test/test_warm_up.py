@@ -17,11 +17,11 @@ import spool_estimator, spool_monitor, spool_sim, spool_core
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.warm_up import warm_up
 from spool_monitor.monitor import Monitor
-from spool_monitor.signals.travel import TravelCounter
+from spool_monitor.travel import TravelCounter
 from spool_monitor.warm_up import warm_up_monitor
 from spool_sim.excitation import PRESETS
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 from spool_core.block import Block
 
 def compiled():

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from spool_core.block import Block
-from spool_monitor.signals.window import SignalWindow, WindowTracker, taper
+from spool_monitor.window import SignalWindow, WindowTracker, taper
 
 START = 1_700_000_000_000_000_000
 

@@ -24,7 +24,7 @@ from pydantic import (
 from spool_core.errors import InputError
 from spool_core.text import did_you_mean
 
-from spool_sim.valve.validation import NotNegative, Number, Positive, one_line, read_mapping
+from spool_sim.valve import NotNegative, Number, Positive, one_line, read_mapping
 
 Array = NDArray[np.float64]
 TURN = 2.0 * math.pi

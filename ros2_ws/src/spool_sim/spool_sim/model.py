@@ -12,8 +12,7 @@ from spool_core.errors import InputError
 from spool_core.text import did_you_mean
 
 from spool_sim.integration.composition import unique_parameters
-from spool_sim.valve.description import Valve
-from spool_sim.valve.validation import Number, one_line, read_mapping
+from spool_sim.valve import Number, Valve, one_line, read_mapping
 
 from .terms import Parameter, Term, term
 

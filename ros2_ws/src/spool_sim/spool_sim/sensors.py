@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from spool_sim.valve.validation import NotNegative, Number, Positive, one_line, read_mapping
+from spool_sim.valve import NotNegative, Number, Positive, one_line, read_mapping
 
 Array = NDArray[np.float64]
 

@@ -15,8 +15,8 @@ from spool_core.errors import InputError
 from spool_sim.excitation import Excitation
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
 from spool_sim.integration.step_size import checked_substeps, half_step_times, substeps_for
-from spool_sim.valve.description import Valve
-from spool_sim.valve.lubrication import OilTable
+from spool_sim.lubrication import OilTable
+from spool_sim.valve import Valve
 
 from .model import Model, load_model
 from .sensors import Sensor, SensorChannel

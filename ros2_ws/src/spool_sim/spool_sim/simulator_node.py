@@ -17,7 +17,7 @@ from spool_core.node.parameters import NodeParameter, Value
 from spool_core.node.running import run
 
 from spool_sim.excitation import load_excitation
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 from .sensors import Sensor
 from .simulator import DRIFTING, Simulator

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from spool_sim.valve.description import Valve, valve_from_mapping
+from spool_sim.valve import Valve, valve_from_mapping
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from spool_sim.excitation import SteadySine, SweptSine
 from spool_sim.integration.composed_motion import Array, ComposedMotion, MotionState, Trajectory
 from spool_sim.integration.step_size import half_step_times, substeps_for
 from spool_sim.model import MODELS, model_from_mapping
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 MASS, STIFFNESS = 0.18, 1632.0
 SWEEP = SweptSine(start_frequency=8.0, stop_frequency=110.0, duration=10.0, amplitude=10.0, soft_start=0.0)

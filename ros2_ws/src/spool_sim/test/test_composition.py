@@ -26,7 +26,7 @@ from spool_sim.integration.step_size import (
 from spool_sim.model import MODELS, model_from_mapping
 from spool_sim.simulator import Simulator
 from spool_sim.terms import TERMS, term
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 SWEEP = SweptSine(start_frequency=8.0, stop_frequency=110.0, duration=3.0, amplitude=10.0, soft_start=0.0)
 # Several dry laws, memory, contacts and time together.

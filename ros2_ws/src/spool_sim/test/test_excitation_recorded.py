@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from spool_core.errors import InputError
 from spool_sim.excitation import PRESETS, Recorded, from_mapping
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 RATE = 2000.0
 TIMES = np.arange(4000) / RATE

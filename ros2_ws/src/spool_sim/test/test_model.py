@@ -7,7 +7,7 @@ import pytest
 from spool_core.errors import InputError
 from spool_sim.model import MODELS, load_model, model_from_mapping
 from spool_sim.terms import TERMS, Term
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 
 def test_registry_finds_the_terms_of_the_folder() -> None:

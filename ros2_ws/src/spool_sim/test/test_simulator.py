@@ -14,7 +14,7 @@ from spool_sim.excitation import PRESETS, SteadySine
 from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor, SensorChannel
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 NOISY = {"body_sensor": Sensor(noise=0.1), "spool_sensor": Sensor(gain_error=0.05, bias=0.2, noise=0.1)}
 

@@ -10,15 +10,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.errors import InputError
-from spool_sim.model import MODELS, model_from_mapping
-from spool_sim.terms import TERMS, Parameter, Term
-from spool_sim.valve.description import Valve
-from spool_sim.valve.lubrication import (
+from spool_sim.lubrication import (
     LubricationRegime,
     film_parameter,
     fluid_friction_coefficient,
     lubrication_regime,
 )
+from spool_sim.model import MODELS, model_from_mapping
+from spool_sim.terms import TERMS, Parameter, Term
+from spool_sim.valve import Valve
 
 FRICTION = [entry for entry in TERMS.values() if entry.dissipates]
 SLIDING = [entry for entry in TERMS.values() if "sliding_law" in entry.laws]

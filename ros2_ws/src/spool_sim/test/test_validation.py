@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from spool_core.errors import InputError
-from spool_sim.valve.description import load_valve
+from spool_sim.valve import load_valve
 
 
 @pytest.mark.parametrize("text", ["", "x", "- 1", "1: 2", "? [a]\n: 1", "id: [\n"])

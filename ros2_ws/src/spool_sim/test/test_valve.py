@@ -8,15 +8,7 @@ import pytest
 from spool_core.errors import InputError
 from spool_sim.excitation import PRESETS
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import (
-    FILM,
-    OPTIONAL,
-    Valve,
-    find_valve,
-    load_valve,
-    shipped_valves,
-    valve_from_mapping,
-)
+from spool_sim.valve import FILM, OPTIONAL, Valve, find_valve, load_valve, shipped_valves, valve_from_mapping
 
 
 def test_derived_quantities_are_those_of_the_paper(valve: Valve, valve_mapping: dict[str, Any]) -> None:

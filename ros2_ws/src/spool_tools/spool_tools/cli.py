@@ -11,9 +11,9 @@ import typer
 from spool_core.errors import InputError
 from typer.exceptions import TyperException
 
-from spool_tools.console.command import CommandGroup
-from spool_tools.console.outputs import one_command
-from spool_tools.console.terminal import fail
+from spool_tools.command import CommandGroup
+from spool_tools.outputs import one_command
+from spool_tools.terminal import fail
 
 app = typer.Typer(
     name="spool",
@@ -26,7 +26,7 @@ app = typer.Typer(
 
 def _version(wanted: bool) -> None:
     if wanted:
-        from spool_tools.console.outputs import suite_version  # noqa: PLC0415
+        from spool_tools.outputs import suite_version  # noqa: PLC0415
 
         print(f"spool {suite_version()}")
         raise typer.Exit

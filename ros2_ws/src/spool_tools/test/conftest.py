@@ -6,19 +6,19 @@ from pathlib import Path
 
 import pytest
 from rclpy.serialization import serialize_message
-from spool_bag.mcap.metadata import ACCELERATION_BLOCK
-from spool_bag.recording.writer import BagWriter
+from spool_bag.metadata import ACCELERATION_BLOCK
+from spool_bag.writer import BagWriter
 from spool_core.cdr import encode_block
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.messages import to_message
 from spool_monitor.detectors import MonitorSettings
+from spool_monitor.messages import to_health_message
 from spool_monitor.monitor import Monitor
-from spool_monitor.node.messages import to_health_message
 from spool_sim.excitation import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
-from spool_tools.input.record_sources import VALVE_DESCRIPTION, encode_valve
+from spool_sim.valve import find_valve
+from spool_tools.operations.record_sources import VALVE_DESCRIPTION, encode_valve
 
 START = 1_735_689_600_000_000_000
 

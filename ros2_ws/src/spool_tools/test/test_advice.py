@@ -13,7 +13,7 @@ from nptdms import ChannelObject, TdmsWriter
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from scipy.io import savemat, wavfile
-from spool_bag.reading.information import describe
+from spool_bag.information import describe
 from spool_tools.cli import main
 
 RATE, COUNT = 2000.0, 400

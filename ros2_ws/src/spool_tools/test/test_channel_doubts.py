@@ -11,10 +11,9 @@ from spool_core.errors import InputError
 from spool_sim.excitation import from_mapping
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
-from spool_tools.input.fit_data import load_data
-from spool_tools.input.record_loading import Selection, load_recording
-from spool_tools.input.record_quality import quality_of
+from spool_sim.valve import find_valve
+from spool_tools.operations.record_loading import Selection, load_data, load_recording
+from spool_tools.operations.record_quality import quality_of
 
 Array = NDArray[np.float64]
 

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from spool_tools import command as command_group
 from spool_tools.cli import app, main
-from spool_tools.console import command as command_group
-from spool_tools.console.command import command_modules, declaration
+from spool_tools.command import command_modules, declaration
 from typer.main import get_command
 
 

@@ -11,17 +11,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from spool_bag.importing.records.choices import columns_of
-from spool_bag.mcap.metadata import typestore
-from spool_bag.reading.reader import BagReader
+from spool_bag.importing.choices import columns_of
+from spool_bag.metadata import typestore
+from spool_bag.reader import BagReader
 from spool_core.block import Block
 from spool_core.errors import InputError
 from spool_sim.excitation import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve, shipped_valves
+from spool_sim.valve import find_valve, shipped_valves
 from spool_tools.cli import main
-from spool_tools.input.record_sources import VALVE_DESCRIPTION, encode_valve, recorded_valve
+from spool_tools.operations.record_sources import VALVE_DESCRIPTION, encode_valve, recorded_valve
 from spool_tools.operations.simulation import SIMULATION_START, simulate
 
 SETTINGS: dict[str, Any] = {

@@ -14,7 +14,7 @@ from spool_sim.excitation import Multisine
 from spool_sim.model import load_model
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 from spool_tools.cli import main
 from spool_tools.report import page as html
 from spool_tools.report.evidence.collection import AccelerationEvidence

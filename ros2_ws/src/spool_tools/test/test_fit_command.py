@@ -15,7 +15,7 @@ import pytest
 from pydantic import BaseModel, ConfigDict
 from spool_core.errors import InputError
 from spool_sim.model import load_model
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 from spool_tools.cli import main
 from spool_tools.operations.fit_run import fit_settings
 

@@ -18,7 +18,7 @@ from spool_sim.integration.composed_motion import ComposedMotion, MotionState
 from spool_sim.integration.step_size import half_step_times
 from spool_sim.model import MODELS, Model, load_model
 from spool_sim.terms import term
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 from spool_tools.cli import main
 from spool_tools.report.fit_tables import save_model
 

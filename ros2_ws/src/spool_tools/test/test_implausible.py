@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 
 import pytest
-from spool_sim.valve.description import shipped_valves
+from spool_sim.valve import shipped_valves
 from spool_tools.cli import main
 
 RATE = 1000.0

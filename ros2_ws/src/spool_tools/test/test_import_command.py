@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from spool_bag.reading.reader import BagReader
+from spool_bag.reader import BagReader
 from spool_tools.cli import main
 
 GRAVITY = 9.80665

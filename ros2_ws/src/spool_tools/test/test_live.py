@@ -6,17 +6,17 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from hypothesis import given
 from hypothesis import strategies as st
-from spool_tools.live.machine_limits import (
+from spool_tools.operations.machine_findings import (
     UdpCounts,
     buffer_finding,
     clock_finding,
     clock_state,
+    node_findings,
     participants,
     participants_finding,
     shared_memory_finding,
     udp_counts,
 )
-from spool_tools.live.node_findings import node_findings
 
 SNMP = """Ip: Forwarding DefaultTTL
 Ip: 1 64

@@ -13,9 +13,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from spool_core.errors import InputError
+from spool_tools import outputs
 from spool_tools.cli import main
-from spool_tools.console import outputs
-from spool_tools.console.command import command_modules
+from spool_tools.command import command_modules
 
 
 @pytest.fixture(name="bag", scope="module")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from spool_tools.cli import main
-from spool_tools.console.outputs import suite_version
+from spool_tools.outputs import suite_version
 
 
 @pytest.fixture(scope="module", name="bag")

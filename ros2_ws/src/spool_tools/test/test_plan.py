@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from spool_sim.excitation import load_excitation
 from spool_sim.model import load_model
-from spool_sim.valve.description import find_valve, valve_from_mapping
+from spool_sim.valve import find_valve, valve_from_mapping
 from spool_tools.cli import main
 from spool_tools.operations.record_plan import QUESTIONS, TOLD, Plan, coulomb_friction, travel
 

@@ -6,7 +6,7 @@ import re
 import threading
 
 import pytest
-from spool_tools.console.terminal import progress
+from spool_tools.terminal import progress
 
 
 class Lines:

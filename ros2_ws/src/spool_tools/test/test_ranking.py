@@ -13,8 +13,8 @@ from spool_estimator.identification.record import Record
 from spool_sim.excitation import SteadySine
 from spool_sim.model import load_model
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
-from spool_tools.input.record_loading import load_recording
+from spool_sim.valve import find_valve
+from spool_tools.operations.record_loading import load_recording
 from spool_tools.report.fit_curves import overlay, sensor_noise
 from spool_tools.report.ranking import RINGING, WORTH, Rank, away_from_jumps, ordered
 

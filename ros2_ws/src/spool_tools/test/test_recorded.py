@@ -5,16 +5,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from spool_bag.mcap.metadata import ACCELERATION_BLOCK
-from spool_bag.reading.reader import BagReader
-from spool_bag.recording.writer import BagWriter
+from spool_bag.metadata import ACCELERATION_BLOCK
+from spool_bag.reader import BagReader
+from spool_bag.writer import BagWriter
 from spool_core.cdr import encode_block
 from spool_core.errors import InputError
 from spool_sim.excitation import PRESETS, Recorded
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 from spool_tools.cli import main
-from spool_tools.input.record_sources import recorded_valve
+from spool_tools.operations.record_sources import recorded_valve
 from spool_tools.operations.simulation import find_excitation
 
 BAGS = Path(__file__).resolve().parents[4] / "bags"

@@ -10,10 +10,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.errors import InputError
 from spool_estimator.identification.record import Record
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 from spool_tools.cli import main
-from spool_tools.input.fit_data import check, divided, load_data
-from spool_tools.input.record_loading import Recording, Selection, load_recording, load_recordings, selection
+from spool_tools.operations.record_loading import (
+    Recording,
+    Selection,
+    check,
+    divided,
+    load_data,
+    load_recording,
+    load_recordings,
+    selection,
+)
 
 BAGS = Path(__file__).resolve().parents[4] / "bags"
 MakeBag = Callable[[Path, Mapping[str, Any]], Path]

@@ -10,14 +10,14 @@ import pytest
 from spool_core.block import Block
 from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.detectors import MonitorSettings
-from spool_monitor.drift.parameter_drift import DriftTrace
-from spool_monitor.events.event import EventState
+from spool_monitor.event import EventState
 from spool_monitor.monitor import Monitor
+from spool_monitor.parameter_drift import DriftTrace
 from spool_monitor.replay import Replay
 from spool_sim.excitation import PRESETS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 from spool_tools.cli import main
 
 VALVE = find_valve("4weh10_soft")

@@ -8,16 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from spool_bag.mcap.metadata import ACCELERATION_BLOCK, TEMPERATURE
-from spool_bag.reading.information import Timeline
-from spool_bag.reading.reader import BagReader
-from spool_bag.recording.writer import BagWriter
+from spool_bag.information import Timeline
+from spool_bag.metadata import ACCELERATION_BLOCK, TEMPERATURE
+from spool_bag.reader import BagReader
+from spool_bag.writer import BagWriter
 from spool_core.block import Block
 from spool_core.cdr import OilTemperature, encode_block, encode_temperature
 from spool_estimator.identification.record import PartKeeper
 from spool_sim.excitation import PRESETS
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 from spool_tools.operations.record_replay import SHIPPED, replay_bag, replay_valve
 
 VALVE = find_valve("4weh10_soft")

@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from spool_bag.reading.reader import BagReader
-from spool_bag.recording.writer import BagWriter
+from spool_bag.reader import BagReader
+from spool_bag.writer import BagWriter
 from spool_core.errors import InputError
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 from spool_tools.cli import main
-from spool_tools.console.outputs import write_json
 from spool_tools.operations.record_replay import SHIPPED, replay_bag, replay_valve, settings_from
 from spool_tools.operations.simulation import simulate
-from spool_tools.report.replay_page import replay_page
+from spool_tools.outputs import write_json
+from spool_tools.report.recording_report import replay_page
 
 if TYPE_CHECKING:
     from .conftest import MakeBag, Recorded

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from spool_bag.reading.reader import BagReader
-from spool_tools.demo import recording_report
-from spool_tools.demo.recording_report import write_report
+from spool_bag.reader import BagReader
 from spool_tools.operations.record_replay import replay_bag
+from spool_tools.report import recording_report
+from spool_tools.report.recording_report import write_report
 
 if TYPE_CHECKING:
     from .conftest import MakeBag, Recorded

@@ -14,8 +14,8 @@ from spool_msgs.msg import ModelEstimate, ValveHealth
 from spool_sim.excitation import from_mapping, load_excitation
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
-from spool_tools.demo.demo import DRIFT, PASSAGE, VALVES, Display
+from spool_sim.valve import find_valve
+from spool_tools.operations.demo import DRIFT, PASSAGE, VALVES, Display
 
 SECONDS = 40.0
 NOISY = Sensor(noise=0.05)

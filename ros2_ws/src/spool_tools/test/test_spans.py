@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from spool_bag.mcap.metadata import ACCELERATION_BLOCK, typestore
-from spool_bag.reading.reader import BagReader
-from spool_bag.recording.writer import BagWriter, PartLimits
+from spool_bag.metadata import ACCELERATION_BLOCK, typestore
+from spool_bag.reader import BagReader
+from spool_bag.writer import BagWriter, PartLimits
 from spool_core.block import Block
 from spool_core.cdr import encode_block
 from spool_core.errors import InputError
 from spool_tools.cli import main
-from spool_tools.input.record_sources import span_of
+from spool_tools.operations.record_sources import span_of
 
 BAG = Path(__file__).parents[4] / "bags" / "practice_01"
 

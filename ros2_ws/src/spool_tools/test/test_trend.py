@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from spool_monitor.history.state_file import valve_folder
-from spool_monitor.history.trend import Sums, TrendStore
+from spool_monitor.state_file import valve_folder
+from spool_monitor.trend import Sums, TrendStore
 from spool_tools.cli import main
 
 NOW = int(time.time()) // 60 * 60

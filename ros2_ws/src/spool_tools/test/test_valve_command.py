@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 
 import pytest
-from spool_sim.valve.description import load_valve, shipped_valves
+from spool_sim.valve import load_valve, shipped_valves
 from spool_tools.cli import main
 from spool_tools.operations.valve_sheet import QUESTIONS, asked, described, file_text, number_of
 

@@ -8,7 +8,7 @@ import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import AccelStamped
 from sensor_msgs.msg import Imu
-from spool_bag.adapter.adapter_node import ACCEL, ARRAY, IMU, Reading, UnusableError
+from spool_bag.adapter_node import ACCEL, ARRAY, IMU, Reading, UnusableError
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
 STAMP = 3_000_000_004

@@ -11,14 +11,14 @@ import numpy as np
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pa_parquet
 import pytest
+from spool_bag.export import export_bag
 from spool_bag.importing.bag_import import DEFAULT_START
 from spool_bag.importing.bag_import import import_record as import_csv
-from spool_bag.importing.records.logger_record import read_record as read_csv
-from spool_bag.mcap.metadata import ACCELERATION_BLOCK
-from spool_bag.reading.export import export_bag
-from spool_bag.reading.information import describe
-from spool_bag.reading.reader import BagReader
-from spool_bag.recording.writer import BagWriter
+from spool_bag.importing.logger_record import read_record as read_csv
+from spool_bag.information import describe
+from spool_bag.metadata import ACCELERATION_BLOCK
+from spool_bag.reader import BagReader
+from spool_bag.writer import BagWriter
 from spool_core.block_gate import BlockGate, Verdict
 from spool_core.cdr import encode_block
 from spool_core.errors import InputError
@@ -286,8 +286,8 @@ def test_columns_with_escapes_do_not_reach_the_terminal(tmp_path: Path) -> None:
 
 EXPAND = """
 import sys
-from spool_bag.importing.tables import table
-from spool_bag.importing.records.logger_record import read_record as read_csv
+from spool_bag.importing import table
+from spool_bag.importing.logger_record import read_record as read_csv
 table.MOST_SAMPLES //= 10
 from spool_core.errors import InputError
 try:

@@ -10,9 +10,9 @@ import openpyxl
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_bag.importing.csv_text.cells import is_grouped
-from spool_bag.importing.records.choices import choices
-from spool_bag.importing.records.logger_record import LoggerRecord, read_record
+from spool_bag.importing.choices import choices
+from spool_bag.importing.csv_cells import is_grouped
+from spool_bag.importing.logger_record import LoggerRecord, read_record
 from spool_core.errors import InputError
 
 from . import loggers as made

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin
+from spool_bag.export import export_bag
 from spool_bag.importing.bag_import import import_record
-from spool_bag.importing.records.choices import choices
-from spool_bag.importing.records.logger_record import read_record
-from spool_bag.reading.export import export_bag
-from spool_bag.reading.reader import BagReader
+from spool_bag.importing.choices import choices
+from spool_bag.importing.logger_record import read_record
+from spool_bag.reader import BagReader
 from spool_core.errors import InputError
 
 from . import loggers as made

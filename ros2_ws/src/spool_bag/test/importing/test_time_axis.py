@@ -13,8 +13,8 @@ from asammdf import MDF, Signal
 from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 from spool_bag.importing.bag_import import import_record
-from spool_bag.importing.records.choices import choices
-from spool_bag.importing.records.logger_record import LoggerRecord, read_record
+from spool_bag.importing.choices import choices
+from spool_bag.importing.logger_record import LoggerRecord, read_record
 from spool_core.errors import InputError
 
 RATE, COUNT = 2000.0, 1200
@@ -253,7 +253,7 @@ def test_day_numbers_are_dates(tmp_path: Path, zero: float, kind: str) -> None:
 
 
 def test_the_deviation_of_a_coarse_rate_stays_with_the_bag(tmp_path: Path) -> None:
-    from spool_bag.mcap.metadata import rate_std  # noqa: PLC0415
+    from spool_bag.metadata import rate_std  # noqa: PLC0415
 
     coarse = csv(
         tmp_path / "x.csv", "time_s,body_m_s2,spool_m_s2", lambda at: f"{at / 833.0:.3f}", body, spool

@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from spool_bag.importing.bag_import import ImportResult, import_record
-from spool_bag.importing.records.choices import choices
-from spool_bag.importing.records.two_clocks import TopicTimes, check_one_time
-from spool_bag.reading.reader import BagReader
+from spool_bag.importing.choices import choices
+from spool_bag.importing.two_clocks import TopicTimes, check_one_time
+from spool_bag.reader import BagReader
 from spool_core.errors import InputError
 
 STORE = get_typestore(Stores.ROS2_JAZZY)

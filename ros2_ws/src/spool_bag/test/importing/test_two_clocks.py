@@ -11,17 +11,17 @@ import pytest
 from scipy import signal
 from scipy.interpolate import CubicSpline
 from spool_bag.importing.bag_import import import_record
-from spool_bag.importing.records.choices import choices
-from spool_bag.importing.records.clock_offset import clock_offset
-from spool_bag.importing.records.logger_record import read_record
-from spool_bag.reading.reader import BagReader
+from spool_bag.importing.choices import choices
+from spool_bag.importing.clock_offset import clock_offset
+from spool_bag.importing.logger_record import read_record
+from spool_bag.reader import BagReader
 from spool_core.errors import InputError
 from spool_estimator.identification.fit import fit
 from spool_estimator.identification.record import records_from_blocks
 from spool_sim.excitation import load_excitation
 from spool_sim.model import load_model
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 OFFSET, DRIFT, SECONDS, FAST = 3.7, 80e-6, 44.0, 16_000.0
 VALVE = find_valve("4weh10_soft")

@@ -6,14 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from spool_bag.importing.tables.units import (
-    WORDS,
-    Sensitivity,
-    converted,
-    level_of,
-    quantity_of,
-    split_header,
-)
+from spool_bag.importing.units import WORDS, Sensitivity, converted, level_of, quantity_of, split_header
 from spool_core.errors import InputError
 
 

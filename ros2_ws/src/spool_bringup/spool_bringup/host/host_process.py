@@ -25,8 +25,8 @@ from spool_core.node.managed_node import ManagedNode, Ticker
 from spool_core.node.parameters import NodeParameter, refuse_other_files, rule
 from spool_core.node.program import STOP, Phase, StopRequested
 from spool_core.node.running import REFUSED, ensure_log_folder, new_executor, one_line
-from spool_estimator.node.estimator_node import EstimatorNode
-from spool_monitor.node.monitor_node import MonitorNode
+from spool_estimator.estimator_node import EstimatorNode
+from spool_monitor.monitor_node import MonitorNode
 
 from spool_bringup.host.arguments import (
     NAME,

@@ -27,7 +27,7 @@ from spool_estimator.identification.free_run import FALL, FreeRun, Response, exc
 from spool_estimator.identification.least_squares import Unknown, bounds_of, sizes_of
 from spool_estimator.identification.record import Record, first_seconds
 from spool_estimator.identification.residuals import HIGHEST_SHARE, Residuals, standard_deviations
-from spool_estimator.identification.signals.spectra import ZeroPhase, noise_of, relative_motion
+from spool_estimator.identification.spectra import ZeroPhase, noise_of, relative_motion
 
 Array = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ from spool_core.uncertainty import Quantity, Validity, rate_power
 from spool_sim.model import Model
 from spool_sim.sensors import PAPER_CHAIN
 from spool_sim.terms import Parameter
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 from spool_estimator.identification.equation_error import EquationError, input_noise_effect
 from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, Agreement, Fit, FitSettings

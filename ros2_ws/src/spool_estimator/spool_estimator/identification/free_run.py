@@ -19,10 +19,10 @@ from spool_core.errors import InputError
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState, Trajectory
 from spool_sim.integration.step_size import substeps_for
 from spool_sim.model import Model
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 from spool_estimator.identification.least_squares import in_parallel
-from spool_estimator.identification.signals.spectra import ZeroPhase, interval_mean_response, relative_motion
+from spool_estimator.identification.spectra import ZeroPhase, interval_mean_response, relative_motion
 
 from .record import Record
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from spool_core.errors import InputError
 from spool_core.uncertainty import Quantity, Validity
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 #: deg C, standard deviation of a temperature whose message gives none: a class B Pt100 near the valve.
 USUAL_DEVIATION = 0.5

@@ -29,7 +29,7 @@ from scipy import fft
 from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, FitSettings
 from spool_estimator.identification.free_run import FreeRun, Response
 from spool_estimator.identification.least_squares import Unknown, bounds_of, sizes_of
-from spool_estimator.identification.signals.spectra import Spectrum, ZeroPhase, residual_spectrum
+from spool_estimator.identification.spectra import Spectrum, ZeroPhase, residual_spectrum
 
 Array = NDArray[np.float64]
 

@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import signal
-from spool_estimator.identification.signals.channel_faults import faults_of, without_outliers
+from spool_estimator.identification.channel_faults import faults_of, without_outliers
 from spool_sim.excitation import from_mapping
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
+from spool_sim.valve import find_valve
 
 Array = NDArray[np.float64]
 Pair = tuple[Array, Array]

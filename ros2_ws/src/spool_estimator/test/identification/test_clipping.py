@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from spool_estimator.identification.signals.channel_faults import at_rail
+from spool_estimator.identification.channel_faults import at_rail
 
 TIME = np.arange(100_000) / 2500.0
 

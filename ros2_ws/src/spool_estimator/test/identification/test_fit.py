@@ -14,13 +14,13 @@ from spool_core.uncertainty import rate_power
 from spool_estimator.identification.fit import fit, free_run_agreement
 from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, FitSettings
 from spool_estimator.identification.record import Record, first_seconds, records_from_blocks
-from spool_estimator.identification.signals.spectra import ZeroPhase, relative_motion
+from spool_estimator.identification.spectra import ZeroPhase, relative_motion
 from spool_sim.excitation import Excitation, Multisine, SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion
 from spool_sim.model import MODELS
 from spool_sim.sensors import Sensor
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import Valve, find_valve
+from spool_sim.valve import Valve, find_valve
 
 SWEEP = SweptSine(start_frequency=8.0, stop_frequency=100.0, duration=5.0, amplitude=10.0, soft_start=0.2)
 #: The simulated sensors sample at one instant.

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from spool_core.errors import InputError
 from spool_core.text import did_you_mean
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 if TYPE_CHECKING:  # slow to load
     from spool_tools.operations.record_replay import ReplaySettings

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy import signal
 from spool_core.errors import InputError
 from spool_estimator.identification.record import Record
-from spool_tools.input.record_loading import Selection, load_recording
+from spool_tools.operations.record_loading import Selection, load_recording
 
 from .base import Analysis, Rows, Subject, parameter
 

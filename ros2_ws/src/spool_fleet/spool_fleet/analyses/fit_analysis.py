@@ -5,8 +5,7 @@ from __future__ import annotations
 from spool_core.errors import InputError
 from spool_estimator.identification.fit_result import FitSettings
 from spool_sim.model import load_model
-from spool_tools.input.fit_data import load_data
-from spool_tools.input.record_loading import Selection
+from spool_tools.operations.record_loading import Selection, load_data
 from spool_tools.report.fit_tables import to_dictionary
 from spool_tools.report.ranking import fit_and_validate
 

@@ -7,8 +7,7 @@ from spool_gap.evidence.analyse import analyse
 from spool_gap.report.serialisation import result_to_dict
 from spool_gap.result import GapSettings
 from spool_sim.model import load_model
-from spool_tools.input.fit_data import check
-from spool_tools.input.record_loading import Selection, load_recordings, stretches_of
+from spool_tools.operations.record_loading import Selection, check, load_recordings, stretches_of
 
 from .base import Analysis, Rows, Subject, parameter
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from spool_bag.reading.information import Timeline
-from spool_bag.reading.reader import BagReader
+from spool_bag.information import Timeline
+from spool_bag.reader import BagReader
 from spool_core.errors import InputError
-from spool_tools.input.record_loading import choose_valves
+from spool_tools.operations.record_loading import choose_valves
 from spool_tools.operations.record_replay import SHIPPED, replay_valve, valve_dictionary
 
 from .base import Analysis, Rows, Subject, parameter, referred

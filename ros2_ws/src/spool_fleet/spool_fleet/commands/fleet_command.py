@@ -8,10 +8,10 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 from rich.table import Table
-from spool_tools.console import cli_options as cli
-from spool_tools.console.command import Command
-from spool_tools.console.outputs import write_json
-from spool_tools.console.terminal import cell, warn
+from spool_tools import cli_options as cli
+from spool_tools.command import Command
+from spool_tools.outputs import write_json
+from spool_tools.terminal import cell, warn
 
 fleet = typer.Typer(
     no_args_is_help=True,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from spool_estimator.identification.signals.spectra import delayed
+from spool_estimator.identification.spectra import delayed
 from spool_sim.terms import Parameter
 
 from spool_gap.effect import Array, SensorEffect

@@ -17,7 +17,7 @@ from spool_core.uncertainty import Quantity
 from spool_estimator.identification.record import Record
 from spool_sim.model import Model
 from spool_sim.terms import term
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 from spool_gap.checks import as_stuck
 from spool_gap.likelihood.kernel import motions_for

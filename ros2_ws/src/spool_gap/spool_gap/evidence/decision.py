@@ -158,9 +158,7 @@ def _plainest(
     return fit, refused
 
 
-def _predicting(
-    search: Search, held: HeldOut, fit: StructureFit, refused: dict[str, str]
-) -> StructureFit:
+def _predicting(search: Search, held: HeldOut, fit: StructureFit, refused: dict[str, str]) -> StructureFit:
     """Return ``fit`` without effects that make the free run over held-out windows no better."""
     for name in fit.structure.effects:
         without = search.without(fit, name)
@@ -169,7 +167,9 @@ def _predicting(
         error = held.judged(fit).agreement.nrmse
         bare = held.judged(without).agreement.nrmse
         if error >= bare:
-            refused[name] = f"with it a free run leaves {100.0 * error:.2g} %, without it {100.0 * bare:.2g} %"
+            refused[name] = (
+                f"with it a free run leaves {100.0 * error:.2g} %, without it {100.0 * bare:.2g} %"
+            )
             return _predicting(search, held, without, refused)
     return fit
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 from spool_gap.likelihood.kernel import SwitchableMotion
 from spool_gap.likelihood.prediction import FREE, Prediction

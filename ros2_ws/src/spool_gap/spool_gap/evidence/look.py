@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from spool_estimator.identification.nuisances.hum import frequencies_of_hum
 from spool_estimator.identification.nuisances.record_nuisance import Nuisance
 from spool_estimator.identification.record import Record
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 from spool_gap import checks as conditions
 from spool_gap.checks import dithered, is_stuck

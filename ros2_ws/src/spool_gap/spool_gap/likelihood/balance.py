@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_estimator.identification.signals.spectra import ZeroPhase
+from spool_estimator.identification.spectra import ZeroPhase
 
 from spool_gap.effect import Motion, Trial
 from spool_gap.registry import EFFECTS
@@ -127,15 +127,15 @@ class Balance:
         first = round(self._part.readings.time / self._part.period)
         own = self.motion
         return np.asarray(
-            motion.forces(
-                own.displacement, own.velocity, row, sample_period=own.period, first_sample=first
-            )[0]
+            motion.forces(own.displacement, own.velocity, row, sample_period=own.period, first_sample=first)[
+                0
+            ]
         )
 
     def _values(
         self, names: Sequence[str], trials: Sequence[tuple[Trial, slice]], solved: Array
     ) -> dict[str, float] | None:
-        """Return the numbers of the effects ``names`` for the coefficients of their trials, if they make sense."""
+        """Return the numbers of the effects ``names`` for coefficients of their trials, if they make sense."""
         found: dict[str, float] = {}
         begin = 0
         for name, (trial, cut) in zip(names, trials, strict=True):

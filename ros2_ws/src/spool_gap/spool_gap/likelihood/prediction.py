@@ -29,9 +29,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, linalg, signal
-from spool_estimator.identification.signals.spectra import ZeroPhase
+from spool_estimator.identification.spectra import ZeroPhase
 from spool_sim.integration.composed_motion import Correction
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 from .chain_part import DELAY, GAIN, SMALLEST, ChainPart, Spectrum, inverse
 from .kernel import Point, SwitchableMotion, steps_a_sample
@@ -283,7 +283,7 @@ class Prediction:
         """
         size = values[part.parameters[0].name]
         frequency, volume = self._every_line, self._volume(one, looseness)
-        share = np.abs(one.response("spool", frequency)) / self._ratio(one, looseness, frequency)
+        share: Spectrum = np.abs(one.response("spool", frequency)) / self._ratio(one, looseness, frequency)
         if part.response is None:
             time = self.readings.time + np.arange(self.size, dtype=np.float64) * self.period
             middle = self.windows_of(time).mean(axis=1)[:, np.newaxis]
@@ -447,7 +447,7 @@ class Prediction:
         return self._corrections[looseness]
 
     def _ratio(self, one: Structure, looseness: float, frequency: Array) -> Spectrum:
-        """Return the errors of a free run over those of the corrected one at ``frequency``, for a linear valve."""
+        """Return the errors of a free run over those of the corrected one, for the linear valve."""
         mass, stiffness, damping = _linear(one)
         correction = self._correction(looseness)
         step = _step_of(mass, stiffness, damping, self.period)

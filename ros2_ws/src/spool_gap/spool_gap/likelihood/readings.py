@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_estimator.identification.channel_faults import at_rail, restored
 from spool_estimator.identification.record import Record
-from spool_estimator.identification.signals.channel_faults import at_rail, restored
-from spool_estimator.identification.signals.spectra import ChannelNoise, ZeroPhase, noise_of, quiet
+from spool_estimator.identification.spectra import ChannelNoise, ZeroPhase, noise_of, quiet
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -27,7 +27,7 @@ Key = tuple[frozenset[str], frozenset[str]]
 #: Looseness at which starts are compared and fitted first, where fits have few minima, and of those starts
 #: that a regression finds near the minimum.
 LOOSE, TIGHT = LOOSENESS[0], 0.03
-#: Looseness up to which structures are compared: the motion of a looser one is the measured one, whatever acts.
+#: Looseness up to which structures are compared: a looser one follows the measured motion, whatever acts.
 COMPARED = LOOSENESS[2]
 #: Starts that are fitted of a stop, and of other effects whose fits have local minima; steps of such a fit.
 STARTS, MOST_STARTS, QUICK = 2, 5, 4
@@ -294,7 +294,7 @@ class Search:
     def _exchange(
         self, bare: Structure, other: str, best: StructureFit, starts: Sequence[dict[str, float]]
     ) -> None:
-        """Fit ``bare`` with the effect ``other`` from ``starts``, if it explains nearly what ``best`` does."""
+        """Fit ``bare`` with ``other`` from ``starts``, if that explains nearly what ``best`` does."""
         wider = bare.having((*bare.effects, other), bare.parts)
         trials = [wider.moved({**best.structure.values, **one}) for one in starts]
         trials = [one.bounded(self._predictions.seconds) for one in trials]
@@ -326,7 +326,9 @@ class Search:
                 drag = values.get("viscous_coefficient", 0.0) + one.values["viscous_coefficient"]
                 yield {**one.values, "viscous_coefficient": max(drag, 0.0)}
         elif name in entry.replaces:
-            yield from ({**entry.acting_like(values), **speeds} for speeds in entry.speeds_to_try(self._fastest))
+            yield from (
+                {**entry.acting_like(values), **speeds} for speeds in entry.speeds_to_try(self._fastest)
+            )
         known = self.fits.get((frozenset([other]), frozenset()))
         if known is not None:
             yield {one: known.structure.values[one] for one in entry.fitted if one in known.structure.values}
@@ -409,7 +411,7 @@ class Search:
 
     def _tighten(self, begun: Structure, looseness: float = LOOSE) -> StructureFit:
         """Fit on from ``begun``, with the correction ``looseness`` and with tighter ones."""
-        # Which correction is best is judged by the samples that count in comparisons, not by those of the fits.
+        # Which correction is best is judged by the samples that count in comparisons, not in fits.
         last = begun
         for share in (one for one in LOOSENESS if one <= looseness):
             fit = self._fit(last, (share,))

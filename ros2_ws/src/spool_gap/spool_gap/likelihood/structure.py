@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from spool_estimator.identification.least_squares import Unknown
 from spool_sim.model import Model
 from spool_sim.terms import term
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 from spool_gap.registry import EFFECTS
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from spool_monitor.detectors.base import MonitorLimit, MonitorSettings
+
 from .base import CHANNELS, ESTIMATE, JUDGEMENT_TEXTS, LINE, SIGNALS, Detector, Judgement, Moment
 from .registry import DETECTORS, KINDS, LIMITS, check_settings, detectors, event_kind, latching_kinds
-from .settings import MonitorLimit, MonitorSettings
 
 __all__ = [
     "CHANNELS",

@@ -10,15 +10,15 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import ClassVar, NamedTuple
 
+from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate
 
-from spool_monitor.drift.baseline import Baseline
-from spool_monitor.drift.parameter_drift import ParameterDrift
-from spool_monitor.events.event import EventKind, Finding
-from spool_monitor.signals.channels import ChannelLook, Signals, ValveResponse
-from spool_monitor.signals.window import Line
-
-from .settings import MonitorLimit, MonitorSettings
+from spool_monitor.baseline import Baseline
+from spool_monitor.channels import ChannelLook, Signals, ValveResponse
+from spool_monitor.detectors.data_fault import KIND as DATA_FAULT
+from spool_monitor.event import EventKind, Finding, Severity
+from spool_monitor.parameter_drift import ParameterDrift
+from spool_monitor.window import Line
 
 #: What a moment may show anew.
 SIGNALS, LINE, ESTIMATE, CHANNELS = "signals", "line", "estimate", "channels"
@@ -42,6 +42,40 @@ JUDGEMENT_TEXTS = {
     Judgement.NOT_EXCITED: "not enough excitation",
     Judgement.NOT_JUDGED: "not judged",
 }
+
+
+@dataclass(frozen=True, slots=True)
+class MonitorLimit:
+    """Limit that something is judged by; each is a parameter of the node ``monitor``.
+
+    The file that needs it declares it: the registry finds it there. ``default``, ``minimum`` and ``maximum``
+    are in ``unit``. A ``structural`` one changes only while the node is unconfigured.
+    """
+
+    name: str
+    default: float
+    description: str
+    unit: str
+    minimum: float
+    maximum: float
+    structural: bool = False
+
+
+#: Needed by several detectors, or by what feeds them.
+NATURAL_FREQUENCY = MonitorLimit(
+    "natural_frequency", 0.0, "Start value until it is estimated; 0: from the valve's description.",
+    "Hz", 0.0, 1e3, structural=True,
+)  # fmt: skip
+MINIMUM_BODY = MonitorLimit("minimum_body", 0.5, "Peak body acceleration that is judged.", "m/s^2", 0.0, 1e3)
+FALSE_ALARM_HOURS = MonitorLimit(
+    "false_alarm_hours", 1000.0, "Mean time between false alarms that noise alone may cause.", "h", 1.0, 1e6
+)
+BASELINE_TIME = MonitorLimit(
+    "baseline_time", 15.0, "Time of valid estimates for the start values.", "s", 3.0, 1e5, structural=True
+)
+
+#: s without any judgement after which the level is unknown, and after which the event is raised.
+BLIND, REPORTED = 10.0, 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,3 +186,49 @@ def judgement(moment: Moment, parameters: tuple[ParameterDrift, ...]) -> Judgeme
     if not all(one.baseline.frozen for one in parameters):
         return Judgement.LEARNING
     return Judgement.JUDGED if any(one.judged for one in parameters) else Judgement.NOT_EXCITED
+
+
+class MonitorSettings:
+    """Settings of one valve's monitor, e.g. ``MonitorSettings(coulomb_change=0.2)[COULOMB_CHANGE]``.
+
+    Limits that are not given have their defaults. The detectors' registry checks names and contradictions.
+    """
+
+    def __init__(self, **values: float) -> None:
+        self.given: Mapping[str, float] = values
+
+    def __getitem__(self, limit: MonitorLimit) -> float:
+        """Return the value of ``limit``, in its unit."""
+        return self.given.get(limit.name, limit.default)
+
+    def changed(self, limit: MonitorLimit, value: float) -> MonitorSettings:
+        """Return the same settings but for ``limit``."""
+        return MonitorSettings(**{**self.given, limit.name: value})
+
+
+class NotJudged(Detector):
+    """Not judged: the time since any detector of the valve's condition could judge; rest is a judgement.
+
+    A fault of a sensor or of the data that is raised already says why: then this event is not raised as well.
+    """
+
+    name = "not_judged"
+    kind = DATA_FAULT
+    looks_at = (LINE,)
+    rank = 99
+
+    def update(self, moment: Moment) -> Finding | None:
+        """Judge for how long nothing was."""
+        self.judgement = Judgement.JUDGED
+        seconds, reason = moment.unjudged
+        raised = Severity.WARNING if seconds >= REPORTED and not moment.explained else None
+        return Finding(
+            moment.stamp,
+            raised,
+            seconds == 0.0,
+            "not_judged",
+            Quantity("not_judged", "s", seconds, validity=Validity.VALID),
+            f"nothing has been judged for {seconds:.0f} s: {reason}"
+            if reason
+            else "detectors judge the valve again",
+        )

@@ -8,15 +8,15 @@ from typing import ClassVar
 
 from spool_core.text import Account
 from spool_core.uncertainty import Quantity, Validity
-from spool_estimator.identification.signals.channel_faults import ChannelFault
+from spool_estimator.identification.channel_faults import ChannelFault
 
-from spool_monitor.events.event import EventCause, Finding, Severity
-from spool_monitor.signals.channels import ChannelLook
+from spool_monitor.channels import ChannelLook
+from spool_monitor.detectors.base import MonitorSettings
+from spool_monitor.event import EventCause, Finding, Severity
 
 from .base import CHANNELS, Detector, Judgement, Moment
 from .data_fault import KIND as DATA_FAULT
 from .sensor_fault import sensor_fault
-from .settings import MonitorSettings
 
 SAME_CHANNEL = sensor_fault(
     EventCause(

@@ -9,7 +9,7 @@ from spool_core.kernels.samples import OutlierFilter
 from spool_core.text import plural
 from spool_core.uncertainty import Quantity, Validity, number
 
-from spool_monitor.events.event import Condition, Event, EventCause, EventKind, Finding, Namur, Severity
+from spool_monitor.event import Condition, Event, EventCause, EventKind, Finding, Namur, Severity
 
 KIND = EventKind(
     "data_fault",

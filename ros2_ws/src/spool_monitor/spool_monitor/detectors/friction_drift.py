@@ -7,11 +7,11 @@ from typing import ClassVar
 
 from spool_core.text import Account, ShareOfCause
 
-from spool_monitor.drift.parameter_drift import ParameterDrift, RankedCause, rank_friction
-from spool_monitor.events.event import EventCause, EventKind, Finding, Namur, Severity
+from spool_monitor.detectors.base import MonitorLimit
+from spool_monitor.event import EventCause, EventKind, Finding, Namur, Severity
+from spool_monitor.parameter_drift import ParameterDrift, RankedCause, rank_friction
 
 from .base import ESTIMATE, Detector, DriftTest, Moment, judgement
-from .settings import MonitorLimit
 
 KIND = EventKind(
     "friction_drift",

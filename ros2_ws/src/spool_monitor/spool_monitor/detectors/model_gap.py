@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from spool_estimator.gap_requests.gap_watch import MODEL_GAP, MODEL_GAP_CODE, REMEDY, GapChange
+from spool_estimator.gap_requests import MODEL_GAP, MODEL_GAP_CODE, REMEDY, GapChange
 
-from spool_monitor.events.event import Event, EventKind, EventState, Namur, Severity
+from spool_monitor.event import Event, EventKind, EventState, Namur, Severity
 
 KIND = EventKind(
     MODEL_GAP,

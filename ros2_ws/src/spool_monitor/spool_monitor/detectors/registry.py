@@ -7,10 +7,10 @@ from dataclasses import replace
 from spool_core.discovery import classes_in, objects_in
 from spool_core.errors import InputError
 
-from spool_monitor.events.event import EventKind, Namur
+from spool_monitor.detectors.base import MonitorLimit, MonitorSettings
+from spool_monitor.event import EventKind, Namur
 
 from .base import Detector
-from .settings import MonitorLimit, MonitorSettings
 
 DETECTORS: dict[str, type[Detector]] = {
     entry.name: entry

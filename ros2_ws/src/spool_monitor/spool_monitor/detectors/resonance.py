@@ -9,12 +9,12 @@ from spool_core.errors import InputError
 from spool_core.text import Account
 from spool_core.uncertainty import Quantity, Validity
 
-from spool_monitor.drift.parameter_drift import ALLOWANCE
-from spool_monitor.events.event import EventKind, Finding, Namur, Severity
-from spool_monitor.signals.window import Line
+from spool_monitor.detectors.base import MINIMUM_BODY, MonitorLimit, MonitorSettings
+from spool_monitor.event import EventKind, Finding, Namur, Severity
+from spool_monitor.parameter_drift import ALLOWANCE
+from spool_monitor.window import Line
 
 from .base import LINE, Detector, Judgement, Moment
-from .settings import MINIMUM_BODY, MonitorLimit, MonitorSettings
 
 KIND = EventKind(
     "resonance",

@@ -7,11 +7,11 @@ from typing import ClassVar
 
 from spool_core.uncertainty import Quantity, Validity
 
-from spool_monitor.events.event import EventCause, Finding, Severity
+from spool_monitor.detectors.base import MINIMUM_BODY, MonitorSettings
+from spool_monitor.event import EventCause, Finding, Severity
 
 from .base import SIGNALS, Detector, Judgement, Moment
 from .sensor_fault import sensor_fault
-from .settings import MINIMUM_BODY, MonitorSettings
 
 KIND = sensor_fault(
     EventCause(

@@ -9,13 +9,13 @@ from spool_core.kernels.compiled import compiled
 from spool_core.text import Account
 from spool_core.uncertainty import Quantity, Validity, number
 
-from spool_monitor.events.event import EventCause, Finding, Severity
-from spool_monitor.signals.channels import Channel, Signals, transfer
-from spool_monitor.signals.window import Array, Complex
+from spool_monitor.channels import Channel, Signals, transfer
+from spool_monitor.detectors.base import MINIMUM_BODY, MonitorSettings
+from spool_monitor.event import EventCause, Finding, Severity
+from spool_monitor.window import Array, Complex
 
 from .base import SIGNALS, Detector, Judgement, Moment
 from .sensor_fault import sensor_fault
-from .settings import MINIMUM_BODY, MonitorSettings
 
 KIND = sensor_fault(
     EventCause(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from spool_monitor.events.event import EventCause, EventKind, Namur
+from spool_monitor.event import EventCause, EventKind, Namur
 
 
 def sensor_fault(cause: EventCause) -> EventKind:

@@ -10,12 +10,12 @@ import numpy as np
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 
-from spool_monitor.events.event import EventCause, Finding, Severity
-from spool_monitor.signals.channels import MEMORY, Signals, ValveResponse
+from spool_monitor.channels import MEMORY, Signals, ValveResponse
+from spool_monitor.detectors.base import MINIMUM_BODY, MonitorLimit, MonitorSettings
+from spool_monitor.event import EventCause, Finding, Severity
 
 from .base import ESTIMATE, SIGNALS, Detector, Judgement, Moment
 from .sensor_fault import sensor_fault
-from .settings import MINIMUM_BODY, MonitorLimit, MonitorSettings
 
 KIND = sensor_fault(
     EventCause(

@@ -7,10 +7,10 @@ from typing import ClassVar
 
 from spool_core.text import Account
 
-from spool_monitor.events.event import EventCause, EventKind, Finding, Namur
+from spool_monitor.detectors.base import MonitorLimit
+from spool_monitor.event import EventCause, EventKind, Finding, Namur
 
 from .base import ESTIMATE, Detector, DriftTest, Moment, judgement
-from .settings import MonitorLimit
 
 KIND = EventKind(
     "spring_change",

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from spool_core.uncertainty import Quantity, Validity
 
-from spool_monitor.events.event import Condition, Event, EventCause, EventKind, Finding, Namur, Severity
-
-from .settings import MonitorLimit
+from spool_monitor.detectors.base import MonitorLimit
+from spool_monitor.event import Condition, Event, EventCause, EventKind, Finding, Namur, Severity
 
 #: Cause where no block has ever come.
 NEVER_SEEN = "never_seen"

@@ -8,12 +8,12 @@ from typing import ClassVar
 from spool_core.kernels.compiled import compiled
 from spool_core.uncertainty import Quantity, Validity
 
-from spool_monitor.events.event import EventKind, Finding, Namur, Severity
-from spool_monitor.signals.channels import transfer
-from spool_monitor.signals.window import Array
+from spool_monitor.channels import transfer
+from spool_monitor.detectors.base import MINIMUM_BODY, MonitorSettings
+from spool_monitor.event import EventKind, Finding, Namur, Severity
+from spool_monitor.window import Array
 
 from .base import ESTIMATE, SIGNALS, Detector, Judgement, Moment
-from .settings import MINIMUM_BODY, MonitorSettings
 
 KIND = EventKind(
     "stuck_spool",

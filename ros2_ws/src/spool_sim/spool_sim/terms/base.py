@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_core.errors import InputError
 
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 Array = NDArray[np.float64]
 

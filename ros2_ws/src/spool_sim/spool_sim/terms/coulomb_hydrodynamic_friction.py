@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from spool_core.kernels.compiled import compiled
 
-from spool_sim.valve.description import GRAVITY
+from spool_sim.valve import GRAVITY
 
 from .base import Parameter, Term
 

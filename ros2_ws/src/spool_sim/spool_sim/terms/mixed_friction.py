@@ -6,7 +6,7 @@ import math
 
 from spool_core.kernels.compiled import compiled
 
-from spool_sim.valve.description import GRAVITY
+from spool_sim.valve import GRAVITY
 
 from .base import Parameter, Term
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from spool_tools.console.command import Command
+from spool_tools.command import Command
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -29,7 +29,7 @@ def list_(
 
     Example: ./spool alarm list valve_1
     """
-    from spool_tools.operations.alarm_client import show_alarms  # noqa: PLC0415 - slow to load
+    from spool_tools.operations.service_client import show_alarms  # noqa: PLC0415 - slow to load
 
     raise typer.Exit(show_alarms(valve, every=every))
 
@@ -89,7 +89,7 @@ def reset(valve: Valve, alarm: Name = "", who: Who = "", comment: Comment = "") 
 
 
 def _ask(valve: str, service: str, **fields: Any) -> None:
-    from spool_tools.operations.alarm_client import ask  # noqa: PLC0415 - slow to load
+    from spool_tools.operations.service_client import ask  # noqa: PLC0415 - slow to load
 
     ask(valve, service, **fields)
 

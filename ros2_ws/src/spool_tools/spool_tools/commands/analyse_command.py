@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from spool_tools.console import cli_options as cli
-from spool_tools.console.command import Command
+from spool_tools import cli_options as cli
+from spool_tools.command import Command
 
 
 def analyse(

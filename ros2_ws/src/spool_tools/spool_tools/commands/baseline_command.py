@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from spool_tools.console.command import Command
+from spool_tools.command import Command
 
 app = typer.Typer(
     no_args_is_help=True,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from spool_tools.console.cli_options import (
+from spool_tools.cli_options import (
     AroundOption,
     ColumnsOption,
     Force,
@@ -15,7 +15,7 @@ from spool_tools.console.cli_options import (
     SinceOption,
     UntilOption,
 )
-from spool_tools.console.command import Command
+from spool_tools.command import Command
 
 
 def check(
@@ -35,9 +35,9 @@ def check(
 
     Example: ./spool check bags/practice_01 --report quality.html
     """
-    from spool_tools.console.terminal import progress  # noqa: PLC0415 - slow to load, as below
-    from spool_tools.input.record_loading import selection  # noqa: PLC0415
+    from spool_tools.operations.record_loading import selection  # noqa: PLC0415
     from spool_tools.operations.record_look import check as checked  # noqa: PLC0415
+    from spool_tools.terminal import progress  # noqa: PLC0415 - slow to load, as below
 
     with progress("reading"):
         fine = checked(record, selection(name, columns, 0.0, None, (since, until, around)), json, report)

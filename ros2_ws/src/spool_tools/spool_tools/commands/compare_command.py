@@ -6,10 +6,10 @@ from typing import Annotated
 
 import typer
 
-from spool_tools.console import cli_options as cli
-from spool_tools.console.cli_options import valve_names
-from spool_tools.console.command import Command
-from spool_tools.console.outputs import ResultFiles
+from spool_tools import cli_options as cli
+from spool_tools.cli_options import valve_names
+from spool_tools.command import Command
+from spool_tools.outputs import ResultFiles
 
 
 def compare(
@@ -52,8 +52,8 @@ def compare(
 
     Example: ./spool compare soft.csv stiff.csv --valve soft.yaml --valve stiff.yaml --models fluid,coulomb
     """
-    from spool_tools.input.record_loading import selection  # noqa: PLC0415
     from spool_tools.operations.fit_run import run_compare  # noqa: PLC0415 - slow to load, as below
+    from spool_tools.operations.record_loading import selection  # noqa: PLC0415
 
     code = run_compare(
         records, valve or (), models.split(",") if models else (),

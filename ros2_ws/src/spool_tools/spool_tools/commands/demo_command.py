@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from spool_tools.console.cli_options import in_range
-from spool_tools.console.command import Command
+from spool_tools.cli_options import in_range
+from spool_tools.command import Command
 
 #: s: enough for the baseline, a passage and a drift, which may take 14 s to be raised; and an hour.
 SHORTEST, LONGEST = 40.0, 3600.0
@@ -24,7 +24,7 @@ def demo(
 
     Example: ./spool demo --seconds 60 --out my_demo
     """
-    from spool_tools.demo.demo import run_demo  # noqa: PLC0415 - rclpy is needed here only
+    from spool_tools.operations.demo import run_demo  # noqa: PLC0415 - rclpy is needed here only
 
     raise typer.Exit(run_demo(seconds, out))
 

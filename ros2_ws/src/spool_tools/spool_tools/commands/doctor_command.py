@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from spool_tools.console.command import Command
+from spool_tools.command import Command
 
 
 def doctor(
@@ -22,8 +22,13 @@ def doctor(
     del live
     from pathlib import Path  # noqa: PLC0415
 
-    from spool_tools.live.machine_limits import machine_findings, ros_domain, udp_counts  # noqa: PLC0415
-    from spool_tools.live.node_findings import listen, node_findings  # noqa: PLC0415 - slow to load
+    from spool_tools.operations.machine_findings import (  # noqa: PLC0415
+        listen,
+        machine_findings,
+        node_findings,
+        ros_domain,
+        udp_counts,
+    )
 
     before = udp_counts(Path("/proc/net/snmp").read_text(encoding="ascii"))
     heard = listen(seconds)

@@ -8,10 +8,10 @@ from typing import Annotated
 import typer
 from spool_core.text import printable
 
-from spool_tools.console.cli_options import AroundOption, BagArgument, Force, SinceOption, UntilOption
-from spool_tools.console.command import Command
-from spool_tools.console.outputs import making_room
-from spool_tools.console.terminal import progress, warn
+from spool_tools.cli_options import AroundOption, BagArgument, Force, SinceOption, UntilOption
+from spool_tools.command import Command
+from spool_tools.outputs import making_room
+from spool_tools.terminal import progress, warn
 
 
 def export(
@@ -30,9 +30,9 @@ def export(
 
     Example: ./spool export record_bag --out record.parquet
     """
-    from spool_bag.reading.export import export_bag  # noqa: PLC0415 - slow to load
+    from spool_bag.export import export_bag  # noqa: PLC0415 - slow to load
 
-    from spool_tools.input.record_sources import span_of  # noqa: PLC0415
+    from spool_tools.operations.record_sources import span_of  # noqa: PLC0415
 
     with making_room(out), progress("exporting") as advance:
         span = span_of(bag, since, until, around)

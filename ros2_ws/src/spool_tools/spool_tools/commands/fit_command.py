@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
-from spool_tools.console import cli_options as cli
-from spool_tools.console.command import Command
-from spool_tools.console.outputs import ResultFiles
+from spool_tools import cli_options as cli
+from spool_tools.command import Command
+from spool_tools.outputs import ResultFiles
 
 
 def fit(
@@ -45,8 +45,8 @@ def fit(
 
     Example: ./spool fit record.csv --valve my_valve.yaml --model stribeck --fix coulomb_force=0.3
     """
-    from spool_tools.input.record_loading import selection  # noqa: PLC0415 - slow to load, as below
     from spool_tools.operations.fit_run import run_fit  # noqa: PLC0415
+    from spool_tools.operations.record_loading import selection  # noqa: PLC0415 - slow to load, as below
 
     files = ResultFiles(json, report, save_model, out)
     code = run_fit(

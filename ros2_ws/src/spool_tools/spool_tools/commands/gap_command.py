@@ -8,10 +8,10 @@ from typing import Annotated, Literal
 import typer
 from spool_core.errors import InputError
 
-from spool_tools.console import cli_options as cli
-from spool_tools.console.cli_options import model_names
-from spool_tools.console.command import Command
-from spool_tools.console.outputs import ResultFiles
+from spool_tools import cli_options as cli
+from spool_tools.cli_options import model_names
+from spool_tools.command import Command
+from spool_tools.outputs import ResultFiles
 
 
 def gap(
@@ -82,7 +82,7 @@ def gap(
 
     Example: ./spool gap rig.csv --kind imposed --holdout other.csv
     """
-    from spool_tools.input.record_loading import selection  # noqa: PLC0415
+    from spool_tools.operations.record_loading import selection  # noqa: PLC0415
 
     if mass is not None and (kind != "driven" or not mass > 0.0):
         raise InputError(f"--mass {mass:g}: a mass > 0 kg, with --kind driven")

@@ -10,10 +10,10 @@ import typer
 from spool_core.errors import InputError
 from spool_core.text import plural
 
-from spool_tools.console.cli_options import Force, JsonFile, ReportFile
-from spool_tools.console.command import Command
-from spool_tools.console.outputs import making_room
-from spool_tools.console.terminal import warn
+from spool_tools.cli_options import Force, JsonFile, ReportFile
+from spool_tools.command import Command
+from spool_tools.outputs import making_room
+from spool_tools.terminal import warn
 
 
 def import_(
@@ -80,9 +80,9 @@ def import_(
     Example: ./spool import body.wav spool.tdms --scale body=50g/FS --out record_bag
     """
     from spool_bag.importing.bag_import import import_record  # noqa: PLC0415 - slow to load, as below
-    from spool_bag.importing.records.choices import choices  # noqa: PLC0415
+    from spool_bag.importing.choices import choices  # noqa: PLC0415
 
-    from spool_tools.console.terminal import progress  # noqa: PLC0415
+    from spool_tools.terminal import progress  # noqa: PLC0415
 
     how = choices(columns, unit, scale, topic, rate, align, exclude, stamps, dates)
     if len(files) > 2:

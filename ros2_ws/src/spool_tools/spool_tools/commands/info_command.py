@@ -8,7 +8,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from spool_tools.console.cli_options import (
+from spool_tools.cli_options import (
     AroundOption,
     ColumnsOption,
     Force,
@@ -17,12 +17,12 @@ from spool_tools.console.cli_options import (
     SinceOption,
     UntilOption,
 )
-from spool_tools.console.command import Command
-from spool_tools.console.outputs import damaged_places, lost_messages, write_json
-from spool_tools.console.terminal import cell, fail, progress, warn
+from spool_tools.command import Command
+from spool_tools.outputs import damaged_places, lost_messages, write_json
+from spool_tools.terminal import cell, fail, progress, warn
 
 if TYPE_CHECKING:
-    from spool_bag.reading.information import BagInformation
+    from spool_bag.information import BagInformation
 
 
 def info(
@@ -38,16 +38,16 @@ def info(
 
     Example: ./spool info record_bag
     """
-    from spool_bag.mcap.metadata import ACCELERATION_BLOCK  # noqa: PLC0415 - slow to load, as below
-    from spool_bag.reading.information import describe  # noqa: PLC0415
+    from spool_bag.information import describe  # noqa: PLC0415
+    from spool_bag.metadata import ACCELERATION_BLOCK  # noqa: PLC0415 - slow to load, as below
 
-    from spool_tools.input.record_sources import is_table, span_of  # noqa: PLC0415
+    from spool_tools.operations.record_sources import is_table, span_of  # noqa: PLC0415
 
     with progress("reading"):
         if is_table(record):
-            from spool_bag.importing.records.choices import columns_of  # noqa: PLC0415
+            from spool_bag.importing.choices import columns_of  # noqa: PLC0415
 
-            from spool_tools.input.record_sources import TableSource  # noqa: PLC0415
+            from spool_tools.operations.record_sources import TableSource  # noqa: PLC0415
 
             found = TableSource(record, columns_of(columns)).describe()
         else:

@@ -9,7 +9,7 @@ from pathlib import Path
 import typer
 from spool_core.errors import InputError
 
-from spool_tools.console.command import Command
+from spool_tools.command import Command
 
 
 def python(context: typer.Context) -> None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import typer
 from spool_core.text import plural, printable
 
-from spool_tools.console.cli_options import BagArgument, Force, NewBag
-from spool_tools.console.command import Command
-from spool_tools.console.outputs import damaged_places, lost_messages, making_room
-from spool_tools.console.terminal import progress, warn
+from spool_tools.cli_options import BagArgument, Force, NewBag
+from spool_tools.command import Command
+from spool_tools.outputs import damaged_places, lost_messages, making_room
+from spool_tools.terminal import progress, warn
 
 #: Damaged places of a bag that are listed one by one.
 MOST_PLACES = 20
@@ -19,7 +19,7 @@ def recover(bag: BagArgument, out: NewBag, _force: Force = False) -> None:
 
     Example: ./spool recover killed_bag --out saved_bag
     """
-    from spool_bag.recording.recovery import recover as copy_readable  # noqa: PLC0415 - slow to load
+    from spool_bag.recovery import recover as copy_readable  # noqa: PLC0415 - slow to load
 
     with making_room(out), progress("recovering"):
         result = copy_readable(bag, out)

@@ -10,11 +10,11 @@ import typer
 from rich.console import Console
 from spool_core.uncertainty import LEGEND, with_interval
 
-from spool_tools.console import cli_options as cli
-from spool_tools.console.cli_options import model_names, valve_names
-from spool_tools.console.command import Command
-from spool_tools.console.outputs import write_json
-from spool_tools.console.terminal import cell, warn
+from spool_tools import cli_options as cli
+from spool_tools.cli_options import model_names, valve_names
+from spool_tools.command import Command
+from spool_tools.outputs import write_json
+from spool_tools.terminal import cell, warn
 
 
 def replay(

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from spool_tools.console.cli_options import Force
-from spool_tools.console.command import Command
+from spool_tools.cli_options import Force
+from spool_tools.command import Command
 
 
 class Source(Enum):
@@ -37,8 +37,8 @@ def secure(
     """
     from spool_bag.names import check_valve  # noqa: PLC0415 - slow to load, as below
 
-    from spool_tools import security as access  # noqa: PLC0415
-    from spool_tools.security import make_keystore  # noqa: PLC0415
+    from spool_tools.operations import security as access  # noqa: PLC0415
+    from spool_tools.operations.security import make_keystore  # noqa: PLC0415
 
     names = [valve.strip("/") for valve in valves or ["valve_1"]]
     for name in names:

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from spool_tools.console.cli_options import Force, JsonFile
-from spool_tools.console.command import Command
+from spool_tools.cli_options import Force, JsonFile
+from spool_tools.command import Command
 
 
 def trend(

@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 from spool_core.errors import InputError
 
-from spool_tools.console.cli_options import Force, JsonFile
-from spool_tools.console.command import Command
+from spool_tools.cli_options import Force, JsonFile
+from spool_tools.command import Command
 
 
 def verify(
@@ -31,11 +31,11 @@ def verify(
     Example: ./spool verify recordings/press_4
     Example: ./spool verify recordings/press_4 --key keys/spool_public.pem
     """
-    from spool_bag.recording.verification import make_keys as made  # noqa: PLC0415 - slow to load, as below
-    from spool_bag.recording.verification import verify as verified  # noqa: PLC0415
+    from spool_bag.verification import make_keys as made  # noqa: PLC0415 - slow to load, as below
+    from spool_bag.verification import verify as verified  # noqa: PLC0415
 
-    from spool_tools.console.outputs import write_json  # noqa: PLC0415
-    from spool_tools.console.terminal import progress  # noqa: PLC0415
+    from spool_tools.outputs import write_json  # noqa: PLC0415
+    from spool_tools.terminal import progress  # noqa: PLC0415
 
     if make_keys is not None:
         private, public = made(make_keys)

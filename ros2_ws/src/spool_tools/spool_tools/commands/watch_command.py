@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from spool_core.errors import InputError
 
-from spool_tools.console.command import Command
+from spool_tools.command import Command
 
 #: Entry point of the function that serves the page: of another package, which a machine may lack.
 PAGES = "spool.pages"
@@ -45,7 +45,7 @@ def watch(
         return
     if operator:
         raise InputError("--operator: is of the page, with --web; on the terminal the keys are there anyway")
-    from spool_tools.watch.run import watch as run  # noqa: PLC0415 - slow to load
+    from spool_tools.operations.watch import watch as run  # noqa: PLC0415 - slow to load
 
     run(tuple(valves or ()), who, seconds)
 

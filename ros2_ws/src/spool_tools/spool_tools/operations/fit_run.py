@@ -9,12 +9,10 @@ from rich.console import Console
 from spool_core.errors import InputError
 from spool_estimator.identification.fit_result import FitSettings
 from spool_sim.model import Model, load_model
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
-from spool_tools.console.outputs import ResultFiles, write_file, write_json
-from spool_tools.console.terminal import progress, warn
-from spool_tools.input.fit_data import FitData, load_data
-from spool_tools.input.record_loading import Selection
+from spool_tools.operations.record_loading import FitData, Selection, load_data
+from spool_tools.outputs import ResultFiles, write_file, write_json
 from spool_tools.report.fit_tables import (
     LONGEST_NAME,
     comparison_dictionary,
@@ -24,6 +22,7 @@ from spool_tools.report.fit_tables import (
     to_dictionary,
 )
 from spool_tools.report.ranking import FittedSeries, fit_and_validate, rank
+from spool_tools.terminal import progress, warn
 
 #: The paper's four models and the two that dry friction is usually told by.
 DEFAULT_MODELS = ("fluid", "coulomb", "stribeck", "microwedge", "mixed", "coulomb_hydrodynamic")

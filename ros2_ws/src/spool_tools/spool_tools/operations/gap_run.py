@@ -23,15 +23,20 @@ from spool_gap.force.balance import ForceRecord
 from spool_gap.report.serialisation import result_to_dict
 from spool_gap.result import GapResult, GapSettings
 from spool_sim.model import Model, load_model
-from spool_sim.valve.description import Valve, find_valve
+from spool_sim.valve import Valve, find_valve
 
-from spool_tools.console.outputs import ResultFiles, write_file, write_json
-from spool_tools.console.terminal import progress, warn
-from spool_tools.input.fit_data import channel_doubts, check
-from spool_tools.input.record_loading import Selection, load_recordings, stretches_of
-from spool_tools.input.record_sources import is_table, record_of_table
+from spool_tools.operations.record_loading import (
+    Selection,
+    channel_doubts,
+    check,
+    load_recordings,
+    stretches_of,
+)
+from spool_tools.operations.record_sources import is_table, record_of_table
+from spool_tools.outputs import ResultFiles, write_file, write_json
 from spool_tools.report.fit_tables import LONGEST_NAME, save_model
 from spool_tools.report.provenance import sources
+from spool_tools.terminal import progress, warn
 
 if TYPE_CHECKING:
     from spool_tools.report.evidence.exhibit import Exhibit, LeftOut

@@ -12,21 +12,21 @@ import numpy as np
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
+from spool_bag.importing.choices import Choices
 from spool_bag.importing.formats.format import format_of, open_table
-from spool_bag.importing.records.choices import Choices
-from spool_bag.importing.records.logger_record import LoggerRecord, read_record
-from spool_bag.importing.tables.table import STAMP
-from spool_bag.importing.tables.table import Table as Channels
-from spool_bag.importing.tables.units import quantity_of
+from spool_bag.importing.logger_record import LoggerRecord, read_record
+from spool_bag.importing.table import STAMP
+from spool_bag.importing.table import Table as Channels
+from spool_bag.importing.units import quantity_of
 from spool_core.errors import InputError
 from spool_core.uncertainty import number
 from spool_estimator.identification.record import LARGEST
 
-from spool_tools.console.outputs import write_file, write_json
-from spool_tools.console.terminal import cell
-from spool_tools.input.record_loading import Selection, load_recording, stretches_of_table
-from spool_tools.input.record_quality import COHERENT, RecordQuality, quality_of
+from spool_tools.operations.record_loading import Selection, load_recording, stretches_of_table
+from spool_tools.operations.record_quality import COHERENT, RecordQuality, quality_of
+from spool_tools.outputs import write_file, write_json
 from spool_tools.report import page as html
+from spool_tools.terminal import cell
 
 _BODY, _SPOOL, _LINE = "#0072B2", "#D55E00", "#000000"
 #: Points of a drawn line, minimum and maximum of each piece beyond.

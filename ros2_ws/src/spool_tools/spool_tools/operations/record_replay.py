@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from spool_bag.mcap.metadata import rate_std
-from spool_bag.reading.information import MOST_STEPS, Timeline, duration_of, step_text
+from spool_bag.information import MOST_STEPS, Timeline, duration_of, step_text
+from spool_bag.metadata import rate_std
 from spool_core.block import BlockRun
 from spool_core.cdr import OilTemperature
 from spool_core.errors import InputError
@@ -18,27 +18,27 @@ from spool_core.text import plural
 from spool_core.uncertainty import at_uncertain_rate
 from spool_estimator.estimate import Estimate
 from spool_estimator.estimator import make_estimator, phase_of, settings_for
-from spool_estimator.gap_requests.gap_watch import GapWatch
+from spool_estimator.gap_requests import GapWatch
 from spool_estimator.identification.record import PartKeeper, Record
 from spool_estimator.plausibility import ValveCheck, check_rate
 from spool_estimator.refit import Refit, RefitSettings, WindowRefits
 from spool_estimator.stream_estimator import StreamEstimator
 from spool_monitor.detectors import JUDGEMENT_TEXTS, LIMITS, MonitorSettings, check_settings
-from spool_monitor.detectors.settings import BASELINE_TIME, NATURAL_FREQUENCY
-from spool_monitor.drift.parameter_drift import DriftTrace
-from spool_monitor.events.event import Event
-from spool_monitor.history.state_file import valve_folder
-from spool_monitor.history.valve_state import ValveState
+from spool_monitor.detectors.base import BASELINE_TIME, NATURAL_FREQUENCY
+from spool_monitor.event import Event
 from spool_monitor.monitor import Health, Monitor
+from spool_monitor.parameter_drift import DriftTrace
 from spool_monitor.replay import Replay
+from spool_monitor.state_file import valve_folder
+from spool_monitor.valve_state import ValveState
 from spool_sim.model import load_model
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
-from spool_tools.console.outputs import write_file
-from spool_tools.console.terminal import progress, warn
-from spool_tools.input.record_loading import ChosenValve, Source, choose_valves, open_source
-from spool_tools.input.record_sources import TableSource, span_of
+from spool_tools.operations.record_loading import ChosenValve, Source, choose_valves, open_source
+from spool_tools.operations.record_sources import TableSource, span_of
+from spool_tools.outputs import write_file
 from spool_tools.report.provenance import sources
+from spool_tools.terminal import progress, warn
 
 #: Samples of a valve that its evidence is drawn from at most.
 SHOWN = 400_000
@@ -302,8 +302,8 @@ def settings_from(file: Path | None, name: str) -> ReplaySettings:
     # The nodes' own tables, which need ROS.
     from spool_core.node.managed_node import AUTOSTART  # noqa: PLC0415
     from spool_core.node.parameters import read_parameters  # noqa: PLC0415
-    from spool_estimator.node.estimator_node import EstimatorNode  # noqa: PLC0415
-    from spool_monitor.node.monitor_node import MonitorNode  # noqa: PLC0415
+    from spool_estimator.estimator_node import EstimatorNode  # noqa: PLC0415
+    from spool_monitor.monitor_node import MonitorNode  # noqa: PLC0415
 
     space = f"/{name.strip('/')}"
     monitor = read_parameters(file, f"{space}/monitor", (AUTOSTART, *MonitorNode.PARAMETERS))
@@ -387,7 +387,7 @@ def _write_report(
 ) -> None:
     """Write the page of a replay; libraries that draw are loaded here."""
     from spool_tools.report.evidence.collection import Replayed, replay_exhibits  # noqa: PLC0415
-    from spool_tools.report.replay_page import replay_page  # noqa: PLC0415
+    from spool_tools.report.recording_report import replay_page  # noqa: PLC0415
 
     with progress("drawing"):
         evidence = {}

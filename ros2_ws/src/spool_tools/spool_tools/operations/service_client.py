@@ -8,10 +8,12 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
 import rclpy
+from builtin_interfaces.msg import Time
 from lifecycle_msgs.srv import GetState
 from rcl_interfaces.msg import Parameter, ParameterDescriptor, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParametersAtomically
@@ -26,11 +28,19 @@ from spool_core.node import qos
 from spool_core.node.parameters import BUILT_IN
 from spool_core.text import did_you_mean
 from spool_core.uncertainty import LEGEND, PLUS_MINUS, interval
-from spool_msgs.msg import GapAnalysis
-from spool_msgs.srv import ManageBaseline, TakeSnapshot
+from spool_monitor.alarm import AlarmState
+from spool_msgs.msg import AlarmList, GapAnalysis
+from spool_msgs.srv import (
+    AcknowledgeAlarm,
+    ManageBaseline,
+    ResetAlarms,
+    ShelveAlarm,
+    SuppressAlarm,
+    TakeSnapshot,
+)
 from std_srvs.srv import Trigger
 
-from spool_tools.console.outputs import write_file
+from spool_tools.outputs import write_file
 
 #: s that a running node may take to be found and to answer.
 PATIENCE = 5.0
@@ -54,6 +64,18 @@ ACTIONS = {
 
 #: s that an analysis of the last minute may take: twice its bound on one core, with others working besides.
 LONGEST = 300.0
+
+SERVICES: dict[str, Any] = {
+    "acknowledge_alarm": AcknowledgeAlarm,
+    "shelve_alarm": ShelveAlarm,
+    "suppress_alarm": SuppressAlarm,
+    "reset_alarms": ResetAlarms,
+}
+_WAITING = (
+    AlarmState.UNACKNOWLEDGED,
+    AlarmState.RETURNED_UNACKNOWLEDGED,
+    AlarmState.LATCHED_UNACKNOWLEDGED,
+)
 
 
 @contextmanager
@@ -242,6 +264,48 @@ def analyse_live(valve: str, json_file: Path | None) -> None:
     print(found.sentence)
 
 
+def show_alarms(valve: str, *, every: bool) -> int:
+    """Print the alarms of ``valve``; return 1 where one waits for an operator."""
+    with client_node("spool_alarm", valve) as node:
+        heard: list[AlarmList] = []
+        node.create_subscription(AlarmList, f"/{valve}/alarms", heard.append, qos.state())
+        until(node, lambda: bool(heard), f"{valve}/monitor")
+    listed = [one for one in heard[-1].alarms if every or one.state != AlarmState.NORMAL]
+    if not listed:
+        print(f"{valve}: no alarms")
+        return 0
+    for one in listed:
+        words = [f"{one.code:4}  {one.name}", AlarmState(one.state).name.lower().replace("_", " ")]
+        words += [f"cause {one.cause.replace('_', ' ')}"] if one.cause else []
+        words += [f"raised {_clock(one.raised_at)}"] if one.raised_at.sec else []
+        words += [f"acknowledged by {one.acknowledged_by}"] if one.acknowledged_by else []
+        print(", ".join(words))
+        if one.message:
+            print(f"      {one.message}")
+    return 1 if any(one.state in _WAITING for one in listed) else 0
+
+
+def ask(valve: str, service: str, *, who: str, **fields: object) -> None:
+    """Call a service of the valve's monitor and say what changed.
+
+    Args:
+        valve: namespace.
+        service: one of ``SERVICES``.
+        who: does it; empty: the one that the user is logged in by.
+        fields: of the request.
+
+    Raises:
+        InputError: no monitor answers, or it refuses; its reason is given.
+    """
+    kind = SERVICES[service]
+    request = kind.Request(who=who_asks(who), **fields)
+    with client_node("spool_alarm", valve) as node:
+        answer = call(node, f"{valve}/monitor", service, request, kind)
+    if not answer.success:
+        raise InputError(f"{valve}: {answer.reason}")
+    print(f"{valve}: {', '.join(answer.changed)}")
+
+
 def _meet(node: Node, server: str) -> None:
     """Ask for its state until the node answers: it drops answers to clients that it does not know yet.
 
@@ -336,3 +400,7 @@ def _show(valve: str, answer: ManageBaseline.Response) -> None:
 
 def _stamp(message: GapAnalysis) -> tuple[int, int]:
     return message.header.stamp.sec, message.header.stamp.nanosec
+
+
+def _clock(at: Time) -> str:
+    return datetime.fromtimestamp(at.sec, timezone.utc).strftime("%Y-%m-%d %H:%M:%S UTC")

@@ -9,10 +9,10 @@ from typing import Annotated, Literal
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
-from spool_bag.mcap.metadata import ACCELERATION_BLOCK, TEMPERATURE, is_bag_file
+from spool_bag.metadata import ACCELERATION_BLOCK, TEMPERATURE, is_bag_file
 from spool_bag.names import check_valve
-from spool_bag.reading.reader import BagReader
-from spool_bag.recording.writer import BagWriter
+from spool_bag.reader import BagReader
+from spool_bag.writer import BagWriter
 from spool_core.block_gate import BlockGate, Verdict
 from spool_core.cdr import OilTemperature, encode_block, encode_temperature
 from spool_core.errors import InputError
@@ -20,12 +20,11 @@ from spool_core.text import plural
 from spool_sim.excitation import PRESETS, Excitation, Recorded, load_excitation
 from spool_sim.sensors import Sensor, Sensors, load_sensors
 from spool_sim.simulator import Simulator
-from spool_sim.valve.description import find_valve
-from spool_sim.valve.validation import one_line, read_mapping
+from spool_sim.valve import find_valve, one_line, read_mapping
 
-from spool_tools.console.outputs import making_room
-from spool_tools.console.terminal import progress
-from spool_tools.input.record_sources import VALVE_DESCRIPTION, encode_valve, is_table, record_of_table
+from spool_tools.operations.record_sources import VALVE_DESCRIPTION, encode_valve, is_table, record_of_table
+from spool_tools.outputs import making_room
+from spool_tools.terminal import progress
 
 #: 2025-01-01 UTC: a simulated record has no time of its own.
 SIMULATION_START = 1_735_689_600_000_000_000

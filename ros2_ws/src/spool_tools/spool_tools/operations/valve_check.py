@@ -10,8 +10,7 @@ from typing import Any
 
 from spool_core.errors import InputError
 from spool_estimator.plausibility import ValveCheck
-from spool_sim.valve.description import FILM, OPTIONAL, STEEL, Valve, shipped_valves, valve_from_mapping
-from spool_sim.valve.validation import read_mapping
+from spool_sim.valve import FILM, OPTIONAL, STEEL, Valve, read_mapping, shipped_valves, valve_from_mapping
 
 #: Hz: 35 times the stiffest of the paper's table 2 (29 Hz): a mass or a stiffness in another unit is more
 #: likely than such springs, and a factor of 1000 between units moves a frequency by 32.

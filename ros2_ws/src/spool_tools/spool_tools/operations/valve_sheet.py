@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 from spool_core.errors import InputError
 from spool_core.text import did_you_mean
+from spool_sim.lubrication import fluid_friction_coefficient
 from spool_sim.sensors import PAPER_CHAIN
-from spool_sim.valve.description import FILM, Valve, valve_from_mapping
-from spool_sim.valve.lubrication import fluid_friction_coefficient
-from spool_sim.valve.viscosity import DENSITY, OILS
+from spool_sim.valve import FILM, Valve, valve_from_mapping
+from spool_sim.viscosity import DENSITY, OILS
 
 #: One of each unit in SI, by kind of number; the first one is what a number without a unit has.
 UNITS: Mapping[str, Mapping[str, float]] = {

@@ -16,11 +16,11 @@ from rich.table import Table
 from spool_bag.names import check_valve
 from spool_core.errors import InputError
 from spool_core.uncertainty import exact, number, unit_text
-from spool_monitor.history.state_file import default_folder, valve_folder
-from spool_monitor.history.trend import KEPT, Span, TrendStore, finest, own_file
-from spool_monitor.history.valve_state import TRENDS
+from spool_monitor.state_file import default_folder, valve_folder
+from spool_monitor.trend import KEPT, Span, TrendStore, finest, own_file
+from spool_monitor.valve_state import TRENDS
 
-from spool_tools.console.outputs import check_output, write_file, write_json
+from spool_tools.outputs import check_output, write_file, write_json
 from spool_tools.report import page as html
 
 _UNITS = {"m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}

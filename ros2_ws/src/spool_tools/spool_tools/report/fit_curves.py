@@ -12,8 +12,8 @@ from spool_core.errors import InputError
 from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, Fit
 from spool_estimator.identification.free_run import FreeRun, Response
 from spool_estimator.identification.record import Record, first_seconds
-from spool_estimator.identification.signals.spectra import ZeroPhase, relative_motion
-from spool_sim.valve.description import Valve
+from spool_estimator.identification.spectra import ZeroPhase, relative_motion
+from spool_sim.valve import Valve
 
 Array = NDArray[np.float64]
 

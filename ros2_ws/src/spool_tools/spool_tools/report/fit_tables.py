@@ -24,7 +24,7 @@ from spool_core.uncertainty import (
 from spool_estimator.identification.fit_result import Fit
 from spool_sim.model import Model
 
-from spool_tools.console.outputs import write_file
+from spool_tools.outputs import write_file
 from spool_tools.report.ranking import (
     WORTH,
     FittedSeries,

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from datetime import datetime, timezone
 from pathlib import Path
 
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
-from spool_tools.console.outputs import command_line, suite_version
+from spool_tools.outputs import command_line, suite_version
 
 #: Files of one bag whose checksums are shown at most.
 MOST_FILES = 20

@@ -22,7 +22,7 @@ from spool_estimator.identification.fit_result import Agreement, Fit, FitSetting
 from spool_estimator.identification.record import Record
 from spool_sim.model import Model
 
-from spool_tools.input.fit_data import FitData
+from spool_tools.operations.record_loading import FitData
 from spool_tools.report.fit_curves import Overlay, overlay, sensor_noise
 
 Array = NDArray[np.float64]

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 from spool_core.block import Block
-from spool_view.bridge.plots.plots_node import Envelope
+from spool_view.plots_node import Envelope
 
 
 @given(st.lists(st.integers(1, 57), min_size=1, max_size=12), st.integers(1, 40))

@@ -9,10 +9,10 @@ from typing import Any
 from xml.etree import ElementTree
 
 import pytest
-from spool_bag.reading.reader import BagReader
+from spool_bag.reader import BagReader
 from spool_msgs.msg import ModelEstimate, ValveHealth
 from spool_tools.cli import main
-from spool_view.bridge.layouts import PlottedValve, foxglove_layout, plotjuggler_layout, recorded_valves
+from spool_view.layouts import PlottedValve, foxglove_layout, plotjuggler_layout, recorded_valves
 
 VALVES = [PlottedValve("valve_1"), PlottedValve("press/left", ("spring_stiffness", "viscous_coefficient"))]
 TYPES = {"estimate": ModelEstimate, "health": ValveHealth}

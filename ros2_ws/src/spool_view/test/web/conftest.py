@@ -22,10 +22,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from spool_core.node import qos
 from spool_msgs.msg import Alarm, AlarmList, ModelEstimate, Quantity, ValveHealth
-from spool_view.web.server.application import Application, application
-from spool_view.web.server.operating import Desk
-from spool_view.web.server.operator import Act, ActLog, OperatorToken, Outcome
-from spool_view.web.server.view import Board, alarms_of
+from spool_view.application import Application, application
+from spool_view.operator import Act, ActLog, Desk, OperatorToken, Outcome
+from spool_view.view import Board, alarms_of
 from starlette.testclient import TestClient
 
 #: s; what is waited for comes much sooner on an idle machine.

@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from spool_view.web.server import streams as connections
-from spool_view.web.server import streams as readers
-from spool_view.web.server.application import ServerThread
-from spool_view.web.server.streams import MOST_BEHIND, MOST_STREAMS, Reader
+from spool_view import streams as connections
+from spool_view import streams as readers
+from spool_view.application import ServerThread
+from spool_view.streams import MOST_BEHIND, MOST_STREAMS, Reader
 
 from .conftest import Station, good_health, until
 

@@ -8,16 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from spool_monitor import valve_state
 from spool_monitor.detectors import DETECTORS, JUDGEMENT_TEXTS
-from spool_monitor.history import valve_state
-from spool_monitor.history.state_file import valve_folder
-from spool_monitor.history.trend import Sums, TrendStore
-from spool_monitor.node.valve_condition import CONDITIONS, DRIFT, condition_of
+from spool_monitor.state_file import valve_folder
+from spool_monitor.trend import Sums, TrendStore
+from spool_monitor.valve_condition import CONDITIONS, DRIFT, condition_of
 from spool_msgs.msg import AccelerationBlock, AlarmList, Quantity, ValveHealth
 from spool_msgs.srv import ManageBaseline
-from spool_view.web.server.application import LANGUAGES, SITE, language_of
-from spool_view.web.server.operator import RateLimit
-from spool_view.web.server.view import (
+from spool_view.application import LANGUAGES, SITE, language_of
+from spool_view.operator import RateLimit
+from spool_view.view import (
     AT_REST,
     MOST,
     MOST_VALVES,

@@ -14,8 +14,8 @@ import pyarrow.parquet as pa_parquet
 from spool_core.errors import InputError
 from spool_core.text import printable
 
-from spool_bag.importing.tables.table import STAMP, Channel, Group, GrowingColumns, Table, Values
-from spool_bag.importing.tables.units import split_header
+from spool_bag.importing.table import STAMP, Channel, Group, GrowingColumns, Table, Values
+from spool_bag.importing.units import split_header
 
 from .format import Format
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from spool_core.errors import InputError
 from spool_core.text import printable
 
-from spool_bag.importing.csv_text.cells import (
+from spool_bag.importing.csv_cells import (
     GROUP_MARKS,
     HOLES,
     Kind,
@@ -24,8 +24,8 @@ from spool_bag.importing.csv_text.cells import (
     pieces,
     shape_of,
 )
-from spool_bag.importing.csv_text.layout import BLANKS, Dialect, cells_of, dialect, is_proven
-from spool_bag.importing.tables.table import STAMP, Channel, Group, GrowingColumns, Table, Values
+from spool_bag.importing.csv_layout import BLANKS, Dialect, cells_of, dialect, is_proven
+from spool_bag.importing.table import STAMP, Channel, Group, GrowingColumns, Table, Values
 
 from .format import Format
 

@@ -13,17 +13,9 @@ import numpy as np
 from spool_core.errors import InputError
 from spool_core.text import printable
 
-from spool_bag.importing.csv_text.cells import HOLES, Kind, kind_of
-from spool_bag.importing.csv_text.layout import Layout, column_kinds, layout_of
-from spool_bag.importing.tables.table import (
-    MOST_CHANNELS,
-    STAMP,
-    ArrayTable,
-    Channel,
-    Group,
-    check_size,
-    too_long,
-)
+from spool_bag.importing.csv_cells import HOLES, Kind, kind_of
+from spool_bag.importing.csv_layout import Layout, column_kinds, layout_of
+from spool_bag.importing.table import MOST_CHANNELS, STAMP, ArrayTable, Channel, Group, check_size, too_long
 
 from .format import Format
 

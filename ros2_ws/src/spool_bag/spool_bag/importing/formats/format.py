@@ -13,7 +13,7 @@ from pathlib import Path
 from spool_core.errors import InputError, how_to_install
 from spool_core.text import printable
 
-from spool_bag.importing.tables.table import Group, Table, Values, numbered
+from spool_bag.importing.table import Group, Table, Values, numbered
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from spool_bag.importing.tables.table import MOST_CHANNELS, ArrayTable, array_table, check_size
+from spool_bag.importing.table import MOST_CHANNELS, ArrayTable, array_table, check_size
 
 from .format import Format
 from .matlab_format import tables_of

@@ -13,9 +13,9 @@ import numpy as np
 from spool_core.errors import InputError
 from spool_core.text import printable
 
-from spool_bag.importing.csv_text.cells import pieces, shape_of
-from spool_bag.importing.tables.table import ArrayTable, Channel, Group, check_size, unique
-from spool_bag.importing.tables.units import split_header
+from spool_bag.importing.csv_cells import pieces, shape_of
+from spool_bag.importing.table import ArrayTable, Channel, Group, check_size, unique
+from spool_bag.importing.units import split_header
 
 from .format import Format
 

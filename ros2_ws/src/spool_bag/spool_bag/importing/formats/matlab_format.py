@@ -11,7 +11,7 @@ import numpy as np
 from spool_core.errors import InputError
 from spool_core.text import printable
 
-from spool_bag.importing.tables.table import ArrayTable, array_table, check_size
+from spool_bag.importing.table import ArrayTable, array_table, check_size
 
 from .format import Format
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from spool_bag.importing.tables.table import ArrayTable, array_table, check_size
+from spool_bag.importing.table import ArrayTable, array_table, check_size
 
 from .format import Format
 

@@ -12,8 +12,8 @@ import numpy as np
 from spool_core.errors import InputError
 from spool_core.text import printable
 
-from spool_bag.importing.tables.table import STAMP, Channel, Group, Table, Values, as_numbers
-from spool_bag.importing.tables.units import factor, quantity_of, split_header
+from spool_bag.importing.table import STAMP, Channel, Group, Table, Values, as_numbers
+from spool_bag.importing.units import factor, quantity_of, split_header
 
 from .format import Format
 

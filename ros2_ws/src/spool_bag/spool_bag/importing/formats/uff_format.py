@@ -11,8 +11,8 @@ import numpy as np
 from spool_core.errors import InputError
 from spool_core.text import printable
 
-from spool_bag.importing.tables.table import ArrayTable, Channel, Group, check_size
-from spool_bag.importing.tables.units import factor, quantity_of, split_header
+from spool_bag.importing.table import ArrayTable, Channel, Group, check_size
+from spool_bag.importing.units import factor, quantity_of, split_header
 
 from .format import Format
 

@@ -9,7 +9,7 @@ from typing import Any, BinaryIO, Literal
 import numpy as np
 from spool_core.errors import InputError
 
-from spool_bag.importing.tables.table import ArrayTable, Channel, Group, check_size
+from spool_bag.importing.table import ArrayTable, Channel, Group, check_size
 
 from .format import Format
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 from spool_estimator.identification.nuisances.record_nuisance import Nuisance
 from spool_estimator.identification.record import Record
-from spool_estimator.identification.signals.spectra import noise_of
+from spool_estimator.identification.spectra import noise_of
 
 from .record_nuisance import Cleaned, RecordNuisance
 

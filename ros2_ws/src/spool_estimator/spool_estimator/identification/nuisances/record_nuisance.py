@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 from spool_estimator.identification.record import Record
 

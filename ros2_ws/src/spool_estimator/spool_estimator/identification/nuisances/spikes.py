@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 
 from spool_estimator.identification.nuisances.record_nuisance import Nuisance
 from spool_estimator.identification.record import Record
-from spool_estimator.identification.signals.spectra import ZeroPhase
+from spool_estimator.identification.spectra import ZeroPhase
 
 from .record_nuisance import Cleaned, RecordNuisance
 

@@ -18,10 +18,10 @@ from spool_estimator.refit import Refit
 from spool_gap.force.balance import ForceRecord
 from spool_gap.likelihood.chain_part import DELAY, GAIN
 from spool_gap.result import Curves, GapResult
-from spool_monitor.drift.parameter_drift import DriftTrace
-from spool_monitor.events.event import Event, EventState
+from spool_monitor.event import Event, EventState
+from spool_monitor.parameter_drift import DriftTrace
 from spool_sim.model import Model, load_model
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 from spool_tools.report.evidence.confidence import (
     ELLIPSE_TITLE,
     WHITENESS_TITLE,

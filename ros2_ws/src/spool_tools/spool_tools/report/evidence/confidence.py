@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import fft, signal
 from spool_core.errors import InputError
 from spool_core.uncertainty import Z_95, Quantity, number, with_interval
-from spool_monitor.drift.parameter_drift import DriftPoint
+from spool_monitor.parameter_drift import DriftPoint
 from spool_tools.report.evidence.exhibit import (
     AFTER,
     BEFORE,

@@ -12,10 +12,10 @@ from spool_core.errors import InputError
 from spool_core.uncertainty import Z_95, number, percent
 from spool_estimator.identification.free_run import FreeRun, Window, excitation_limit
 from spool_estimator.identification.record import Record, first_seconds
-from spool_estimator.identification.signals.spectra import ZeroPhase, delayed, relative_motion
+from spool_estimator.identification.spectra import ZeroPhase, delayed, relative_motion
 from spool_sim.integration.composed_motion import ComposedMotion
 from spool_sim.model import Model
-from spool_sim.valve.description import Valve
+from spool_sim.valve import Valve
 from spool_tools.report.evidence.exhibit import (
     AFTER,
     BEFORE,

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from spool_tools.console import cli_options as cli
-from spool_tools.console.command import Command
+from spool_tools import cli_options as cli
+from spool_tools.command import Command
 
 
 def layout(
@@ -24,12 +24,12 @@ def layout(
 
     Example: ./spool layout valve_1 valve_2
     """
+    from spool_bag.information import describe  # noqa: PLC0415
     from spool_bag.names import check_valve  # noqa: PLC0415 - slow to load, as below
-    from spool_bag.reading.information import describe  # noqa: PLC0415
-    from spool_bag.reading.reader import BagReader  # noqa: PLC0415
-    from spool_tools.console.outputs import write_file  # noqa: PLC0415
+    from spool_bag.reader import BagReader  # noqa: PLC0415
+    from spool_tools.outputs import write_file  # noqa: PLC0415
 
-    from spool_view.bridge.layouts import PlottedValve, foxglove_layout, plotjuggler_layout, recorded_valves  # noqa: PLC0415
+    from spool_view.layouts import PlottedValve, foxglove_layout, plotjuggler_layout, recorded_valves  # noqa: PLC0415
 
     bag = Path(valves[0])
     if len(valves) == 1 and bag.exists():

@@ -1,1 +1,0 @@
-"""Accelerometers with a ROS driver as sources of the suite."""

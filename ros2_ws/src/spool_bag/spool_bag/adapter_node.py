@@ -1,0 +1,466 @@
+"""Node ``adapter``: two accelerometers with a ROS driver as the source of a valve's ``acceleration``."""
+
+from __future__ import annotations
+
+import math
+import re
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+from geometry_msgs.msg import AccelStamped, Vector3Stamped
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import Imu
+from spool_core.aligner import CLOCK_STEP, Aligner, AlignerSettings, Channel
+from spool_core.block import RecentCounts
+from spool_core.node.block_hub import BlockPublisher, Throttle
+from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, key
+from spool_core.node.managed_node import ManagedNode
+from spool_core.node.messages import nanoseconds
+from spool_core.node.parameters import NodeParameter, Value
+from spool_core.node.running import run
+from spool_core.sensor_clock import LEAST_STEP
+from spool_core.sensor_stream import Refusal
+from spool_core.text import plural
+from std_msgs.msg import Float64MultiArray
+
+#: s between two looks at the sensors, and looks between two reports of an unchanged state: about once a
+#: second, and a sensor that stopped is told of within ``stale_after`` and a look.
+LOOK, LOOKS = 0.25, 4
+
+#: Messages that may wait: half a second of the fastest rate that single messages can come at.
+DEPTH = 5000
+
+#: m/s^2 in one of each unit; g is the standard acceleration of free fall (ISO 80000-3).
+UNITS: Mapping[str, float] = {"m/s^2": 1.0, "g": 9.80665}
+
+IMU, ACCEL, ARRAY = "sensor_msgs/msg/Imu", "geometry_msgs/msg/AccelStamped", "std_msgs/msg/Float64MultiArray"
+VECTOR = "geometry_msgs/msg/Vector3Stamped"
+TYPES: Mapping[str, Any] = {
+    IMU: Imu, ACCEL: AccelStamped, VECTOR: Vector3Stamped, ARRAY: Float64MultiArray,
+}  # fmt: skip
+_AXIS = re.compile(r"[+-]?[xyz]")
+_COLUMN = re.compile(r"[+-]?column\d{1,4}")
+
+#: What ``linear_acceleration_covariance[0]`` holds where an Imu measures no acceleration (sensor_msgs/Imu).
+NOT_MEASURED = -1.0
+#: Parts of a second in ``builtin_interfaces/Time``: more is no time.
+NANOSECONDS = 1_000_000_000
+
+Samples = list[tuple[int, float]]
+
+#: Relative departure of the stamps from ``sample_rate`` that is a fault: the one at which
+#: :class:`spool_core.rate_check.RateCheck` refuses blocks.
+WRONG_RATE = 0.0025
+
+#: Looks after which a step of one clock is reported: both may have been set, and one is seen first.
+SETTLED_LOOKS = 4
+
+
+def _of(channel: str, topic: str) -> tuple[NodeParameter, ...]:
+    return (
+        NodeParameter(
+            f"{channel}_topic", topic, f"Topic of the accelerometer on the {channel}.", structural=True
+        ),
+        NodeParameter(f"{channel}_type", IMU, "Its message type.", choices=tuple(TYPES), structural=True),
+        NodeParameter(
+            f"{channel}_axis",
+            "+x",
+            "Its axis along the spool: +x, +y, +z, -x, -y, -z; of an array +column0 and so on.",
+            structural=True,
+        ),
+        NodeParameter(f"{channel}_unit", "m/s^2", "Its unit.", choices=tuple(UNITS), structural=True),
+        NodeParameter(
+            f"{channel}_gain", 1.0, "Multiplied with what it says.", "1", 1e-9, 1e9, structural=True
+        ),
+        NodeParameter(
+            f"{channel}_frame", "", "The only frame_id that is taken; empty: any.", structural=True
+        ),
+    )
+
+
+class AdapterNode(ManagedNode):
+    """Publish ``acceleration`` out of two sensors that send sample by sample."""
+
+    PARAMETERS: ClassVar = (
+        *_of("body", "body/imu"),
+        *_of("spool", "spool/imu"),
+        NodeParameter(
+            "valve_id",
+            "",
+            "The valve's id, sent as frame_id of the blocks; empty: not known.",
+            structural=True,
+        ),
+        NodeParameter(
+            "stamps",
+            "header",
+            "Time of a sample: of its header, or of its arrival here.",
+            choices=("header", "arrival"),
+            structural=True,
+        ),
+        NodeParameter(
+            "time_column",
+            -1,
+            "Column of an array with the time in s; -1: the time of arrival counts.",
+            "",
+            -1,
+            9999,
+            structural=True,
+        ),
+        NodeParameter("spool_delay", 0.0, "Taken off the spool's stamps.", "s", -10.0, 10.0, structural=True),
+        NodeParameter(
+            "sample_rate", 0.0, "Samples a second, 0: from the stamps.", "Hz", 0.0, 1e5, structural=True
+        ),
+        NodeParameter("block_rate", 50.0, "Blocks a second.", "Hz", 0.1, 1000.0, structural=True),
+        NodeParameter("settle", 1.0, "Stamps that make the clocks.", "s", 0.1, 60.0, structural=True),
+        NodeParameter(
+            "longest_wait", 1.0, "How long one sensor waits for the other.", "s", 0.01, 10.0, structural=True
+        ),
+        NodeParameter(
+            "stale_after", 0.5, "Silence of a sensor that is reported.", "s", 0.1, 60.0, structural=True
+        ),
+        NodeParameter(
+            "reliability",
+            "best_effort",
+            "best_effort hears all; reliable those that offer it, and they send again what was lost.",
+            choices=("best_effort", "reliable"),
+            structural=True,
+        ),
+    )
+
+    def __init__(self, namespace: str | None = None, **options: Any) -> None:
+        super().__init__("adapter", namespace, **options)
+        self._throttle = Throttle()
+
+    def configure(self) -> None:
+        """Read the table, make the core and the publisher."""
+        self._aligner = self._new_aligner()
+        self._publisher = BlockPublisher(self, "acceleration", self.value("block_rate"))
+        self._diagnostics = DiagnosticPublisher(self, self.value("valve_id"))
+
+    def activate(self) -> None:
+        """Listen; what was heard before is over."""
+        self._aligner = self._new_aligner()
+        topics = {one: self.resolve_topic_name(self.value(f"{one.value}_topic")) for one in Channel}
+        self._report = SensorReport(topics, self.value("stale_after"))
+        self._begin = time.monotonic()
+        self._heard: dict[Channel, float] = {}
+        self._looks, self._level = 0, Level.OK
+        readings = {channel: self._reading(channel.value, {}).samples for channel in Channel}
+        for topic in dict.fromkeys(topics.values()):
+            channels = {one: readings[one] for one in Channel if topics[one] == topic}
+            kind = TYPES[self.value(f"{next(iter(channels)).value}_type")]
+            self.subscribe(kind, topic, self._taker(channels), self._wanted())
+        self.every(LOOK, self._look, steady=True)
+
+    def cleanup(self) -> None:
+        """Let go of the publishers."""
+        self._publisher.destroy()
+        self._diagnostics.destroy()
+
+    def refuse_change(self, changes: dict[str, Value]) -> str | None:
+        """Check axes by message type, and what two sensors on one topic share."""
+        for channel in Channel:
+            refusal = self._reading(channel.value, changes).refusal()
+            if refusal is not None:
+                return f"{channel.value}_axis: {refusal}"
+        topics = {str(self._setting(f"{one.value}_topic", changes)) for one in Channel}
+        kinds = {str(self._setting(f"{one.value}_type", changes)) for one in Channel}
+        if "" in topics:
+            return "body_topic and spool_topic: name the topics of both sensors"
+        if len(topics) == 1 and len(kinds) == 2:
+            return (
+                f"spool_type: {topics.pop()} is body_topic, too, and has one type: set body_type to the same"
+            )
+        if len(topics) == 1 and self._reading("body", changes) == self._reading("spool", changes):
+            return "spool_topic: it is body_topic, too, with the same axis and frame: that is one sensor"
+        return None
+
+    def _setting(self, name: str, changes: dict[str, Value]) -> Any:
+        return changes.get(name, self.value(name))
+
+    def _reading(self, channel: str, changes: dict[str, Value]) -> Reading:
+        return Reading(
+            self._setting(f"{channel}_type", changes),
+            self._setting(f"{channel}_axis", changes),
+            self._setting(f"{channel}_unit", changes),
+            self._setting(f"{channel}_gain", changes),
+            self._setting(f"{channel}_frame", changes),
+            self._setting("stamps", changes) == "arrival",
+            self._setting("time_column", changes),
+            self._setting("sample_rate", changes),
+        )
+
+    def _new_aligner(self) -> Aligner:
+        names = ("block_rate", "sample_rate", "settle", "longest_wait", "spool_delay")
+        return Aligner(
+            AlignerSettings(**{name: self.value(name) for name in names}, source=self.value("valve_id"))
+        )
+
+    def _wanted(self) -> QoSProfile:
+        reliable = self.value("reliability") == "reliable"
+        return QoSProfile(
+            history=HistoryPolicy.KEEP_LAST,
+            depth=DEPTH,
+            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+            durability=DurabilityPolicy.VOLATILE,
+        )
+
+    def _taker(self, channels: dict[Channel, Callable[[Any, int], Samples]]) -> Callable[[Any], None]:
+        """Return what takes the messages of one topic for the sensors that are in them."""
+
+        def take(message: Any) -> None:
+            arrival = self.get_clock().now().nanoseconds
+            for channel, samples in channels.items():
+                try:
+                    found = samples(message, arrival)
+                except UnusableError as unusable:
+                    self._tell_unusable(channel, str(unusable))
+                    continue
+                self._heard[channel] = time.monotonic()
+                for stamp, value in found:
+                    block = self._aligner.update(channel, stamp, value)
+                    if block is not None:
+                        self._publisher.publish(block, block.source)
+
+        return take
+
+    def _tell_unusable(self, channel: Channel, reason: str) -> None:
+        self._report.unusable[channel] += 1
+        self._report.reason[channel] = reason
+        count = self._throttle.take(channel.value)
+        if count:
+            self.get_logger().warning(
+                f"{channel.value}: {plural(count, 'message')} could not be used: {reason}"
+            )
+
+    def _look(self) -> None:
+        """Report about once a second, and at once where the level changes."""
+        now = time.monotonic()
+        self._report.silent = {one: now - self._heard.get(one, self._begin) for one in Channel}
+        self._report.listeners = self._publisher.listeners
+        self._report.advance(self._aligner, LOOK)
+        if self._report.unpaired >= SETTLED_LOOKS:
+            self._publisher.publish(self._aligner.notice(), self.value("valve_id"))
+        status = self._report.status(self._aligner, self.get_clock().now().nanoseconds)
+        self._looks += 1
+        if self._looks >= LOOKS or status.level is not self._level:
+            self._looks, self._level = 0, status.level
+            self._diagnostics.publish(status)
+
+
+def main() -> int:
+    """Run the node."""
+    return run(AdapterNode)
+
+
+class UnusableError(ValueError):
+    """A message holds no sample that can be used; the text says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """Reading: takes the samples of one sensor out of a message.
+
+    ``kind`` is one of ``TYPES``; ``axis`` is ``+x``, ``+y``, ``+z``, with a minus where it points the other
+    way, ``+column0`` and so on of an array; ``unit`` one of ``UNITS``; ``gain`` is multiplied on top.
+    ``frame`` is the only ``frame_id`` taken, empty: any. ``by_arrival``: the arrival's time counts, not the
+    header's.
+    ``time_column``: of an array, in s; -1 for none. ``sample_rate`` (Hz) of arrays with several samples each.
+    """
+
+    kind: str
+    axis: str
+    unit: str = "m/s^2"
+    gain: float = 1.0
+    frame: str = ""
+    by_arrival: bool = False
+    time_column: int = -1
+    sample_rate: float = 0.0
+
+    def refusal(self) -> str | None:
+        """Return what is wrong with ``axis`` for this type of message, or ``None``."""
+        if self.kind == ARRAY:
+            good, wanted = _COLUMN.fullmatch(self.axis), "+column0, -column0, +column1 and so on"
+        else:
+            good, wanted = _AXIS.fullmatch(self.axis), "+x, +y, +z, -x, -y or -z"
+        return None if good else f"{self.axis!r} is no axis of {self.kind}: write {wanted}"
+
+    @property
+    def samples(self) -> Callable[[Any, int], Samples]:
+        """What takes a message and the time of its arrival (ns), and returns stamps (ns) and values (m/s^2).
+
+        Raises:
+            UnusableError: there is no sample in it for this sensor.
+
+        """
+        name = self.axis.lstrip("+-").removeprefix("column")
+        factor = UNITS[self.unit] * self.gain * (-1.0 if self.axis.startswith("-") else 1.0)
+        if self.kind == ARRAY:
+            return lambda message, arrival: self._of_array(message, arrival, int(name), factor)
+
+        def of_vector(message: Any, arrival: int) -> Samples:
+            header = message.header
+            if self.frame and header.frame_id != self.frame:
+                raise UnusableError(f"frame_id is {header.frame_id!r}, not {self.frame!r}")
+            if self.kind == IMU:
+                if message.linear_acceleration_covariance[0] == NOT_MEASURED:
+                    raise UnusableError("this Imu says that it measures no acceleration")
+                vector = message.linear_acceleration
+            else:
+                vector = message.vector if self.kind == VECTOR else message.accel.linear
+            stamp = arrival if self.by_arrival else nanoseconds(header.stamp)
+            if not self.by_arrival and header.stamp.nanosec >= NANOSECONDS:
+                stamp = 0
+            return [(stamp, factor * getattr(vector, name))]
+
+        return of_vector
+
+    def _of_array(self, message: Any, arrival: int, column: int, factor: float) -> Samples:
+        dimensions = message.layout.dim
+        data = message.data[message.layout.data_offset :]
+        columns = dimensions[-1].size if len(dimensions) > 1 else len(data)
+        if columns < 1 or len(data) % columns or not data:
+            raise UnusableError(f"{len(data)} numbers are no rows of {columns} columns")
+        highest = max(column, self.time_column)
+        if highest >= columns:
+            raise UnusableError(f"there is no column {highest}: it has {columns}, counted from 0")
+        values = [factor * value for value in data[column::columns]]
+        if self.time_column >= 0:
+            times = data[self.time_column :: columns]
+            return [
+                (round(1e9 * time) if math.isfinite(time) and abs(time) < 1e10 else 0, value)
+                for time, value in zip(times, values, strict=True)
+            ]
+        if len(values) == 1:
+            return [(arrival, values[0])]
+        if self.sample_rate <= 0.0:
+            raise UnusableError(f"{len(values)} samples in a message: set sample_rate, or time_column")
+        step, last = 1e9 / self.sample_rate, len(values) - 1
+        return [(arrival - round((last - place) * step), value) for place, value in enumerate(values)]
+
+
+@dataclass(slots=True)
+class SensorReport:
+    """Sensor report: ``silent`` s since a sensor's last message; ``unusable`` messages, the last reason.
+
+    ``unpaired``: looks in a row at which one clock was set against the other.
+    """
+
+    topics: dict[Channel, str]
+    stale_after: float
+    silent: dict[Channel, float] = field(default_factory=lambda: dict.fromkeys(Channel, math.inf))
+    unusable: dict[Channel, int] = field(default_factory=lambda: dict.fromkeys(Channel, 0))
+    reason: dict[Channel, str] = field(default_factory=lambda: dict.fromkeys(Channel, ""))
+    listeners: int = 0
+    recent: RecentCounts = field(default_factory=RecentCounts)
+    unpaired: int = 0
+    _counted: tuple[int, int] = (0, 0)
+    _unusable_before: dict[Channel, int] = field(default_factory=lambda: dict.fromkeys(Channel, 0))
+
+    def advance(self, aligner: Aligner, seconds: float) -> None:
+        """Count what was lost and refused in the ``seconds`` since it was asked last."""
+        lost = sum(stream.lost for stream in aligner.streams.values())
+        refused = sum(stream.refused.total() for stream in aligner.streams.values())
+        refused += sum(self.unusable.values())
+        self.recent.advance(seconds)
+        self.recent.count(max(0, lost - self._counted[0]), max(0, refused - self._counted[1]))
+        self._counted = lost, refused
+        fault = aligner.fault
+        self.unpaired = self.unpaired + 1 if fault is not None and fault.cause == CLOCK_STEP else 0
+
+    def status(self, aligner: Aligner, now: int) -> Status:
+        """Return the state of the sensors at ``now`` (ns, on the clock that stamps them)."""
+        level, message = self._judgement(aligner)
+        return Status("sensors", level, message, self._values(aligner, now))
+
+    def _judgement(self, aligner: Aligner) -> tuple[Level, str]:
+        faults = [self._silence(aligner, channel) for channel in Channel]
+        for found in (*faults, self._mismatch(aligner)):
+            if found is not None:
+                return found
+        if not aligner.settled or aligner.fault is not None:
+            return Level.WARNING, "finding the sensors' rates"
+        if self.recent.lost or self.recent.refused:
+            why = next((text for text in self.reason.values() if text), "")
+            text = (
+                f"{plural(self.recent.lost, 'sample')} lost, {self.recent.refused} refused in the last minute"
+            )
+            return Level.WARNING, f"{text}: {why}" if why else text
+        if aligner.wandered:
+            text = f"{1e3 * abs(aligner.wandered):.2g} ms apart by now"
+            return Level.WARNING, f"the sensors' clocks drift against each other, {text}: synchronise them"
+        drift = "" if math.isnan(aligner.drift) else f", drift {1e6 * aligner.drift:+.1f} ppm"
+        steps = max(stream.found.resolution if stream.found else 0.0 for stream in aligner.streams.values())
+        coarse = f", stamps in steps of {1e3 * steps:g} ms" if 1e9 * steps >= LEAST_STEP else ""
+        return Level.OK, f"{aligner.sample_rate:.6g} Hz{drift}{coarse}"
+
+    def _silence(self, aligner: Aligner, channel: Channel) -> tuple[Level, str] | None:
+        stream, silent = aligner.streams[channel], self.silent[channel]
+        if silent <= self.stale_after:
+            return None
+        if stream.received == 0:
+            if self.unusable[channel]:
+                return Level.ERROR, f"{channel.value}: {self.reason[channel]}"
+            return Level.WARNING, f"{channel.value}: nothing came on {self.topics[channel]} so far"
+        return Level.STALE, f"{channel.value}: nothing on {self.topics[channel]} for {silent:.1f} s"
+
+    def _mismatch(self, aligner: Aligner) -> tuple[Level, str] | None:
+        """Return what keeps the two from being one stream, or ``None``."""
+        settings = aligner.settings
+        for channel, stream in aligner.streams.items():
+            if stream.clock is None and stream.refused[Refusal.RATE]:
+                return Level.ERROR, f"{channel.value}: {Refusal.RATE.value}"
+            if stream.clock is None and stream.doubt:
+                advice = "let the driver stamp each sample, or set stamps to arrival"
+                return (
+                    Level.ERROR,
+                    f"{channel.value}: its stamps show no sample rate ({stream.doubt}): {advice}",
+                )
+            rate = stream.clock.rate if stream.clock is not None else math.nan
+            if settings.sample_rate > 0.0 and abs(rate / settings.sample_rate - 1.0) > WRONG_RATE:
+                wanted = f"sample_rate says {settings.sample_rate:.6g} Hz: set it to 0 or to what is right"
+                return Level.ERROR, f"{channel.value}: its stamps show {rate:.6g} Hz, {wanted}"
+        fault = aligner.fault
+        if fault is not None and (fault.cause != CLOCK_STEP or self.unpaired >= SETTLED_LOOKS):
+            return Level.ERROR, fault.text
+        if abs(aligner.apart) > settings.longest_wait:
+            advice = "synchronise their clocks, or set stamps to arrival"
+            return Level.ERROR, f"the sensors' stamps are {abs(aligner.apart):.6g} s apart: {advice}"
+        return None
+
+    def _values(self, aligner: Aligner, now: int) -> dict[str, object]:
+        values: dict[str, object] = {}
+        for channel, stream in aligner.streams.items():
+            name, clock = channel.value, stream.clock
+            values |= {
+                key(f"{name}_rate", "Hz"): clock.rate if clock else math.nan,
+                key(f"{name}_jitter", "s"): 1e-9 * clock.jitter if clock else math.nan,
+                key(f"{name}_step_limit", "s"): 1e-9 * stream.step_limit,
+                f"{name}_received": stream.received,
+                f"{name}_lost": stream.lost,
+                f"{name}_restarts": stream.restarts,
+                f"{name}_clock_steps": stream.steps,
+                **{f"{name}_refused_{one.name.lower()}": stream.refused[one] for one in Refusal},
+                f"{name}_unusable": self.unusable[channel],
+                key(f"{name}_silent", "s"): self.silent[channel],
+                key(f"{name}_age", "s"): 1e-9 * (now - stream.newest) if stream.newest else math.nan,
+            }
+        return values | {
+            key("sample_rate", "Hz"): aligner.sample_rate,
+            key("offset", "s"): aligner.offset,
+            key("drift", "ppm"): 1e6 * aligner.drift,
+            key("spool_behind", "s"): aligner.apart,
+            key("clock_step", "s"): aligner.clock_step,
+            key("wandered", "s"): aligner.wandered,
+            "late_samples": aligner.late,
+            "blocks_sent": aligner.sent,
+            "blocks_dropped": aligner.dropped,
+            "listeners": self.listeners,
+        }
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,350 @@
+"""Record of a data logger: channels in SI units on one time base, whatever file they came from."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_core.errors import InputError
+from spool_core.text import printable
+
+from spool_bag.importing.choices import Choices, choices
+from spool_bag.importing.clocks import ClockOffset
+from spool_bag.importing.formats.format import open_table, read_channels
+from spool_bag.importing.roles import (
+    REQUIRED,
+    ChannelUse,
+    Source,
+    chosen,
+    counter_of,
+    exclude,
+    reference,
+    time_of,
+    use_of_time,
+    uses_of,
+)
+from spool_bag.importing.table import STAMP, Channel, Group, Table, Values
+from spool_bag.importing.time_axis import (
+    SAME,
+    TimeBase,
+    counted,
+    finite,
+    fraction_of,
+    loose_time_base,
+    other_times,
+    period_check,
+    read_axis,
+    time_base,
+)
+from spool_bag.importing.two_clocks import Series, TopicTimes, check_one_time, merged
+from spool_bag.names import BODY, OIL_TEMPERATURE, SPOOL, TIME
+
+#: Relative deviation of a rate below which it is not stated: stamps do not show the error of their own clock,
+#: which is 1e-5 to 1e-4 of a quartz.
+CLOCKS_OWN = 1e-6
+#: m/s^2, standard gravity (ISO 80000-3).
+GRAVITY = 9.80665
+#: m/s^2, some 200 g: hardly any machine shakes a valve like that.
+LARGEST_USUAL_RMS = 2000.0
+#: ns since 1970 of the year 2000: earlier stamps are those of a clock that was never set.
+EARLIEST = 946_684_800_000_000_000
+_PIECE = 1 << 20
+
+Array = NDArray[Any]
+
+
+@dataclass(slots=True)
+class LoggerRecord:
+    """Record as arrays of shape (n,).
+
+    Attributes:
+        path: the file, the body's where there are two.
+        time: s, increases; from ``start`` on where that is known.
+        columns: by contract name, in the unit of that name.
+        period: s, between samples.
+        gaps: index of each first sample after a gap.
+        start: ns since 1970 at ``time`` 0, ``None`` where the file does not say.
+        warnings, notes: what is not as it should be, and how the file was understood, one line each.
+        repairs: counts of what was repaired, by name.
+        clocks: how two clocks were brought together, ``None`` for one clock.
+        uses: which column became what, and by which conversion.
+        rate_std: relative standard deviation of the sampling rate, from the stamps; 0 where it is stated.
+    """
+
+    path: Path
+    time: NDArray[np.float64]
+    columns: dict[str, Array]
+    period: float
+    gaps: NDArray[np.int64]
+    start: int | None = None
+    warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    repairs: Mapping[str, int] = field(default_factory=dict)
+    clocks: ClockOffset | None = None
+    uses: tuple[ChannelUse, ...] = ()
+    rate_std: float = 0.0
+
+    @property
+    def duration(self) -> float:
+        """From the first sample to the end of the last one, s."""
+        return float(self.time[-1] - self.time[0]) + self.period
+
+
+def read_record(
+    paths: Path | str | Sequence[Path | str],
+    kind: str = "accelerations",
+    columns: Mapping[str, str] | None = None,
+    *,
+    how: Choices | None = None,
+    regular: bool = True,
+    single: bool = False,
+) -> LoggerRecord:
+    """Read files of any known format as one record of ``kind`` (a key of ``REQUIRED``).
+
+    Args:
+        paths: one file, or two whose channels are on different clocks.
+        kind: two accelerations, or displacement and force of a driven or imposed motion.
+        columns: the files' own names by contract name, e.g. ``{"time_s": "t"}``.
+        how: all choices; ``columns`` are among them.
+        regular: with False times may be spaced as they like; the period is then their median step.
+        single: accelerations as float32, as a bag holds them.
+
+    Raises:
+        InputError: what is wrong, where, and what to type instead.
+    """
+    files = [Path(one) for one in ([paths] if isinstance(paths, (str, Path)) else paths)]
+    asked = how or choices()
+    if columns:
+        asked = replace(asked, columns=columns)
+    tables = [open_table(path) for path in files]
+    exclude(tables, asked.exclude)
+    for table in tables:
+        table.dates = asked.dates
+    sources = chosen(tables, kind, asked)
+    uses_of(sources, asked)  # all that is wrong with units, before anything is read
+    first, second = (sources[role] for role in REQUIRED[kind])
+    if first.clock == second.clock:
+        beside = {role: one for role, one in sources.items() if one.clock == first.clock}
+        record = _of_group(first.table, first.group, beside, kind, asked, regular=regular, single=single)
+    else:
+        if kind != "accelerations":
+            raise InputError(f"{files[0]}: displacement and force must be in one file, sampled together")
+        sides = [
+            _of_group(one.table, one.group, {role: one}, kind, asked, regular=True, single=False)
+            for role, one in ((BODY, first), (SPOOL, second))
+        ]
+        record = _together(sides, first, second, asked)
+    notes = [
+        f"{table.path.name}: {note}" if len(tables) > 1 else note for table in tables for note in table.notes
+    ]
+    record.notes = (*notes, *record.notes, *map(str, record.uses))
+    record.warnings = (*(text for table in tables for text in table.warnings), *record.warnings)
+    if kind == "accelerations":
+        record.warnings = (*record.warnings, *_doubts(record.columns))
+    if record.start is not None and record.start < EARLIEST and any(table.clocks for table in tables):
+        text = (
+            f"stamps begin at {1e-9 * record.start:.3f} s, as after a start of the machine: they have no date"
+        )
+        record.warnings = (*record.warnings, f"{text}; type --start to give the record its own")
+        record.start = None
+    return record
+
+
+def _of_group(
+    table: Table,
+    group: Group,
+    sources: Mapping[str, Source],
+    kind: str,
+    asked: Choices,
+    *,
+    regular: bool,
+    single: bool,
+) -> LoggerRecord:
+    """Return the record of channels that share one clock."""
+    path, where = table.path, table.where
+    axis = time_of(table, group, asked, list(sources.values()))
+    counter = counter_of(group) if axis is None and asked.rate else None
+    stated = asked.rate or (None if math.isnan(group.rate) else group.rate)
+    if axis is None and stated is None:
+        held = ", ".join(printable(one.name, 40) for one in group.channels[:12])
+        raise InputError(
+            f"{path}: no column {TIME} and no sampling rate in it; it has {held}: "
+            + (group.doubt or "name the column of times, or give the rate, e.g. --rate 2000 for 2000 Hz")
+        )
+    taken = [one.channel for one in sources.values()]
+    others = [] if axis is None else other_times(group, axis, taken)
+    part = None if axis is None else fraction_of(group, axis, taken)
+    clocks = [one.name for one in (axis or counter, part, *others) if one is not None]
+    names = [one.name for one in taken]
+    small = [one.channel.name for role, one in sources.items() if single and role in (BODY, SPOOL)]
+    values = _read(table, group, list(dict.fromkeys([*clocks, *names])), small, sources)
+    notes: list[str] = []
+    warnings: list[str] = []
+    if table.holes_are_gaps:
+        warnings += _without_holes(
+            values, [one.channel.name for role, one in sources.items() if role in REQUIRED[kind]]
+        )
+    if axis is not None:
+        clock = read_axis(table, group, axis, others, values, asked)
+    else:
+        number = None if counter is None else values[counter.name]
+        clock = counted(values[names[0]].size, number, stated or math.nan, group.delay)
+    notes += clock.notes
+    found: dict[str, Array] = {}
+    uses = uses_of(sources, asked)
+    for role, one in sources.items():
+        numbers = uses[role].applied(np.asarray(values[one.channel.name]))
+        found[role] = finite(path, one.channel.name, numbers, where, holes=role == OIL_TEMPERATURE)
+    values.clear()
+    timed = use_of_time(path.name, axis, asked) if axis is not None else None
+    rows = [row for role, row in found.items() if role != OIL_TEMPERATURE]
+    try:
+        if regular:
+            given = asked.rate if axis is not None else None
+            base = time_base(str(path), clock.label, clock.time, rows, where, given)
+        else:
+            base = loose_time_base(str(path), clock.label, clock.time, where)
+    except InputError as error:
+        if axis is None or axis.unit != STAMP or group.name not in table.clocks:
+            raise
+        raise InputError(f"{error}; or type --stamps log to use the times of reception") from error
+    if base.kept is not None:
+        found = {role: row[base.kept] for role, row in found.items()}
+    warnings += base.warnings
+    if axis is None and asked.rate and abs(group.rate / asked.rate - 1.0) > SAME:
+        warnings.append(
+            f"--rate {asked.rate:g} is used, and {group.source or 'the file'} states {group.rate:g} Hz"
+        )
+    notes.append(_rate_note(path, axis, group, asked, base))
+    doubt = period_check(path, clock.label, base.period, kind)
+    warnings += [doubt] if doubt else []
+    return LoggerRecord(
+        path,
+        base.time,
+        found,
+        base.period,
+        base.gaps,
+        group.start if clock.start is None else clock.start,
+        tuple(warnings),
+        tuple(notes),
+        base.repairs,
+        uses=(*([timed] if timed else []), *uses.values()),
+        rate_std=base.rate_std if base.rate_std > CLOCKS_OWN else 0.0,
+    )
+
+
+def _without_holes(values: dict[str, Values], required: Sequence[str]) -> list[str]:
+    """Leave out the rows without a value in a required channel, and return a line about them."""
+    whole = np.logical_and.reduce([np.isfinite(values[name]) for name in required])
+    missing = int(np.count_nonzero(~whole))
+    if not missing:
+        return []
+    for name, row in values.items():
+        values[name] = row[whole]
+    return [f"{missing} rows with values that the file marks as invalid are left out"]
+
+
+def _rate_note(path: Path, axis: Channel | None, group: Group, asked: Choices, base: TimeBase) -> str:
+    """Return which rate is used and where it comes from.
+
+    Raises:
+        InputError: a time axis and a rate stated beside it disagree, and no ``--rate`` decides.
+    """
+    rate = 1.0 / base.period
+    if axis is None:
+        return f"rate {rate:.7g} Hz from {'--rate' if asked.rate else group.source or 'the file'}"
+    name = printable(axis.name, 40)
+    if asked.rate is None and abs(group.rate * base.period - 1.0) > SAME:  # NaN: none is stated
+        raise InputError(
+            f"{path}: {name} shows {rate:.7g} Hz and {group.source or 'the file'} states "
+            f"{group.rate:.7g} Hz: correct one of them, or type --rate {rate:.7g} if the times hold"
+        )
+    given = ", which --rate confirms" if asked.rate else ""
+    return f"rate {rate:.7g} Hz from {name}{given}"
+
+
+def _read(
+    table: Table, group: Group, names: Sequence[str], small: Sequence[str], sources: Mapping[str, Source]
+) -> dict[str, Values]:
+    """Return channels by name; what is wrong with an optional one alone can be left out."""
+    try:
+        return read_channels(table, group, names, small)
+    except InputError as error:
+        optional = {one.channel.name: one for role, one in sources.items() if role == OIL_TEMPERATURE}
+        if not optional:
+            raise
+        read_channels(table, group, [name for name in names if name not in optional], small)
+        ways = ",".join(reference([table], one) for one in optional.values())
+        raise InputError(
+            f"{error}: correct it, or leave the column out with --exclude {shlex.quote(ways)}"
+        ) from error
+
+
+def _together(sides: Sequence[LoggerRecord], first: Source, second: Source, asked: Choices) -> LoggerRecord:
+    """Return one record of body and spool that were sampled by two clocks."""
+    body, spool = sides
+    if not asked.align:
+        raise InputError(
+            f"{body.path}: {first.label} and {second.label} are on two clocks, and --align none says "
+            "to leave them so: "
+            "leave it out, or give one file in which both were sampled together"
+        )
+    shared = first.table is second.table and first.group.stamped and second.group.stamped
+    clocks = [(one.group.name, first.table.clocks.get(one.group.name)) for one in (first, second)]
+    times = [TopicTimes(name, *found) for name, found in clocks if found is not None]
+    doubts = check_one_time(body.path, *times) if shared and len(times) == 2 else []
+    series = [
+        Series(str(one.path), one.time, row, one.period, one.gaps, one.start)
+        for one, row in ((body, body.columns[BODY]), (spool, spool.columns[SPOOL]))
+    ]
+    joined = merged(*series, shared_clock=shared)
+    repairs = {
+        f"{name}_{side}": count
+        for side, one in (("body", body), ("spool", spool))
+        for name, count in one.repairs.items()
+    }
+    notes = [f"{side}: {note}" for side, one in (("body", body), ("spool", spool)) for note in one.notes]
+    warnings = [
+        f"{side}: {text}" for side, one in (("body", body), ("spool", spool)) for text in one.warnings
+    ]
+    return LoggerRecord(
+        body.path,
+        joined.time,
+        {BODY: joined.body, SPOOL: joined.spool},
+        joined.period,
+        joined.gaps,
+        joined.start,
+        (*warnings, *doubts, *joined.warnings),
+        (*notes, joined.note),
+        repairs,
+        joined.clocks,
+        (*body.uses, *spool.uses),
+        rate_std=max(one.rate_std for one in sides),
+    )
+
+
+def _rms(row: Array) -> float:
+    """Return the root of the mean square, piece by piece."""
+    pieces = (row[at : at + _PIECE].astype(np.float64) for at in range(0, row.size, _PIECE))
+    return math.sqrt(sum(float(piece @ piece) for piece in pieces) / row.size)
+
+
+def _doubts(columns: Mapping[str, Array]) -> list[str]:
+    """Return what is odd about the size of the accelerations."""
+    warnings = []
+    size = {name: _rms(columns[name]) for name in (BODY, SPOOL)}
+    for name, rms in size.items():
+        if rms > LARGEST_USUAL_RMS:
+            warnings.append(f"{name} has an rms of {rms:.0f} m/s^2: are these mm/s^2 or raw counts?")
+    if min(size.values()) > 0.0:
+        ratio = math.log(size[SPOOL] / size[BODY])
+        if abs(abs(ratio) - math.log(GRAVITY)) < 0.02:
+            smaller = BODY if ratio > 0.0 else SPOOL
+            warnings.append(f"body and spool differ by a factor of 9.81: is {smaller} in g instead of m/s^2?")
+    return warnings

@@ -1,1 +1,0 @@
-"""Records: choice of channels, time base, alignment of two clocks, bags."""

@@ -1,0 +1,278 @@
+"""Parts of a recording: the file that is written, and those that are there already."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from mcap.writer import CompressionType, Writer
+from rosbags.rosbag2.metadata import parse_qos
+from spool_core.errors import InputError
+from spool_core.files import load_yaml
+from spool_core.system import OPEN_FLAGS
+
+from spool_bag.mcap_file import McapFile
+from spool_bag.mcap_record import Topic
+from spool_bag.metadata import Definition, PartCount, TopicCount
+from spool_bag.part_chain import UNREADABLE, begin_of, end_of, file_hash, oldest_of, repeat_definitions
+
+#: B of an index at most (MCAP specification): of a chunk, of a channel in it, of a definition besides its
+#: texts, and of all else: statistics with some hundred channels, other records, offsets, footer.
+CHUNK_INDEX, OFFSET, DEFINITION, INDEX = 100, 10, 200, 16_384
+
+_NUMBER = re.compile(r".*_(\d{1,9})\.mcap")
+
+
+class Output:
+    """Unbuffered file: mcap hands over whole chunks, and a full disk must be seen immediately.
+
+    Not derived from ``io.RawIOBase``, around which mcap puts a buffer: so mcap declares no such type.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | OPEN_FLAGS, 0o644)
+        self.position = 0
+        self.digest = hashlib.sha256()
+
+    def write(self, data: bytes) -> int:
+        """Write all of ``data``."""
+        view = memoryview(data)
+        while view:
+            written = os.write(self.descriptor, view)
+            self.digest.update(view[:written])
+            self.position += written
+            view = view[written:]
+        return len(data)
+
+    def tell(self) -> int:
+        """Return how much was written, B."""
+        return self.position
+
+    def flush(self) -> None:
+        """Nothing is buffered here."""
+
+    def sync(self) -> None:
+        """Bring what was written to the disk."""
+        os.fsync(self.descriptor)
+
+    def cut(self, size: int) -> None:
+        """Leave the first ``size`` B."""
+        os.ftruncate(self.descriptor, size)
+
+    def close(self) -> None:
+        """Close the file; closing again does nothing, since its number may be another's by then."""
+        descriptor, self.descriptor = self.descriptor, -1
+        if descriptor >= 0:
+            os.close(descriptor)
+
+
+class McapPart:
+    """MCAP file under way, with what it counts.
+
+    Attributes:
+        path: the file. count: what is in it by topic, and when; of the messages handed over.
+        good: B up to the last complete chunk that is on the disk, and ``head`` what comes before the first.
+
+    Raises:
+        OSError: from any method.
+    """
+
+    def __init__(
+        self, path: Path, number: int, chunk_size: int, about: Mapping[str, Mapping[str, str]] | None = None
+    ) -> None:
+        self.path = path
+        self.count = PartCount(path.name, number)
+        self._output = Output(path)
+        self._writer = Writer(self._output, chunk_size, CompressionType.ZSTD)  # type: ignore[arg-type]
+        repeat_definitions(self._writer)
+        self._schemas: dict[str, int] = {}
+        # One for each chunk, of which mcap writes an index at the end.
+        self._chunks: Sequence[object] = vars(self._writer)["_Writer__chunk_indices"]
+        self._channels = self._defined = 0
+        try:
+            self._writer.start(profile="ros2", library="spool_bag")
+            for name, content in (about or {}).items():
+                self._writer.add_metadata(name, dict(content))
+        except OSError:
+            self.discard()
+            raise
+        self.good = self.head = self._output.tell()
+
+    @property
+    def size(self) -> int:
+        """B in the file."""
+        return self._output.position
+
+    @property
+    def closing(self) -> int:
+        """B that its index takes at most when it is finished."""
+        return INDEX + self._defined + len(self._chunks) * (CHUNK_INDEX + OFFSET * self._channels)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of what was written so far."""
+        return self._output.digest.hexdigest()
+
+    def add(self, topic: str, type_name: str, described: Definition, qos: str) -> int:
+        """Return the number of a new channel."""
+        self._channels += 1
+        self._defined += DEFINITION + len(topic) + len(type_name) + len(qos)
+        if type_name not in self._schemas:
+            self._defined += DEFINITION + len(type_name) + len(described.text.encode())
+            self._schemas[type_name] = self._writer.register_schema(
+                type_name, described.encoding, described.text.encode()
+            )
+        return self._writer.register_channel(
+            topic,
+            "cdr",
+            self._schemas[type_name],
+            {"offered_qos_profiles": qos, "topic_type_hash": described.digest},
+        )
+
+    def write(
+        self, channel: int, topic: str, log_time: int, data: bytes, published: int, sequence: int
+    ) -> None:
+        """Append a message."""
+        self._writer.add_message(channel, log_time, data, published, sequence)
+        self.count.take(topic, log_time)
+
+    def flush(self) -> None:
+        """Close the chunk in progress and sync it."""
+        self._writer.flush()
+        self._output.sync()
+        self.good = self._output.tell()
+
+    def add_metadata(self, name: str, content: Mapping[str, str]) -> None:
+        """Write a metadata record behind what is complete."""
+        self._writer.add_metadata(name, dict(content))
+
+    def finish(self) -> None:
+        """Write index and footer, sync and close."""
+        self._writer.finish()
+        self._output.sync()
+        self.good = self.count.size = self._output.position
+        self._output.close()
+
+    def discard(self) -> None:
+        """Remove the file."""
+        with contextlib.suppress(OSError):
+            self._output.close()
+        with contextlib.suppress(OSError):
+            self.path.unlink()
+
+    def abandon(self, *, cut: bool) -> bool:
+        """Close without an index, cut back to the last chunk that is synced where that is asked.
+
+        Return whether it is: where the disk takes no more, not even that, what lies on it is what it is.
+        """
+        sure = True
+        try:
+            if cut and self._output.position > self.good:
+                self._output.cut(self.good)
+                self._output.sync()
+        except OSError:
+            sure = False
+        self.count.size = self.good if cut else self._output.position
+        with contextlib.suppress(OSError):
+            self._output.close()
+        return sure
+
+
+class Existing(NamedTuple):
+    """Existing parts in order, their topics, the next number, the hash of the last one and of its file,
+    and the oldest part that it tells of: what lacks from there on was not removed by the recorder."""
+
+    parts: list[PartCount]
+    topics: list[tuple[TopicCount, Definition]]
+    next: int
+    link: str
+    file: str
+    oldest: int
+
+
+def numbered(folder: Path) -> list[tuple[int, Path]]:
+    """Return the parts in a folder by their numbers."""
+    found = [(number, path) for path in folder.glob("*.mcap") if (number := number_of(path.name)) is not None]
+    return sorted(found)
+
+
+def number_of(name: str) -> int | None:
+    """Return the number in a part's file name, ``None`` where it has none."""
+    match = _NUMBER.fullmatch(name)
+    return int(match[1]) if match else None
+
+
+def existing_parts(folder: Path) -> Existing:
+    """Return what a recording in ``folder`` holds; finished parts by their index, others as far as
+    they can be read.
+
+    Raises:
+        OSError: the folder cannot be read.
+    """
+    parts: list[PartCount] = []
+    topics: dict[str, tuple[TopicCount, Definition]] = {}
+    files = numbered(folder)
+    for number, path in files:
+        count = PartCount(path.name, number)
+        parts.append(count)
+        try:
+            count.size = path.stat().st_size
+            file = McapFile(path)
+            if file.counts is not None and file.times is not None:
+                count.start, count.end = file.times
+                count.messages = {
+                    topic.name: file.counts.get(channel, 0) for channel, topic in file.topics.items()
+                }
+            else:
+                for record in file.records(lambda _: True, lambda _: None):
+                    count.take(file.topics[record.channel].name, record.log_time)
+        except (InputError, OSError):
+            continue  # not one byte of it can be used: it takes room, and goes by the quota
+        for topic in file.topics.values():
+            topics.setdefault(topic.name, (_counted(topic), _definition(topic)))
+    return Existing(
+        parts, list(topics.values()), files[-1][0] + 1 if files else 0, *_last(files), _oldest(files)
+    )
+
+
+def _last(files: list[tuple[int, Path]]) -> tuple[str, str]:
+    """Return the hash that stands for the last part, and that of its whole file where it is finished."""
+    if not files:
+        return "", ""
+    path = files[-1][1]
+    try:
+        with path.open("rb") as stream:
+            os.fsync(stream.fileno())  # a recorder that was killed left what a power loss would take
+        last = end_of(path)
+        return (last.end.link, last.file) if last is not None else (file_hash(path), "")
+    except OSError:
+        return UNREADABLE, ""
+
+
+def _oldest(files: list[tuple[int, Path]]) -> int:
+    """Return the number of the oldest part that the last readable one tells of."""
+    for _, path in reversed(files):
+        try:
+            if begin_of(path) is not None:
+                ended = end_of(path)
+                return max(oldest_of(path), ended.end.oldest if ended is not None else 0)
+        except OSError:
+            continue
+    return 0
+
+
+def _counted(topic: Topic) -> TopicCount:
+    try:
+        qos = tuple(parse_qos(load_yaml(topic.qos) or []))
+    except Exception:  # rosbags and its YAML parser: whatever a damaged text brings
+        qos = ()
+    return TopicCount(topic.name, topic.type, topic.digest, qos)
+
+
+def _definition(topic: Topic) -> Definition:
+    return Definition(topic.type, topic.schema, topic.digest, topic.schema_encoding)

@@ -1,0 +1,400 @@
+"""Reader of a bag by acquisition time: blocks, oil temperature and any other message."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+from spool_core.block import Block, BlockRun
+from spool_core.cdr import CdrError, OilTemperature, decode_temperature
+from spool_core.errors import InputError
+from spool_core.system import leftovers
+from spool_core.text import printable
+
+from spool_bag.blocks import (
+    Item,
+    OrderingWindows,
+    Span,
+    decode_blocks,
+    keyed_of,
+)
+from spool_bag.mcap_file import Damage, McapFile, McapMessage, MessageBatch, decompressed
+from spool_bag.mcap_record import Topic
+from spool_bag.metadata import (
+    ACCELERATION_BLOCK,
+    COMPRESSED,
+    TEMPERATURE,
+    UNFINISHED,
+    custom_data,
+    storage_files,
+)
+from spool_bag.part_chain import begin_of, losses_of
+
+_ALL = Span()
+#: Names of topics that one line lists.
+MOST_LISTED = 12
+
+_Decode = Callable[[Sequence[bytes]], Iterator[tuple[Block | BlockRun | OilTemperature | None, int]]]
+
+
+class _Source(NamedTuple):
+    """Source: a topic that is read by stamp, its type and how to decode messages of one length."""
+
+    name: str
+    type: str
+    decode: _Decode
+
+
+_ACCELERATION = _Source("acceleration", ACCELERATION_BLOCK, decode_blocks)
+
+
+def _temperatures(messages: Sequence[bytes]) -> Iterator[tuple[OilTemperature | None, int]]:
+    for data in messages:
+        try:
+            yield decode_temperature(data), 1
+        except CdrError:
+            yield None, 1
+
+
+_OIL = _Source("oil_temperature", TEMPERATURE, _temperatures)
+
+
+class TopicInformation(NamedTuple):
+    """Topic of a bag: its type and number of messages."""
+
+    type: str
+    messages: int
+
+
+class BagReader:
+    """Reader of a rosbag2 directory or an ``.mcap`` file, also compressed as a whole (``.mcap.zstd``).
+
+    Everything is read in passes over the file; of the messages of a valve at most two ``WINDOW`` (10 s of
+    stamps, and never more than ``LONGEST_QUEUE`` messages or ``LARGEST_QUEUE`` B) are held, so that messages
+    up to 5 s late are put in order of (header.stamp, sequence). A stamp that goes back further is a new start
+    of time and is passed on where it stands. A message that is not what its type says is left out, counted.
+
+    A recording in parts is read like one file; of ``span`` only what lies in it, and parts that cannot hold
+    any of it are not opened. Blocks and temperatures are in it by their stamps, other messages by when they
+    were received.
+
+    Attributes:
+        warnings: what is missing or not as it should be, one line each.
+        closed: the recording was finished properly.
+        told: messages that ``metadata.yaml`` counts, 0 without it; of a recording under way some seconds old.
+        damages: with ``skip_damage`` what was stepped over so far, else empty: damage is an error then.
+        undecodable: messages that are not what their type says, left out, by topic, as far as read.
+
+    Raises:
+        InputError: there is no bag at ``path``, or (from any method) it is damaged.
+    """
+
+    def __init__(self, path: Path | str, *, skip_damage: bool = False, span: Span = _ALL) -> None:
+        self.path = Path(path)
+        self.span = span
+        self.damages: list[Damage] = []
+        self._noted: dict[Path, list[Damage]] = {}
+        self._skip = skip_damage
+        self._folder: TemporaryDirectory[str] | None = None
+        self.warnings: list[str] = []
+        self.told = 0
+        if self.path.is_dir():
+            paths, self.told, self.warnings = storage_files(self.path)
+        elif self.path.is_file():
+            paths = [self.path]
+        else:
+            left = "".join(
+                f"; {part} is what a killed process left of it" for part in leftovers(self.path)[:1]
+            )
+            raise InputError(f"{self.path}: no such bag: name a rosbag2 directory or an .mcap file{left}")
+        files = self._opened(paths)
+        self.files = [file for file in files if file.times is None or span.touches(*file.times)]
+        self.closed = all(file.closed for file in self.files)
+        self.warnings.extend(
+            f"{file.path}: the recording was not finished: what was not yet on the disk is missing; "
+            "`./spool recover` makes a finished bag of it"
+            for file in self.files
+            if not file.closed
+        )
+        if self.files and self.closed and custom_data(self.path).items() >= UNFINISHED.items():
+            self.warnings.append(
+                f"{self.path}: the recording is under way, or was cut off between two parts: what was not "
+                "on the disk then is missing"
+            )
+        self.warnings.extend(_stated_losses(self.files))
+        self._topics: dict[str, TopicInformation] | None = None
+        self._stores: dict[str, Typestore | None] = {}
+        self.undecodable: dict[str, int] = {}
+
+    def _opened(self, paths: Sequence[Path]) -> list[McapFile]:
+        """Return the files; of several those that can be read, the others are warned of."""
+        files, refused = list[McapFile](), list[InputError]()
+        for path in paths:
+            try:
+                files.append(McapFile(self._plain(path)))
+            except InputError as error:
+                refused.append(error)
+        if refused and not files:
+            raise refused[0]
+        self.warnings.extend(f"{str(error).partition(': name a ')[0]}: it is left out" for error in refused)
+        return files
+
+    def _plain(self, path: Path) -> Path:
+        """Return a file as it is, or decompressed in a folder that goes with this reader."""
+        if path.suffix not in (COMPRESSED, ".zst"):
+            return path
+        if self._folder is None:
+            self._folder = TemporaryDirectory(prefix="spool_bag_")
+        return decompressed(path, Path(self._folder.name))
+
+    @property
+    def topics(self) -> dict[str, TopicInformation]:
+        """Type and number of messages by topic; an unfinished bag is read through once for it."""
+        if self._topics is None:
+            found: dict[str, TopicInformation] = {}
+            for file in self.files:
+                counts = file.counts if file.counts is not None else self._count(file)
+                for number, topic in file.topics.items():
+                    before = found[topic.name].messages if topic.name in found else 0
+                    found[topic.name] = TopicInformation(topic.type, before + counts.get(number, 0))
+            self._topics = dict(sorted(found.items()))
+        return self._topics
+
+    @property
+    def received(self) -> tuple[int, int] | None:
+        """First and last time of reception, ns; ``None`` of an empty bag. Unfinished parts are read."""
+        found: list[int] = []
+        for file in self.files:
+            if file.times is not None:
+                found += [time for time in file.times if time]
+            else:
+                found += [record.log_time for record in self._records(file, lambda _: True)]
+        return (min(found), max(found)) if found else None
+
+    @property
+    def listed(self) -> str:
+        """The names of the topics for one line of text."""
+        names = [printable(name, 80) for name in self.topics]
+        more = [f"and {len(names) - MOST_LISTED} more"] if len(names) > MOST_LISTED else []
+        return ", ".join(names[:MOST_LISTED] + more) or "none"
+
+    @property
+    def valves(self) -> list[str]:
+        """Namespaces, without the leading slash, that have an ``acceleration`` topic; the root's is empty."""
+        return sorted(
+            _parts(name)[0]
+            for name, topic in self.topics.items()
+            if topic.type == ACCELERATION_BLOCK and _parts(name)[1] == "acceleration"
+        )
+
+    def blocks_of(self, valve: str) -> int:
+        """Return the number of messages on the acceleration topic of ``valve``."""
+        name = self._known(valve)
+        return sum(
+            topic.messages
+            for path, topic in self.topics.items()
+            if _parts(path) == (name, "acceleration") and topic.type == ACCELERATION_BLOCK
+        )
+
+    def blocks(self, valve: str) -> Iterator[Block]:
+        """Yield the blocks of ``valve`` in order of (stamp, sequence), malformed ones included."""
+        for _, item in self._singles({self._known(valve)}, (_ACCELERATION,)):
+            assert isinstance(item, Block)
+            yield item
+
+    def temperatures(self, valve: str) -> Iterator[tuple[int, float]]:
+        """Yield (stamp in ns, deg C) of the oil of ``valve`` by stamp; nothing where none is recorded."""
+        for _, item in self._singles({valve.strip("/")}, (_OIL,)):
+            assert isinstance(item, OilTemperature)
+            yield item.stamp, item.celsius
+
+    def stream(self, valve: str) -> Iterator[Block | OilTemperature]:
+        """Yield blocks and oil temperatures of ``valve`` by stamp, at equal stamps the temperature first."""
+        for _, item in self._singles({self._known(valve)}, (_ACCELERATION, _OIL)):
+            yield item
+
+    def runs(self, valve: str) -> Iterator[Block | BlockRun | OilTemperature]:
+        """Yield what ``stream`` yields; blocks that follow each other to the nanosecond come as runs."""
+        for _, item in self._ordered({self._known(valve)}, (_ACCELERATION, _OIL)):
+            yield item
+
+    def streams(self) -> Iterator[tuple[str, Block | OilTemperature]]:
+        """Yield what ``stream`` yields, of all valves in one pass, with the valve's name."""
+        yield from self._singles(set(self.valves), (_ACCELERATION, _OIL))
+
+    def records(self, topic: str | None = None) -> Iterator[tuple[Topic, McapMessage]]:
+        """Yield the messages of ``topic`` (all topics without it) as recorded, in the order of recording."""
+        for place, file in enumerate(self.files):
+            begin = begin_of(file.path) if place else None
+            repeated = begin.repeated_at if begin is not None else 0
+            for record in self._records(file, lambda candidate: topic is None or candidate.name == topic):
+                # What a part repeats so that it stands by itself was in the parts before it.
+                if (not repeated or record.log_time != repeated) and self.span.holds(record.log_time):
+                    yield file.topics[record.channel], record
+
+    def messages(self, topic: str) -> Iterator[Any]:
+        """Yield the messages of ``topic`` decoded by the definition that the bag carries; others are counted.
+
+        Raises:
+            InputError: the bag has no such topic.
+        """
+        if topic not in self.topics:
+            raise InputError(f"{self.path}: no topic {printable(topic)}: it has {self.listed}")
+        bad = 0
+        for described, record in self.records(topic):
+            message = self._decoded(described, record.data)
+            if message is None:
+                bad += 1
+                self._left_out(topic, bad)
+            else:
+                yield message
+
+    def decodable(self, topic: Topic, data: bytes) -> bool:
+        """Return whether ``data`` fits the definition that the bag carries for ``topic``."""
+        return self._decoded(topic, data) is not None
+
+    def _decoded(self, topic: Topic, data: bytes) -> Any:
+        """Return the message in ``data``, ``None`` where that does not fit the bag's definition."""
+        try:
+            store = self._store(topic)
+            return None if store is None else store.deserialize_cdr(data, topic.type)
+        except Exception:  # rosbags, struct, NumPy, RecursionError: whatever a bad byte brings
+            return None
+
+    def _left_out(self, topic: str, count: int) -> None:
+        """Take note of what one pass left out; another pass leaves out the same again."""
+        self.undecodable[topic] = max(self.undecodable.get(topic, 0), count)
+
+    def _known(self, valve: str) -> str:
+        name = valve.strip("/")
+        if name not in self.valves:
+            known = ", ".join(printable(one, 80) for one in self.valves[:MOST_LISTED]) or "none"
+            raise InputError(f"{self.path}: no valve {printable(valve)!r}: the bag has {known}")
+        return name
+
+    def _singles(
+        self, valves: set[str], sources: tuple[_Source, ...]
+    ) -> Iterator[tuple[str, Block | OilTemperature]]:
+        """Yield what ``_ordered`` yields, runs block by block."""
+        for valve, item in self._ordered(valves, sources):
+            if isinstance(item, BlockRun):
+                for block in item.blocks():
+                    yield valve, block
+            else:
+                yield valve, item
+
+    def _ordered(self, valves: set[str], sources: tuple[_Source, ...]) -> Iterator[tuple[str, Item]]:
+        """Yield decoded messages by valve in order of (stamp, sequence, arrival) in a window."""
+        decoders = {(source.name, source.type): source.decode for source in sources}
+
+        def wanted(topic: Topic) -> bool:
+            valve, leaf = _parts(topic.name)
+            return valve in valves and (leaf, topic.type) in decoders
+
+        windows, bad, arrival, whole = OrderingWindows(), dict[str, int](), 0, self.span.is_all
+        for file in self.files:
+            channels: dict[int, tuple[str, _Decode]] = {}
+            for batch in file.batches(wanted, self._damage_of(file)):
+                for channel, size, messages in _alike(batch):
+                    found = channels.get(channel)
+                    if found is None:
+                        topic = file.topics[channel]
+                        valve, leaf = _parts(topic.name)
+                        found = channels[channel] = valve, decoders[leaf, topic.type]
+                    valve, decode = found
+                    for item, count in decode(messages):
+                        if item is None:
+                            name = file.topics[channel].name
+                            bad[name] = bad.get(name, 0) + 1
+                            self._left_out(name, bad[name])
+                            continue
+                        for part, messages_of in ((item, count),) if whole else self.span.cut(item):
+                            arrival += 1
+                            yield from windows.take(valve, keyed_of(part, arrival, size, messages_of))
+        yield from windows.rest()
+
+    def _count(self, file: McapFile) -> dict[int, int]:
+        counts: dict[int, int] = {}
+        for record in self._records(file, lambda _: True):
+            counts[record.channel] = counts.get(record.channel, 0) + 1
+        return counts
+
+    def _records(self, file: McapFile, wanted: Callable[[Topic], bool]) -> Iterator[McapMessage]:
+        return file.records(wanted, self._damage_of(file))
+
+    def _damage_of(self, file: McapFile) -> Callable[[Damage], None] | None:
+        """Return what takes note of damage, ``None`` where that is an error."""
+        return (lambda damage: self._note(file, damage)) if self._skip else None
+
+    def _note(self, file: McapFile, damage: Damage) -> None:
+        if damage not in self._noted.setdefault(file.path, []):
+            self._noted[file.path].append(damage)
+            self.damages.append(damage)
+
+    def lost(self) -> tuple[int, bool]:
+        """Return the messages lost at the ``damages`` and whether that is estimated in part.
+
+        Where no index behind a damaged chunk tells, its size does, by what as large chunks of the file held.
+        """
+        counted, estimated, unknown = 0, 0.0, False
+        for file in self.files:
+            for damage in self._noted.get(file.path, []):
+                counted += damage.lost or 0
+                if damage.lost is None:
+                    estimated += file.density * damage.size
+                    unknown = True
+        return counted + round(estimated), unknown
+
+    def _store(self, topic: Topic) -> Typestore | None:
+        """Return the types that the definition of ``topic`` defines, ``None`` where it defines none."""
+        if topic.type not in self._stores:
+            store = get_typestore(Stores.EMPTY)
+            try:
+                store.register(get_types_from_msg(topic.schema, topic.type))
+                self._stores[topic.type] = store
+            except Exception:  # as above
+                self._stores[topic.type] = None
+        return self._stores[topic.type]
+
+
+def _stated_losses(files: Sequence[McapFile]) -> list[str]:
+    """Return what the parts of a recording say was not recorded before them."""
+    found = []
+    for file in files:
+        begin = begin_of(file.path)
+        if begin is not None and begin.lost:
+            because = printable(begin.reason, 200)
+            found.append(f"{_not_recorded(begin.lost)} before {file.path.name}: {because}")
+        for told in losses_of(file.path) if begin is not None else ():
+            count = _not_recorded(printable(told.get("lost_messages", ""), 20))
+            because = printable(told.get("lost_because", ""), 200)
+            found.append(f"{count} in {file.path.name}: {because}")
+    return found
+
+
+def _not_recorded(count: int | str) -> str:
+    return f"{count} message was not recorded" if str(count) == "1" else f"{count} messages were not recorded"
+
+
+def _parts(topic: str) -> tuple[str, str]:
+    """Return the namespace of a topic, without slashes around it, and its last name."""
+    namespace, _, leaf = topic.rpartition("/")
+    return namespace.strip("/"), leaf
+
+
+def _alike(batch: MessageBatch) -> Iterator[tuple[int, int, list[bytes]]]:
+    """Yield channel, length and bytes of messages in a row that have both in common."""
+    messages: list[bytes] = []
+    data, present, size = batch.records, -1, -1
+    for channel, start, end in batch.places:
+        if channel != present or end - start != size:
+            if messages:
+                yield present, size, messages
+            present, size, messages = channel, end - start, []
+        messages.append(data[start:end])
+    if messages:
+        yield present, size, messages

@@ -1,1 +1,0 @@
-"""Reading of bags by acquisition time."""

@@ -1,0 +1,325 @@
+"""What is recorded: topics and their queue, and whether the valve is watched meanwhile."""
+
+from __future__ import annotations
+
+import enum
+import math
+import shutil
+import threading
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from pathlib import Path
+
+from rosbags.interfaces import Qos
+from spool_core.cdr import CdrError, block_sequence, header_stamp
+from spool_core.errors import InputError
+
+from spool_bag.metadata import ACCELERATION_BLOCK, TEMPERATURE
+
+DIAGNOSTICS = "/diagnostics"
+#: Changes of limits belong to what was judged by them.
+PARAMETER_EVENTS = "/parameter_events"
+TOPICS = {
+    "acceleration": ACCELERATION_BLOCK,
+    "estimate": "spool_msgs/msg/ModelEstimate",
+    "health": "spool_msgs/msg/ValveHealth",
+    "events": "spool_msgs/msg/HealthEvent",
+    "valve": "spool_msgs/msg/ValveDescription",
+    "refit": "spool_msgs/msg/WindowRefit",
+    "gap": "spool_msgs/msg/GapAnalysis",
+    "oil_temperature": TEMPERATURE,
+}
+#: Topics that the suite's nodes offer latched.
+LATCHED = ("estimate", "health", "events", "valve", "refit", "gap")
+#: What makes a namespace a valve; an oil temperature alone may be anybody's.
+MARKS = ("acceleration", "estimate", "health", "events")
+
+#: Times the blocks that fit into the time that the stamps say went by, and blocks on top, that can be lost:
+#: clocks and block lengths vary, but not by more.
+LIKELY, SLACK = 3.0, 100.0
+
+#: B that a message costs in the queue besides its own.
+OVERHEAD = 300
+
+#: s between two messages of a monitor's health are 1: five that are missing are no jitter of a busy machine.
+SILENT = 5.0
+#: s that a monitor may take to start: kernels of several nodes may be compiled, one after the other.
+STARTS = 180.0
+#: s after which acceleration no longer counts as flowing.
+FLOWS = 2.0
+
+
+def valve_namespaces(graph: Mapping[str, Sequence[str]]) -> list[str]:
+    """Return the namespaces (``/valve_1``) in which a topic of ours with our type lives.
+
+    ``graph`` holds the types by topic, as ROS 2 tells them.
+    """
+    found = set()
+    for topic, types in graph.items():
+        namespace, _, name = topic.rpartition("/")
+        if name in MARKS and TOPICS[name] in types:
+            found.add(namespace)
+    return sorted(found)
+
+
+def select_topics(graph: Mapping[str, Sequence[str]], valves: Sequence[str] = ()) -> dict[str, str]:
+    """Return the type by topic of everything to be recorded.
+
+    That is every visible topic in the namespaces of the valves (``valves`` without leading slash, or those
+    found where it is empty), ``/diagnostics`` and ``/parameter_events``. The topics of named valves belong to
+    it before anybody publishes on them, so that not one block is missed. A topic with several types is left
+    out.
+    """
+    namespaces = [f"/{valve.strip('/')}" for valve in valves] or valve_namespaces(graph)
+    chosen = {
+        f"{namespace}/{name}": kind for namespace in namespaces for name, kind in TOPICS.items() if valves
+    }
+    for topic, types in graph.items():
+        hidden = any(part.startswith("_") for part in topic.split("/"))
+        if hidden or len(types) != 1:
+            continue
+        # Everything would be inside the root: of a valve without namespace only the known topics count.
+        inside = any(
+            topic.startswith(f"{namespace}/") if namespace else topic.lstrip("/") in TOPICS
+            for namespace in namespaces
+        )
+        if topic in (DIAGNOSTICS, PARAMETER_EVENTS) or inside:
+            chosen[topic] = types[0]
+    return dict(sorted(chosen.items()))
+
+
+@dataclass(slots=True)
+class LossCount:
+    """Loss count: blocks that never arrived, by topic, from jumps in ``sequence``.
+
+    A jump that is far beyond what the stamps say went by is a wrong number, not a loss. Where the next block
+    goes on from there it is another source, of which nothing is lost.
+    """
+
+    lost: dict[str, int] = field(default_factory=dict)
+    _last: dict[str, _LastBlock] = field(default_factory=dict)
+    _doubted: dict[str, int] = field(default_factory=dict)
+
+    def see(self, topic: str, data: bytes) -> None:
+        """Take note of the CDR of a block; bytes that are none are left to the reader to judge."""
+        try:
+            sequence, stamp = block_sequence(data), header_stamp(data)
+        except CdrError:
+            return
+        self.lost.setdefault(topic, 0)
+        last = self._last.get(topic)
+        if last is None:
+            self._last[topic] = _LastBlock(sequence, stamp)
+            return
+        jump = sequence - last.sequence - 1
+        if jump > self._likely(last, stamp):
+            if self._doubted.get(topic) != sequence - 1:
+                self._doubted[topic] = sequence
+                return
+            jump = 0
+        self._doubted.pop(topic, None)
+        self.lost[topic] += max(jump, 0)
+        step = float(stamp - last.stamp) if jump == 0 and stamp > last.stamp else last.step
+        self._last[topic] = _LastBlock(sequence, stamp, step)
+
+    @staticmethod
+    def _likely(last: _LastBlock, stamp: int) -> float:
+        """Return how many blocks can have been lost since ``last``."""
+        if math.isnan(last.step):
+            return SLACK
+        return SLACK + LIKELY * max(stamp - last.stamp, 0) / last.step
+
+
+def new_bag(
+    output: str,
+    now: datetime | None = None,
+    activation: int = 0,
+    *,
+    number: bool = False,
+    resume: bool = False,
+) -> Path:
+    """Return where to record: ``output``, or ``recording_<UTC time>`` in the working directory.
+
+    From the second ``activation`` (1) on a number is put behind ``output``; with ``number`` also where the
+    place is taken, the first one that is free. With ``resume`` it is ``output``, whatever is there.
+
+    Raises:
+        InputError: the place is taken.
+    """
+    moment = now or datetime.now(timezone.utc)
+    name = output or f"recording_{moment:%Y%m%dT%H%M%S}Z"
+    if resume and output:
+        return Path(name).expanduser()
+    path = Path(name if activation == 0 else f"{name.rstrip('/')}_{activation}").expanduser()
+    while number and path.exists():
+        activation += 1
+        path = Path(f"{name.rstrip('/')}_{activation}").expanduser()
+    if path.exists():
+        raise InputError(f"output: {path} exists already: name a bag that does not, or remove it")
+    return path
+
+
+def free_space(path: Path) -> int:
+    """Return the free bytes on the file system of ``path``."""
+    return shutil.disk_usage(path).free
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """Message to be recorded: ``received`` and ``published`` in ns, ``data`` its CDR."""
+
+    topic: str
+    kind: str
+    received: int
+    published: int
+    data: bytes
+    latched: bool = False
+    qos: Sequence[Qos] = ()
+
+    @property
+    def cost(self) -> int:
+        """B that it takes in the queue."""
+        return len(self.data) + OVERHEAD
+
+
+class MessageQueue:
+    """Queue of at most ``largest`` B from any thread to one consumer.
+
+    A message that was taken stays known until it is :meth:`confirmed`, so that a failed disk costs nothing:
+    :meth:`take_back` puts all that was not confirmed at the head again.
+    """
+
+    def __init__(self, largest: int) -> None:
+        self.largest = largest
+        self.messages = self.bytes = 0
+        self._ahead: deque[Recorded] = deque()
+        self._taken: deque[Recorded] = deque()
+        self._in = self._out = 0
+        self._changed = threading.Condition()
+
+    @property
+    def waiting(self) -> int:
+        """B of messages that are not on the disk."""
+        return self._in - self._out
+
+    def put(self, message: Recorded) -> bool:
+        """Append a message; return whether there was room for it."""
+        with self._changed:
+            if self.waiting + message.cost > self.largest:
+                return False
+            self._in += message.cost
+            self._ahead.append(message)
+            if len(self._ahead) == 1:
+                self._changed.notify()
+        return True
+
+    def wake(self) -> None:
+        """Let the consumer look now."""
+        with self._changed:
+            self._changed.notify()
+
+    def wait(self, timeout: float, *, more: bool = False) -> None:
+        """Wait at most ``timeout`` s until there is a message, or with ``more`` until one is added."""
+        with self._changed:
+            if more or not self._ahead:
+                self._changed.wait(timeout)
+
+    def take(self) -> Recorded | None:
+        """Return the next message, ``None`` where there is none."""
+        if not self._ahead:
+            return None
+        message = self._ahead.popleft()
+        self._taken.append(message)
+        return message
+
+    def confirmed(self, count: int) -> None:
+        """Forget the first ``count`` messages that were taken: they are on the disk."""
+        for _ in range(count):
+            message = self._taken.popleft()
+            self._out += message.cost
+            self.messages += 1
+            self.bytes += len(message.data)
+
+    def drop(self) -> None:
+        """Forget the message that was taken last: it cannot be recorded."""
+        self._out += self._taken.pop().cost
+
+    def uncertain(self, count: int) -> list[Recorded]:
+        """Forget the first ``count`` messages that were taken, and return them: they may be on the disk."""
+        gone = [self._taken.popleft() for _ in range(count)]
+        self._out += sum(message.cost for message in gone)
+        return gone
+
+    def take_back(self) -> None:
+        """Put all that was not confirmed at the head of the queue."""
+        with self._changed:
+            self._ahead.extendleft(reversed(self._taken))
+        self._taken.clear()
+
+    def clear(self) -> list[Recorded]:
+        """Return all that is not on the disk, and forget it."""
+        self.take_back()
+        rest = list(self._ahead)
+        self._ahead.clear()
+        self._out += sum(message.cost for message in rest)
+        return rest
+
+
+class Monitored(enum.Enum):
+    """State of supervision of a valve; the value is the text people read."""
+
+    YES = "monitored"
+    NOT_YET = "not monitored yet: no health since data flow"
+    NO = "not monitored"
+    IDLE = "no data"
+
+
+@dataclass(slots=True)
+class MonitoringWatch:
+    """Watchdog of the monitors: which valves nobody monitors, by what arrives of each; times in steady s."""
+
+    _valves: dict[str, _Heard] = field(default_factory=dict)
+
+    def saw_data(self, valve: str, now: float) -> None:
+        """Take note of acceleration of ``valve``."""
+        heard = self._valves.setdefault(valve, _Heard())
+        if heard.data is None or now - heard.data > FLOWS:
+            heard.since = now
+        heard.data = now
+
+    def saw_health(self, valve: str, now: float) -> None:
+        """Take note of the health of ``valve``."""
+        self._valves.setdefault(valve, _Heard()).health = now
+
+    def states(self, now: float) -> dict[str, Monitored]:
+        """Return the state of each valve that was heard of.
+
+        A monitor that was heard and is silent is missed whether or not data flow: it tells of silence, too.
+        """
+        return {valve: self._state(heard, now) for valve, heard in self._valves.items()}
+
+    @staticmethod
+    def _state(heard: _Heard, now: float) -> Monitored:
+        if heard.health is not None:
+            return Monitored.NO if now - heard.health > SILENT else Monitored.YES
+        if heard.data is None or heard.since is None or now - heard.data > FLOWS:
+            return Monitored.IDLE
+        if now - heard.since <= SILENT:
+            return Monitored.IDLE
+        return Monitored.NO if now - heard.since > STARTS else Monitored.NOT_YET
+
+
+@dataclass(slots=True)
+class _LastBlock:
+    sequence: int
+    stamp: int
+    step: float = math.nan
+
+
+@dataclass(slots=True)
+class _Heard:
+    data: float | None = None
+    since: float | None = None
+    health: float | None = None

@@ -1,0 +1,472 @@
+"""Managed node ``recorder``: every topic of the valves, as received, into a bag."""
+
+from __future__ import annotations
+
+import importlib
+import math
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from spool_core.cdr import CdrError, header_stamp
+from spool_core.errors import InputError
+from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status
+from spool_core.node.managed_node import ManagedNode
+from spool_core.node.parameters import NodeParameter
+from spool_core.node.running import run
+from spool_core.text import plural, printable
+from spool_msgs.srv import TakeSnapshot
+
+from spool_bag.metadata import ACCELERATION_BLOCK, MACHINE, starts_with_header
+from spool_bag.names import check_valve
+from spool_bag.recorder import (
+    LATCHED,
+    TOPICS,
+    LossCount,
+    Monitored,
+    MonitoringWatch,
+    Recorded,
+    new_bag,
+    select_topics,
+)
+from spool_bag.recording import LARGEST_QUEUE, Recording, RecordingSettings
+from spool_bag.snapshot import Message, SnapshotKeeper, SnapshotWriter
+from spool_bag.verification import signer
+from spool_bag.writer import PartLimits
+
+#: s between looks for new topics: a late one loses at most that much.
+DISCOVERY_PERIOD = 0.5
+#: s after which a chunk is synced, and between looks if it is due: a kill costs less than the last second.
+FLUSH_INTERVAL = 0.7
+FLUSH_PERIOD = 0.2
+DIAGNOSTICS_PERIOD = 1.0
+#: s for a disk to take what waits when the recording ends.
+LONGEST_CLOSE = 20.0
+#: s for which a lost block makes the recording's level a warning.
+RECENT = 60.0
+#: What rosbag2 writes of a time that is not limited: the largest int64, ns.
+UNLIMITED = QosTime(9223372036, 854775807)
+
+
+class RecorderNode(ManagedNode):
+    """Record while active; each activation makes a new bag."""
+
+    PARAMETERS: ClassVar[tuple[NodeParameter, ...]] = (
+        NodeParameter(
+            "output",
+            "",
+            "Bag to be made, a path; empty: recording_<UTC time> in the working directory. "
+            "A second activation puts _1 behind it, and so on.",
+            structural=True,
+        ),
+        NodeParameter(
+            "number_output",
+            False,
+            "Put _1 behind output where it exists, and so on, instead of refusing it: for a recorder that is "
+            "started again by itself.",
+            structural=True,
+        ),
+        NodeParameter(
+            "valves",
+            [""],
+            "Namespaces to record, e.g. [valve_1, valve_2]; empty: every namespace that has an acceleration, "
+            "estimate, health or events topic of spool_msgs.",
+            structural=True,
+        ),
+        NodeParameter(
+            "machine",
+            "",
+            "Name of the machine, kept in the bag: tells the bags of a fleet apart.",
+            structural=True,
+        ),
+        NodeParameter(
+            "depth",
+            1000,
+            "Messages per topic that may wait for the disk; 1000 are 20 s at 50 blocks/s.",
+            minimum=10,
+            maximum=100000,
+            structural=True,
+        ),
+        NodeParameter(
+            "max_part_duration",
+            600.0,
+            "Length of a part of the recording, by the times of reception.",
+            "s",
+            1.0,
+            86400.0 * 365.0,
+            structural=True,
+        ),
+        NodeParameter(
+            "max_part_size",
+            200_000_000,
+            "Size of a part; a quarter of max_total_size where that is less.",
+            unit="B",
+            minimum=1_000_000,
+            structural=True,
+        ),
+        NodeParameter(
+            "max_total_size",
+            0,
+            "Quota of the recording, beyond which the oldest parts go; 0: none but minimum_free_space.",
+            unit="B",
+            minimum=0,
+            structural=True,
+        ),
+        NodeParameter(
+            "minimum_free_space",
+            200_000_000,
+            "Below that on the disk the oldest parts go, and then recording pauses until there is twice as "
+            "much; below twice as much it warns.",
+            unit="B",
+            minimum=0,
+            structural=True,
+        ),
+        NodeParameter(
+            "resume",
+            False,
+            "Go on in output where it is a recording already, with its next part.",
+            structural=True,
+        ),
+        NodeParameter(
+            "thin_after",
+            0.0,
+            "Age of a part at which accelerations and diagnostics are removed from it, so that estimates, "
+            "health and events reach further back; 0: never.",
+            "d",
+            0.0,
+            36500.0,
+            structural=True,
+        ),
+        NodeParameter(
+            "signing_key",
+            "",
+            "Private key (Ed25519, PEM) with which each part's hash is signed; empty: hashes alone.",
+            structural=True,
+        ),
+        NodeParameter(
+            "snapshot_folder",
+            "",
+            "Where an alarm's surroundings are kept as a bag of their own; empty: snapshots next to the bag.",
+            structural=True,
+        ),
+        NodeParameter(
+            "snapshot_before", 60.0, "Kept from before an alarm.", "s", 0.0, 600.0, structural=True
+        ),
+        NodeParameter("snapshot_after", 60.0, "Kept from after it.", "s", 0.0, 600.0, structural=True),
+        NodeParameter(
+            "snapshot_limit",
+            100,
+            "Bags in that folder, beyond which the oldest go; 0: no snapshots.",
+            minimum=0,
+            maximum=100000,
+        ),
+        NodeParameter(
+            "snapshot_max_total_size",
+            2_000_000_000,
+            "Quota of that folder, beyond which the oldest snapshots go; 0: none.",
+            unit="B",
+            minimum=0,
+            structural=True,
+        ),
+    )
+
+    def __init__(self) -> None:
+        super().__init__("recorder")
+        self._recording: Recording | None = None
+        self._diagnostics: DiagnosticPublisher | None = None
+        self._subscriptions_by_topic: dict[str, tuple[Any, QoSProfile]] = {}
+        self._offered: dict[str, list[Qos]] = {}
+        self._left_out: set[str] = set()
+        self._losses = LossCount()
+        self._last_loss = -math.inf
+        self._watch = MonitoringWatch()
+        self._missed: set[str] = set()
+        self._dropped = 0
+        self._activations = 0
+        self._snapshots: SnapshotWriter | None = None
+
+    def configure(self) -> None:
+        """Check the parameters before anything is made."""
+        for valve in self._valves():
+            check_valve(valve)
+        self._new_bag()
+        self._diagnostics = DiagnosticPublisher(self, "recorder")
+
+    def activate(self) -> None:
+        """Make the bag and start to listen."""
+        path = self._new_bag()
+        machine = printable(self.value("machine"), 100)
+        settings = RecordingSettings(
+            PartLimits(
+                self.value("max_part_duration"), self.value("max_part_size"), self.value("max_total_size")
+            ),
+            self.value("minimum_free_space"),
+            FLUSH_INTERVAL,
+            {MACHINE: machine} if machine else {},
+            self.value("resume"),
+            signer(self.value("signing_key")),
+            86400.0 * self.value("thin_after"),
+        )
+        self._recording = Recording(path, settings, self.get_logger())
+        self._activations += 1
+        self._losses, self._dropped = LossCount(), 0
+        self._watch, self._last_loss = MonitoringWatch(), -math.inf
+        self._missed.clear()
+        self._left_out.clear()
+        self._offered.clear()
+        self._snapshots = SnapshotWriter(
+            SnapshotKeeper(self.value("snapshot_before"), self.value("snapshot_after")),
+            Path(self.value("snapshot_folder") or path.absolute().parent / "snapshots").expanduser(),
+            self.get_logger(),
+            self.value("snapshot_max_total_size"),
+        )
+        self.get_logger().info(f"recording to {path}")
+        self.serve(TakeSnapshot, "~/take_snapshot", self._take_snapshot)
+        self._discover()
+        self.every(DISCOVERY_PERIOD, self._discover, steady=True)
+        self.every(FLUSH_PERIOD, self._flush, steady=True)
+        self.every(DIAGNOSTICS_PERIOD, self._report, steady=True)
+
+    def deactivate(self) -> None:
+        """Finish the bag."""
+        self._subscriptions_by_topic.clear()
+        if self._snapshots is not None:
+            self._snapshots.close()
+            self._snapshots = None
+        recording, self._recording = self._recording, None
+        if recording is not None:
+            done = recording.close(LONGEST_CLOSE)
+            text = f"closed {recording.path}: {plural(recording.state.messages, 'message')}"
+            if done:
+                self.get_logger().info(text)
+            else:
+                self.get_logger().error(f"{text}; the disk does not answer: the last part is not finished")
+
+    def cleanup(self) -> None:
+        """Take the publisher away."""
+        if self._diagnostics is not None:
+            self._diagnostics.destroy()
+            self._diagnostics = None
+
+    def _new_bag(self) -> Path:
+        number = self.value("number_output")
+        resume = self.value("resume")
+        return new_bag(self.value("output"), activation=self._activations, number=number, resume=resume)
+
+    def _valves(self) -> list[str]:
+        return [valve.strip("/") for valve in self.value("valves") if valve.strip("/")]
+
+    def _discover(self) -> None:
+        """Subscribe to what belongs to the valves and is not yet recorded, and where an offer got weaker."""
+        if self._recording is None:
+            return
+        graph = dict(self.get_topic_names_and_types())
+        for topic, kind in select_topics(graph, self._valves()).items():
+            if topic in self._left_out:
+                continue
+            offered = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
+            # Blocks are lost where nobody listens; all else waits for its publisher, who says how it is sent.
+            if not offered and topic.rpartition("/")[2] != "acceleration":
+                continue
+            known = self._subscriptions_by_topic.get(topic)
+            if known is not None and _compatible(known[1], offered):
+                continue
+            if known is not None:
+                self.destroy_subscription(known[0])
+            try:
+                self._record(topic, kind, offered)
+            except Exception as error:  # rclpy and rosbags: a type that is not installed, or not supported
+                self._left_out.add(topic)
+                self.get_logger().warning(f"{topic} is not recorded: {' '.join(str(error).split())}")
+
+    def _record(self, topic: str, kind: str, offered: Sequence[QoSProfile]) -> None:
+        message_type = _message_type(kind)
+        stamped = starts_with_header(kind)
+        latched = topic.rpartition("/")[2] in LATCHED
+        wanted = _wanted(offered, self.value("depth"), latched=latched)
+
+        def keep(data: bytes) -> None:
+            self._keep(topic, kind, data, stamped=stamped)
+
+        subscription = self.subscribe(message_type, topic, keep, wanted, raw=True)
+        self._subscriptions_by_topic[topic] = (subscription, wanted)
+
+    def _keep(self, topic: str, kind: str, data: bytes, *, stamped: bool) -> None:
+        if self._recording is None:
+            return
+        # With use_sim_time the clock says 0 until it is first heard.
+        received = self.get_clock().now().nanoseconds or time.time_ns()
+        published = received
+        if stamped:
+            try:
+                published = max(header_stamp(data), 0)
+            except CdrError:
+                published = received
+        latched = topic.rpartition("/")[2] in LATCHED
+        self._recording.put(Recorded(topic, kind, received, published, data, latched, self._offers(topic)))
+        if kind == ACCELERATION_BLOCK:
+            before = self._losses.lost.get(topic, 0)
+            self._losses.see(topic, data)
+            now = time.monotonic()
+            self._watch.saw_data(topic.rpartition("/")[0], now)
+            if self._losses.lost.get(topic, 0) > before:
+                self._last_loss = now
+        elif kind == TOPICS["health"]:
+            self._watch.saw_health(topic.rpartition("/")[0], time.monotonic())
+        if self._snapshots is not None and self.value("snapshot_limit") > 0:
+            self._snapshots.keeper.take(Message(topic, kind, received, published, data))
+
+    def _offers(self, topic: str) -> list[Qos]:
+        """Return what the publishers of ``topic`` offer, asked with its first message."""
+        found = self._offered.get(topic)
+        if found is None:
+            offered = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
+            found = self._offered[topic] = [_recorded(profile) for profile in offered]
+        return found
+
+    def _flush(self) -> None:
+        if self._snapshots is not None:
+            now = self.get_clock().now().nanoseconds or time.time_ns()
+            self._snapshots.watch(now, self.value("snapshot_limit"))
+
+    def _take_snapshot(
+        self, request: TakeSnapshot.Request, response: TakeSnapshot.Response
+    ) -> TakeSnapshot.Response:
+        """Begin a snapshot that somebody asked for; its bag is made ``snapshot_after`` s later.
+
+        Raises:
+            InputError: it cannot be made; the reason is given.
+        """
+        valve, limit = request.valve.strip("/"), self.value("snapshot_limit")
+        check_valve(valve)
+        if not request.who.strip():
+            raise InputError("who: say who does this")
+        if self._snapshots is None or limit == 0:
+            raise InputError("snapshot_limit is 0: no snapshots are made")
+        now = self.get_clock().now().nanoseconds or time.time_ns()
+        refused = self._snapshots.keeper.ask(f"/{valve}", now)
+        if refused:
+            raise InputError(f"{valve}: {refused}")
+        comment = request.comment.strip()
+        text = f"snapshot of {valve} requested by {request.who.strip()}{comment and f': {comment}'}"
+        self.get_logger().info(printable(text, 300))
+        response.success = True
+        return response
+
+    def _report(self) -> None:
+        """Publish the state of the recording and of what is monitored."""
+        values: dict[str, object] = dict.fromkeys(("free_space_B", "messages", "recorded_B"), math.nan)
+        level, text = Level.ERROR, "not recording"
+        if self._recording is not None:
+            state = self._recording.state
+            now = time.monotonic()
+            if state.lost > self._dropped:
+                self._dropped, self._last_loss = state.lost, now
+            level, text = Level.OK, f"recording to {self._recording.path}"
+            if state.paused:
+                level, text = Level.ERROR, f"recording pauses: {state.paused}"
+            elif state.free < 2 * self.value("minimum_free_space"):
+                level, text = Level.WARNING, f"only {state.free / 1e6:.0f} MB are free"
+            elif now - self._last_loss < RECENT:
+                level, text = Level.WARNING, "blocks were lost on the way in the last minute"
+            elif state.waiting > LARGEST_QUEUE // 2:
+                level, text = Level.WARNING, "the disk is slow: messages wait for it"
+            values |= {
+                "free_space_B": state.free,
+                "messages": state.messages,
+                "recorded_B": state.bytes,
+                "messages_not_recorded": state.lost,
+                "waiting_B": state.waiting,
+                "parts": state.parts,
+                "parts_removed": state.removed,
+                "total_size_B": state.size,
+            }
+        values["snapshots"] = 0 if self._snapshots is None else self._snapshots.written
+        lost = dict.fromkeys(self._valves(), 0)
+        lost |= {topic.rpartition("/")[0].strip("/"): count for topic, count in self._losses.lost.items()}
+        values |= {f"blocks_lost_{valve}": count for valve, count in lost.items()}
+        if self._diagnostics is not None:
+            self._diagnostics.publish(Status("recording", level, text, values), self._supervision())
+
+    def _supervision(self) -> Status:
+        """Return which valves nobody monitors; a monitor can't tell of its own end."""
+        states = {valve.strip("/"): state for valve, state in self._watch.states(time.monotonic()).items()}
+        missed = {valve for valve, state in states.items() if state is Monitored.NO}
+        for valve in sorted(missed - self._missed):
+            self.get_logger().error(
+                f"{valve} is not monitored: its monitor tells of no health, start it again"
+            )
+        for valve in sorted(self._missed - missed):
+            self.get_logger().info(f"{valve} is monitored again")
+        self._missed = missed
+        waited = sorted(valve for valve, state in states.items() if state is Monitored.NOT_YET)
+        level, text = Level.OK, "every valve that sends is monitored"
+        if missed:
+            level, text = Level.ERROR, f"not monitored: {', '.join(sorted(missed))}"
+        elif waited:
+            level, text = Level.WARNING, f"not monitored yet: {', '.join(waited)}"
+        told = dict.fromkeys(self._valves(), Monitored.IDLE) | states
+        values = {f"state_{valve}": state.value for valve, state in told.items()}
+        return Status("monitoring", level, text, values)
+
+
+def main() -> None:
+    """Run the node as a process."""
+    sys.exit(run(RecorderNode))
+
+
+def _message_type(kind: str) -> Any:
+    package, _, name = kind.split("/")
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError) as error:
+        raise InputError(f"type {kind} is not installed") from error
+
+
+def _wanted(offered: Sequence[QoSProfile], depth: int, *, latched: bool) -> QoSProfile:
+    """Return the strongest quality of service that every publisher offers.
+
+    ``latched`` says what to expect while nobody publishes yet.
+    """
+    reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in offered)
+    if offered:
+        latched = all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in offered)
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def _compatible(wanted: QoSProfile, offered: Sequence[QoSProfile]) -> bool:
+    strict = wanted.reliability == ReliabilityPolicy.RELIABLE
+    latched = wanted.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    return all(
+        (not strict or profile.reliability == ReliabilityPolicy.RELIABLE)
+        and (not latched or profile.durability == DurabilityPolicy.TRANSIENT_LOCAL)
+        for profile in offered
+    )
+
+
+def _recorded(profile: QoSProfile) -> Qos:
+    """Return what the bag says of an offered profile; times are left unlimited, as ROS 2 does by default."""
+    return Qos(
+        history=QosHistory[profile.history.name],
+        depth=profile.depth,
+        reliability=QosReliability[profile.reliability.name],
+        durability=QosDurability[profile.durability.name],
+        deadline=UNLIMITED,
+        lifespan=UNLIMITED,
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=UNLIMITED,
+        avoid_ros_namespace_conventions=False,
+    )
+
+
+if __name__ == "__main__":
+    main()

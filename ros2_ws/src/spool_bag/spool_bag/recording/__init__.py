@@ -1,1 +1,0 @@
-"""Recording: the node, its writer, snapshots, and recovery into a new bag."""

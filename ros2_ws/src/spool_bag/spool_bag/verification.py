@@ -1,0 +1,321 @@
+"""Verification of a recording: signatures, and what was edited, removed or reordered."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from spool_core.errors import InputError
+from spool_core.files import YamlError, load_yaml
+from spool_core.system import OPEN_FLAGS
+
+from spool_bag.mcap_file import McapFile
+from spool_bag.metadata import FILE_NAME, LARGEST, MOST_VALUES, ROOT
+from spool_bag.part_chain import UNREADABLE, Ended, PartBegin, begin_of, end_of, file_hash, oldest_of
+from spool_bag.parts import number_of, numbered
+
+#: Times that a folder is looked at anew, as parts of a running recording go by the quota meanwhile.
+TRIES = 5
+
+
+@dataclass(slots=True)
+class Verification:
+    """Verification of a recording: ``wrong`` what was done to it, ``notes`` what is to be known, a line each.
+
+    ``parts`` were looked at, ``signed`` of these bear a signature by the key;
+    ``newest`` is the hash of the last one, which stands for all.
+    """
+
+    folder: Path
+    parts: int = 0
+    signed: int = 0
+    newest: str = ""
+    wrong: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    def dictionary(self) -> dict[str, Any]:
+        """Return the verification as JSON has it."""
+        return {
+            "recording": str(self.folder),
+            "parts": self.parts,
+            "signed": self.signed,
+            "newest_sha256": self.newest,
+            "wrong": self.wrong,
+            "notes": self.notes,
+        }
+
+
+def verify(folder: Path, key: Path | None = None) -> Verification:
+    """Return what was done to the recording in ``folder`` since it was written.
+
+    A part is whole where the SHA-256 of its bytes is the one in its last record; parts follow each
+    other where each one names the hash of that before it. With the public ``key`` each hash must be signed
+    by its owner.
+
+    Raises:
+        InputError: there is no recording in parts, or the key is none.
+    """
+    for _ in range(TRIES - 1):
+        with contextlib.suppress(FileNotFoundError):
+            return _verify(folder, key)
+    try:
+        return _verify(folder, key)
+    except FileNotFoundError as error:
+        raise InputError(f"{error.filename}: it went while it was verified") from None
+
+
+def make_keys(folder: Path) -> tuple[Path, Path]:
+    """Write a new private and public key (PEM) into ``folder`` and return their paths.
+
+    Raises:
+        InputError: the folder cannot be written to, or has keys already.
+    """
+    from cryptography.hazmat.primitives import serialization as pem  # noqa: PLC0415 - only who signs needs it
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey  # noqa: PLC0415
+
+    private, public = folder / "spool_private.pem", folder / "spool_public.pem"
+    key = Ed25519PrivateKey.generate()
+    secret = key.private_bytes(pem.Encoding.PEM, pem.PrivateFormat.PKCS8, pem.NoEncryption())
+    shown = key.public_key().public_bytes(pem.Encoding.PEM, pem.PublicFormat.SubjectPublicKeyInfo)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for path, content, mode in ((private, secret, 0o600), (public, shown, 0o644)):
+            descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | OPEN_FLAGS, mode)
+            with os.fdopen(descriptor, "wb") as stream:
+                stream.write(content)
+    except FileExistsError as error:
+        raise InputError(f"{error.filename}: is there already: name another folder") from error
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written to: {error.strerror}") from error
+    return private, public
+
+
+def signer(key: str) -> Callable[[str], str] | None:
+    """Return what signs a hash with the private key in the file ``key``, ``None`` without one.
+
+    Raises:
+        InputError: it is no such key.
+    """
+    if not key:
+        return None
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey  # noqa: PLC0415
+    from cryptography.hazmat.primitives.serialization import load_pem_private_key  # noqa: PLC0415
+
+    path = Path(key).expanduser()
+    try:
+        found = load_pem_private_key(path.read_bytes(), password=None)
+    except OSError as error:
+        raise InputError(f"signing_key: {path}: {error.strerror}") from error
+    except (ValueError, TypeError) as error:
+        raise InputError(f"signing_key: {path}: no private key without a password in PEM") from error
+    if not isinstance(found, Ed25519PrivateKey):
+        raise InputError(
+            f"signing_key: {path}: no Ed25519 key: make one with `./spool verify --make-keys DIR`"
+        )
+    return lambda link: found.sign(link.encode()).hex()
+
+
+def is_signed(link: str, signature: str, key: Path) -> bool:
+    """Return whether ``signature`` (hex) of ``link`` is by the public key in the file ``key``.
+
+    Raises:
+        InputError: it is no such key.
+    """
+    from cryptography.exceptions import InvalidSignature  # noqa: PLC0415
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey  # noqa: PLC0415
+    from cryptography.hazmat.primitives.serialization import load_pem_public_key  # noqa: PLC0415
+
+    try:
+        found = load_pem_public_key(key.read_bytes())
+    except (OSError, ValueError, TypeError) as error:
+        raise InputError(f"{key}: no public key in PEM") from error
+    if not isinstance(found, Ed25519PublicKey):
+        raise InputError(f"{key}: no Ed25519 key")
+    try:
+        found.verify(bytes.fromhex(signature), link.encode())
+    except (InvalidSignature, ValueError):
+        return False
+    return True
+
+
+def _verify(folder: Path, key: Path | None) -> Verification:
+    """Return what was done to the recording as it is now.
+
+    Raises:
+        FileNotFoundError: a part went by the quota meanwhile.
+    """
+    # Before the parts: a recorder that writes adds some meanwhile.
+    listed = _listed(folder)
+    files = numbered(folder) if folder.is_dir() else []
+    if not files:
+        raise InputError(f"{folder}: no recording in parts: name the folder that a recorder wrote")
+    chain = _Chain(Verification(folder), key, files[-1][1])
+    for number, path in files:
+        chain.take(number, path)
+    found, (first, _), (newest, _) = chain.found, files[0], files[-1]
+    chain.judge_unsigned()
+    if listed is None:
+        found.notes.append("metadata.yaml cannot be read: whether the newest parts are there cannot be told")
+    elif listed > newest:
+        found.wrong.append(_missing(newest + 1, listed) + ": metadata.yaml lists what is not there")
+    found.newest = chain.link or ""
+    if first > chain.oldest:
+        found.wrong.insert(0, _missing(chain.oldest, first - 1) + ", ahead of all others")
+    elif first > 0:
+        found.notes.append(f"parts 0 to {first - 1} went by the recorder's quota")
+    return found
+
+
+@dataclass(slots=True)
+class _Chain:
+    """Chain of parts as far as it was followed: the ``link`` of the last one, and what it says.
+
+    ``oldest``: number of the oldest part that any tells of. ``unsigned``: unfinished parts that no signed one
+    has named yet.
+    """
+
+    found: Verification
+    key: Path | None
+    last: Path
+    link: str | None = None
+    oldest: int = 0
+    _before: int | None = None
+    _ended: tuple[Path, Ended] | None = None
+    unsigned: list[Path] = field(default_factory=list)
+
+    def take(self, number: int, path: Path) -> None:
+        """Judge the next part."""
+        self.found.parts += 1
+        try:
+            begin, ended = begin_of(path), end_of(path)
+            self.oldest = max(self.oldest, oldest_of(path))
+        except FileNotFoundError:
+            raise
+        except OSError as error:
+            self._break(number, f"{path.name}: it cannot be read: {error.strerror}")
+            return
+        if begin is None and ended is None:
+            self._break(number, f"{path.name}: it is no part of a recording, or its beginning was edited")
+            return
+        self._judge_place(number, path, begin)
+        if ended is None:
+            self.unsigned.append(path)
+            _unfinished(self.found, path, last=path == self.last)
+            self.link, self._ended = file_hash(path), None
+        else:
+            judged = len(self.found.wrong)
+            self._judge(path, ended, begin.before if begin is not None else ended.end.before)
+            self.oldest = max(self.oldest, ended.end.oldest)
+            sound = len(self.found.wrong) == judged
+            self.link, self._ended = ended.end.link, (path, ended) if sound else None
+        self._before = number
+
+    def judge_unsigned(self) -> None:
+        """Judge the unfinished parts that nobody vouches for, where a key is given."""
+        if self.key is None:
+            return
+        for path in self.unsigned:
+            if path == self.last:
+                self.found.notes.append(f"{path.name}: nobody has signed it yet")
+            else:
+                said = f"{path.name}: it was never finished, and no part behind it that is signed names it"
+                self.found.wrong.append(said)
+
+    def _break(self, number: int, wrong: str) -> None:
+        self.found.wrong.append(wrong)
+        self.link, self._before, self._ended = None, number, None
+
+    def _judge_place(self, number: int, path: Path, begin: PartBegin | None) -> None:
+        """Judge what a part says of its number and of the part before it."""
+        wrong = self.found.wrong
+        if begin is None:
+            wrong.append(f"{path.name}: its beginning was edited")
+            return
+        if begin.number != number:
+            wrong.append(
+                f"{path.name}: it is part {begin.number} by its own words: it was renamed or exchanged"
+            )
+        if self._before is not None and number != self._before + 1:
+            wrong.append(_missing(self._before + 1, number - 1))
+        elif begin.before == UNREADABLE:
+            self.found.notes.append(f"{path.name}: the part before it could not be read when it was begun")
+        elif self.link is not None and begin.before != self.link:
+            wrong.append(
+                f"{path.name}: it does not follow the part before it: one of both was exchanged, "
+                "edited or made anew"
+            )
+        elif self._ended is not None and begin.file:
+            before, ended = self._ended
+            if begin.file != ended.file and not ended.end.thinned:
+                wrong.append(f"{before.name}: its index was edited")
+
+    def _judge(self, path: Path, ended: Ended, begin_before: str) -> None:
+        """Judge one finished part by its last record."""
+        end, found = ended.end, self.found
+        if end.thinned:
+            vouched = "" if self.key is not None else "; without a key that cannot be told from an edit"
+            found.notes.append(
+                f"{path.name}: the recorder thinned it: its accelerations were removed{vouched}"
+            )
+        if (end.thinned or end.content) != ended.content:
+            found.wrong.append(
+                f"{path.name}: its content was edited: its SHA-256 is not the one it ends with"
+            )
+        elif not (ended.sound and _readable(path)):
+            found.wrong.append(f"{path.name}: its index or its end was edited")
+        if end.before != begin_before:
+            found.wrong.append(
+                f"{path.name}: beginning and end name different parts before it: it was edited"
+            )
+        if self.key is None:
+            return
+        signed = bool(end.signature) and is_signed(end.link, end.signature, self.key)
+        if signed and end.thinned:
+            signed = is_signed(end.thinned_link, end.thinned_signature, self.key)
+        if signed:
+            found.signed += 1
+            self.unsigned.clear()  # it names them, so that its signature is theirs
+        elif end.signature:
+            found.wrong.append(f"{path.name}: its signature is not by the owner of {self.key.name}")
+        else:
+            found.wrong.append(f"{path.name}: it is not signed")
+
+
+def _unfinished(found: Verification, path: Path, *, last: bool) -> None:
+    """Judge a part without an end: the last one is being written or was cut off, others were."""
+    if last:
+        found.notes.append(
+            f"{path.name}: it is not finished: it is being written, or the recorder was cut off"
+        )
+    else:
+        found.notes.append(f"{path.name}: it was never finished; the next part tells whether it is as it was")
+
+
+def _listed(folder: Path) -> int | None:
+    """Return the largest number of a part that ``metadata.yaml`` lists, ``None`` where it cannot be read."""
+    try:
+        with (folder / FILE_NAME).open(encoding="utf-8") as stream:
+            text = stream.read(LARGEST + 1)
+        about = load_yaml(text, largest=LARGEST, most_values=MOST_VALUES)
+        names = [str(name) for name in about[ROOT]["relative_file_paths"]]
+    except (OSError, YamlError, ValueError, KeyError, TypeError):
+        return None
+    return max((number for name in names if (number := number_of(name)) is not None), default=-1)
+
+
+def _readable(path: Path) -> bool:
+    """Return whether index and end of a part are as mcap wrote them, by their checksum."""
+    try:
+        file = McapFile(path)
+    except InputError:
+        return False
+    return file.closed and file.counts is not None
+
+
+def _missing(first: int, last: int) -> str:
+    which = f"part {first} was" if first == last else f"parts {first} to {last} were"
+    return f"{which} removed"

@@ -1,0 +1,365 @@
+"""Node ``estimator``: identifies the model of one valve from its acceleration blocks.
+
+The node hands over what it hears; this holds the topics ``events`` and ``gap`` and the service
+``~/analyse_gap``.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+from sensor_msgs.msg import Temperature
+from spool_core.block import Block
+from spool_core.block_gate import SharedGate
+from spool_core.node import qos
+from spool_core.node.block_hub import Throttle
+from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, block_faults, block_values, key
+from spool_core.node.managed_node import ManagedNode
+from spool_core.node.messages import nanoseconds, to_quantity, to_time
+from spool_core.node.parameters import NodeParameter
+from spool_core.uncertainty import Quantity, Validity
+from spool_msgs.msg import GapAnalysis, HealthEvent, ModelEstimate, ValveDescription, WindowRefit
+from spool_sim.model import Model, load_model
+from spool_sim.valve import Valve, find_valve
+from std_srvs.srv import Trigger
+
+from spool_estimator.estimate import Estimate, State
+from spool_estimator.estimator import ESTIMATORS, make_estimator, phase_of, settings_for
+from spool_estimator.gap_requests import (
+    MODEL_GAP,
+    MODEL_GAP_CODE,
+    GapAnswer,
+    GapChange,
+    GapTask,
+    GapWatch,
+    GapWorker,
+    RecentBlocks,
+)
+from spool_estimator.messages import to_description, to_message, to_refit_message
+from spool_estimator.plausibility import ValveCheck
+from spool_estimator.refit import RefitSettings, RefitWorker, WindowRefits
+from spool_estimator.stream_estimator import EXPONENTIAL, FORGETTING, StreamEstimator
+from spool_estimator.warm_up import warm_up_estimator
+
+#: Names and units of what is told of an estimate, whether or not it is known yet.
+_TOLD = (
+    ("spring_stiffness", "N/m"),
+    ("viscous_coefficient", "N s/m"),
+    ("coulomb_force", "N"),
+    ("oil_temperature", "deg C"),
+)
+
+#: Events that late joiners get.
+KEPT_EVENTS = 100
+
+
+class EstimatorNode(ManagedNode):
+    """Node ``estimator``: identifies the model of one valve from its acceleration blocks."""
+
+    PARAMETERS: ClassVar = (
+        NodeParameter(
+            "valve_file", "4weh10_soft", "Path of a YAML file or name of a shipped valve.", structural=True,
+        ),
+        NodeParameter(
+            "method", "prediction", "The model run in parallel, or equation error.", structural=True,
+            choices=tuple(ESTIMATORS),
+        ),
+        NodeParameter(
+            "forgetting", EXPONENTIAL, "How the past is forgotten.", choices=FORGETTING, structural=True,
+        ),
+        NodeParameter(
+            "memory", 4.0, "Time constant of forgetting, or length of the window.",
+            "s", 0.2, 3600.0, structural=True,
+        ),
+        NodeParameter("low_cut", 4.0, "Lower edge of the band.", "Hz", 0.1, 100.0, structural=True),
+        NodeParameter("high_cut", 300.0, "Upper edge of the band.", "Hz", 10.0, 1e4, structural=True),
+        NodeParameter(
+            "minimum_excitation", 0.2, "Rms body acceleration below which parameters are held.",
+            "m/s^2", 0.0, 1e3, structural=True,
+        ),
+        NodeParameter(
+            "period", 1.0, "Time between estimates, in data time.", "s", 0.1, 60.0, structural=True
+        ),
+        NodeParameter(
+            "stale_after", 1.5, "Silence after which the estimate is stale.", "s", 0.2, 60.0,
+        ),
+        NodeParameter(
+            "refit_period", 0.0, "Data time between refits, 0: none.", "s", 0.0, 3.6e3, structural=True,
+        ),
+        NodeParameter("refit_window", 4.0, "Length of the refitted window.", "s", 2.0, 60.0, structural=True),
+        NodeParameter("refit_model", "coulomb", "Name of a model or path of a YAML file.", structural=True),
+        NodeParameter(
+            "gap_growth", 2.0, "Residual over its median from which model_gap is raised.",
+            "1", 1.1, 100.0, structural=True,
+        ),
+        NodeParameter(
+            "gap_window", 60.0, "How far ~/analyse_gap looks back.", "s", 6.0, 600.0, structural=True,
+        ),
+        NodeParameter(
+            "gap_base", "fluid", "Model that ~/analyse_gap adds to: name or YAML file.", structural=True,
+        ),
+    )  # fmt: skip
+
+    def __init__(self, namespace: str | None = None, **options: Any) -> None:
+        super().__init__("estimator", namespace, **options)
+        self._core: StreamEstimator | None = None
+        self._gate = SharedGate()
+        self._refits: WindowRefits | None = None
+        self._worker: RefitWorker | None = None
+        self._check: ValveCheck | None = None
+        self._doubts: list[str] = []
+        self._arrival = time.monotonic()
+        self._reported = (Level.OK, 0)
+        self._throttle = Throttle()
+
+    def configure(self) -> None:
+        """Build the core and say which valve it is for."""
+        # Compiling takes seconds where the cache is old or can't be written: blocks would be lost meanwhile.
+        self.compile(warm_up_estimator)
+        valve = find_valve(self.value("valve_file"))
+        names = ("forgetting", "memory", "low_cut", "high_cut", "minimum_excitation", "period")
+        settings = settings_for(
+            valve, phase=phase_of(self.get_namespace()), **{name: self.value(name) for name in names}
+        )
+        self._core = make_estimator(self.value("method"), settings)
+        self._gate = self._core.gate = SharedGate()
+        self._valve_id = valve.id
+        self._publisher = self.create_lifecycle_publisher(ModelEstimate, "estimate", qos.state())
+        self._description_publisher = self.create_lifecycle_publisher(ValveDescription, "valve", qos.state())
+        self._description = to_description(valve)
+        self._check, self._doubts = ValveCheck(valve), []
+        self._configure_refits(valve)
+        base = load_model(self.value("gap_base"))
+        base.values_for(valve)
+        window, growth = self.value("gap_window"), self.value("gap_growth")
+        self._gap = GapService(self, valve, base, window=window, growth=growth)
+        self._diagnostics = DiagnosticPublisher(self, valve.id)
+        self.get_logger().info(
+            f"configured for valve {valve.id} ({self.value('valve_file')}): {1e3 * valve.moving_mass:g} g, "
+            f"{valve.natural_frequency:.1f} Hz, method {self.value('method')}"
+        )
+
+    def _configure_refits(self, valve: Valve) -> None:
+        model = load_model(self.value("refit_model"))
+        model.values_for(valve)
+        if self.value("refit_period") > 0.0:
+            settings = RefitSettings(valve, model, self.value("refit_period"), self.value("refit_window"))
+            self._refits = WindowRefits(settings, self._gate)
+            self._worker = RefitWorker(settings)
+            self._refit_publisher = self.create_lifecycle_publisher(WindowRefit, "refit", qos.state())
+
+    def activate(self) -> None:
+        """Listen; the core goes on from where it was."""
+        self._arrival = time.monotonic()
+        self._description.header.stamp = self.get_clock().now().to_msg()
+        self._description_publisher.publish(self._description)
+        self.subscribe_blocks("acceleration", self._take, self._room)
+        self.subscribe(Temperature, "oil_temperature", self._take_temperature, qos.samples_wanted())
+        if self._worker is not None:
+            self.every(0.05, self._collect, steady=True)
+        self._gap.open()
+        self.every(0.25, self._watch, steady=True)
+        self.every(1.0, self._report, steady=True)
+
+    def cleanup(self) -> None:
+        """Let go of core and publishers."""
+        self.destroy_publisher(self._publisher)
+        self.destroy_publisher(self._description_publisher)
+        self._diagnostics.destroy()
+        self._gap.close()
+        if self._worker is not None:
+            self._worker.close()
+            self.destroy_publisher(self._refit_publisher)
+        self._core = self._refits = self._worker = None
+
+    def _room(self) -> int:
+        """Return the samples until an estimate falls due, with which nothing waits."""
+        return self._core.lacking if self._core is not None else 0
+
+    def _take(self, blocks: Sequence[Block]) -> None:
+        gate = self._gate
+        accepted, refused = gate.accepted, gate.refused
+        for block in gate.admitted(blocks, self._room):
+            self._take_judged(block, used=gate.accepted > accepted)
+            if gate.refused > refused and gate.fault is not None:
+                self._tell_refused(gate.fault.value, block.sequence)
+            accepted, refused = gate.accepted, gate.refused
+
+    def _take_judged(self, block: Block, *, used: bool) -> None:
+        assert self._core is not None
+        estimates = self._core.update(block)
+        if used:
+            self._arrival = time.monotonic()
+            self._gap.take(block, estimates)
+        for estimate in estimates:
+            self._publisher.publish(to_message(estimate, self._valve_id))
+            self._doubt(estimate)
+        if self._refits is not None and self._worker is not None:
+            for task in self._refits.update(block, estimates):
+                self._worker.offer(task)
+
+    def _doubt(self, estimate: Estimate) -> None:
+        """Compare the valve file with what the record shows, and log once that they contradict."""
+        if self._check is None or self._check.complete:
+            return
+        self._check.update(estimate)
+        before, self._doubts = self._doubts, self._check.doubts()
+        if self._doubts and not before:
+            self.get_logger().warning("; ".join(self._doubts))
+
+    def _tell_refused(self, reason: str, sequence: int) -> None:
+        count = self._throttle.take(reason)
+        if count:
+            blocks = "block" if count == 1 else f"{count} blocks, the last one"
+            self.get_logger().warning(f"{blocks} {sequence} refused: {reason}")
+
+    def _collect(self) -> None:
+        """Publish the refit that was finished since, if any."""
+        assert self._worker is not None
+        found = self._worker.collect()
+        if found is not None:
+            self._refit_publisher.publish(
+                to_refit_message(
+                    found, self._valve_id, refits=self._worker.done, skipped=self._worker.skipped
+                )
+            )
+
+    def _take_temperature(self, message: Temperature) -> None:
+        assert self._core is not None
+        deviation = math.sqrt(message.variance) if message.variance > 0.0 else math.nan
+        self._core.update_temperature(nanoseconds(message.header.stamp), message.temperature, deviation)
+
+    def _watch(self) -> None:
+        """Publish once that the estimate is held, an analysis that is done, and another level immediately."""
+        assert self._core is not None
+        self._gap.collect()
+        latest = self._core.latest
+        silent = time.monotonic() - self._arrival > self.value("stale_after")
+        if silent and latest is not None and latest.state is not State.STALE:
+            stale = self._core.stale()
+            assert stale is not None
+            self._core.latest = stale
+            self._publisher.publish(to_message(stale, self._valve_id))
+        if (self._level(), self._core.gate.refused) != self._reported:
+            self._report()
+
+    def _level(self) -> Level:
+        assert self._core is not None
+        if time.monotonic() - self._arrival > self.value("stale_after"):
+            return Level.STALE
+        gate = self._core.gate
+        return Level.OK if gate.accepted and not block_faults(gate) and not self._doubts else Level.WARNING
+
+    def _report(self) -> None:
+        assert self._core is not None
+        gate = self._core.gate
+        latest: Estimate | None = self._core.latest
+        level = self._level()
+        self._reported = (level, gate.refused)
+        if level is Level.STALE:
+            message = "no usable blocks arrive"
+        elif level is Level.WARNING:
+            message = block_faults(gate) or "; ".join(self._doubts) or "waiting for data"
+        else:
+            message = latest.state.name.lower().replace("_", " ") if latest else "no estimate yet"
+        values = block_values(gate)
+        if self._worker is not None:
+            values["refits_done"] = self._worker.done
+            values["refits_skipped"] = self._worker.skipped
+        told = {one.name: one.value for one in (*latest.parameters, latest.oil_temperature)} if latest else {}
+        for name, unit in _TOLD:
+            values[key(name, unit)] = told.get(name, math.nan)
+        self._diagnostics.publish(Status("estimate", level, message, values))
+
+
+class GapService:
+    """Events and analyses of one valve's model gap."""
+
+    def __init__(self, node: Any, valve: Valve, base: Model, *, window: float, growth: float) -> None:
+        """Make the publishers.
+
+        Args:
+            node: a managed node.
+            valve: that is listened to.
+            base: model that effects are added to.
+            window: s that an analysis looks back.
+            growth: residual over its median from which the event is raised.
+        """
+        self._node, self._valve, self._base = node, valve, base
+        self._watch = GapWatch(growth)
+        self._recent = RecentBlocks(window)
+        self._worker = GapWorker()
+        self._events = node.create_lifecycle_publisher(HealthEvent, "events", qos.state(KEPT_EVENTS))
+        self._answers = node.create_lifecycle_publisher(GapAnalysis, "gap", qos.state())
+
+    def open(self) -> None:
+        """Listen to the valve's events, and answer requests."""
+        self._node.subscribe(HealthEvent, "events", self._hear, qos.state(KEPT_EVENTS))
+        self._node.serve(Trigger, "~/analyse_gap", self._answer)
+
+    def take(self, block: Block, estimates: list[Estimate]) -> None:
+        """Keep ``block`` and judge ``estimates``."""
+        self._recent.take(block)
+        self._watch.take(block)
+        for estimate in estimates:
+            change = self._watch.update(estimate)
+            if change is not None:
+                self._events.publish(self._event(change))
+
+    def _hear(self, event: HealthEvent) -> None:
+        raised = event.state == HealthEvent.STATE_RAISED
+        self._watch.hear(event.kind, event.source or event.cause, raised=raised)
+
+    def _answer(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Begin an analysis of what is kept; its result comes on ``gap``."""
+        records = self._recent.records(self._valve.id)
+        if not records:
+            response.success, response.message = False, "no samples have arrived yet"
+        elif self._worker.offer(GapTask(records, self._valve, self._base, self._recent.stamp)):
+            seconds = sum(record.duration for record in records)
+            response.success, response.message = True, f"analysing {seconds:.1f} s; the result comes on gap"
+        else:
+            response.success, response.message = False, "an analysis is under way"
+        return response
+
+    def collect(self) -> None:
+        """Publish the analysis that was finished since, if any."""
+        answer = self._worker.collect()
+        if answer is not None:
+            self._answers.publish(self._message(answer))
+
+    def close(self) -> None:
+        """End the worker and let go of the publishers."""
+        self._worker.close()
+        self._node.destroy_publisher(self._events)
+        self._node.destroy_publisher(self._answers)
+
+    def _event(self, change: GapChange) -> HealthEvent:
+        message = HealthEvent(
+            kind=MODEL_GAP,
+            code=MODEL_GAP_CODE,
+            state=HealthEvent.STATE_RAISED if change.raised else HealthEvent.STATE_CLEARED,
+            severity=HealthEvent.SEVERITY_WARNING,
+            quantity=to_quantity(change.residual),
+            message=change.sentence,
+        )
+        message.header.frame_id = self._valve.id
+        message.header.stamp = to_time(change.stamp)
+        return message
+
+    def _message(self, answer: GapAnswer) -> GapAnalysis:
+        validity = Validity.VALID if answer.done else Validity.UNKNOWN
+        message = GapAnalysis(
+            state=GapAnalysis.STATE_DONE if answer.done else GapAnalysis.STATE_FAILED,
+            verdict=answer.verdict,
+            confidence=to_quantity(Quantity("confidence", "1", answer.confidence, validity=validity)),
+            sentence=answer.sentence,
+            window=answer.duration,
+            json=answer.json,
+        )
+        message.header.frame_id = self._valve.id
+        message.header.stamp = to_time(answer.stamp)
+        return message

@@ -1,0 +1,428 @@
+"""Analyses of the gap on request: the samples that are kept for them, and the process that does the work."""
+
+from __future__ import annotations
+
+import json
+import math
+import multiprocessing
+from collections import deque
+from collections.abc import Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from dataclasses import dataclass, field, replace
+from importlib.metadata import entry_points
+from statistics import fmean, median
+
+import numpy as np
+from spool_core.block import Block, joined
+from spool_core.errors import InputError
+from spool_core.system import give_way
+from spool_core.text import Account, over, raised, urgency
+from spool_core.uncertainty import Quantity, percent
+from spool_sim.model import Model
+from spool_sim.valve import Valve
+
+from spool_estimator.estimate import Estimate, State
+from spool_estimator.identification.channel_faults import flat_share
+from spool_estimator.identification.record import Record, records_from_blocks
+
+#: Kind and code of the event.
+MODEL_GAP, MODEL_GAP_CODE = "model_gap", 500
+#: What to do about it.
+REMEDY = "record a minute of it, and let ./spool gap name what is missing"
+#: Kinds of the events that explain whatever the model leaves over.
+FAULTS = ("sensor_fault", "data_fault")
+#: Estimates from which the median is learned.
+LEARNED = 20
+#: Estimates in a row that close the gap, and the least that open it.
+IN_A_ROW = 3
+#: Deviations above the median that an estimate must reach, too, and the smallest deviation over the median.
+DEVIATIONS, LEAST_DEVIATION = 6.0, 0.05
+#: Standard deviation of normal numbers over their median deviation.
+NORMAL = 1.4826
+#: Share of the force below which what is left worries nobody: where the spool sticks at every turn the
+#: online estimator itself leaves up to 3 %.
+MATTERS = 0.04
+#: Share of the way from the median to the limit below which the gap has closed again.
+CLOSED = 0.5
+#: Times of the estimator's memory for which the residual must stay up, and s at most.
+PATIENCE, LONGEST_PATIENCE = 2.5, 30.0
+#: Growth of the residual from one half of that time to the other that says: still growing.
+GROWING = 1.3
+#: Relative change of a parameter, over the residual, that explains the residual by the estimator's lag.
+LAGGING = 0.1
+#: Dry friction over the spring's force, rms, from which the spool sticks most of the time.
+STICKING = 3.0
+#: Stiffness over the median one, either way, that is no spring's: channels are exchanged or read wrongly.
+NO_SPRING = 3.0
+#: s of samples that are looked at for a channel that clips, and the share of flat samples that is too much.
+LOOKED_AT, CLIPS = 1.0, 0.006
+
+#: Entry points of spool_gap, which stands above this package: ``analyse`` and ``to_dict``.
+ANALYSIS = "spool.gap_analysis"
+#: s, length of the runs in which recent samples are held.
+RUN = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class GapChange:
+    """Gap change: it opened or closed.
+
+    Attributes:
+        stamp: ns.
+        raised: it opened.
+        residual: at that time, relative.
+        median: of the residual before, relative.
+        lasted: how long it was open, s; NaN where it opens.
+    """
+
+    stamp: int
+    raised: bool
+    residual: Quantity
+    median: float
+    lasted: float = math.nan
+
+    @property
+    def sentence(self) -> str:
+        """Return one line for people."""
+        now, before = (percent(share) for share in (self.residual.value, self.median))
+        account = Account(
+            f"the model leaves {now} of the force unexplained, usually {before}",
+            "something is missing",
+            sure=f"it stayed so for {PATIENCE:g} memories of the estimator while no parameter changed",
+            urgent=urgency("S", alarm=False),
+            outlook="no trend tells a time",
+        )
+        return raised(account, REMEDY) if self.raised else over(MODEL_GAP, account, self.lasted)
+
+
+@dataclass(frozen=True, slots=True)
+class ResidualLevel:
+    """Level of one measure of the residual: its median, and the limit above which it counts as grown."""
+
+    median: float
+    limit: float
+
+    @classmethod
+    def learned(cls, values: list[float], growth: float, least: float = 0.0) -> ResidualLevel:
+        """Return the level of ``values``; its limit is ``growth`` times the median and ``least``, or more."""
+        middle = median(values)
+        deviation = NORMAL * median(abs(one - middle) for one in values)
+        deviation = max(deviation, LEAST_DEVIATION * middle)
+        return cls(middle, max(growth * middle, middle + DEVIATIONS * deviation, least))
+
+
+@dataclass(slots=True)
+class GapWatch:
+    """Model-gap watch: learns the median of what the model leaves over, and says when that grows.
+
+    Two measures must grow: the residual over the force, which a weaker excitation raises because the noise
+    stays, and the force that is left (residual times stiffness times displacement, N), which a stronger
+    excitation raises because the force grows. Both medians are of the first ``LEARNED`` estimates while the
+    estimator tracks. Below ``MATTERS`` no gap opens.
+
+    What the estimator follows is no gap: while a parameter drifts it lags behind, and leaves more. So the gap
+    opens once both measures stayed up for ``PATIENCE`` memories in which neither the residual grew on nor a
+    parameter changed; nor does it open while a sensor is at fault, a channel clips or the channels show no
+    spring like the median one. What is not tracked says nothing, and neither does a spool that sticks most of
+    the time.
+
+    Attributes:
+        growth: residual over its median from which the gap is open.
+        raised: it is open.
+        median: learned, relative; ``None`` while it is being learned.
+        limit: residual above which the gap opens.
+    """
+
+    growth: float = 2.0
+    raised: bool = field(default=False, init=False)
+    _relative: ResidualLevel | None = field(default=None, init=False)
+    _force: ResidualLevel | None = field(default=None, init=False)
+    _stiffness: float = field(default=0.0, init=False)
+    _first: list[tuple[float, float, float]] = field(default_factory=list, init=False)
+    _last: deque[float] = field(default_factory=lambda: deque(maxlen=IN_A_ROW), init=False)
+    _up: deque[Estimate] = field(default_factory=deque, init=False)
+    _faults: set[str] = field(default_factory=set, init=False)
+    _opened: int = field(default=0, init=False)
+    _recent: deque[Block] = field(default_factory=deque, init=False)
+    _kept: float = field(default=0.0, init=False)
+
+    @property
+    def median(self) -> float | None:
+        """Median of the residual, relative; ``None`` while that is being learned."""
+        return None if self._relative is None else self._relative.median
+
+    @property
+    def limit(self) -> float:
+        """Residual above which the gap opens; 0 while that is being learned."""
+        return 0.0 if self._relative is None else self._relative.limit
+
+    def take(self, block: Block) -> None:
+        """Keep the samples of ``block`` as long as they may be looked at."""
+        self._recent.append(block)
+        self._kept += _length(block)
+        while self._kept - _length(self._recent[0]) >= LOOKED_AT:
+            self._kept -= _length(self._recent.popleft())
+
+    def hear(self, kind: str, source: str, *, raised: bool) -> None:
+        """Take an event of the monitor: no gap opens while sensors or data are known to be at fault."""
+        if kind in FAULTS:
+            (self._faults.add if raised else self._faults.discard)(source)
+
+    def update(self, estimate: Estimate) -> GapChange | None:
+        """Take an estimate of what was taken; return what changed with it."""
+        force = _force_left(estimate)
+        if estimate.state is State.NOT_EXCITED:
+            self._up.clear()  # a standstill: what was up before it stayed up no longer
+        if estimate.state is not State.TRACKING or force is None:
+            return None
+        value = estimate.residual.value
+        if self._relative is None or self._force is None:
+            self._learn(value, force, _stiffness(estimate))
+            return None
+        self._last.append(value)
+        closed = self._relative.median + CLOSED * (self._relative.limit - self._relative.median)
+        if self.raised:
+            closes = len(self._last) == IN_A_ROW and max(self._last) < closed
+            return self._change(estimate, opens=False) if closes else None
+        up = value > self._relative.limit and force > self._force.limit
+        if up and self._believes(estimate):
+            self._up.append(estimate)
+        else:
+            self._up.clear()
+        return self._change(estimate, opens=True) if self._stays() else None
+
+    def _change(self, estimate: Estimate, *, opens: bool) -> GapChange:
+        assert self._relative is not None
+        self.raised = opens
+        self._up.clear()
+        lasted = math.nan if opens else 1e-9 * (estimate.stamp - self._opened)
+        self._opened = estimate.stamp
+        return GapChange(estimate.stamp, opens, estimate.residual, self._relative.median, lasted)
+
+    def _learn(self, value: float, force: float, stiffness: float) -> None:
+        self._first.append((value, force, stiffness))
+        if len(self._first) < LEARNED:
+            return
+        relative, forces, stiffnesses = (list(row) for row in zip(*self._first, strict=True))
+        self._relative = ResidualLevel.learned(relative, self.growth, MATTERS)
+        self._force = ResidualLevel.learned(forces, self.growth)
+        self._stiffness = median(stiffnesses)
+        self._first.clear()
+
+    def _stays(self) -> bool:
+        """Whether the residual stayed up long enough, while nothing changed that explains it."""
+        if len(self._up) < IN_A_ROW:
+            return False
+        patience = min(PATIENCE * self._up[-1].memory, LONGEST_PATIENCE)
+        due = self._up[-1].stamp - round(patience * 1e9)
+        if self._up[0].stamp > due:
+            return False
+        while len(self._up) > IN_A_ROW and self._up[1].stamp <= due:
+            self._up.popleft()
+        half = len(self._up) // 2
+        before, after = list(self._up)[:half], list(self._up)[half:]
+        if fmean(one.residual.value for one in after) > GROWING * fmean(one.residual.value for one in before):
+            return False
+        return not any(_changes(before, after, quantity.name) for quantity in after[-1].parameters)
+
+    def _believes(self, estimate: Estimate) -> bool:
+        """Whether the channels can be those of this valve."""
+        ratio = _stiffness(estimate) / self._stiffness
+        return not self._faults and 1.0 / NO_SPRING < ratio < NO_SPRING and not self._clips()
+
+    def _clips(self) -> bool:
+        if not self._recent:
+            return False
+        return any(
+            flat_share(np.concatenate([getattr(block, name) for block in self._recent])) >= CLIPS
+            for name in ("body", "spool")
+        )
+
+
+@dataclass(slots=True)
+class RecentBlocks:
+    """Recent blocks: the last ``seconds`` s of one valve's sound blocks, and up to a second more.
+
+    They are held as runs of about a second: thousands of small objects would make the collector stop a
+    process that serves many valves.
+
+    Attributes:
+        seconds: that are kept.
+        stamp: ns, of the newest sample; 0 before any.
+    """
+
+    seconds: float
+    stamp: int = field(default=0, init=False)
+    _runs: deque[tuple[Block, bool]] = field(default_factory=deque, init=False)
+    _fresh: list[Block] = field(default_factory=list, init=False)
+    _last: Block | None = field(default=None, init=False)
+    _after_gap: bool = field(default=True, init=False)
+    _duration: float = field(default=0.0, init=False)
+
+    def take(self, block: Block) -> None:
+        """Keep ``block`` and forget what is too old."""
+        gap = self._last is None or not _goes_on(self._last, block)
+        if gap and self._fresh:
+            self._close_run()
+        self._after_gap = self._after_gap or gap
+        self._fresh.append(block)
+        self._last = block
+        self.stamp = block.end - round(block.sample_period * 1e9)
+        if (block.end - self._fresh[0].stamp) * 1e-9 >= RUN:
+            self._close_run()
+
+    def records(self, name: str) -> list[Record]:
+        """Return what is kept as stretches without gaps."""
+        runs = [*self._runs, (joined(self._fresh), self._after_gap)] if self._fresh else list(self._runs)
+        stretches: list[list[Block]] = []
+        for run, after_gap in runs:
+            if after_gap or not stretches:
+                stretches.append([])
+            stretches[-1].append(replace(run, sequence=len(stretches[-1])))
+        found = [record for stretch in stretches for record in records_from_blocks(stretch, name)]
+        return [replace(record, origin=found[0].start) for record in found]
+
+    def _close_run(self) -> None:
+        run = joined(self._fresh)
+        self._runs.append((run, self._after_gap))
+        self._fresh, self._after_gap = [], False
+        self._duration += _gap_worker_length(run)
+        while self._duration - _gap_worker_length(self._runs[0][0]) >= self.seconds:
+            self._duration -= _gap_worker_length(self._runs.popleft()[0])
+
+
+@dataclass(frozen=True, slots=True)
+class GapTask:
+    """Gap task: records on their way to an analysis; ``stamp`` (ns) is that of the newest sample."""
+
+    records: Sequence[Record]
+    valve: Valve
+    base: Model
+    stamp: int
+
+
+@dataclass(frozen=True, slots=True)
+class GapAnswer:
+    """Gap answer: what an analysis said; fields as in ``GapAnalysis``, ``done`` where there is a verdict."""
+
+    stamp: int
+    done: bool
+    sentence: str
+    duration: float
+    verdict: str = ""
+    confidence: float = float("nan")
+    json: str = ""
+
+
+def analyse_task(task: GapTask) -> GapAnswer:
+    """Return the analysis of ``task``; a record that cannot be analysed is an answer with a reason."""
+    seconds = sum(record.duration for record in task.records)
+    offered = {one.name: one for one in entry_points(group=ANALYSIS)}
+    if not offered:
+        return GapAnswer(task.stamp, False, "spool_gap is not installed: build and source it", seconds)
+    try:  # loaded in the worker only
+        found = offered["analyse"].load()(task.records, task.valve, task.base)
+    except InputError as error:
+        return GapAnswer(task.stamp, False, str(error), seconds)
+    text = json.dumps(offered["to_dict"].load()(found), allow_nan=False)
+    return GapAnswer(task.stamp, True, found.sentence, seconds, found.verdict, found.confidence, text)
+
+
+class GapWorker:
+    """Gap worker: each analysis in a process of its own, one at a time."""
+
+    def __init__(self) -> None:
+        """Start nothing yet."""
+        self._pool: ProcessPoolExecutor | None = None
+        self._running: Future[GapAnswer] | None = None
+        self._task: GapTask | None = None
+
+    @property
+    def busy(self) -> bool:
+        """Whether an answer is still to come, or to be collected."""
+        return self._running is not None
+
+    def offer(self, task: GapTask) -> bool:
+        """Begin to analyse ``task``; return whether that began. Never waits."""
+        if self.busy:
+            return False
+        if self._pool is None:
+            # A fork of a process with threads may inherit a lock that nobody will open.
+            context = multiprocessing.get_context("spawn")
+            self._pool = ProcessPoolExecutor(1, context, initializer=give_way)
+        self._task = task
+        self._running = self._pool.submit(analyse_task, task)
+        return True
+
+    def collect(self) -> GapAnswer | None:
+        """Return the answer that has come since, ``None`` without one; never waits."""
+        if self._running is None or self._task is None or not self._running.done():
+            return None
+        running, task = self._running, self._task
+        self._running = self._task = None
+        error = running.exception()
+        self.close()  # an analysis is rare, and its process as large as that of a node
+        if error is None:
+            return running.result()
+        seconds = sum(record.duration for record in task.records)
+        return GapAnswer(
+            task.stamp, False, f"the analysis broke off: {type(error).__name__}: {error}", seconds
+        )
+
+    def close(self) -> None:
+        """End the process; what it is analysing is lost."""
+        if self._pool is not None:
+            self._pool.shutdown(wait=False, cancel_futures=True)
+        self._pool = self._running = self._task = None
+
+
+def _length(block: Block) -> float:
+    return block.body.size * block.sample_period
+
+
+def _force_left(estimate: Estimate) -> float | None:
+    """Return the force that is left, N rms: the residual's share of the spring's force.
+
+    ``None`` where it says nothing: unknown, or the spool sticks most of the time.
+    """
+    if not (estimate.residual.known and estimate.relative_displacement.known):
+        return None
+    spring = _spring_force(estimate)
+    sticks = estimate.parameter("coulomb_force").value > STICKING * spring
+    return None if sticks else estimate.residual.value * spring
+
+
+def _stiffness(estimate: Estimate) -> float:
+    return max(estimate.parameter("spring_stiffness").value, 1e-9)
+
+
+def _spring_force(estimate: Estimate) -> float:
+    return _stiffness(estimate) * estimate.relative_displacement.value
+
+
+def _changes(before: list[Estimate], after: list[Estimate], name: str) -> bool:
+    """Whether a parameter changed so that the lag behind it explains the residual.
+
+    A force is measured by the spring's, too: dry friction may be next to nothing.
+    """
+    first, last = (fmean(one.parameter(name).value for one in part) for part in (before, after))
+    newest = after[-1]
+    quantity = newest.parameter(name)
+    scale = max(abs(first), abs(last))
+    if quantity.unit == "N":
+        scale += _spring_force(newest)
+    tolerated = LAGGING * newest.residual.value * scale + quantity.standard_deviation
+    return abs(last - first) > tolerated
+
+
+def _gap_worker_length(run: Block) -> float:
+    return run.body.size * run.sample_period
+
+
+def _goes_on(last: Block, block: Block) -> bool:
+    """Return whether ``block`` follows ``last`` with no more jitter than clocks of sources have."""
+    return (
+        block.sequence == last.sequence + block.blocks
+        and block.sample_period == last.sample_period
+        and abs(block.stamp - last.end) <= 2.0e9 * block.sample_period
+    )

@@ -1,1 +1,0 @@
-"""Model-gap requests: when the live residual grows, and its analysis in a process of its own."""

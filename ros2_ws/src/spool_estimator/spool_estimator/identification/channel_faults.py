@@ -1,0 +1,504 @@
+"""Faults of channels in a record: clipping, gaps, exchanged or dead channels.
+
+These are the rules for records (``check``, ``import --look``, ``fit``, ``gap``) and for the monitor, which
+looks at the last seconds. Each fault has a cause of its own, named as the monitor's events are; a fault that
+is not clear is not reported.
+
+A flat top (:func:`flat_share`) shows within a second, behind noise, too; a rail (:func:`at_rail`) says which
+samples of a whole record to leave out, be it a dozen.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+from spool_core.kernels.compiled import compiled
+from spool_core.kernels.samples import impossible
+
+from spool_estimator.identification.channel_pair import (
+    CORNER,
+    DELAY,
+    GAIN,
+    LOW,
+    ChannelPair,
+    ClockStep,
+    PairFit,
+)
+
+Array = NDArray[np.float64]
+
+#: Smallest steps of a converter that a change must reach on both sides of equal samples: of samples that a
+#: converter reads once each, fewer than one in as many equals its neighbour by chance.
+STEPS = 8.0
+#: Equal samples between such changes, over all such changes, from which samples repeat: a sensor that is
+#: polled a fifth faster than it samples. Chance gives 0.4 / STEPS = 0.05.
+REPEATS = 0.15
+#: Changes that are needed to judge repeats, and equal samples: 5 deviations of a share of REPEATS lie above
+#: what chance gives.
+FEWEST = 200
+#: Jumps over the span, from which on a jump may be a wrap-around; share of the jumps between both ends of the
+#: span that must be ones, and how many of them.
+WRAPS, WRAPPED, FEWEST_WRAPS = 0.7, 0.8, 3
+#: Times by which a wrap exceeds nine in ten changes: the largest jumps of white noise do so 2.6 times.
+SMOOTH = 3.0
+#: Steps of the converter that a span must have: fewer are noise at rest behind a coarse converter.
+LEVELS = 64.0
+#: Part of the span at each end that a sample lies in before and after a wrap.
+ENDS = 0.3
+#: m/s^2 to which two sensors never agree over seconds: accelerometers for machines have 0.002 to 0.05 rms of
+#: noise each.
+AGREE = 0.002
+#: s of samples, and changes in them, from which channels that agree are one.
+SAME_TIME = 1.0
+#: Gain, either way, from which it is a wrong sensitivity: side by side, two sensors differ by a few per cent,
+#: and laws of friction that the fit has not bend the gain by up to 10 %. Larger ones are not told.
+WRONG_GAIN, LARGEST_GAIN = 1.3, 14.0
+GRAVITY = 9.80665
+#: Times by which a correction must reduce the squares of what the fit leaves, and what the fit may leave at
+#: most: laws that the fit lacks reduce them by less, or leave more.
+BETTER, FITS = 1.6, 0.5
+BETTER_TIME, FITS_TIME = 1.5, 0.12
+#: Times by which squares of the accounts by a corner and by a delay must differ for either to be told.
+APART = 1.3
+#: Deviations from zero that a delay or a corner must have.
+CERTAIN = 8.0
+#: Share of the damping that a corner must bias, and samples that a delay must have, to matter.
+MATTERS, SLIP = 0.04, 0.4
+#: Share of the body's power below the natural frequency without which gain and spring cannot be told apart.
+BELOW = 1e-3
+#: Times by which a step of one clock must reduce the squares, and share of the residual of a changed valve
+#: that it may leave.
+STEP_BETTER, STEP_SHARE = 2.0, 0.8
+#: Spread (natural logarithm) of the body's frequencies below which some spring accounts for any gain: a
+#: second order with 2 % of the power of the first one has 0.1.
+SPREAD = 0.1
+#: Share of samples on a flat top from which a channel clips.
+CLIPS = 0.002
+#: s of a record that are looked at together, pieces at most, and s without which nothing is fitted.
+PIECE, PIECES, SHORTEST = 60.0, 10, 6.0
+
+Row = NDArray[np.floating[Any]]
+
+#: Depths, as a share of half the span, of the strip at a channel's extremes that a flat top fills.
+DEPTHS = (0.002, 0.02)
+
+#: Times as long in that strip as in those below it that no wave spends there.
+FLATTER = 6
+
+#: Samples at a rail from which a channel clips, and how many times as many as at levels below it.
+COUNT, PILED = 12, 10.0
+#: Levels below: those of a sine read by a coarse converter are filled up to five times less than its top.
+CLIPPING_BELOW = 12
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelFault:
+    """Fault of a channel, or of one against the other.
+
+    ``cause`` is that of the monitor's event, ``channel`` is ``body``, ``spool`` or ``both``; ``value`` in
+    ``unit`` is its size. ``text`` says what is seen, ``remedy`` what to do.
+    """
+
+    cause: str
+    channel: str
+    value: float
+    unit: str
+    text: str
+    remedy: str
+
+    @property
+    def sentence(self) -> str:
+        """What is seen and what to do, in one line."""
+        return f"{self.cause}: {self.text}: {self.remedy}"
+
+
+@dataclass(frozen=True, slots=True)
+class PairLook:
+    """Look at a pair of channels: its gravest ``fault``, and the spool's ``delay`` (s), NaN: not known."""
+
+    fault: ChannelFault | None
+    delay: float
+
+
+def faults_of(body: Array, spool: Array, period: float) -> list[ChannelFault]:
+    """Return the faults in readings of both channels (m/s^2, shape (n,), ``period`` s apart), gravest first.
+
+    A fault that spoils all others is returned alone. Impossible single samples are left out first.
+    """
+    rows = {name: without_outliers(row, period)[0] for name, row in (("body", body), ("spool", spool))}
+    found = faults_of_rows(rows["body"], rows["spool"], period)
+    return found or faults_of_pair(rows["body"], rows["spool"], period)
+
+
+def faults_of_rows(body: Array, spool: Array, period: float) -> list[ChannelFault]:
+    """Return the faults that the samples themselves show, whatever moves: same channel, wrap, repeats."""
+    same = same_channel(body, spool, period)
+    if same is not None:
+        return [same]
+    rows = (("body", body), ("spool", spool))
+    wraps = [wrap for name, row in rows if (wrap := wrap_around(row, name)) is not None]
+    return wraps or [one for name, row in rows if (one := repeats(row, name)) is not None]
+
+
+def without_outliers(row: Array, period: float) -> tuple[Array, int]:
+    """Return ``row`` with impossible samples replaced by lines between their neighbours, and their number."""
+    gone = impossible(row, period)
+    count = int(np.count_nonzero(gone))
+    if not count or count == row.size:
+        return row, 0
+    places = np.arange(row.size)
+    mended = row.copy()
+    mended[gone] = np.interp(places[gone], places[~gone], row[~gone])
+    return mended, count
+
+
+def same_channel(body: Array, spool: Array, period: float) -> ChannelFault | None:
+    """Return that both channels read one sensor: they agree, or agree but for a factor, better than two can.
+
+    A spool that sticks moves as its body, but its sensor has noise of its own.
+    """
+    changes = np.count_nonzero(np.diff(body))
+    if body.size * period < SAME_TIME or changes < FEWEST:
+        return None
+    power = float(body @ body)
+    gain = float(spool @ body) / power if power > 0.0 else 0.0
+    equal = bool(np.array_equal(body, spool))
+    if not equal:
+        # Numbers of a file are rounded to some digit, which a factor scales.
+        rounding = max(_step(body) * abs(gain), _step(spool))
+        apart = float(np.abs(spool - gain * body).max())
+        loud = float(np.std(spool)) > 50.0 * AGREE
+        if abs(gain) < 1e-3 or not loud or apart > min(AGREE, 1.01 * rounding):
+            return None
+    text = (
+        "both channels read the same numbers"
+        if equal
+        else f"spool is {gain:.4g} times body, sample by sample"
+    )
+    return ChannelFault(
+        "same_channel", "both", 1.0 if equal else gain, "1", text,
+        "one sensor is read twice: check the wiring and which channel of the logger each column is",
+    )  # fmt: skip
+
+
+def wrap_around(row: Array, name: str) -> ChannelFault | None:
+    """Return that a converter's integers wrap around: jumps lead from one end of the span to the other."""
+    low, high = float(row.min()), float(row.max())
+    span = high - low
+    if not span > LEVELS * _step(row):
+        return None
+    change = np.diff(row)
+    jumps = np.flatnonzero(np.abs(change) > WRAPS * span)
+    if jumps.size < FEWEST_WRAPS:
+        return None
+    before, after = (row[jumps] - low) / span, (row[jumps + 1] - low) / span
+    ends = (np.minimum(before, 1.0 - before) < ENDS) & (np.minimum(after, 1.0 - after) < ENDS)
+    # Beyond the end the signal goes on as it came: a whole turn makes it continuous.
+    inside = jumps[(jumps > 0) & (jumps < change.size - 1)]
+    if inside.size < FEWEST_WRAPS:
+        return None
+    turn = float(np.median(np.abs(change[inside])))
+    unwrapped = change[inside] - np.sign(change[inside]) * turn
+    beside = np.maximum(np.abs(change[inside - 1]), np.abs(change[inside + 1]))
+    goes_on = np.abs(unwrapped) <= 2.0 * np.minimum(beside, 0.5 * span) + 0.02 * span
+    # Noise has large jumps as well, but small ones are hardly smaller.
+    if turn < SMOOTH * float(np.quantile(np.abs(change[change != 0.0]), 0.9)):
+        return None
+    # Samples stay at the other end: a single one that returns is an outlier.
+    stays = np.abs(row[inside + 2] - row[inside + 1]) < 0.5 * span
+    if float(np.mean(ends)) < WRAPPED or float(np.mean(goes_on)) < WRAPPED or float(np.mean(stays)) < 0.5:
+        return None
+    return ChannelFault(
+        "wrap_around", name, turn, "m/s^2",
+        f"{name} jumps by {turn:.4g} m/s^2 from one end of its range to the other, {jumps.size} times: "
+        "its integers wrap around",
+        "choose a larger range, or read the counts with the width and sign that the converter has",
+    )  # fmt: skip
+
+
+def repeats(row: Array, name: str) -> ChannelFault | None:
+    """Return that samples repeat: equal neighbours between changes of many steps of the converter.
+
+    Equal samples at a rail, of a channel that stands still, or of slow motion behind a coarse converter are
+    none. Only rows of up to 16 equal samples between larger changes count.
+    """
+    change = np.diff(row)
+    step = _step(row)
+    edges = np.flatnonzero(change != 0.0)
+    if edges.size < FEWEST:
+        return None
+    lengths = np.diff(edges)
+    size = np.abs(change[edges])
+    large = (size[:-1] > STEPS * step) & (size[1:] > STEPS * step)
+    # Rails are levels that are met again and again at the extremes.
+    level = row[edges[:-1] + 1]
+    inner = (level > row.min() + step) & (level < row.max() - step)
+    judged = large & inner & (lengths <= 16)
+    count = int(np.count_nonzero(judged))
+    if count < FEWEST:
+        return None
+    share = float(np.mean(lengths[judged] > 1))
+    # A vibration that is read alike at each of its tops repeats there, and nowhere else.
+    rising = np.sign(change[edges[:-1]]) == np.sign(change[edges[1:]])
+    slopes = judged & rising
+    on_slopes = float(np.mean(lengths[slopes] > 1)) if np.count_nonzero(slopes) >= FEWEST // 4 else 0.0
+    if share < REPEATS or on_slopes < REPEATS:
+        return None
+    mean = float(np.mean(lengths[judged]))
+    return ChannelFault(
+        "repeats", name, mean, "1",
+        f"{name} repeats its samples, each {mean:.3g} times on average",
+        "poll the sensor at its own rate, or record with the rate at which it samples",
+    )  # fmt: skip
+
+
+def faults_of_pair(body: Array, spool: Array, period: float) -> list[ChannelFault]:
+    """Return the faults of one channel against the other: sensitivity, step of a clock, coupling, delay."""
+    size = round(PIECE / period)
+    pieces = max(1, body.size // size)
+    chosen = np.unique(np.linspace(0, pieces - 1, min(pieces, PIECES)).astype(int))
+    found: dict[str, ChannelFault] = {}
+    for number in chosen.tolist():
+        first = number * size
+        last = body.size if number == pieces - 1 else first + size
+        look = look_at_pair(body[first:last], spool[first:last], period, first * period)
+        if look is not None and look.fault is not None:
+            found.setdefault(look.fault.cause, look.fault)
+    return list(found.values())
+
+
+def pair_of(body: Array, spool: Array, period: float) -> ChannelPair | None:
+    """Return the pair of readings, ``None`` where it cannot be judged.
+
+    They are too short, do not move, clip, are sampled too slowly, or shaken at one frequency only.
+    """
+    moves = min(float(np.std(body)), float(np.std(spool))) > 0.0
+    if body.size * period < SHORTEST or not moves or period > 0.1 / LOW:
+        return None
+    # A clipped channel has another gain at its tops.
+    if max(flat_share(body), flat_share(spool)) > CLIPS:
+        return None
+    pair = ChannelPair(body, spool, period)
+    return pair if pair.long_enough and pair.spread > SPREAD else None
+
+
+def look_at_pair(body: Array, spool: Array, period: float, start: float = 0.0) -> PairLook | None:
+    """Return what a pair of readings shows, ``period`` s apart; ``None`` where it cannot be judged.
+
+    ``start`` is the time of the first sample, s: from the record's first, negative before now.
+    """
+    pair = pair_of(body, spool, period)
+    if pair is None:
+        return None
+    gain, nominal = pair.fit((GAIN,)), pair.fit(())
+    wrong = wrong_sensitivity(pair, gain, nominal)
+    if wrong is not None:
+        return PairLook(wrong, math.nan)
+    coupled, delayed = pair.fit((GAIN, CORNER), gain), pair.fit((GAIN, DELAY), gain)
+    delay = delayed.delay if delayed.residual < FITS_TIME else math.nan
+    # A step bends the gain of the whole, and so do laws that the fit lacks: 1 is tried before it.
+    constant = min(coupled.residual, delayed.residual)
+    step = pair.step(nominal)
+    if not clock_steps(step, constant, period) and nominal.residual**2 > BETTER * gain.residual**2:
+        step = pair.step(gain)
+    if step is not None and clock_steps(step, constant, period):
+        late = "late" if step.size > 0.0 else "early"
+        when = start + step.time
+        since = f"from {when:.1f} s on" if when >= 0.0 else f"since {-when:.1f} s ago"
+        fault = ChannelFault(
+            "clock_step",
+            "both",
+            step.size,
+            "s",
+            f"{since} the spool's samples come {1e3 * abs(step.size):.2g} ms {late} against the body's",
+            "sample both sensors with one clock; cut the record there, or import both sensors' own times",
+        )
+        return PairLook(fault, delay)
+    if coupled.residual**2 * APART < delayed.residual**2:
+        return PairLook(coupling(gain, coupled), delay)
+    if delayed.residual**2 * APART < coupled.residual**2:
+        return PairLook(constant_delay(gain, delayed, period), delay)
+    return PairLook(None, delay)
+
+
+def wrong_sensitivity(pair: ChannelPair, gain: PairFit, nominal: PairFit) -> ChannelFault | None:
+    """Return that the sensitivity of one channel is wrong, by the fits with the gain free and held at 1."""
+    apart = abs(math.log(gain.gain))
+    frequency = gain.natural_frequency
+    told = (
+        math.log(WRONG_GAIN) < apart < math.log(LARGEST_GAIN)
+        and gain.residual < FITS
+        and nominal.residual**2 > BETTER * gain.residual**2
+        and CERTAIN * gain.deviations[GAIN] < apart
+        and frequency > LOW
+        and gain.damping > -0.1 * math.sqrt(gain.stiffness)
+        and pair.below(frequency) > BELOW
+    )
+    if not told:
+        return None
+    factor, other = gain.gain, 1.0 / gain.gain
+    gravity = min(abs(apart - math.log(GRAVITY)), 1.0) < min(0.005, abs(apart - math.log(10.0)))
+    units = "; 9.81 lies between g and m/s^2" if gravity else ""
+    return ChannelFault(
+        "sensitivity", "both", factor, "1",
+        f"spool reads {factor:.3g} times what the body's reading makes due: the spool's sensitivity is wrong "
+        f"by {factor:.3g}, or the body's by {other:.3g}{units}",
+        "check sensitivity, range and unit of both sensors; calibrate them side by side",
+    )  # fmt: skip
+
+
+def clock_steps(step: ClockStep | None, constant: float, period: float) -> bool:
+    """Whether a step of one clock accounts for a record, by how it does.
+
+    It must do so better than what both channels have throughout, which leaves ``constant``, and than a valve
+    that changes.
+    """
+    return (
+        step is not None
+        and step.clock < FITS
+        and min(step.common, constant) ** 2 > STEP_BETTER * step.clock**2
+        and step.clock < STEP_SHARE * step.valve
+        and abs(step.size) > SLIP * period
+    )
+
+
+def coupling(plain: PairFit, coupled: PairFit) -> ChannelFault | None:
+    """Return that one channel is coupled through a high-pass, by the fits without and with a corner."""
+    angular = 2.0 * math.pi * abs(coupled.corner)
+    clear = _clear(plain, coupled) and abs(coupled.corner) > CERTAIN * coupled.deviations[CORNER]
+    if not clear or not MATTERS * coupled.damping < angular < 2.0 * math.pi * LOW:
+        return None
+    name = "spool" if coupled.corner > 0.0 else "body"
+    return ChannelFault(
+        "ac_coupling",
+        name,
+        abs(coupled.corner),
+        "Hz",
+        f"{name} lacks its slow part: it is coupled through a high-pass of {abs(coupled.corner):.2g} Hz, "
+        "the other channel is not",
+        "set both channels to DC coupling, or both to the same lower limit",
+    )
+
+
+def constant_delay(plain: PairFit, delayed: PairFit, period: float) -> ChannelFault | None:
+    """Return that one channel is late throughout, by the fits without and with a delay."""
+    clear = _clear(plain, delayed) and abs(delayed.delay) > CERTAIN * delayed.deviations[DELAY]
+    if not clear or abs(delayed.delay) < SLIP * period:
+        return None
+    late = "late" if delayed.delay > 0.0 else "early"
+    return ChannelFault(
+        "delay",
+        "both",
+        delayed.delay,
+        "s",
+        f"the spool's samples come {1e3 * abs(delayed.delay):.2g} ms "
+        f"({abs(delayed.delay) / period:.2g} samples) {late} against the body's, throughout",
+        "sample both sensors with one clock and equal filters, or fit with --sensor-delay",
+    )
+
+
+def flat_share(samples: Row) -> float:
+    """Return the share of ``samples``, shape (n,), on a flat top at the upper or lower extreme."""
+    low, high = float(samples.min()), float(samples.max())
+    half = 0.5 * (high - low)
+    return flat_top(samples, high, half) + flat_top(samples, low, -half) if half > 0.0 else 0.0
+
+
+@compiled
+def flat_top(samples: Row, peak: float, half: float) -> float:
+    """Return the share of ``samples`` on a flat top at ``peak``, 0 for the top of any wave.
+
+    ``half`` of the span is positive at the upper extreme and negative at the lower one.
+
+    A sine spends as long within a depth below its peak as in the strip from there to four times that depth,
+    the flattest sum of two waves (a top with two humps) 4.4 times as long; a clipped one spends much more,
+    and neighbours of each sample in the strip lie in it too.
+    """
+    side = math.copysign(1.0, half)
+    for depth in DEPTHS:
+        top, strip = side * (peak - depth * half), side * (peak - 4.0 * depth * half)
+        count = pairs = triples = below = run = 0
+        for sample in samples:
+            value = side * float(sample)
+            if value < strip:
+                run = 0
+            elif value < top:
+                run = 0
+                below += 1
+            else:
+                run += 1
+                count += 1
+                pairs += run > 1
+                triples += run > 2
+        # A wave whose period is a whole number of samples may show the same two of each top.
+        long_enough = pairs >= max(4.0, 0.005 * samples.size) and triples >= 0.02 * pairs
+        if long_enough and count > FLATTER * (below + 1):
+            return count / samples.size
+    return 0.0
+
+
+def at_rail(row: Array) -> NDArray[np.bool_] | None:
+    """Return which samples sit at a rail: equal to the extreme, often, and in runs; ``None`` for none."""
+    found = np.zeros(row.size, dtype=np.bool_)
+    for side in (1.0, -1.0):
+        values = side * row
+        top = float(values.max())
+        at_top = values >= top - 1e-6 * abs(top)
+        count = int(np.count_nonzero(at_top))
+        if top > 0.0 and count >= max(COUNT, PILED * _typical_count(values[~at_top])) and _in_runs(at_top):
+            found |= at_top
+    return found if found.any() else None
+
+
+def restored(row: Array, gone: NDArray[np.bool_], rounds: int = 60) -> Array:
+    """Return ``row`` with the samples ``gone`` filled by the band below a tenth of the sample rate.
+
+    Papoulis and Gerchberg: the band-limited part of the whole replaces the gaps, again and again.
+    """
+    places = np.arange(row.size)
+    filled = row.copy()
+    filled[gone] = np.interp(places[gone], places[~gone], row[~gone])
+    extreme = np.sign(row[gone]) * np.abs(row[gone])
+    lines = row.size // 2 + 1
+    keep = np.arange(lines) < 0.12 * lines
+    for _ in range(rounds):
+        spectrum = fft.rfft(filled)
+        spectrum[~keep] = 0.0
+        smooth = fft.irfft(spectrum, row.size)
+        guess = smooth[gone]
+        # Beyond the rail, on its side: that much is known.
+        filled[gone] = np.where(extreme > 0.0, np.maximum(guess, extreme), np.minimum(guess, extreme))
+    return filled
+
+
+def _clear(plain: PairFit, corrected: PairFit) -> bool:
+    """Whether ``corrected`` explains the pair, and much better than ``plain`` does."""
+    better = plain.residual**2 > BETTER_TIME * corrected.residual**2
+    return better and corrected.residual < FITS_TIME and corrected.stiffness > 0.0
+
+
+def _step(row: Array) -> float:
+    """Return the smallest step between two levels of ``row``: that of the converter, or of the digits."""
+    change = np.abs(np.diff(row))
+    change = change[change > 0.0]
+    if not change.size:
+        return 0.0
+    # Levels of a converter are rounded in a file: steps that differ by less than that are one.
+    return float(np.quantile(change, 0.001, method="higher"))
+
+
+def _typical_count(values: Array) -> float:
+    """Return how many of ``values`` share one of their highest levels."""
+    some = values[values > np.quantile(values, 0.9)]
+    _, counts = np.unique(some, return_counts=True)
+    return float(counts[-CLIPPING_BELOW:].mean()) if counts.size else 0.0
+
+
+def _in_runs(pile: NDArray[np.bool_]) -> bool:
+    pairs = pile[1:] & pile[:-1]
+    return float(np.count_nonzero(pairs)) > 0.25 * float(np.count_nonzero(pile))

@@ -1,1 +1,0 @@
-"""Signals of records: zero-phase filters, spectra, noise of the channels, clipping."""

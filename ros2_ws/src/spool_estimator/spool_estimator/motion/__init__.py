@@ -1,1 +1,0 @@
-"""Motion of the spool over a sample, and its prediction error."""

@@ -1,0 +1,407 @@
+"""Adding bags to a store: folders are searched, and each bag is identified by its content."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import date, datetime, timezone
+from pathlib import Path
+
+from spool_bag.information import BagInformation, ValveSummary, describe
+from spool_bag.metadata import MACHINE, custom_data
+from spool_bag.reader import BagReader
+from spool_core.errors import InputError
+from spool_core.text import plural, printable
+
+from spool_fleet.manifest import Entry, Manifest
+
+OK, DAMAGED, DUPLICATE = "ok", "damaged", "duplicate"
+
+FIELDS = ("machine", "date", "valve")
+#: What is written where nothing tells the machine.
+UNKNOWN = "unknown"
+#: Days by which the stamps may lie beside the date of a path: time zones, and recordings past midnight.
+SAME_DAY = 1.5
+#: Characters of a name that tables hold at most.
+LONGEST = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Naming:
+    """Naming of bags by a ``pattern`` of their paths or a ``table``; the valve file that describes them."""
+
+    pattern: PathPattern | None = None
+    table: Mapping[Path, Identity] = field(default_factory=dict)
+    valve_file: str = ""
+
+
+@dataclass(slots=True)
+class Added:
+    """What an addition found: numbers of bags, and a line about each that is not as it should be.
+
+    ``redated`` ones are filed under another date than their stamps say.
+    """
+
+    new: int = 0
+    unchanged: int = 0
+    damaged: int = 0
+    duplicates: int = 0
+    redated: int = 0
+    told: list[str] = field(default_factory=list)
+
+
+def found_bags(folders: Sequence[Path]) -> list[Path]:
+    """Return the bags in ``folders``, each once, sorted.
+
+    Raises:
+        InputError: a folder is missing, or there is no bag in any.
+    """
+    bags = sorted({bag.absolute() for folder in folders for bag in bags_in(folder)})
+    if not bags:
+        raise InputError(
+            f"{', '.join(map(str, folders))}: no bag in it: a bag is a folder with metadata.yaml, "
+            "or an .mcap file"
+        )
+    return bags
+
+
+def stamp_of(bag: Path) -> str:
+    """Return size and time of modification of the files of ``bag``, by which a change is noticed."""
+    files = sorted(bag.glob("*.mcap")) if bag.is_dir() else [bag]
+    facts = []
+    for file in files:
+        try:
+            status = file.stat()
+        except OSError:
+            continue
+        facts.append(f"{file.name}:{status.st_size}:{status.st_mtime_ns}")
+    return ";".join(facts)
+
+
+def add(
+    manifest: Manifest,
+    bags: Sequence[Path],
+    naming: Naming,
+    scans: Callable[[Sequence[Path]], Iterator[Scan]],
+    advance: Callable[[float], None] = lambda _: None,
+) -> Added:
+    """Bring the catalogue up to date with ``bags``.
+
+    Args:
+        manifest: the store's.
+        bags: absolute paths.
+        naming: gives machine and valve.
+        scans: scans bags, on whatever executor.
+        advance: is told the number of bags that were looked at.
+    """
+    added = Added()
+    changed = []
+    for bag in bags:
+        if manifest.stamp_of(str(bag)) == stamp_of(bag) and not _renamed(manifest, bag, naming):
+            added.unchanged += 1
+            advance(1)
+        else:
+            changed.append(bag)
+    # In order of path, so that of two bags with one content always the same is the duplicate.
+    waiting: dict[Path, Scan] = {}
+    order = iter(changed)
+    expected = next(order, None)
+    for scan in scans(changed):
+        waiting[scan.path] = scan
+        while expected is not None and expected in waiting:
+            _take(manifest, waiting.pop(expected), naming, added)
+            advance(1)
+            expected = next(order, None)
+    return added
+
+
+@dataclass(frozen=True, slots=True)
+class ScannedValve:
+    """Record of one valve in a bag: ``start`` in ns since 1970, ``duration`` in s, ``rate`` in Hz, deg C."""
+
+    namespace: str
+    start: int
+    duration: float
+    rate: float
+    lost_blocks: int
+    oil_temperature: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """Scan of a bag: SHA-256 of its content, its valves, ``ok`` or ``damaged`` with a reason."""
+
+    path: Path
+    content: str
+    machine: str
+    valves: tuple[ScannedValve, ...]
+    status: str
+    reason: str = ""
+
+
+def bags_in(folder: Path) -> Iterator[Path]:
+    """Yield the bags in and below ``folder`` (rosbag2 directories and lone ``.mcap`` files), sorted.
+
+    Raises:
+        InputError: there is no such folder.
+    """
+    if folder.is_file() and folder.suffix == ".mcap":
+        yield folder
+        return
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder")
+    if (folder / "metadata.yaml").exists():
+        yield folder
+        return
+    for entry in sorted(folder.iterdir()):
+        if entry.is_symlink():
+            continue
+        if entry.is_dir():
+            yield from bags_in(entry)
+        elif entry.suffix == ".mcap":
+            # A directory without metadata.yaml is a bag as well: a killed recorder leaves one.
+            yield entry if _alone(folder) else folder
+            if not _alone(folder):
+                return
+
+
+def scan(path: Path) -> Scan:
+    """Return what is in the bag at ``path``; what is wrong with it is its status."""
+    content = ""
+    try:
+        content = content_of(path)
+        found = describe(path)
+        machine = custom_data(path).get(MACHINE, "")
+        valves = tuple(_valve(path, one) for one in found.valves if one.first_stamp is not None)
+    except InputError as error:
+        return Scan(path, content, "", (), DAMAGED, str(error))
+    except OSError as error:
+        return Scan(path, content, "", (), DAMAGED, f"{path}: cannot be read: {error.strerror}")
+    reason = _reason(found)
+    if not valves:
+        return Scan(path, content, machine, (), DAMAGED, reason or f"{path}: no accelerations in it")
+    return Scan(path, content, machine, valves, DAMAGED if reason else OK, reason)
+
+
+def content_of(path: Path) -> str:
+    """Return the SHA-256 of the messages' files of a bag, in order of name.
+
+    Raises:
+        OSError: one cannot be read.
+    """
+    files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
+    digest = hashlib.sha256()
+    for file in files:
+        with file.open("rb") as stream:
+            while piece := stream.read(1 << 20):
+                digest.update(piece)
+    return digest.hexdigest()
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Identity of one valve's record; empty where nothing is known, ``day`` ``None`` as well."""
+
+    machine: str = ""
+    valve: str = ""
+    day: date | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PathPattern:
+    """Pattern of the last parts of a bag's path, such as ``{machine}/{date}/{valve}``; ``*`` is any text."""
+
+    text: str
+    _expressions: tuple[re.Pattern[str], ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Raises InputError where the pattern is none."""
+        named: list[str] = []
+        expressions = []
+        for part in self.text.strip("/").split("/"):
+            expression = ""
+            for piece in re.split(r"(\{[^{}]*\}|\*)", part):
+                if piece == "*":
+                    expression += ".*"
+                elif piece.startswith("{"):
+                    name = piece[1:-1]
+                    if name not in FIELDS or name in named:
+                        why = "it stands there twice" if name in named else f"known are {', '.join(FIELDS)}"
+                        raise InputError(f"--pattern {self.text}: {{{name}}}: {why}")
+                    named.append(name)
+                    expression += f"(?P<{name}>.+)"
+                else:
+                    expression += re.escape(piece)
+            expressions.append(re.compile(expression))
+        if not named:
+            raise InputError(
+                f"--pattern {self.text}: no field in it: use e.g. '{{machine}}/{{date}}/{{valve}}'"
+            )
+        object.__setattr__(self, "_expressions", tuple(expressions))
+
+    def match(self, path: Path) -> Identity | None:
+        """Return what the end of ``path`` says, ``None`` where it does not fit the pattern."""
+        parts = path.absolute().with_suffix("" if path.suffix == ".mcap" else path.suffix).parts
+        if len(parts) <= len(self._expressions):
+            return None
+        found: dict[str, str] = {}
+        for part, expression in zip(parts[-len(self._expressions) :], self._expressions, strict=True):
+            matched = expression.fullmatch(part)
+            if matched is None:
+                return None
+            found |= matched.groupdict()
+        day = _day(found["date"]) if "date" in found else None
+        if "date" in found and day is None:
+            return None
+        return Identity(found.get("machine", ""), found.get("valve", ""), day)
+
+
+def read_table(path: Path) -> dict[Path, Identity]:
+    """Return the identities of a CSV table: columns ``bag``, ``machine``, ``valve`` and, if any, ``date``.
+
+    Raises:
+        InputError: unreadable, or a column or a bag's name is missing; the line is named.
+    """
+    found: dict[Path, Identity] = {}
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            reader = csv.DictReader(stream)
+            missing = {"bag", "machine", "valve"} - set(reader.fieldnames or ())
+            if missing:
+                raise InputError(
+                    f"{path}: no column {', '.join(sorted(missing))}: it needs bag,machine,valve"
+                )
+            for number, row in enumerate(reader, start=2):
+                if not row["bag"]:
+                    raise InputError(f"{path}: line {number}: no bag in it")
+                day = _day(row.get("date") or "")
+                bag = (path.parent / row["bag"]).absolute()
+                found[bag] = Identity(row["machine"] or "", row["valve"] or "", day)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: cannot be read as a table: {error}") from error
+    return found
+
+
+def joined(preferred: Identity | None, other: Identity) -> Identity:
+    """Return ``preferred`` with what it lacks taken from ``other``."""
+    first = preferred or Identity()
+    return Identity(
+        (first.machine or other.machine or UNKNOWN)[:LONGEST],
+        (first.valve or other.valve)[:LONGEST],
+        first.day or other.day,
+    )
+
+
+def start_of(identity: Identity, stamp: int) -> tuple[int, str]:
+    """Return when a record began (ns since 1970, UTC) and what is to be said of it.
+
+    The stamps count, unless they contradict the date of ``identity``, which somebody filed the bag under.
+    """
+    if identity.day is None:
+        return stamp, ""
+    filed = datetime(identity.day.year, identity.day.month, identity.day.day, tzinfo=timezone.utc)
+    midnight = round(filed.timestamp()) * 1_000_000_000
+    if abs((stamp - midnight) / 86_400e9 - 0.5) <= SAME_DAY:
+        return stamp, ""
+    said = datetime.fromtimestamp(stamp / 1e9, timezone.utc).strftime("%Y-%m-%d")
+    return midnight, f"its stamps say {said}, its path {identity.day}: the path's date is taken"
+
+
+def of_table(table: Mapping[Path, Identity], path: Path) -> Identity | None:
+    """Return what ``table`` says of the bag at ``path``."""
+    return table.get(path.absolute())
+
+
+def _renamed(manifest: Manifest, bag: Path, naming: Naming) -> bool:
+    """Return whether ``naming`` may call the records of ``bag`` otherwise than the catalogue does."""
+    return any(
+        (entry.machine, entry.valve_file) != (_named(bag, naming, entry.machine).machine, naming.valve_file)
+        for entry in manifest.of(str(bag))
+    )
+
+
+def _named(bag: Path, naming: Naming, machine: str) -> Identity:
+    own = of_table(naming.table, bag) or (naming.pattern.match(bag) if naming.pattern is not None else None)
+    return joined(own, Identity(machine))
+
+
+def _take(manifest: Manifest, scan: Scan, naming: Naming, added: Added) -> None:
+    path, stamp = str(scan.path), stamp_of(scan.path)
+    named = _named(scan.path, naming, scan.machine)
+    status, reason = scan.status, printable(scan.reason, 300)
+    first = manifest.first_with(scan.content, path) if scan.content and status == OK else None
+    if first is not None:
+        status, reason = DUPLICATE, f"the same content as {first}"
+    outside = naming.pattern is not None and naming.pattern.match(scan.path) is None
+    if outside and of_table(naming.table, scan.path) is None:
+        added.told.append(f"{path}: does not fit --pattern {naming.pattern.text if naming.pattern else ''}")
+    entries = []
+    valves = scan.valves or (ScannedValve("", 0, 0.0, math.nan, 0),)
+    for valve in valves:
+        start, said = start_of(named, valve.start)
+        name = named.valve or valve.namespace
+        if named.valve and len(valves) > 1:
+            name = f"{named.valve}/{valve.namespace}"
+        entries.append(
+            Entry(
+                path, valve.namespace, scan.content, stamp, named.machine, name, start, valve.duration,
+                _known(valve.rate), valve.lost_blocks, _known(valve.oil_temperature), status,
+                reason or said, naming.valve_file,
+            )
+        )  # fmt: skip
+    manifest.put(path, entries)
+    added.new += 1
+    if status == DAMAGED:
+        added.damaged += 1
+    added.duplicates += status == DUPLICATE
+    if status != OK:
+        added.told.append(reason if reason.startswith(path) else f"{path}: {reason}")
+    added.redated += any(entry.reason for entry in entries) and status == OK
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _alone(folder: Path) -> bool:
+    """Return whether the files of ``folder`` are bags of their own: their names do not begin with its own."""
+    return not all(file.stem.startswith(folder.name) for file in folder.glob("*.mcap"))
+
+
+def _reason(found: BagInformation) -> str:
+    """Return what is damaged, empty where nothing is; a recording that was not finished is none."""
+    if found.damages:
+        first = found.damages[0]
+        more = f" and {len(found.damages) - 1} more places" if len(found.damages) > 1 else ""
+        lost = f", about {found.lost_messages} messages lost" if found.lost_messages else ""
+        return f"{first.reason} at byte {first.offset}{more}{lost}: `./spool recover` makes a readable bag"
+    if found.undecodable:
+        topic, count = next(iter(found.undecodable.items()))
+        return f"{topic}: {plural(count, 'message')} left out: the bytes do not fit the type"
+    missing = [warning for warning in found.warnings if "more are missing" in warning]
+    return missing[0] if missing else ""
+
+
+def _valve(path: Path, one: ValveSummary) -> ScannedValve:
+    warm = math.nan
+    if one.temperatures:
+        values = [celsius for _, celsius in BagReader(path, skip_damage=True).temperatures(one.name)]
+        known = [value for value in values if math.isfinite(value)]
+        warm = math.fsum(known) / len(known) if known else math.nan
+    rate = one.sample_rate or math.nan
+    return ScannedValve(one.name, one.first_stamp or 0, one.duration, rate, one.lost_blocks, warm)
+
+
+def _day(text: str) -> date | None:
+    """Return the date that begins ``text`` as YYYY-MM-DD or YYYYMMDD (anything may follow), else ``None``."""
+    digits = re.match(r"(\d{4})-?(\d{2})-?(\d{2})", text)
+    if digits is None:
+        return None
+    try:
+        return date(*(int(one) for one in digits.groups()))
+    except ValueError:
+        return None

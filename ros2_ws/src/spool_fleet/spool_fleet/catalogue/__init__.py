@@ -1,1 +1,0 @@
-"""Catalogue: which bags there are, of which machine and valve."""

@@ -1,0 +1,348 @@
+"""Courses of parameters over time: the rows of trends, their levels, and what is drawn of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_core.uncertainty import Z_95
+
+from spool_fleet.comparison import LEAST_WEEKS, pooled_slope
+from spool_fleet.judgement import AFFECTED, CHANGED, LIMITS, MACHINE
+from spool_fleet.observations import (
+    BIN,
+    COULOMB,
+    DAY,
+    PARAMETERS,
+    REFERENCE,
+    STIFFNESS,
+    VISCOUS,
+    ObservedValve,
+    Series,
+    spread,
+    weekly,
+)
+from spool_fleet.query import ask
+
+Array = NDArray[np.float64]
+#: Points of a course at most: two years of weeks; a chart has hardly more columns of pixels to tell apart.
+MOST_POINTS = 104
+
+#: What people call the parameters.
+NAMES = {VISCOUS: "viscous coefficient", COULOMB: "Coulomb force", STIFFNESS: "spring stiffness"}
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """Service that was told: the day, what was done, what was said about it."""
+
+    machine: str
+    valve: str
+    day: float
+    kind: str
+    comment: str
+
+    def concerns(self, machine: str, valve: str) -> bool:
+        """Return whether it was done to this valve."""
+        return self.machine in ("", machine) and self.valve in ("", valve)
+
+
+@dataclass(frozen=True, slots=True)
+class Points:
+    """Points of a course by time: day, value, 95 % interval; all of one length."""
+
+    day: Array
+    value: Array
+    low: Array
+    high: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """Course of one parameter of one valve.
+
+    Attributes:
+        parameter, title, unit: which; the title says at which oil temperature.
+        points: weekly medians, relative to ``baseline`` (1: as it), with the interval of the estimates.
+        baseline: that of the trend; where there is none (``judged`` false), the median so far.
+        levels: the baseline, and after each service what was usual since; until a change begins.
+        limit: relative change at which the monitor of the running valve warns.
+        trend: what was found.
+    """
+
+    parameter: str
+    title: str
+    unit: str
+    points: Points
+    baseline: float
+    judged: bool
+    levels: tuple[Level, ...]
+    limit: float
+    trend: TrendRow
+    services: tuple[Told, ...] = field(default=())
+
+    @property
+    def largest(self) -> float:
+        """Largest difference from the baseline, relative."""
+        seen = np.abs(self.points.value - 1.0)
+        found = self.trend.change if self.trend.changed else 0.0
+        return max(float(seen.max(initial=0.0)), abs(found))
+
+
+def services_told(store: Path) -> tuple[Told, ...]:
+    """Return the service events by time."""
+    rows = ask(
+        store,
+        "SELECT machine, valve, epoch(start) / 86400.0 AS day, kind, comment FROM services ORDER BY start",
+    ).to_pylist()
+    return tuple(
+        Told(row["machine"] or "", row["valve"] or "", row["day"], row["kind"], row["comment"] or "")
+        for row in rows
+    )
+
+
+def temperature_slopes(valves: Sequence[ObservedValve], services: Sequence[Told]) -> dict[bool, float]:
+    """Return the slope of the viscous coefficient's logarithm on the oil temperature, 1/K.
+
+    It is that of the trends: one for values that are ``referred`` to a temperature already, and one for those
+    that are not.
+    """
+    found = {}
+    for referred in (True, False):
+        weeks = [
+            weekly(valve.series[VISCOUS], [one.day for one in _stepping(services, valve, VISCOUS)])
+            for valve in valves
+            if VISCOUS in valve.series and valve.series[VISCOUS].referred is referred
+        ]
+        if weeks:
+            found[referred] = pooled_slope(weeks, referred)[0]
+    return found
+
+
+def courses_of(
+    valve: ObservedValve, trends: Sequence[TrendRow], services: Sequence[Told], slopes: Mapping[bool, float]
+) -> dict[str, Course]:
+    """Return the course of each parameter of ``valve`` that has a trend; ``slopes`` as above."""
+    found = {}
+    for trend in trends:
+        series = valve.series.get(trend.parameter)
+        if series is not None and series.days.size:
+            slope = slopes[series.referred] if trend.parameter == VISCOUS else 0.0
+            stepping = _stepping(services, valve, trend.parameter)
+            own = tuple(one for one in services if one.concerns(*valve.key))
+            found[trend.parameter] = _course(series, trend, slope, [one.day for one in stepping], own)
+    return found
+
+
+def temperatures(store: Path) -> dict[tuple[str, str], tuple[Array, Array]]:
+    """Return the oil temperature of each valve: days, and the weekly mean in deg C."""
+    table = ask(
+        store,
+        f"SELECT machine, valve, floor(epoch(start) / 86400.0 / {BIN:g}) AS week, "
+        "avg(oil_temperature_C) AS celsius FROM bags WHERE status = 'ok' "
+        "AND isfinite(oil_temperature_C) GROUP BY ALL ORDER BY machine, valve, week",
+    )
+    rows: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    for row in table.to_pylist():
+        day = BIN * (row["week"] + 0.5)
+        rows.setdefault((row["machine"], row["valve"]), []).append((day, row["celsius"]))
+    found = {}
+    for key, pairs in rows.items():
+        days, values = np.array(pairs).T
+        found[key] = (_thinned(days), _thinned(values))
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """Level around which a parameter stays from day ``first`` to ``last``, relative to the baseline.
+
+    95 % of the weeks in which nothing changed lie within ``half_width`` of it; NaN: there are too few.
+    """
+
+    first: float
+    last: float
+    value: float
+    half_width: float
+
+
+def levels_of(
+    day: Array, value: Array, segment: NDArray[np.int64], trend: TrendRow, turns: Sequence[float]
+) -> tuple[Level, ...]:
+    """Return the baseline until the first service, and the usual value after each until a change begins.
+
+    The table of trends holds the first baseline alone, so a later one is the median of its weeks.
+
+    Args:
+        day, value, segment: of each week, shape (n,); segments are the services before it.
+        trend: of the parameter.
+        turns: days of the services that may have stepped it.
+    """
+    if not day.size:
+        return ()
+    first, last = float(day[0]), float(day[-1])
+    if not trend.baseline > 0.0:
+        return (Level(first, last, 1.0, math.nan),)
+    healthy = day < trend.since if trend.changed else np.ones(day.size, dtype=bool)
+    begins, ends = [first, *turns], [*turns, last]
+    found, around = [], [np.empty(0)]
+    for number, (begin, end) in enumerate(zip(begins, ends, strict=True)):
+        own = value[healthy & (segment == number)]
+        if own.size:
+            around.append(own / np.median(own))
+        if own.size or (number == 0 and begin < end):
+            found.append((begin, end, float(np.median(own)) if number else 1.0))
+    rows = np.concatenate(around)
+    half = Z_95 * spread(rows) if rows.size >= LEAST_WEEKS else math.nan
+    return tuple(Level(begin, end, middle, half * middle) for begin, end, middle in found)
+
+
+@dataclass(frozen=True, slots=True)
+class TrendRow:
+    """Row of the table ``trends``; see there."""
+
+    machine: str
+    valve: str
+    parameter: str
+    unit: str
+    bags: int
+    state: str
+    cause: str
+    reason: str
+    latest: float
+    since: float
+    noticed: float
+    baseline: float
+    baseline_std: float
+    change: float
+    change_std: float
+    rate: float
+    rate_std: float
+    threshold: float
+    months_to_threshold: float
+    months_earliest: float
+    months_latest: float
+
+    @property
+    def changed(self) -> bool:
+        """Whether a change was found, of the valve or of its machine."""
+        return self.state in (CHANGED, MACHINE)
+
+    @property
+    def share_of_limit(self) -> float:
+        """Change in shares of that at which the monitor warns; NaN where nothing changed."""
+        return self.change / self.threshold if self.changed else math.nan
+
+    @property
+    def limit(self) -> float:
+        """Relative change at which the monitor warns, without sign; NaN where the baseline is not known."""
+        one = LIMITS[self.parameter]
+        return one.default if one.unit == "1" else one.default / self.baseline
+
+
+def trend_rows(store: Path) -> dict[tuple[str, str], list[TrendRow]]:
+    """Return the trends by valve, in the order of ``PARAMETERS``."""
+    found: dict[tuple[str, str], list[TrendRow]] = {}
+    for row in ask(store, "trends").to_pylist():
+        if row["parameter"] not in PARAMETERS:
+            continue
+        one = TrendRow(
+            row["machine"], row["valve"], row["parameter"], row["unit"] or "", row["bags"] or 0,
+            row["state"], row["cause"] or "", row["reason"] or "",
+            *(day_of(row[name]) for name in ("latest", "since", "noticed")),
+            *(
+                _number(row[name])
+                for name in (
+                    "baseline", "baseline_std", "change", "change_std", "rate_per_month",
+                    "rate_per_month_std", "threshold", "months_to_threshold", "months_earliest",
+                    "months_latest",
+                )
+            ),
+        )  # fmt: skip
+        found.setdefault((one.machine, one.valve), []).append(one)
+    for trends in found.values():
+        trends.sort(key=lambda one: PARAMETERS.index(one.parameter))
+    return found
+
+
+def day_of(moment: datetime | None) -> float:
+    """Return ``moment`` in days since 1970."""
+    return math.nan if moment is None else moment.timestamp() / DAY
+
+
+def _stepping(services: Sequence[Told], valve: ObservedValve, parameter: str) -> list[Told]:
+    """Return the services that may have stepped a parameter of ``valve``."""
+    return [
+        one
+        for one in services
+        if one.concerns(*valve.key) and parameter in AFFECTED.get(one.kind, PARAMETERS)
+    ]
+
+
+def _course(
+    series: Series, trend: TrendRow, slope: float, turns: Sequence[float], services: tuple[Told, ...]
+) -> Course:
+    known = np.isfinite(series.temperature)
+    warm = np.where(known, series.temperature - REFERENCE, 0.0)
+    row = series.logarithm - slope * warm
+    segment = np.searchsorted(np.array(turns), series.days, side="right")
+    judged = trend.baseline > 0.0
+    baseline = trend.baseline if judged else float(np.exp(np.median(row)))
+    day, value, variance, segments = _weeks(series.days, row, series.deviation, segment)
+    relative = value - math.log(baseline)
+    half = _thinned(Z_95 * np.sqrt(variance))
+    middle = np.exp(_thinned(relative))
+    cold = trend.parameter == VISCOUS and (series.referred or bool(known.all()))
+    return Course(
+        trend.parameter,
+        NAMES[trend.parameter] + (f" at {REFERENCE:g} °C" if cold else ""),
+        series.unit,
+        Points(_thinned(day), middle, middle * np.exp(-half), middle * np.exp(half)),
+        baseline,
+        judged,
+        levels_of(day, np.exp(relative), segments, trend, turns),
+        trend.limit,
+        trend,
+        services,
+    )
+
+
+def _weeks(
+    days: Array, row: Array, deviation: Array, segment: NDArray[np.int64]
+) -> tuple[Array, Array, Array, NDArray[np.int64]]:
+    """Return day, median, variance of that, and segment of each week, those of a service's week apart.
+
+    The variance is that which the bags state, or that of their scatter where that is larger.
+    """
+    order = np.argsort(days, kind="stable")
+    days, row, deviation, segment = days[order], row[order], deviation[order], segment[order]
+    week = np.floor(days / BIN)
+    begins = np.flatnonzero((np.diff(week) != 0.0) | (np.diff(segment) != 0)) + 1
+    ends = [*begins.tolist(), days.size]
+    found, begin = [], 0
+    for end in ends:
+        own = slice(begin, end)
+        stated = float(np.mean(deviation[own] ** 2))
+        scatter = float(np.var(row[own], ddof=1)) if end - begin > 1 else 0.0
+        variance = max(stated, scatter) / (end - begin)
+        found.append((float(np.mean(days[own])), float(np.median(row[own])), variance, segment[begin]))
+        begin = end
+    columns = np.array(found).T
+    return columns[0], columns[1], columns[2], columns[3].astype(np.int64)
+
+
+def _thinned(row: Array) -> Array:
+    """Return medians of neighbours, so many that ``MOST_POINTS`` are left at most."""
+    size = math.ceil(row.size / MOST_POINTS)
+    if size <= 1:
+        return row
+    return np.array([np.median(row[begin : begin + size]) for begin in range(0, row.size, size)])
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value

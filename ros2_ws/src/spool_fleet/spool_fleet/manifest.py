@@ -1,0 +1,299 @@
+"""Manifest of a fleet store: its bags, what was found in each, service events; one SQLite file.
+
+Results wait in it until they are in the Parquet tables; a kill at any moment loses at most what was not
+committed, which the next run does again.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import zlib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+from spool_core.errors import InputError
+
+FILE_NAME = "manifest.sqlite"
+#: Format of the file; another one is refused.
+FORMAT = 1
+#: s to wait for another process that writes.
+PATIENCE = 30.0
+_TABLES = """
+CREATE TABLE IF NOT EXISTS bags (
+    path TEXT, namespace TEXT, content TEXT, stamp TEXT, machine TEXT, valve TEXT, start INTEGER,
+    duration REAL, rate REAL, lost INTEGER, temperature REAL, status TEXT, reason TEXT, valve_file TEXT,
+    PRIMARY KEY (path, namespace)) WITHOUT ROWID;
+CREATE INDEX IF NOT EXISTS bags_by_content ON bags (content);
+CREATE INDEX IF NOT EXISTS bags_by_start ON bags (start);
+CREATE TABLE IF NOT EXISTS results (
+    path TEXT, namespace TEXT, analysis TEXT, key TEXT, status TEXT, reason TEXT, rows BLOB,
+    PRIMARY KEY (path, namespace, analysis)) WITHOUT ROWID;
+CREATE INDEX IF NOT EXISTS results_waiting ON results (path) WHERE rows IS NOT NULL;
+CREATE TABLE IF NOT EXISTS services (
+    machine TEXT, valve TEXT, start INTEGER, kind TEXT, comment TEXT,
+    PRIMARY KEY (machine, valve, start, kind)) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS outdated (month TEXT PRIMARY KEY) WITHOUT ROWID;
+"""
+
+_COLUMNS = (
+    "path", "namespace", "content", "stamp", "machine", "valve", "start", "duration", "rate", "lost",
+    "temperature", "status", "reason", "valve_file",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """Entry of the catalogue: the record of one valve in one bag.
+
+    Attributes:
+        path: of the bag.
+        namespace: of the valve in the bag, empty where a damaged bag tells none.
+        content: SHA-256 of the bag.
+        machine, valve: the identity.
+        start: ns since 1970, UTC.
+        duration: s.
+        rate: of sampling, Hz; ``None`` where it is not known, as ``temperature`` of the oil, deg C.
+        lost: blocks.
+        status, reason: as ``Scan``; a duplicate names the bag that it repeats.
+        valve_file: description to take instead of the bag's, a file or a shipped valve's name; may be empty.
+        stamp: size and time of modification of its files, by which a change is noticed.
+    """
+
+    path: str
+    namespace: str
+    content: str
+    stamp: str
+    machine: str
+    valve: str
+    start: int
+    duration: float
+    rate: float | None
+    lost: int
+    temperature: float | None
+    status: str
+    reason: str
+    valve_file: str = ""
+
+    @property
+    def month(self) -> str:
+        """Month in which the record began, such as ``2026-03``."""
+        return month_of(self.start)
+
+
+@dataclass(frozen=True, slots=True)
+class StoredResult:
+    """Result of one analysis of one record; ``rows`` by table, ``None`` where the tables have them."""
+
+    analysis: str
+    status: str
+    reason: str
+    rows: dict[str, list[list[Any]]] | None
+
+
+@dataclass(frozen=True, slots=True)
+class Service:
+    """Service event: what was done to a valve, or to all of a machine (``valve`` empty), and when (ns)."""
+
+    machine: str
+    valve: str
+    start: int
+    kind: str
+    comment: str = ""
+
+
+def month_of(start: int) -> str:
+    """Return the month of ``start`` (ns since 1970, UTC), such as ``2026-03``."""
+    return datetime.fromtimestamp(start // 1_000_000_000, timezone.utc).strftime("%Y-%m")
+
+
+class Manifest:
+    """Manifest in the folder ``store``; ``make`` makes it where it is missing.
+
+    Raises:
+        InputError: there is none, or it is none.
+    """
+
+    def __init__(self, store: Path, *, make: bool = False) -> None:
+        self.store = store
+        file = store / FILE_NAME
+        if not file.is_file() and not make:
+            raise InputError(f"{store}: no fleet store: make one by ./spool fleet add FOLDER --store {store}")
+        try:
+            store.mkdir(parents=True, exist_ok=True)
+            self._db = sqlite3.connect(file, timeout=PATIENCE, isolation_level=None)
+            self._db.execute("PRAGMA journal_mode=WAL")
+            self._db.execute("PRAGMA synchronous=NORMAL")
+            self._db.executescript(_TABLES)
+            version = self._db.execute("PRAGMA user_version").fetchone()[0]
+            if version == 0:
+                self._db.execute(f"PRAGMA user_version={FORMAT}")
+        except (sqlite3.Error, OSError) as error:
+            raise InputError(f"{file}: cannot be used as a fleet store: {error}") from error
+        if version not in (0, FORMAT):
+            raise InputError(f"{file}: its format {version} is of another version of the suite")
+
+    def close(self) -> None:
+        """Close the file."""
+        self._db.close()
+
+    # Catalogue
+
+    def stamp_of(self, path: str) -> str | None:
+        """Return the stamp of a bag that is in the catalogue, else ``None``."""
+        row = self._db.execute("SELECT stamp FROM bags WHERE path = ? LIMIT 1", (path,)).fetchone()
+        return None if row is None else str(row[0])
+
+    def of(self, path: str) -> list[Entry]:
+        """Return the records of the bag at ``path``."""
+        return self._entries("WHERE path = ?", (path,))
+
+    def first_with(self, content: str, other_than: str) -> str | None:
+        """Return the path of a bag with the same content that is no duplicate, if there is one."""
+        row = self._db.execute(
+            "SELECT path FROM bags WHERE content = ? AND path != ? AND status != 'duplicate' "
+            "ORDER BY path LIMIT 1",
+            (content, other_than),
+        ).fetchone()
+        return None if row is None else str(row[0])
+
+    def put(self, path: str, entries: Iterable[Entry]) -> None:
+        """Put the records of a bag in place of those it had; changed ones lose their results."""
+        new = {entry.namespace: entry for entry in entries}
+        with self._transaction():
+            old = {entry.namespace: entry for entry in self._entries("WHERE path = ?", (path,))}
+            if old == new:
+                return
+            for entry in (*old.values(), *new.values()):
+                self._db.execute("INSERT OR IGNORE INTO outdated VALUES (?)", (entry.month,))
+            self._db.execute("DELETE FROM bags WHERE path = ?", (path,))
+            for name in old.keys() | new.keys():
+                if name not in old or name not in new or _content(old[name]) != _content(new[name]):
+                    self._db.execute("DELETE FROM results WHERE path = ? AND namespace = ?", (path, name))
+            self._db.executemany(
+                f"INSERT INTO bags VALUES ({','.join('?' * 14)})", [_row(entry) for entry in new.values()]
+            )
+
+    def entries(self, month: str | None = None) -> Iterator[Entry]:
+        """Yield all records, or those of ``month``, by machine, valve and start."""
+        for entry in self._entries("ORDER BY machine, valve, start, path, namespace"):
+            if month is None or entry.month == month:
+                yield entry
+
+    def months(self) -> list[str]:
+        """Return the months in which records began."""
+        return sorted({month_of(start) for (start,) in self._db.execute("SELECT DISTINCT start FROM bags")})
+
+    # Results
+
+    def due(self, keys: Mapping[str, str]) -> dict[str, dict[str, list[str]]]:
+        """Return the analyses that are missing or of another key than in ``keys``, by path and namespace."""
+        done = set(self._db.execute("SELECT path, namespace, analysis, key FROM results"))
+        found: dict[str, dict[str, list[str]]] = {}
+        for path, namespace in self._db.execute(
+            "SELECT path, namespace FROM bags WHERE status = 'ok' ORDER BY path, namespace"
+        ).fetchall():
+            missing = [one for one, key in keys.items() if (path, namespace, one, key) not in done]
+            if missing:
+                found.setdefault(path, {})[namespace] = missing
+        return found
+
+    def keep(self, path: str, keys: Mapping[str, str], results: Iterable[tuple[str, StoredResult]]) -> None:
+        """Keep results of the bag at ``path``, each with its namespace and key, in one transaction."""
+        with self._transaction():
+            for namespace, one in results:
+                packed = zlib.compress(json.dumps(one.rows, separators=(",", ":")).encode())
+                self._db.execute(
+                    "INSERT OR REPLACE INTO results VALUES (?,?,?,?,?,?,?)",
+                    (path, namespace, one.analysis, keys[one.analysis], one.status, one.reason, packed),
+                )
+            self._db.execute(
+                "INSERT OR IGNORE INTO outdated SELECT strftime('%Y-%m', start / 1000000000, 'unixepoch') "
+                "FROM bags WHERE path = ?",
+                (path,),
+            )
+
+    def results(self, path: str, namespace: str) -> list[StoredResult]:
+        """Return the results of one record by name of the analysis."""
+        rows = self._db.execute(
+            "SELECT analysis, status, reason, rows FROM results WHERE path = ? AND namespace = ? "
+            "ORDER BY analysis",
+            (path, namespace),
+        ).fetchall()
+        return [
+            StoredResult(
+                name, status, reason, None if packed is None else json.loads(zlib.decompress(packed))
+            )
+            for name, status, reason, packed in rows
+        ]
+
+    def outdated(self) -> list[str]:
+        """Return the months whose tables lack something."""
+        return [month for (month,) in self._db.execute("SELECT month FROM outdated ORDER BY month")]
+
+    def forget(self, month: str) -> None:
+        """Take all results of ``month`` as not done: its tables are gone."""
+        with self._transaction():
+            for entry in list(self.entries(month)):
+                self._db.execute(
+                    "DELETE FROM results WHERE path = ? AND namespace = ? AND rows IS NULL",
+                    (entry.path, entry.namespace),
+                )
+            self._db.execute("INSERT OR IGNORE INTO outdated VALUES (?)", (month,))
+
+    def written(self, month: str) -> None:
+        """Note that the tables of ``month`` are complete: what waited is dropped."""
+        with self._transaction():
+            self._db.executemany(
+                "UPDATE results SET rows = NULL WHERE path = ? AND namespace = ?",
+                [(entry.path, entry.namespace) for entry in self.entries(month)],
+            )
+            self._db.execute("DELETE FROM outdated WHERE month = ?", (month,))
+
+    # Service events
+
+    def add_service(self, service: Service) -> None:
+        """Take a service event."""
+        self._db.execute(
+            "INSERT OR REPLACE INTO services VALUES (?,?,?,?,?)",
+            (service.machine, service.valve, service.start, service.kind, service.comment),
+        )
+
+    def services(self) -> list[Service]:
+        """Return the service events in order of time."""
+        rows = self._db.execute("SELECT * FROM services ORDER BY start, machine, valve, kind").fetchall()
+        return [Service(*row) for row in rows]
+
+    def _entries(self, rest: str, values: tuple[str, ...] = ()) -> list[Entry]:
+        names = ", ".join(_COLUMNS)
+        return [
+            Entry(*row) for row in self._db.execute(f"SELECT {names} FROM bags {rest}", values).fetchall()
+        ]
+
+    def _transaction(self) -> _Transaction:
+        return _Transaction(self._db)
+
+
+def _row(entry: Entry) -> tuple[Any, ...]:
+    return tuple(getattr(entry, name) for name in _COLUMNS)
+
+
+def _content(entry: Entry) -> tuple[str, ...]:
+    """Return what the results of a record follow from."""
+    return entry.content, entry.valve_file, entry.status
+
+
+@dataclass(slots=True)
+class _Transaction:
+    """Transaction that is begun and committed, or taken back on an error."""
+
+    db: sqlite3.Connection
+
+    def __enter__(self) -> None:
+        self.db.execute("BEGIN IMMEDIATE")
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        self.db.execute("COMMIT" if kind is None else "ROLLBACK")

@@ -1,1 +1,0 @@
-"""Page of the fleet, made from its tables."""

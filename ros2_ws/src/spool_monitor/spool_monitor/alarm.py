@@ -1,0 +1,344 @@
+"""Alarm and its transitions, after ISA-18.2 (IEC 62682) and OPC UA Part 9; no clock, no ROS."""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass, replace
+
+from spool_core.errors import InputError
+
+from spool_monitor.detectors import event_kind
+from spool_monitor.event import Event, EventState, Namur, Severity, condition_name
+
+
+class AlarmState(enum.IntEnum):
+    """State of an alarm (IEC 62682, figure 6); the numbers are those of ``spool_msgs/msg/Alarm``.
+
+    Out of service hides suppressed, that hides shelved, that hides the others.
+    """
+
+    UNKNOWN = 0
+    NORMAL = 1
+    UNACKNOWLEDGED = 2  # active, nobody has seen it
+    ACKNOWLEDGED = 3  # active, seen
+    RETURNED_UNACKNOWLEDGED = 4  # over, and nobody has seen it
+    LATCHED_UNACKNOWLEDGED = 5  # over, kept until acknowledged and reset
+    LATCHED_ACKNOWLEDGED = 6  # over, seen, kept until reset
+    SHELVED = 7  # put aside by an operator, for a time
+    SUPPRESSED = 8  # put aside by the plant's logic
+    OUT_OF_SERVICE = 9  # put aside for maintenance
+
+
+class Input(enum.Enum):
+    """Input of an alarm's state machine: what can happen to it."""
+
+    RAISE = "raise"
+    CLEAR = "clear"
+    ACKNOWLEDGE = "acknowledge"
+    RESET = "reset"
+    SHELVE = "shelve"
+    UNSHELVE = "unshelve"
+    EXPIRE = "expire"
+    SUPPRESS = "suppress"
+    UNSUPPRESS = "unsuppress"
+    REMOVE_FROM_SERVICE = "remove from service"
+    RETURN_TO_SERVICE = "return to service"
+
+
+class Action(enum.Enum):
+    """Action of an operator's display about a transition."""
+
+    ANNOUNCE = "announce"  # show it, sound the horn: somebody has to acknowledge
+    SILENCE = "silence"  # it has been acknowledged
+    RETURN = "return"  # show that it is over
+    HIDE = "hide"
+    SHOW = "show"
+
+
+class AlarmRefusedError(InputError):
+    """Refusal: the alarm is in no state for that; the message says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """Alarm: one condition of a valve as an operator sees it; times in ns, 0: never.
+
+    ``active`` and ``severity`` follow the condition; ``occurrence`` counts how often it was announced.
+    ``acknowledged_by`` and ``comment`` are the last operator's. ``shelved_until`` is 0 for a shelf that lasts
+    until the condition is over.
+    """
+
+    kind: str
+    source: str = ""
+    latching: bool = False
+    active: bool = False
+    acknowledged: bool = True
+    latched: bool = False
+    shelved: bool = False
+    suppressed: bool = False
+    out_of_service: bool = False
+    severity: Severity = Severity.UNKNOWN
+    cause: str = ""
+    message: str = ""
+    value: float = math.nan
+    unit: str = ""
+    occurrence: int = 0
+    raised_at: int = 0
+    changed_at: int = 0
+    acknowledged_at: int = 0
+    acknowledged_by: str = ""
+    comment: str = ""
+    shelved_at: int = 0
+    shelved_until: int = 0
+
+    @property
+    def name(self) -> str:
+        """Name that distinguishes it from the valve's others, e.g. ``friction_drift/coulomb_force``."""
+        return condition_name(self.kind, self.source)
+
+    @property
+    def code(self) -> int:
+        """Stable number of kind and cause."""
+        return event_kind(self.kind).cause(self.cause).code
+
+    @property
+    def namur(self) -> Namur:
+        """Status after NE 107 that it gives the valve now."""
+        return event_kind(self.kind).cause(self.cause).namur if self.active else Namur.NORMAL
+
+    @property
+    def hidden(self) -> bool:
+        """Whether it is kept from the operator's list."""
+        return self.shelved or self.suppressed or self.out_of_service
+
+    @property
+    def state(self) -> AlarmState:
+        """The state that shows."""
+        if self.out_of_service:
+            return AlarmState.OUT_OF_SERVICE
+        if self.suppressed:
+            return AlarmState.SUPPRESSED
+        return AlarmState.SHELVED if self.shelved else self.underlying
+
+    @property
+    def underlying(self) -> AlarmState:
+        """The state beneath shelf, suppression and maintenance."""
+        if self.active:
+            return AlarmState.ACKNOWLEDGED if self.acknowledged else AlarmState.UNACKNOWLEDGED
+        if self.latched:
+            seen = AlarmState.LATCHED_ACKNOWLEDGED
+            return seen if self.acknowledged else AlarmState.LATCHED_UNACKNOWLEDGED
+        return AlarmState.NORMAL if self.acknowledged else AlarmState.RETURNED_UNACKNOWLEDGED
+
+
+@dataclass(frozen=True, slots=True)
+class Operator:
+    """Operator who does something to an alarm, when (ns), and what is said about it."""
+
+    who: str
+    stamp: int
+    comment: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.who.strip():
+            raise AlarmRefusedError("who: say who does this")
+
+
+@dataclass(frozen=True, slots=True)
+class Transition:
+    """Transition of an alarm by an input."""
+
+    before: Alarm
+    input: Input
+    after: Alarm
+    actions: tuple[Action, ...] = ()
+
+    @property
+    def changed(self) -> bool:
+        """Whether the alarm is another one now."""
+        return self.before != self.after
+
+
+def follow(alarm: Alarm, event: Event) -> Transition:
+    """Take the beginning, growth or end of the alarm's condition in.
+
+    A warning that grows to an alarm wants a new acknowledgement. What comes and goes while hidden wants none,
+    but a latch holds.
+    """
+    if event.state is EventState.CLEARED:
+        return _clear(alarm, event)
+    grown = not alarm.active or event.severity > alarm.severity
+    after = replace(
+        alarm,
+        active=True,
+        severity=event.severity if grown else alarm.severity,
+        cause=event.cause,
+        message=event.message,
+        value=event.quantity.value,
+        unit=event.quantity.unit,
+    )
+    if not grown:
+        return Transition(alarm, Input.RAISE, after)
+    after = replace(
+        after,
+        acknowledged=False,
+        latched=False,
+        occurrence=alarm.occurrence + 1,
+        raised_at=alarm.raised_at if alarm.active else event.stamp,
+        changed_at=event.stamp,
+    )
+    return Transition(alarm, Input.RAISE, after, () if alarm.hidden else (Action.ANNOUNCE,))
+
+
+def acknowledge(alarm: Alarm, operator: Operator, occurrence: int = 0) -> Transition:
+    """Note that ``operator`` has seen it.
+
+    Raises:
+        AlarmRefusedError: nothing waits for it, or ``occurrence`` (0: any) is not the one seen.
+
+    """
+    if alarm.acknowledged:
+        by = f", {alarm.acknowledged_by} has done it" if alarm.active and alarm.acknowledged_by else ""
+        raise AlarmRefusedError(f"{alarm.name}: no acknowledgement is due{by}")
+    if occurrence not in (0, alarm.occurrence):
+        raise AlarmRefusedError(
+            f"{alarm.name}: occurrence {occurrence} is past, now it is {alarm.occurrence}: look at it first"
+        )
+    after = replace(
+        alarm,
+        acknowledged=True,
+        acknowledged_by=operator.who,
+        acknowledged_at=operator.stamp,
+        comment=operator.comment,
+        changed_at=operator.stamp,
+    )
+    return Transition(alarm, Input.ACKNOWLEDGE, after, (Action.SILENCE,))
+
+
+def reset(alarm: Alarm, operator: Operator) -> Transition:
+    """Let go of a latched alarm.
+
+    Raises:
+        AlarmRefusedError: not latched, still active, or not acknowledged (as OPC UA Part 9 has it).
+
+    """
+    if alarm.active:
+        raise AlarmRefusedError(f"{alarm.name}: it is still active, so it can't be reset")
+    if not alarm.latched:
+        raise AlarmRefusedError(f"{alarm.name}: it is not latched, so there is nothing to reset")
+    if not alarm.acknowledged:
+        raise AlarmRefusedError(f"{alarm.name}: acknowledge it before you reset it")
+    return _operated(alarm, Input.RESET, operator, replace(alarm, latched=False), (Action.RETURN,))
+
+
+def shelve(alarm: Alarm, operator: Operator, seconds: float) -> Transition:
+    """Put it aside for ``seconds``, or until the condition is over (0); shelving again sets a new end.
+
+    Raises:
+        AlarmRefusedError: negative or endless time, or 0 where the condition is not active.
+
+    """
+    if not 0.0 <= seconds < math.inf:
+        raise AlarmRefusedError(f"{alarm.name}: {seconds} s is no time to shelve for: use 0 or more")
+    if seconds == 0.0 and not alarm.active:
+        raise AlarmRefusedError(
+            f"{alarm.name}: it is not active, so a shelf until it is over has no end: give seconds"
+        )
+    until = operator.stamp + round(seconds * 1e9) if seconds else 0
+    after = replace(alarm, shelved=True, shelved_at=operator.stamp, shelved_until=until)
+    return _covered(alarm, Input.SHELVE, operator, after)
+
+
+def unshelve(alarm: Alarm, operator: Operator) -> Transition:
+    """Take it off the shelf.
+
+    Raises:
+        AlarmRefusedError: it is not shelved.
+
+    """
+    if not alarm.shelved:
+        raise AlarmRefusedError(f"{alarm.name}: it is not shelved")
+    return _covered(alarm, Input.UNSHELVE, operator, _unshelved(alarm))
+
+
+def expire(alarm: Alarm, stamp: int) -> Transition:
+    """End a shelf whose time is over at ``stamp`` (ns); one from a time still to come ends too.
+
+    A clock set back would lengthen the shelf otherwise.
+    """
+    timed = alarm.shelved and alarm.shelved_until > 0
+    if not timed or alarm.shelved_at <= stamp < alarm.shelved_until:
+        return Transition(alarm, Input.EXPIRE, alarm)
+    after = replace(_unshelved(alarm), changed_at=stamp)
+    return Transition(alarm, Input.EXPIRE, after, _cover_actions(alarm, after))
+
+
+def suppress(alarm: Alarm, operator: Operator, *, on: bool) -> Transition:
+    """Put it aside because the plant's state makes it meaningless, or take it back.
+
+    Raises:
+        AlarmRefusedError: it is so already.
+
+    """
+    if alarm.suppressed is on:
+        raise AlarmRefusedError(f"{alarm.name}: it is {'suppressed already' if on else 'not suppressed'}")
+    what = Input.SUPPRESS if on else Input.UNSUPPRESS
+    return _covered(alarm, what, operator, replace(alarm, suppressed=on))
+
+
+def maintain(alarm: Alarm, operator: Operator, *, on: bool) -> Transition:
+    """Put it aside for maintenance, or take it back.
+
+    Raises:
+        AlarmRefusedError: it is so already.
+
+    """
+    if alarm.out_of_service is on:
+        raise AlarmRefusedError(f"{alarm.name}: it is {'out of service already' if on else 'in service'}")
+    what = Input.REMOVE_FROM_SERVICE if on else Input.RETURN_TO_SERVICE
+    return _covered(alarm, what, operator, replace(alarm, out_of_service=on))
+
+
+def _clear(alarm: Alarm, event: Event) -> Transition:
+    if not alarm.active:
+        return Transition(alarm, Input.CLEAR, alarm)
+    after = replace(
+        alarm,
+        active=False,
+        latched=alarm.latching,
+        acknowledged=alarm.acknowledged or (alarm.hidden and not alarm.latching),
+        message=event.message,
+        value=event.quantity.value,
+        unit=event.quantity.unit,
+        changed_at=event.stamp,
+    )
+    actions: tuple[Action, ...] = () if alarm.hidden else (Action.RETURN,)
+    if alarm.shelved and not alarm.shelved_until:
+        after = _unshelved(after)
+        actions = _cover_actions(alarm, after)
+    return Transition(alarm, Input.CLEAR, after, actions)
+
+
+def _unshelved(alarm: Alarm) -> Alarm:
+    return replace(alarm, shelved=False, shelved_at=0, shelved_until=0)
+
+
+def _cover_actions(before: Alarm, after: Alarm) -> tuple[Action, ...]:
+    """Return what shows when a cover is laid on or taken off: nothing where another one is there."""
+    if before.hidden == after.hidden:
+        return ()
+    if after.hidden:
+        return (Action.HIDE,)
+    return (Action.SHOW,) if after.acknowledged else (Action.SHOW, Action.ANNOUNCE)
+
+
+def _covered(before: Alarm, what: Input, operator: Operator, after: Alarm) -> Transition:
+    return _operated(before, what, operator, after, _cover_actions(before, after))
+
+
+def _operated(
+    before: Alarm, what: Input, operator: Operator, after: Alarm, actions: tuple[Action, ...]
+) -> Transition:
+    after = replace(after, comment=operator.comment, changed_at=operator.stamp)
+    return Transition(before, what, after, actions)

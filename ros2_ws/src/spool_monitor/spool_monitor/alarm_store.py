@@ -1,0 +1,190 @@
+"""Alarm store of one valve: what happened to its alarms, what operators do, what is kept over a restart."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+from spool_core.errors import InputError
+
+from spool_monitor.alarm import (
+    Alarm,
+    AlarmRefusedError,
+    Operator,
+    Transition,
+    acknowledge,
+    expire,
+    follow,
+    maintain,
+    reset,
+    shelve,
+    suppress,
+    unshelve,
+)
+from spool_monitor.detectors import latching_kinds
+from spool_monitor.event import Condition, Event, Namur, condition_name
+
+_ALARM = TypeAdapter(Alarm)
+_KEPT = tuple(one.name for one in fields(Alarm))
+
+
+@dataclass(slots=True)
+class AlarmStore:
+    """Alarm store: every alarm that a valve can have, by its name; fed with the monitor's events.
+
+    ``latching``: kinds that stay until somebody resets them. Stamps are in ns, those of operators and of
+    :meth:`advance` from one clock.
+    """
+
+    latching: tuple[str, ...] = field(default_factory=latching_kinds)
+    alarms: dict[str, Alarm] = field(default_factory=dict, init=False)
+
+    def expect(self, conditions: Iterable[Condition]) -> None:
+        """Know the valve's conditions before one of them is raised."""
+        for condition in conditions:
+            self._of(condition.kind, condition.source)
+
+    def update(self, event: Event) -> Transition:
+        """Take one event of the monitor."""
+        return self._keep(follow(self._of(event.kind, event.source), event))
+
+    def advance(self, stamp: int) -> list[Transition]:
+        """Say what time it is (ns); return the shelves that ended."""
+        shelved = [alarm for alarm in self.alarms.values() if alarm.shelved]
+        transitions = [expire(alarm, stamp) for alarm in shelved]
+        return [self._keep(transition) for transition in transitions if transition.changed]
+
+    def acknowledge(self, which: str, operator: Operator, occurrence: int = 0) -> list[Transition]:
+        """Acknowledge; see :meth:`operate` and :func:`~spool_monitor.alarm.acknowledge`."""
+        return self.operate(which, lambda alarm: acknowledge(alarm, operator, occurrence))
+
+    def reset(self, which: str, operator: Operator) -> list[Transition]:
+        """Let go of latched alarms."""
+        return self.operate(which, lambda alarm: reset(alarm, operator))
+
+    def shelve(self, which: str, operator: Operator, seconds: float) -> list[Transition]:
+        """Put aside for a time, or until the condition is over (0)."""
+        return self.operate(which, lambda alarm: shelve(alarm, operator, seconds))
+
+    def unshelve(self, which: str, operator: Operator) -> list[Transition]:
+        """Take off the shelf."""
+        return self.operate(which, lambda alarm: unshelve(alarm, operator))
+
+    def suppress(self, which: str, operator: Operator, *, on: bool) -> list[Transition]:
+        """Begin or end suppression."""
+        return self.operate(which, lambda alarm: suppress(alarm, operator, on=on))
+
+    def maintain(self, which: str, operator: Operator, *, on: bool) -> list[Transition]:
+        """Take out of service for maintenance, or put back into it."""
+        return self.operate(which, lambda alarm: maintain(alarm, operator, on=on))
+
+    def operate(self, which: str, change: Callable[[Alarm], Transition]) -> list[Transition]:
+        """Change the alarm named ``which``, all of that kind, or all (empty) that can be changed so.
+
+        Raises:
+            AlarmRefusedError: there is no such alarm, or none of them can; nothing is changed.
+
+        """
+        chosen = [alarm for alarm in self.alarms.values() if which in ("", alarm.name, alarm.kind)]
+        if not chosen:
+            raise AlarmRefusedError(f"no alarm {which!r}; there are: {', '.join(sorted(self.alarms))}")
+        transitions, refusals = [], []
+        for alarm in chosen:
+            try:
+                transitions.append(change(alarm))
+            except AlarmRefusedError as refusal:
+                refusals.append(refusal)
+        if not transitions:
+            if len(refusals) == 1:
+                raise refusals[0]
+            raise AlarmRefusedError(f"none of {len(refusals)} alarms can: {refusals[0]}, ...")
+        return [self._keep(transition) for transition in transitions]
+
+    @property
+    def shown(self) -> list[Alarm]:
+        """Alarms that are not normal, those waiting for an operator first, then by severity and age."""
+        listed = [alarm for alarm in self.alarms.values() if alarm.state.name != "NORMAL"]
+        return sorted(
+            listed, key=lambda one: (one.hidden, one.acknowledged, -one.severity, one.raised_at, one.name)
+        )
+
+    @property
+    def namur(self) -> Namur:
+        """The worst status after NE 107 that an active condition gives; maintenance is a function check."""
+        found = [
+            Namur.FUNCTION_CHECK if alarm.out_of_service else alarm.namur for alarm in self.alarms.values()
+        ]
+        return max(found, default=Namur.NORMAL)
+
+    def restore(self, conditions: Iterable[Condition]) -> None:
+        """Let ``conditions`` go on as active where their alarms are, so that their end is seen too."""
+        for condition in conditions:
+            alarm = self.alarms.get(condition.name)
+            if alarm is not None and alarm.active:
+                condition.restore(alarm.severity, alarm.cause)
+
+    def dump(self) -> list[dict[str, Any]]:
+        """Return what :meth:`load` takes, as JSON can hold it."""
+        return [
+            {name: getattr(alarm, name) for name in _KEPT}
+            | {"value": alarm.value if math.isfinite(alarm.value) else None}
+            for alarm in self.alarms.values()
+        ]
+
+    def load(self, content: Any) -> None:
+        """Take up what :meth:`dump` gave, of whatever version; ``latching`` is as it is set now.
+
+        Raises:
+            InputError: ``content`` is no list of alarms, or some of them can't be read; the others are
+                taken up.
+
+        """
+        self._take(content, lambda _: True)
+
+    def join(self, content: Any) -> None:
+        """Take up what another store dumped, where it was changed later than here.
+
+        Raises:
+            InputError: as :meth:`load`.
+
+        """
+
+        def later(alarm: Alarm) -> bool:
+            own = self.alarms.get(alarm.name)
+            return own is None or alarm.changed_at > own.changed_at
+
+        self._take(content, later)
+
+    def _take(self, content: Any, wanted: Callable[[Alarm], bool]) -> None:
+        if not isinstance(content, list):
+            raise InputError("the kept alarms can't be read: they are no list")
+        unreadable = []
+        for entry in content:
+            try:
+                value = math.nan if entry["value"] is None else entry["value"]
+                alarm = _ALARM.validate_python({**entry, "value": value})
+            except (ValidationError, TypeError, KeyError) as error:
+                unreadable.append(str(error).splitlines()[0])
+                continue
+            if wanted(alarm):
+                latching = alarm.kind in self.latching
+                self.alarms[alarm.name] = replace(
+                    alarm, latching=latching, latched=alarm.latched and latching
+                )
+        if unreadable:
+            raise InputError(
+                f"{len(unreadable)} of {len(content)} of the kept alarms can't be read: {unreadable[0]}"
+            )
+
+    def _of(self, kind: str, source: str) -> Alarm:
+        name = condition_name(kind, source)
+        if name not in self.alarms:
+            self.alarms[name] = Alarm(kind, source, latching=kind in self.latching)
+        return self.alarms[name]
+
+    def _keep(self, transition: Transition) -> Transition:
+        self.alarms[transition.after.name] = transition.after
+        return transition

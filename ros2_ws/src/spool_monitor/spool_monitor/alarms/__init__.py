@@ -1,1 +1,0 @@
-"""Alarms: their life cycle after ISA-18.2, and all those of a valve."""

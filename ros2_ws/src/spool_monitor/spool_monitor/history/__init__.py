@@ -1,1 +1,0 @@
-"""History of a valve: baselines, trend and state over restarts."""

@@ -1,0 +1,291 @@
+"""Node ``monitor``: health, events and diagnostics of one valve."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+from spool_core.block import Block
+from spool_core.block_gate import BlockGate, SharedGate
+from spool_core.errors import InputError
+from spool_core.node import qos
+from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, block_faults, block_values, key
+from spool_core.node.managed_node import ManagedNode
+from spool_core.node.parameters import NodeParameter, Value
+from spool_core.uncertainty import Quantity
+from spool_estimator.messages import from_description, from_message
+from spool_msgs.msg import HealthEvent, ModelEstimate, ValveDescription, ValveHealth
+
+from spool_monitor.alarm_services import AlarmServices
+from spool_monitor.alarm_store import AlarmStore
+from spool_monitor.detection import Detection
+from spool_monitor.detectors import (
+    JUDGEMENT_TEXTS,
+    KINDS,
+    LIMITS,
+    Judgement,
+    MonitorSettings,
+    check_settings,
+    latching_kinds,
+)
+from spool_monitor.detectors.base import NATURAL_FREQUENCY
+from spool_monitor.event import Event, Severity
+from spool_monitor.messages import to_event_message, to_health_message
+from spool_monitor.monitor import Health, HealthLevel, Monitor
+from spool_monitor.state_file import default_folder, valve_folder
+from spool_monitor.trend_writer import TrendWriter
+from spool_monitor.valve_state import TRENDS, ValveState
+from spool_monitor.warm_up import warm_up_monitor
+
+_SETTINGS = tuple(
+    NodeParameter(
+        limit.name, limit.default, limit.description, limit.unit, limit.minimum, limit.maximum,
+        structural=limit.structural,
+    )
+    for limit in LIMITS.values()
+)  # fmt: skip
+
+_KEEPING = (
+    NodeParameter(
+        "state_folder", "",
+        "Where alarms, baseline and trends are kept, each valve in a folder of its own; empty: "
+        "$XDG_STATE_HOME/spool, else ~/.local/state/spool; none: nowhere.",
+        structural=True,
+    ),
+    NodeParameter(
+        "latched_kinds", list(latching_kinds()), "Kinds of events whose alarms stay until they are reset.",
+        structural=True,
+    ),
+)  # fmt: skip
+
+#: s that an estimator or simulator of the same namespace may take to start: kernels of several nodes may be
+#: compiled, one after the other. Once it was heard, or without one, silence is told immediately.
+STARTS = 180.0
+
+#: Samples that may be judged together while nothing is wrong: as many as come together.
+MOST_TOGETHER = 1 << 30
+
+#: Of an active condition that is worst; without one all is well.
+_LEVELS = {None: Level.OK, Severity.WARNING: Level.WARNING, Severity.ALARM: Level.ERROR}
+
+
+class MonitorNode(ManagedNode):
+    """Node ``monitor``: judges resonance, drift and silence of one valve from its blocks and estimates."""
+
+    PARAMETERS: ClassVar = (*_SETTINGS, *_KEEPING)
+
+    def __init__(self, namespace: str | None = None, **options: Any) -> None:
+        super().__init__("monitor", namespace, **options)
+        self._core: Monitor
+        self._gate = SharedGate()
+        self._alarms: AlarmServices
+        self._trends: TrendWriter | None = None
+        self._valve_id = self.get_namespace().strip("/")
+        self._described = False
+        self._activated = self._block_arrival = self._estimate_arrival = time.monotonic()
+        self._level = HealthLevel.UNKNOWN
+
+    def configure(self) -> None:
+        """Build the core; its kernels are compiled here, not at the first sample."""
+        self.compile(warm_up_monitor)
+        self._gate = SharedGate()
+        self._core = Monitor(self._settings({}), self._gate)
+        self._described = False
+        kinds = tuple(kind for kind in self.value("latched_kinds") if kind)
+        warn = self.get_logger().warning
+        state = ValveState(self._core, self._folder(), warn, AlarmStore(kinds))
+        state.open()
+        self._alarms = AlarmServices(self, state)
+        if state.folder is not None:
+            self._trends = TrendWriter(state.folder / TRENDS, warn, lambda: state.owned)
+        self._health_publisher = self.create_lifecycle_publisher(ValveHealth, "health", qos.state())
+        self._event_publisher = self.create_lifecycle_publisher(HealthEvent, "events", qos.state(depth=100))
+        self._diagnostics = DiagnosticPublisher(self, self._valve_id)
+        kept = "nowhere" if state.folder is None or not state.writable else f"in {state.folder}"
+        self.get_logger().info(f"configured: alarms and baseline are kept {kept}")
+
+    def activate(self) -> None:
+        """Listen; estimates and the valve's description are latched, so a late start misses neither."""
+        self._activated = self._block_arrival = self._estimate_arrival = time.monotonic()
+        self._alarms.open()
+        self.subscribe(ValveDescription, "valve", self._take_description, qos.state())
+        self.subscribe_blocks("acceleration", self._take_blocks, self._room)
+        self.subscribe(ModelEstimate, "estimate", self._take_estimate, qos.state(depth=10))
+        self.every(0.2, self._watch, steady=True)
+        self.every(1.0, self._report, steady=True)
+
+    def cleanup(self) -> None:
+        """Let go of core and publishers."""
+        self.destroy_publisher(self._health_publisher)
+        self.destroy_publisher(self._event_publisher)
+        self._diagnostics.destroy()
+        self._alarms.close()
+        if self._trends is not None:
+            self._trends.close()
+        self._trends = None
+
+    def refuse_change(self, changes: dict[str, Value]) -> str | None:
+        """Refuse limits that contradict each other, and kinds that there are not."""
+        try:
+            check_settings(self._settings(changes))
+        except InputError as error:
+            return str(error)
+        kinds = changes.get("latched_kinds", [])
+        unknown = [kind for kind in kinds if kind and kind not in KINDS] if isinstance(kinds, list) else []
+        return f"latched_kinds: {unknown[0]!r} is not one of {', '.join(KINDS)}" if unknown else None
+
+    def apply_change(self, changes: dict[str, Value]) -> None:
+        """Judge by the new limits from now on."""
+        if self._configured and LIMITS.keys() & changes.keys():
+            self._core.set_limits(self._settings({}))
+
+    def _settings(self, changes: dict[str, Value]) -> MonitorSettings:
+        """Return the settings with ``changes``."""
+        values: dict[str, Any] = {
+            parameter.name: changes.get(parameter.name, self.value(parameter.name)) for parameter in _SETTINGS
+        }
+        return MonitorSettings(**values)
+
+    def _folder(self) -> Path | None:
+        """Return where this valve's state is kept, ``None`` for nowhere."""
+        given = self.value("state_folder")
+        if given == "none":
+            return None
+        try:
+            base = Path(given).expanduser() if given else default_folder()
+        except RuntimeError:
+            self.get_logger().warning("state_folder: there is no home folder: nothing is kept, name a folder")
+            return None
+        return valve_folder(base, self.get_namespace())
+
+    def _take_description(self, message: ValveDescription) -> None:
+        self._valve_id = self._diagnostics.hardware_id = message.header.frame_id
+        if not self._described:
+            self._described, self._estimate_arrival = (True, time.monotonic())  # the estimator begins now
+        self._alarms.identify(message.header.frame_id, message.oil)
+        if self.value(NATURAL_FREQUENCY.name) == 0.0:
+            self._core.set_natural_frequency(from_description(message).natural_frequency)
+
+    def _room(self) -> int:
+        """Return the samples that may be judged together: faults of data begin and end with a block."""
+        return MOST_TOGETHER if self._core.calm else 0
+
+    def _take_blocks(self, blocks: Sequence[Block]) -> None:
+        accepted = self._gate.accepted
+        for block in self._gate.admitted(blocks, self._room):
+            self._take_judged(block, used=self._gate.accepted > accepted, first=accepted == 0)
+            accepted = self._gate.accepted
+
+    def _take_judged(self, block: Block, *, used: bool, first: bool) -> None:
+        if not self._described and block.source:
+            self._valve_id = self._diagnostics.hardware_id = block.source
+        events = self._core.update(block)
+        if used:
+            self._block_arrival = time.monotonic()
+            if self._trends is not None:
+                self._trends.update(block)
+        if first:
+            self._estimate_arrival = self._block_arrival
+        self._publish(events)
+
+    def _take_estimate(self, message: ModelEstimate) -> None:
+        self._estimate_arrival = time.monotonic()
+        estimate = from_message(message)
+        self._publish(self._core.update_estimate(estimate))
+        self._alarms.take_estimate(estimate)
+        if self._trends is not None:
+            self._trends.update_estimate(estimate)
+
+    def _watch(self) -> None:
+        now = time.monotonic()
+        if (
+            self._core.gate.accepted == 0
+            and self.count_publishers("acceleration") == 0
+            and self._starts("simulator")
+        ):
+            self._block_arrival = now
+        if self._core.estimate is None and not self._described and self._starts("estimator"):
+            self._estimate_arrival = now
+        stamp = self.get_clock().now().nanoseconds
+        self._publish(self._core.idle(now - self._block_arrival, now - self._estimate_arrival, stamp))
+        self._alarms.watch()
+
+    def _starts(self, node: str) -> bool:
+        """Whether ``node`` of this valve may still be starting: it compiles or is unconfigured."""
+        if time.monotonic() - self._activated > STARTS:
+            return False
+        return (node, self.get_namespace()) in self.get_node_names_and_namespaces()
+
+    def _publish(self, events: list[Event]) -> None:
+        if events:
+            self._alarms.take(events)
+        for event in events:
+            self._event_publisher.publish(to_event_message(event, self._valve_id))
+        if events or self._core.level is not self._level:
+            self._report()
+
+    def _report(self) -> None:
+        health = self._core.health
+        if health.stamp == 0:  # before the first block the node's clock is all there is
+            health = replace(health, stamp=self.get_clock().now().nanoseconds)
+        self._level = health.level
+        health = replace(health, namur=max(health.namur, self._alarms.namur))
+        self._health_publisher.publish(to_health_message(health, self._valve_id))
+        detection = self._core.detection
+        self._diagnostics.publish(
+            data_status(detection, self._core.gate, health),
+            condition_status(detection, health),
+            self._alarms.status(health.namur, self._trends),
+        )
+
+
+def data_status(detection: Detection, gate: BlockGate, health: Health) -> Status:
+    """Return what arrives, and whether the sensors can be believed."""
+    sensors = _detector_status("data", detection, health, ())
+    level, text = sensors.level, sensors.message
+    faults = block_faults(gate)
+    if health.level is HealthLevel.STALE:
+        text = health.summary
+    elif gate.accepted == 0:
+        level, text = Level.WARNING, "waiting for data"
+    elif level is Level.OK:
+        level, text = (Level.WARNING, faults) if faults else (level, "no block lost or refused lately")
+    return Status("data", level, text, {**block_values(gate), **sensors.values})
+
+
+def condition_status(detection: Detection, health: Health) -> Status:
+    """Return what is wrong with the valve and how it moves."""
+    shown = (
+        health.dominant_frequency, health.amplification, health.natural_frequency, health.viscous_drift,
+        health.coulomb_drift,
+    )  # fmt: skip
+    return _detector_status("condition", detection, health, shown)
+
+
+def _detector_status(task: str, detection: Detection, health: Health, shown: Iterable[Quantity]) -> Status:
+    """Return what the detectors of ``task`` say; what they can't judge is said as well."""
+    ours = [one for one in detection.detectors if one.kind.task == task]
+    conditions = [detection.conditions[one.name] for one in ours]
+    active = [condition for condition in conditions if condition.active is not None]
+    worst = max((condition.active for condition in active if condition.active is not None), default=None)
+    level = _LEVELS[worst]
+    text = ", ".join(f"{one.kind} {one.cause}".strip().replace("_", " ") for one in active)
+    if not text:
+        open_ = {one.judgement for one in ours if one.judgement is not Judgement.JUDGED}
+        text = ", ".join(JUDGEMENT_TEXTS[judgement] for judgement in sorted(open_)) or "nothing found"
+    if health.level is HealthLevel.UNKNOWN and not active:
+        level = Level.WARNING
+    if health.level is HealthLevel.STALE:
+        level, text = Level.STALE, "no data"
+    return Status(
+        task,
+        level,
+        text,
+        {
+            **{key(value.name, value.unit): value.value for value in shown},
+            **{f"{one.name}_judgement": JUDGEMENT_TEXTS[one.judgement] for one in ours},
+        },
+    )

@@ -1,1 +1,0 @@
-"""Node ``monitor``: the ROS shell, its services and messages."""

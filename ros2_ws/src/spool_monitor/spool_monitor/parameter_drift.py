@@ -1,0 +1,554 @@
+"""Drift of a parameter: sequential test, forecast, cause of a friction change, and what is kept of it.
+
+Page, E. S.: Continuous inspection schemes, Biometrika 41 (1954); run length of the Brownian approximation as
+in Basseville and Nikiforov, Detection of Abrupt Changes (1993), section 5.2.
+
+ISA-18.2 (IEC 62682) wants an alarm's priority from what happens and how much time there is. A straight line
+through the change since its beginning tells the time where the second half of it rises as the first one does;
+a step, and what has come to rest, tell none.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from spool_core.text import change, duration
+from spool_core.uncertainty import Quantity, Validity
+from spool_estimator.estimate import Estimate, State
+
+from spool_monitor.baseline import Baseline
+from spool_monitor.event import Severity
+
+#: Standard deviations that a change must exceed before its size is judged at all.
+SIGNIFICANCE = 4.0
+
+#: The parameter that follows the oil's temperature.
+VISCOUS = "viscous_coefficient"
+
+#: Of the change that must be found: what is let pass for ever, what a single value counts for at most, below
+#: what it is over, and above what uncertainty nothing is judged.
+ALLOWANCE, CAP, RELEASE, UNCERTAIN = 0.65, 2.5, 0.45, 0.35
+
+#: Changes that warn which make an alarm.
+ALARMS = 2.0
+
+#: s of a shift: what reaches its limit sooner is not to be planned but done.
+SHIFT = 8.0 * 3600.0
+
+#: s, what the sum needs at least: a change that just matters takes 8.6 s from when the estimate shows it.
+SHORTEST_SUM = 3.0
+
+#: s, time constant over which the change that is shown is smoothed.
+SMOOTHING = 3.0
+
+#: 1/K, relative error of an oil's law per degree away from where the start value was learned.
+LAW_ERROR = 0.002
+
+Array = NDArray[np.float64]
+
+#: Points that are kept; where there are more, every other one goes.
+MOST = 128
+#: Points, and memories of the estimator, from which a trend can be seen: what forgets shows a step as a rise.
+LEAST, MEMORIES = 8, 4.0
+#: Standard deviations that a slope must exceed, and its share in each half of the time, both ways.
+SIGNIFICANT, STEADY = 3.0, 0.5
+#: s, the longest time to a limit that is said: a trend of minutes says nothing of months.
+LONGEST = 30.0 * 86400.0
+
+COULOMB = "coulomb_force"
+
+#: Relative change of a viscosity per K of an ISO VG oil, lowest and highest (ASTM D341 over 20 to 80 deg C).
+VISCOSITY_SLOPE = (0.02, 0.09)
+
+#: Points of one parameter that are kept at most; where there are more, every other one goes.
+DRIFT_TRACE_MOST = 8_000
+
+
+@dataclass(slots=True)
+class Outlook:
+    """Outlook of one parameter: its changes since the sum of the sequential test left zero."""
+
+    _since: int = field(default=0, init=False)
+    _points: list[tuple[float, float]] = field(default_factory=list, init=False)
+    _every: int = field(default=1, init=False)
+    _count: int = field(default=0, init=False)
+
+    def reset(self) -> None:
+        """Forget what went before."""
+        self._points.clear()
+        self._every, self._count = 1, 0
+
+    def take(self, since: int, stamp: int, change: float) -> None:
+        """Take the ``change`` at ``stamp`` (ns) of a drift that began at ``since`` (ns, 0: there is none)."""
+        if since != self._since or since == 0:
+            self.reset()
+            self._since = since
+        if since == 0:
+            return
+        self._count += 1
+        if self._count % self._every == 0:
+            self._points.append(((stamp - since) * 1e-9, change))
+        if len(self._points) > MOST:
+            self._points = self._points[::2]
+            self._every *= 2
+
+    def seconds_to(self, limit: float, memory: float) -> float:
+        """Return the time, s, until the change reaches ``limit`` of its own sign; NaN where no trend tells.
+
+        Args:
+            limit: size of the change, > 0, in the unit of the changes taken.
+            memory: s, over which the estimates forget.
+        """
+        if len(self._points) < LEAST:
+            return math.nan
+        time, change = np.array(self._points).T
+        length = float(time[-1] - time[0])
+        if length < MEMORIES * memory:
+            return math.nan
+        slope, deviation = _slope(time, change, memory)
+        half = time.size // 2
+        first, second = (
+            _slope(time[part], change[part], memory)[0] for part in (slice(half), slice(half, None))
+        )
+        steady = all(STEADY <= part / slope <= 1.0 / STEADY for part in (first, second)) if slope else False
+        now = float(np.mean(change[-max(1, time.size // 8) :]))
+        if not steady or abs(slope) < SIGNIFICANT * deviation or slope * now <= 0.0:
+            return math.nan
+        return max(0.0, (limit - abs(now)) / abs(slope))
+
+    def text(self, limit: float, memory: float) -> str:
+        """Return when the limit of an alarm is reached, in words, or that no trend tells it."""
+        seconds = self.seconds_to(limit, memory)
+        if math.isnan(seconds) or seconds > LONGEST:
+            return "no steady trend, so nothing is said of when the limit of an alarm is reached"
+        return f"at the present rate the limit of an alarm is reached in about {duration(seconds)}"
+
+
+@dataclass(slots=True)
+class ParameterDrift:
+    """Drift test of one parameter: each estimate against its baseline.
+
+    Where the estimates carry it, the viscous coefficient is compared as referred to one oil temperature; a
+    start value learned so is never compared with one at any other. Not judged is what is held, what is too
+    uncertain, and what ``update`` is told to distrust.
+
+    ``matters`` is the change that must be found, relative to the baseline or absolute (``relative``).
+    ``run_length`` is the mean time, s, to a false alarm that the spread of the baseline may cause.
+
+    Attributes:
+        tolerance: what is let pass on top, in units of the change that matters.
+        change: of the parameter, smoothed, with its standard deviation.
+        quantity: the parameter as it was compared last.
+        level: ``None`` while the sum is below its threshold.
+        released: whether the change is small enough to be over.
+        since: when the change most likely began, ns; 0 where there is none.
+        judged: whether the last estimate was.
+
+    """
+
+    parameter: str
+    matters: float
+    relative: bool
+    baseline: Baseline
+    run_length: float = 3.6e6
+    tolerance: float = field(default=0.0, init=False)
+    referred: bool = field(default=False, init=False)
+    temperature: float = field(default=math.nan, init=False)
+    sum: CumulativeSum = field(init=False)
+    change: Quantity = field(init=False)
+    quantity: Quantity = field(init=False)
+    level: Severity | None = field(default=None, init=False)
+    released: bool = field(default=False, init=False)
+    judged: bool = field(default=False, init=False)
+    _smoothed: float = field(default=math.nan, init=False)
+    _variance: float = field(default=math.nan, init=False)
+    _last: int = field(default=0, init=False)
+    _memory: float = field(default=math.nan, init=False)
+    _outlook: Outlook = field(default_factory=Outlook, init=False)
+
+    def __post_init__(self) -> None:
+        self.sum = CumulativeSum(ALLOWANCE, CAP)
+        # Of what is judged in its own unit there is one, a force.
+        self.change = Quantity(f"{self.parameter}_change", "1" if self.relative else "N")
+        self.quantity = Quantity(self.parameter, "")
+
+    @property
+    def since(self) -> int:
+        """When the change most likely began, ns; 0 where there is none."""
+        return self.sum.since
+
+    @property
+    def share(self) -> float:
+        """The smoothed change in units of the one that matters; 0 while unknown."""
+        return 0.0 if math.isnan(self._smoothed) else self._smoothed
+
+    def reset(self) -> None:
+        """Forget the sum: what went before may not be believed."""
+        self.sum.reset()
+        self._outlook.reset()
+        self.level = None
+        self.released = False
+        self._smoothed = math.nan
+
+    def update(self, estimate: Estimate, *, distrust: bool = False) -> None:
+        """Take ``estimate``; parameters that are held are not judged."""
+        self.judged = False
+        quantity = self._comparable(estimate)
+        if distrust:
+            self.reset()
+            return
+        if quantity is None:
+            return
+        reference = self.baseline.value
+        size = self.matters * (abs(reference) if self.relative and self.baseline.frozen else 1.0)
+        if self.relative and not self.baseline.frozen:
+            size = self.matters * abs(quantity.value)
+        if not quantity.standard_deviation <= UNCERTAIN * size:
+            return
+        celsius = estimate.oil_temperature.value
+        if not self.baseline.frozen:
+            self.baseline.learn(estimate.stamp, quantity.value)
+            self.temperature = celsius if math.isnan(self.temperature) else self.temperature
+            return
+        seconds = (estimate.stamp - self._last) * 1e-9
+        self._last = estimate.stamp
+        if not 0.0 < seconds <= 3.0:
+            seconds = 0.0
+        self._judge(estimate, quantity, size, seconds, abs(celsius - self.temperature))
+
+    def _comparable(self, estimate: Estimate) -> Quantity | None:
+        """Return what is compared with the baseline, ``None`` where nothing can be."""
+        quantity = estimate.parameter(self.parameter)
+        if estimate.state is not State.TRACKING or quantity.validity is not Validity.VALID:
+            return None
+        if self.parameter != VISCOUS:
+            return quantity
+        at_reference = estimate.referred_viscous_coefficient
+        if at_reference.known and not self.referred and not self.baseline.frozen:
+            self.baseline.restart()
+            self.referred = True
+        if not self.referred:
+            return quantity
+        return at_reference if at_reference.validity is Validity.VALID else None
+
+    def _judge(
+        self, estimate: Estimate, quantity: Quantity, size: float, seconds: float, warmer: float
+    ) -> None:
+        self.judged = True
+        self.quantity = quantity
+        change = float(quantity.value - self.baseline.value) / size
+        deviation = math.hypot(quantity.standard_deviation, self.baseline.spread) / size
+        if math.isnan(self._smoothed):
+            self._smoothed = change
+        self._smoothed += (1.0 - math.exp(-seconds / SMOOTHING)) * (change - self._smoothed)
+        law = LAW_ERROR * warmer / self.matters if self.referred and not math.isnan(warmer) else 0.0
+        self.sum.allowance = ALLOWANCE + law + self.tolerance
+        self.sum.update(estimate.stamp, change, seconds)
+        self._outlook.take(self.sum.since, estimate.stamp, change)
+        self._memory = estimate.memory
+        unit = "1" if self.relative else quantity.unit
+        shown, uncertain = self._smoothed * self.matters, deviation * self.matters
+        self.change = Quantity(f"{self.parameter}_change", unit, shown, uncertain, Validity.VALID)
+        # The mean of a first-order process over a long time has the variance of 2 T per s.
+        self._variance = 2.0 * estimate.memory * deviation**2
+        self.level = None
+        if self._exceeds(deviation):
+            self.level = Severity.ALARM if abs(self._smoothed) >= ALARMS else Severity.WARNING
+        self.released = abs(self._smoothed) < RELEASE
+        if self.released and self.sum.size > 0.0:
+            # Otherwise a long drift that was repaired would take as long to be forgotten.
+            self.sum.up = min(self.sum.up, SHORTEST_SUM)
+            self.sum.down = min(self.sum.down, SHORTEST_SUM)
+
+    @property
+    def threshold(self) -> float:
+        """Sum from which a change is told; NaN while nothing was judged.
+
+        By the spread of estimates that forget over their memory, and so are not independent.
+        """
+        if math.isnan(self._variance):
+            return math.nan
+        return max(SHORTEST_SUM, threshold_for(self.run_length, self.sum.allowance, self._variance))
+
+    def _exceeds(self, deviation: float) -> bool:
+        """Whether the sum tells of a change."""
+        if self.sum.size < SHORTEST_SUM or self.sum.side * self._smoothed <= self.sum.allowance:
+            return False
+        return self.sum.size >= self.threshold and abs(self._smoothed) > SIGNIFICANCE * deviation
+
+    @property
+    def latest_change(self) -> Quantity:
+        """The change that the last estimate shows, unsmoothed, with its standard deviation."""
+        base = self.baseline.value
+        deviation = math.hypot(self.quantity.standard_deviation, self.baseline.spread)
+        size, unit = (abs(base), "1") if self.relative else (1.0, self.quantity.unit)
+        if not self.quantity.known or not size > 0.0:
+            return self.change
+        value = (self.quantity.value - base) / size
+        return Quantity(self.change.name, unit, value, deviation / size, Validity.VALID)
+
+    @property
+    def sure(self) -> str:
+        """What speaks for the change being no chance: the false alarms that the test is set to allow."""
+        return f"noise alone feigns it once in {duration(self.run_length)} on average"
+
+    @property
+    def outlook(self) -> str:
+        """When the change reaches the size of an alarm, or that no trend tells it."""
+        if self.level is Severity.ALARM:
+            return "the limit of an alarm is passed"
+        return self._outlook.text(ALARMS, self._memory)
+
+    @property
+    def hurries(self) -> bool:
+        """Whether it reaches the size of an alarm within a shift, at the present rate."""
+        return self._outlook.seconds_to(ALARMS, self._memory) < SHIFT
+
+    def text(self) -> str:
+        """Return how the parameter changed, for people: the last estimate against the baseline.
+
+        Not the smoothed change, which lags behind a drift by more than the estimate's interval is wide.
+        """
+        return change(
+            self.quantity.name,
+            self.quantity.unit,
+            (self.quantity.value, self.quantity.standard_deviation),
+            (self.baseline.value, self.baseline.spread),
+            relative=self.relative,
+        )
+
+
+def mean_run_length(threshold: float, allowance: float, variance: float) -> float:
+    """Return the mean time, s, to a false alarm of a one-sided sum.
+
+    Args:
+        threshold: of the sum, s times the unit of the change.
+        allowance: drift of the sum towards zero, per s.
+        variance: long-run variance of the change per s.
+    """
+    if variance <= 0.0:
+        return math.inf
+    exponent = 2.0 * allowance * threshold / variance
+    if exponent > 600.0:
+        return math.inf
+    return variance / (2.0 * allowance**2) * (math.expm1(exponent) - exponent)
+
+
+def threshold_for(run_length: float, allowance: float, variance: float) -> float:
+    """Return the threshold that has the mean time ``run_length`` (s) to a false alarm."""
+    if variance <= 0.0:
+        return 0.0
+    highest = variance / (2.0 * allowance) * (20.0 + math.log1p(2.0 * allowance**2 * run_length / variance))
+    return float(
+        brentq(lambda threshold: _log(threshold, allowance, variance, run_length), 1e-12 * highest, highest)
+    )
+
+
+@dataclass(slots=True)
+class CumulativeSum:
+    """Two-sided cumulative sum of a change, in s times its unit.
+
+    ``allowance`` is the change that is let pass, ``cap`` the largest that a single value counts for.
+    ``since`` (ns) is when the larger sum left zero: the most likely onset (Page 1954).
+    """
+
+    allowance: float
+    cap: float
+    up: float = field(default=0.0, init=False)
+    down: float = field(default=0.0, init=False)
+    _up_since: int = field(default=0, init=False)
+    _down_since: int = field(default=0, init=False)
+
+    def update(self, stamp: int, change: float, seconds: float) -> None:
+        """Take the change that held for ``seconds`` until ``stamp`` (ns)."""
+        bounded = float(min(self.cap, max(-self.cap, change)))
+        begin = stamp - round(seconds * 1e9)
+        if self.up == 0.0:
+            self._up_since = begin
+        if self.down == 0.0:
+            self._down_since = begin
+        self.up = max(0.0, self.up + seconds * (bounded - self.allowance))
+        self.down = max(0.0, self.down + seconds * (-bounded - self.allowance))
+
+    def reset(self) -> None:
+        """Begin anew."""
+        self.up = self.down = 0.0
+
+    @property
+    def side(self) -> int:
+        """1 where it went up, -1 where it went down, 0 where neither sum is above zero."""
+        return int(self.up > self.down) - int(self.down > self.up)
+
+    @property
+    def since(self) -> int:
+        """When the change most likely began, ns; 0 where there is none."""
+        return {1: self._up_since, -1: self._down_since, 0: 0}[self.side]
+
+    @property
+    def size(self) -> float:
+        """The larger of both sums."""
+        return max(self.up, self.down)
+
+
+@dataclass(frozen=True, slots=True)
+class RankedCause:
+    """Cause of a change, one of several.
+
+    Attributes:
+        name: as the event kind declares it.
+        share: among all explanations, 0 to 1.
+        parameter: whose change it explains.
+        condition: under what that changed, where it matters; empty otherwise.
+
+    """
+
+    name: str
+    share: float
+    parameter: str
+    condition: str = ""
+
+
+def rank_friction(
+    viscous: ParameterDrift, coulomb: ParameterDrift, velocity: float, warmer: float = math.nan
+) -> tuple[RankedCause, ...]:
+    """Return the causes of a change of friction, the most likely one first.
+
+    Each change counts by its size in units of the one that must be found, and by the force that it makes at
+    the present ``velocity`` (m/s rms; NaN: forces do not count): a spool that hardly moves tells little of
+    its drag. Thinner oil and a wider gap change the same coefficient: at the same temperature the gap is more
+    likely, where the oil became warmer by ``warmer`` K and nothing was referred to it, the oil is.
+    """
+    drag, dry = viscous.share, coulomb.share
+    # Mean of abs(v) over rms for a sine: 0.90.
+    moved = abs(drag) * viscous.matters * viscous.baseline.value * velocity
+    rubs = 0.9 * abs(dry) * coulomb.matters
+    heavy = moved / (moved + rubs) if moved + rubs > 0.0 else 0.5
+    drag_weight, dry_weight = (heavy, 1.0 - heavy) if math.isfinite(heavy) else (0.5, 0.5)
+    scores: dict[str, tuple[float, str, str]] = {}
+    if dry > 0.0:
+        scores["oil_contamination"] = (dry * dry_weight, COULOMB, "")
+    if dry < 0.0:
+        scores["unknown"] = (-dry * dry_weight, COULOMB, "")
+    at = "at the same oil temperature" if viscous.referred else "at an oil temperature that is not known"
+    if drag > 0.0:
+        scores["oil_viscosity"] = (drag * drag_weight, VISCOUS, at)
+    if drag < 0.0:
+        explained = not viscous.referred and _explains(warmer, drag * viscous.matters)
+        if not viscous.referred and not math.isnan(warmer):
+            at = f"while the oil became {abs(warmer):.0f} K {'warmer' if warmer >= 0.0 else 'colder'}"
+        shares = (0.3, 0.7) if explained else (0.75, 0.25)
+        scores["wear"] = (-shares[0] * drag * drag_weight, VISCOUS, at)
+        scores["oil_viscosity"] = (-shares[1] * drag * drag_weight, VISCOUS, at)
+    total = sum(score for score, _, _ in scores.values())
+    causes = [
+        RankedCause(name, score / total, parameter, condition)
+        for name, (score, parameter, condition) in scores.items()
+        if total > 0.0
+    ]
+    return tuple(sorted(causes, key=lambda cause: -cause.share)) or (RankedCause("unknown", 1.0, COULOMB),)
+
+
+@dataclass(frozen=True, slots=True)
+class DriftPoint:
+    """One parameter at one estimate, as its test saw it.
+
+    Attributes:
+        stamp: ns.
+        value, deviation: of the parameter as it is compared, in its unit; NaN where it is not known.
+        baseline, spread: of the healthy valve, in the same unit; NaN while it is learned.
+        matters: change that warns, in the same unit; twice that is an alarm.
+        change: smoothed, in units of the change that warns.
+        up, down: cumulative sums of changes to both sides, s times that unit.
+        threshold: sum from which a change is told, likewise; NaN while nothing was judged.
+    """
+
+    stamp: int
+    value: float
+    deviation: float
+    baseline: float
+    spread: float
+    matters: float
+    change: float
+    up: float
+    down: float
+    threshold: float
+
+
+@dataclass(slots=True)
+class DriftTrace:
+    """Trace of all tests of one monitor, and of the natural frequency, in bounded memory.
+
+    Attributes:
+        points: of each parameter, by its name.
+        natural: stamp (ns), natural frequency and its standard deviation, Hz.
+    """
+
+    points: dict[str, list[DriftPoint]] = field(default_factory=dict)
+    natural: list[tuple[int, float, float]] = field(default_factory=list)
+    _every: int = field(default=1, init=False)
+    _count: int = field(default=0, init=False)
+
+    def take(self, estimate: Estimate, parameters: Mapping[str, ParameterDrift]) -> None:
+        """Take what the tests ``parameters`` show after ``estimate``."""
+        self._count += 1
+        if self._count % self._every:
+            return
+        for name, drift in parameters.items():
+            self.points.setdefault(name, []).append(_point(estimate, name, drift))
+        frequency = estimate.natural_frequency
+        self.natural.append((estimate.stamp, frequency.value, frequency.standard_deviation))
+        if len(self.natural) > DRIFT_TRACE_MOST:
+            self._every *= 2
+            self.natural = self.natural[::2]
+            self.points = {name: rows[::2] for name, rows in self.points.items()}
+
+
+def _log(threshold: float, allowance: float, variance: float, run_length: float) -> float:
+    length = mean_run_length(threshold, allowance, variance)
+    return 1.0 if math.isinf(length) else math.log(max(length, 1e-300) / run_length)
+
+
+def _slope(time: Array, change: Array, memory: float) -> tuple[float, float]:
+    """Return the slope of ``change`` over ``time`` (s) and its standard deviation.
+
+    Neighbours that share the estimator's memory count as one.
+    """
+    around = time - time.mean()
+    spread = float(around @ around)
+    if time.size < 3 or spread <= 0.0:
+        return 0.0, math.inf
+    slope = float(around @ change) / spread
+    left = change - change.mean() - slope * around
+    worth = max(3.0, min(float(time.size), (float(time[-1] - time[0])) / max(2.0 * memory, 1e-9)))
+    variance = float(left @ left) / time.size * worth / (worth - 2.0)
+    return slope, math.sqrt(variance / (spread * worth / time.size))
+
+
+def _explains(warmer: float, change: float) -> bool:
+    """Return whether an oil that became ``warmer`` K warmer may change its viscosity by ``change``, 1."""
+    if math.isnan(warmer) or warmer == 0.0 or change <= -1.0:
+        return False
+    slope = -math.log1p(change) / warmer
+    return VISCOSITY_SLOPE[0] <= slope <= VISCOSITY_SLOPE[1]
+
+
+def _point(estimate: Estimate, name: str, drift: ParameterDrift) -> DriftPoint:
+    quantity = estimate.referred_viscous_coefficient if drift.referred else estimate.parameter(name)
+    size = abs(drift.baseline.value) if drift.relative else 1.0
+    return DriftPoint(
+        estimate.stamp,
+        quantity.value if quantity.known else math.nan,
+        quantity.standard_deviation if quantity.known else math.nan,
+        drift.baseline.value,
+        drift.baseline.spread,
+        drift.matters * size,
+        drift.share,
+        drift.sum.up,
+        drift.sum.down,
+        drift.threshold,
+    )

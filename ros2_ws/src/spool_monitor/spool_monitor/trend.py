@@ -1,0 +1,301 @@
+"""History of one valve: minimum, mean and maximum per minute, hour and day, in one SQLite file."""
+
+from __future__ import annotations
+
+import math
+import sqlite3
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from spool_core.errors import InputError
+from spool_core.system import FILE_MODE, private_file, restrict
+from spool_core.uncertainty import Quantity, Validity
+from spool_estimator.estimate import Estimate
+
+MINUTE, HOUR, DAY = 60, 3600, 86400
+
+#: How many spans of each length (s) are kept of each parameter: a week, two years, twenty years.
+KEPT: MappingProxyType[int, int] = MappingProxyType({MINUTE: 7 * 1440, HOUR: 2 * 8766, DAY: 20 * 366})
+
+#: Of the estimate, besides the model's parameters.
+FOLLOWED = (
+    "referred_viscous_coefficient", "oil_temperature", "natural_frequency", "damping_ratio", "residual",
+    "excitation", "relative_displacement",
+)  # fmt: skip
+
+#: Writings between two looks for what is older.
+FORGET_EVERY = 100
+
+#: SQLite's user_version of the files that this version writes; those without one (0) are of the same form.
+VERSION = 1
+
+#: s that a writing waits for the process that holds the file, e.g. a copy that is being made of it.
+PATIENCE = 5.0
+
+#: Spans that are held at most while the file can't be written: a day of minutes of 20 parameters.
+MOST_HELD = 20 * 1440
+
+_SCHEMA = """
+CREATE TABLE IF NOT EXISTS series (id INTEGER PRIMARY KEY, name TEXT UNIQUE NOT NULL, unit TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS span (
+    series INTEGER NOT NULL REFERENCES series, seconds INTEGER NOT NULL, start INTEGER NOT NULL,
+    count INTEGER NOT NULL, total REAL NOT NULL, minimum REAL NOT NULL, maximum REAL NOT NULL,
+    PRIMARY KEY (series, seconds, start)) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS counter (series INTEGER PRIMARY KEY REFERENCES series, value REAL NOT NULL);
+"""
+_ADD = """
+INSERT INTO span VALUES ((SELECT id FROM series WHERE name = ?), ?, ?, ?, ?, ?, ?)
+ON CONFLICT DO UPDATE SET count = count + excluded.count, total = total + excluded.total,
+    minimum = min(minimum, excluded.minimum), maximum = max(maximum, excluded.maximum)
+"""
+_FORGET = """
+DELETE FROM span WHERE series = :series AND seconds = :seconds AND start <= (
+    SELECT start FROM span WHERE series = :series AND seconds = :seconds
+    ORDER BY start DESC LIMIT 1 OFFSET :kept)
+"""
+_UNITS = "SELECT name, unit FROM series ORDER BY id"
+_COUNTERS = "SELECT name, value FROM counter JOIN series ON series = id"
+_SPANS = (
+    "SELECT start, count, minimum, total / count, maximum FROM span JOIN series ON series = id "
+    "WHERE name = ? AND seconds = ? AND start >= ? ORDER BY start"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """Span of a trend: what a parameter did in one that began at ``start`` (s since 1970)."""
+
+    start: int
+    count: int
+    minimum: float
+    mean: float
+    maximum: float
+
+
+@dataclass(slots=True)
+class Sums:
+    """Sums gathered since the last writing, by parameter, length of the span (s) and its start (s)."""
+
+    spans: dict[tuple[str, int, int], tuple[int, float, float, float]] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    counts: dict[str, float] = field(default_factory=dict)
+
+    def add(self, stamp: int, name: str, unit: str, value: float) -> None:
+        """Take a value at ``stamp`` (ns); what is no number is left out."""
+        if not math.isfinite(value):
+            return
+        self.units[name] = unit
+        for seconds in KEPT:
+            key = (name, seconds, stamp // (seconds * 1_000_000_000) * seconds)
+            count, total, low, high = self.spans.get(key, (0, 0.0, value, value))
+            self.spans[key] = (count + 1, total + value, min(low, value), max(high, value))
+
+    def add_estimate(self, estimate: Estimate) -> None:
+        """Take what an estimate holds that is valid; held values would repeat themselves."""
+        quantities: list[Quantity] = [*estimate.parameters, *(getattr(estimate, name) for name in FOLLOWED)]
+        for quantity in quantities:
+            if quantity.validity is Validity.VALID:
+                self.add(estimate.stamp, quantity.name, quantity.unit, quantity.value)
+
+    def count(self, name: str, unit: str, amount: float) -> None:
+        """Add ``amount`` to a counter."""
+        self.units[name] = unit
+        self.counts[name] = self.counts.get(name, 0.0) + amount
+
+    def merge(self, other: Sums, most: int = MOST_HELD) -> int:
+        """Add what ``other`` gathered; of more than ``most`` spans the oldest minutes, then hours go.
+
+        Returns:
+            How many spans were dropped.
+
+        """
+        self.units |= other.units
+        for name, amount in other.counts.items():
+            self.counts[name] = self.counts.get(name, 0.0) + amount
+        for key, (count, total, low, high) in other.spans.items():
+            own = self.spans.get(key, (0, 0.0, low, high))
+            self.spans[key] = (own[0] + count, own[1] + total, min(own[2], low), max(own[3], high))
+        surplus = max(0, len(self.spans) - most)
+        if surplus:
+            for key in sorted(self.spans, key=lambda one: (one[1], one[2]))[:surplus]:
+                del self.spans[key]
+        return surplus
+
+
+class LaterVersionError(InputError):
+    """Later version: one of the suite wrote the file; this one must not change it."""
+
+
+class TrendStore:
+    """Trend store: one valve's file; a kill or a power loss costs what was not written yet, never the file.
+
+    Only its owner may read a file that is written. ``patience`` is how long a writing waits for another
+    program's lock, s.
+
+    Raises:
+        LaterVersionError: a later version of the suite wrote it.
+        InputError: the file is none of ours or damaged; it is named.
+        OSError: it can't be opened or made, or another program holds it.
+
+    """
+
+    def __init__(self, path: Path, *, read_only: bool = False, patience: float = PATIENCE) -> None:
+        self.path = path
+        self._writes = 0
+        if read_only and not path.is_file():
+            raise InputError(f"{path}: there is no such file")
+        mode = "ro" if read_only else "rwc"
+        if not read_only:
+            private_file(path)  # SQLite gives the files next to it the same permissions
+            for ending in ("-wal", "-shm"):
+                restrict(path.with_name(path.name + ending), FILE_MODE)
+        with _named(path):
+            # Written by one worker thread, opened and closed by the node's.
+            self._base = sqlite3.connect(
+                f"{path.absolute().as_uri()}?mode={mode}", patience, uri=True, check_same_thread=False
+            )
+        try:
+            with _named(path):
+                self._open(read_only=read_only)
+        except BaseException:
+            self._base.close()
+            raise
+        self._file = _identity(path)
+
+    def _open(self, *, read_only: bool) -> None:
+        (version,) = self._base.execute("PRAGMA user_version").fetchone()
+        if version > VERSION:
+            raise LaterVersionError(
+                f"{self.path}: a later version of the suite wrote it (format {version}, not {VERSION})"
+            )
+        if not read_only:
+            self._base.execute("PRAGMA journal_mode=WAL")
+            self._base.execute("PRAGMA synchronous=FULL")
+            self._base.executescript(_SCHEMA)
+            if version < VERSION:
+                self._base.execute(f"PRAGMA user_version={VERSION}")
+        self._base.execute("SELECT count FROM span LIMIT 1")
+        self._base.execute("SELECT value FROM counter LIMIT 1")
+
+    def write(self, sums: Sums, stamp: int = 0) -> None:
+        """Add ``sums`` to what there is, all or nothing; counters show at ``stamp`` (ns).
+
+        Raises:
+            InputError: the file is damaged.
+            OSError: it could not be written; ``sums`` is as before.
+
+        """
+        if _identity(self.path) != self._file:
+            raise OSError(f"{self.path}: it was removed or replaced while it was in use")
+        with _named(self.path), self._base:
+            self._base.executemany(
+                "INSERT INTO series (name, unit) VALUES (?, ?) "
+                "ON CONFLICT DO UPDATE SET unit = excluded.unit",
+                sums.units.items(),
+            )
+            shown = self._count(sums, stamp)
+            for spans in (sums.spans, shown.spans):
+                self._base.executemany(_ADD, ((*key, *values) for key, values in spans.items()))
+            if self._writes % FORGET_EVERY == 0:
+                self._forget()
+        self._writes += 1
+
+    def _forget(self) -> None:
+        for (series,) in self._base.execute("SELECT id FROM series").fetchall():
+            self._base.executemany(
+                _FORGET,
+                [{"series": series, "seconds": seconds, "kept": kept} for seconds, kept in KEPT.items()],
+            )
+
+    def _count(self, sums: Sums, stamp: int) -> Sums:
+        """Add to the counters; return what they show at ``stamp``, if any."""
+        shown = Sums()
+        for name, amount in sums.counts.items():
+            self._base.execute(
+                "INSERT INTO counter VALUES ((SELECT id FROM series WHERE name = ?), ?) "
+                "ON CONFLICT DO UPDATE SET value = value + excluded.value",
+                (name, amount),
+            )
+            if stamp:
+                shown.add(stamp, name, sums.units[name], self.counters()[name])
+        return shown
+
+    def units(self) -> dict[str, str]:
+        """Return the unit of every parameter by its name; errors as of :meth:`spans`."""
+        return dict(self._ask(_UNITS, (str, str)))
+
+    def counters(self) -> dict[str, float]:
+        """Return the counters by name, in the units of :meth:`units`; errors as of :meth:`spans`."""
+        return {name: float(value) for name, value in self._ask(_COUNTERS, (str, (int, float)))}
+
+    def spans(self, name: str, seconds: int, since: int = 0) -> list[Span]:
+        """Return the spans of ``seconds`` that began at ``since`` (s since 1970) or later, oldest first.
+
+        Raises:
+            InputError: the file is damaged.
+            OSError: it can't be read.
+
+        """
+        number = (int, float)
+        rows = self._ask(_SPANS, (int, int, number, number, number), (name, seconds, since))
+        return [Span(*row) for row in rows]
+
+    def _ask(self, question: str, kinds: tuple[Any, ...], values: tuple[object, ...] = ()) -> list[Any]:
+        """Return the rows that SQLite, which keeps anything in any column, gives; of these ``kinds``."""
+        with _named(self.path):
+            rows = self._base.execute(question, values).fetchall()
+        if not all(isinstance(value, kind) for row in rows for value, kind in zip(row, kinds, strict=True)):
+            raise InputError(f"{self.path}: it is damaged (a value is of the wrong kind)")
+        return rows
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._base.close()
+
+
+def own_file(path: Path, patience: float = PATIENCE) -> Path:
+    """Return the file that this version keeps trends in.
+
+    That is ``path``, or, where a later version wrote that one, ``NAME.format1.sqlite`` next to it.
+    """
+    try:
+        TrendStore(path, read_only=True, patience=patience).close()
+    except LaterVersionError:
+        return path.with_name(f"{path.stem}.format{VERSION}{path.suffix}")
+    except (InputError, OSError):
+        pass  # said by the one who opens it
+    return path
+
+
+def finest(lengths: Iterable[int], duration: float, most: int = 1500) -> int:
+    """Return the shortest of ``lengths`` (s) that cuts ``duration`` s into ``most`` spans or fewer."""
+    ordered = sorted(lengths)
+    return next((seconds for seconds in ordered if duration / seconds <= most), ordered[-1])
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """Return what the file at ``path`` is told from another one by, ``None`` where there is none."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_dev, status.st_ino
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Raise what SQLite raises as InputError (the file is damaged or none of ours) or OSError."""
+    try:
+        yield
+    except sqlite3.OperationalError as error:
+        if "no such" in str(error):
+            raise InputError(f"{path}: it holds no trends of a valve") from error
+        raise OSError(f"{path}: {error}") from error
+    except (sqlite3.IntegrityError, sqlite3.ProgrammingError) as error:
+        raise OSError(f"{path}: {error}") from error
+    except sqlite3.DatabaseError as error:
+        raise InputError(f"{path}: it is damaged ({error})") from error

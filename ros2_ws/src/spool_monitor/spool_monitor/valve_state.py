@@ -1,0 +1,345 @@
+"""State of a valve that outlives the process: baselines, alarms, counts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+from spool_core.errors import InputError
+from spool_estimator.estimate import Estimate, State
+
+from spool_monitor.alarm import AlarmRefusedError, Operator
+from spool_monitor.alarm_store import AlarmStore
+from spool_monitor.baseline import Baseline, BaselineRecord, BaselineStage, HealthyValue
+from spool_monitor.detection import Detection
+from spool_monitor.monitor import Monitor
+from spool_monitor.state_file import FolderLock, StateFile
+
+ALARMS, BASELINE, TRENDS = "alarms.json", "baseline.json", "trends.sqlite"
+
+#: ns between two attempts to write what could not be written; a full disk is not emptied within seconds.
+RETRY = 10_000_000_000
+
+#: Versions that are kept.
+KEPT = 10
+
+_RECORDS = TypeAdapter(list[BaselineRecord])
+_NOT_MEASURED = (math.nan, math.nan)
+
+
+@dataclass(slots=True)
+class ValveState:
+    """State of one valve's ``monitor``: its alarms and baselines, kept in ``folder`` (``None``: not at all).
+
+    ``warn`` is called with one line for people. A folder that can't be written is warned of once; the monitor
+    goes on without it, and :meth:`retry` writes what is due as soon as that is possible again.
+    """
+
+    monitor: Monitor
+    folder: Path | None
+    warn: Callable[[str], None]
+    alarms: AlarmStore = field(default_factory=AlarmStore)
+    baseline: BaselineKeeper = field(init=False)
+    _files: dict[str, StateFile] = field(default_factory=dict, init=False)
+    _lock: FolderLock | None = field(default=None, init=False)
+    _due: set[str] = field(default_factory=set, init=False)
+    _trouble: str = field(default="", init=False)
+    _tried: int | None = field(default=None, init=False)
+
+    def __post_init__(self) -> None:
+        self.baseline = BaselineKeeper(self.monitor.detection)
+
+    @property
+    def owned(self) -> bool:
+        """Whether the folder is this monitor's to write in."""
+        return self._lock is not None
+
+    @property
+    def writable(self) -> bool:
+        """Whether what is kept is on the disk."""
+        return self.owned and not self._due
+
+    def open(self) -> None:
+        """Take up what was kept; never raises for what it finds."""
+        if self.folder is not None:
+            self._files = {name: StateFile(self.folder / name) for name in (ALARMS, BASELINE)}
+            self._take_lock()
+            self._read(ALARMS, self.alarms.load)
+            self._read(BASELINE, self.baseline.load)
+        self.alarms.expect(self.monitor.conditions)
+        self.alarms.restore(self.monitor.conditions)
+
+    def keep_alarms(self) -> None:
+        """Bring the alarms to the disk; they are there when this returns, or due."""
+        self._write(ALARMS)
+
+    def keep_baseline(self) -> None:
+        """Bring the baselines to the disk, or leave them due."""
+        self._write(BASELINE)
+
+    def retry(self, now: int) -> None:
+        """Say what time it is (ns): what could not be written is tried again now and then."""
+        if self.folder is None or self.writable:
+            return
+        if self._tried is not None and 0 <= now - self._tried < RETRY:
+            return
+        self._tried = now
+        if not self.owned and self._take_lock():
+            # The monitor that held the folder until now may have changed what it keeps.
+            self._read(ALARMS, self.alarms.join)
+            if not self.baseline.records:
+                self._read(BASELINE, self.baseline.load)
+            self._due |= {ALARMS, BASELINE}
+        for name in sorted(self._due):
+            self._write(name)
+
+    def close(self) -> None:
+        """Let others write in the folder."""
+        if self._lock is not None:
+            self._lock.release()
+            self._lock = None
+
+    def _take_lock(self) -> bool:
+        assert self.folder is not None
+        try:
+            self._lock = FolderLock(self.folder)
+        except BlockingIOError:
+            self._warn_once(f"state_folder: {self.folder} is in use by another monitor: nothing is kept")
+        except OSError as error:
+            self._say_unwritable(error)
+        return self.owned
+
+    def _read(self, name: str, take: Callable[[Any], None]) -> None:
+        file = self._files[name]
+        content = file.load()
+        if content is not None:
+            try:
+                take(content)
+            except InputError as error:
+                file.refuse(str(error))
+        for warning in file.warnings:
+            self.warn(warning)
+
+    def _write(self, name: str) -> None:
+        if not self.owned:
+            return
+        content = self.alarms.dump() if name == ALARMS else self.baseline.dump()
+        try:
+            self._files[name].save(content)
+        except OSError as error:
+            self._due.add(name)
+            self._say_unwritable(error)
+            return
+        self._due.discard(name)
+        if self._trouble and not self._due:
+            self.warn(f"state_folder: {self.folder} can be written again: alarms and baseline are kept")
+            self._trouble = ""
+
+    def _say_unwritable(self, error: OSError) -> None:
+        self._warn_once(
+            f"state_folder: {self.folder} can't be written ({error.strerror}): "
+            "alarms, baseline and trends are lost at a restart; it is tried again every 10 s"
+        )
+
+    def _warn_once(self, text: str) -> None:
+        if self._trouble != text:
+            self._trouble = text
+            self.warn(text)
+
+
+@dataclass(slots=True)
+class BaselineKeeper:
+    """Keeper of the baselines: keeps what the monitor's :class:`Detection` learned, and give it back to it.
+
+    Nothing is taken up or kept before the valve is known (:meth:`identify`), since a baseline belongs to one
+    valve and its oil.
+
+    Attributes:
+        records: the versions there are, the newest last, :data:`KEPT` at most.
+        current: the one that is compared with, ``None`` while it is learned.
+        anew: whether somebody asked to learn anew, so that a restart goes on with that.
+
+    """
+
+    detection: Detection
+    records: list[BaselineRecord] = field(default_factory=list, init=False)
+    current: BaselineRecord | None = field(default=None, init=False)
+    anew: bool = field(default=False, init=False)
+    _valve: tuple[str, str] | None = field(default=None, init=False)
+    _band: tuple[float, float] = field(default=_NOT_MEASURED, init=False)
+
+    def identify(self, valve_id: str, oil: str = "") -> bool:
+        """Say which valve it is and what oil it runs on; return whether a kept baseline was taken up.
+
+        Raises:
+            InputError: the newest baseline is another valve's or of another oil; both are named. It is not
+                used, learning goes on.
+
+        """
+        if self._valve == (valve_id, oil):
+            return False
+        if self._valve is not None and self.current is not None:
+            self._start_over()
+        self._valve = (valve_id, oil)
+        if not self.records or self.anew:
+            return False
+        self.records[-1].check_valve(valve_id, oil)
+        self._use(self.records[-1])
+        return True
+
+    def update(self, estimate: Estimate) -> bool:
+        """Take note of an estimate that the monitor has seen; return whether there is something to keep."""
+        if self.current is None and estimate.state is State.TRACKING and estimate.oil_temperature.known:
+            celsius = estimate.oil_temperature.value
+            low, high = self._band
+            self._band = (celsius, celsius) if math.isnan(low) else (min(low, celsius), max(high, celsius))
+        if self._valve is None:
+            return False
+        values = healthy_values(self.detection)
+        if self.current is None:
+            if not values:
+                return False
+            valve_id, oil = self._valve
+            version = max((one.version for one in self.records), default=0) + 1
+            self.current = BaselineRecord(
+                valve_id, oil, self._band, version, BaselineStage.LEARNED, estimate.stamp, values=values
+            )
+            self.records = [*self.records, self.current][-KEPT:]
+            self.anew = False
+            return True
+        if len(values) > len(self.current.values):  # what takes longer to learn joins later
+            self._change(replace(self.current, values=values))
+            return True
+        return False
+
+    def learn(self) -> None:
+        """Forget what is compared with and learn anew; the kept versions stay."""
+        self.anew = True
+        self._start_over()
+
+    def freeze(self, operator: Operator) -> BaselineRecord:
+        """Confirm what was learned; return it.
+
+        Raises:
+            AlarmRefusedError: nothing is learned yet, or it is frozen already.
+
+        """
+        if self.current is None:
+            raise AlarmRefusedError("baseline: it is still being learned, so there is nothing to freeze")
+        if self.current.stage is BaselineStage.FROZEN:
+            raise AlarmRefusedError(
+                f"baseline: version {self.current.version} was frozen by {self.current.who} already"
+            )
+        return self._change(
+            replace(self.current, stage=BaselineStage.FROZEN, who=operator.who, comment=operator.comment)
+        )
+
+    def restore(self, version: int) -> BaselineRecord:
+        """Compare with an older version again; return it.
+
+        Raises:
+            AlarmRefusedError: there is no such version, or the valve is not known yet.
+            InputError: it is another valve's.
+
+        """
+        found = next((one for one in self.records if one.version == version), None)
+        if found is None:
+            there = ", ".join(str(one.version) for one in self.records) or "none"
+            raise AlarmRefusedError(f"baseline: no version {version}; there are: {there}")
+        if self._valve is None:
+            raise AlarmRefusedError("baseline: the valve is not known yet")
+        found.check_valve(*self._valve)
+        # The newest is what a restart takes up.
+        self.records = [*(one for one in self.records if one is not found), found]
+        self.anew = False
+        self._use(found)
+        return found
+
+    def dump(self) -> dict[str, Any]:
+        """Return what :meth:`load` takes, as JSON can hold it."""
+        records = [_serialised({**asdict(one), "stage": one.stage.value}) for one in self.records]
+        return {"anew": self.anew, "records": records}
+
+    def load(self, content: Any) -> None:
+        """Take up what :meth:`dump` gave; it is used once the valve is known.
+
+        Raises:
+            InputError: ``content`` is something else.
+
+        """
+        try:
+            records = _RECORDS.validate_python(content["records"])
+            self.records, self.anew = records[-KEPT:], bool(content["anew"])
+        except (ValidationError, TypeError, KeyError) as error:
+            raise InputError(f"the kept baseline can't be read: {str(error).splitlines()[0]}") from error
+
+    def _use(self, record: BaselineRecord) -> None:
+        self.current = record
+        take_up(self.detection, record.values)
+
+    def _change(self, record: BaselineRecord) -> BaselineRecord:
+        self.records = [record if one is self.current else one for one in self.records]
+        self.current = record
+        return record
+
+    def _start_over(self) -> None:
+        self.current, self._band = None, _NOT_MEASURED
+        relearn(self.detection)
+
+
+def healthy_values(detection: Detection) -> tuple[HealthyValue, ...]:
+    """Return what was learned so far, nothing before every parameter of the model is."""
+    if not all(one.baseline.frozen for one in detection.parameters.values()):
+        return ()
+    values = [
+        replace(
+            _healthy_value(detection, name, drift.baseline),
+            referred=drift.referred,
+            temperature=drift.temperature,
+        )
+        for name, drift in detection.parameters.items()
+    ]
+    learned = [(name, start) for name, start in detection.learned.items() if start.frozen]
+    return (*values, *(_healthy_value(detection, name, start) for name, start in learned))
+
+
+def take_up(detection: Detection, values: tuple[HealthyValue, ...]) -> None:
+    """Let ``detection`` compare with ``values``; what they lack is learned."""
+    relearn(detection)
+    for kept in values:
+        drift = detection.parameters.get(kept.name)
+        if drift is not None:
+            drift.baseline.restore(kept)
+            drift.referred, drift.temperature = kept.referred, kept.temperature
+        elif kept.name in detection.learned:
+            detection.learned[kept.name].restore(kept)
+
+
+def relearn(detection: Detection) -> None:
+    """Let ``detection`` forget every start value."""
+    for drift in detection.parameters.values():
+        drift.reset()
+        drift.baseline.restart()
+        drift.referred, drift.temperature = False, math.nan
+    for start in detection.learned.values():
+        start.restart()
+
+
+def _healthy_value(detection: Detection, name: str, start: Baseline) -> HealthyValue:
+    return HealthyValue(
+        name, detection.units[name], start.value, start.spread, start.mean, start.deviation, start.count,
+        start.correlation,
+    )  # fmt: skip
+
+
+def _serialised(value: Any) -> Any:
+    """Return ``value`` as JSON can hold it; NaN becomes a word that a float is read from."""
+    if isinstance(value, dict):
+        return {key: _serialised(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_serialised(item) for item in value]
+    return "nan" if isinstance(value, float) and math.isnan(value) else value

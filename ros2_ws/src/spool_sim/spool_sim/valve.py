@@ -1,0 +1,410 @@
+"""Valve: its description in YAML, what follows from it by physics, and what is refused."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
+from spool_core.errors import InputError
+from spool_core.files import read_yaml
+from spool_core.text import did_you_mean
+
+from spool_sim.viscosity import OILS
+
+#: Keys that a description may leave out, and what each is for: who needs one that is missing says so.
+OPTIONAL: Mapping[str, str] = {
+    "spool_mass": "the load on the sleeve",
+    "land_diameter": "the drag of the oil",
+    "land_length": "the drag of the oil",
+    "radial_clearance": "the drag of the oil",
+    "dynamic_viscosity": "the drag of the oil",
+    "oil_temperature": "the temperature at which dynamic_viscosity holds",
+}
+#: Default of those keys. They have the type of what is given: no instance holds it, see ``Valve``.
+_LEFT_OUT: Any = None
+#: Keys that the drag follows from, pi d l mu / h.
+FILM = ("land_diameter", "land_length", "radial_clearance", "dynamic_viscosity")
+#: Share of critical damping where the film is not known: the start of a fit, in the geometric middle of the
+#: valves of the paper's table 2 (0.04 to 0.24) and those that oil hardly damps any more (1).
+LIKELY_DAMPING = 0.2
+
+#: kg/m^3, density of steel (EN 10088-1 gives 7700 to 8000 for stainless steels, plain steels lie in between).
+STEEL = 7850.0
+#: m/s^2, standard gravity (ISO 80000-3).
+GRAVITY = 9.80665
+#: Diameters: spools are some 4 to 10 long; four times the longest, of solid steel, is the heaviest believed.
+LONGEST = 40.0
+#: Share of a solid steel land that the lightest spool weighs: aluminium is a third of steel, a tube with thin
+#: walls some tenth of that, and a third of it is left as a margin.
+LIGHTEST = 0.01
+#: Pa s: some 30 times ISO VG 680 at 40 deg C, one of the thickest grades of ISO 3448.
+THICKEST = 20.0
+#: m, sag under the spool's weight where no land is known: springs of 1.6 Hz, softer than any that centre a
+#: spool (the softest of the paper's table 2 have 15 Hz, 1 mm).
+LARGEST_SAG = 0.1
+
+#: Units that people write instead, by key: name, value of one in SI.
+_SLIPS: Mapping[str, tuple[tuple[str, float], ...]] = {
+    "moving_mass": (("g", 1e-3),),
+    "spool_mass": (("g", 1e-3),),
+    "spring_stiffness": (("N/mm", 1e3),),
+    "land_diameter": (("mm", 1e-3),),
+    "land_length": (("mm", 1e-3),),
+    "radial_clearance": (("um", 1e-6), ("mm", 1e-3)),
+    "dynamic_viscosity": (("mPa s", 1e-3),),
+}
+
+#: Faults that one line of error names.
+MOST_FAULTS = 10
+
+
+def _refuse_boolean(value: object) -> object:
+    if isinstance(value, bool):
+        raise ValueError("must be a number, not a yes/no value")
+    return value
+
+
+# YAML 1.1 reads 15e-6 as text: text that is a number is taken as the number.
+Number = Annotated[float, BeforeValidator(_refuse_boolean), Field(allow_inf_nan=False)]
+Positive = Annotated[Number, Field(gt=0.0)]
+NotNegative = Annotated[Number, Field(ge=0.0)]
+
+
+class Valve(BaseModel):
+    """Valve: a spool with its centring springs, its land and its oil. Frozen; SI units.
+
+    ``id``, ``moving_mass`` and ``spring_stiffness`` are always there. Whoever reads one of the others where
+    it was not given raises an :class:`InputError` that names it; ``knows`` tells beforehand.
+
+    Attributes:
+        id: name of the valve, the ``frame_id`` of its blocks.
+        moving_mass: spool + oil + 1/3 of the springs, kg.
+        spool_mass: spool alone, kg.
+        spring_stiffness: equivalent of both centring springs, N/m.
+        land_diameter, land_length: of the sealing land, m.
+        radial_clearance: gap between spool and bore, m.
+        dynamic_viscosity: Pa s, holds at ``oil_temperature``.
+        oil: name of the viscosity-temperature law, or ``None``.
+        oil_temperature: deg C.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    id: str = Field(pattern=r"^[A-Za-z0-9_.\-]+$", max_length=100)
+    moving_mass: Annotated[Positive, Field(ge=1e-4, le=1e3)]
+    spool_mass: Annotated[Positive, Field(ge=1e-4, le=1e3)] = Field(default=_LEFT_OUT)
+    spring_stiffness: Annotated[Positive, Field(ge=1.0, le=1e8)]
+    land_diameter: Annotated[Positive, Field(ge=1e-4, le=1.0)] = Field(default=_LEFT_OUT)
+    land_length: Annotated[Positive, Field(ge=1e-4, le=1.0)] = Field(default=_LEFT_OUT)
+    radial_clearance: Annotated[Positive, Field(ge=1e-7, le=1e-3)] = Field(default=_LEFT_OUT)
+    dynamic_viscosity: Annotated[Positive, Field(ge=1e-5, le=100.0)] = Field(default=_LEFT_OUT)
+    oil: str | None = None
+    oil_temperature: Annotated[Number, Field(ge=-60.0, le=250.0)] = Field(default=_LEFT_OUT)
+
+    @field_validator("oil")
+    @classmethod
+    def _known_oil(cls, oil: str | None) -> str | None:
+        if oil is not None and oil not in OILS:
+            raise ValueError(f"unknown oil, known are {', '.join(OILS)}")
+        return oil
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Valve:
+        for name in OPTIONAL:
+            if self.__dict__[name] is None:
+                del self.__dict__[name]
+        if self.knows("spool_mass") and self.spool_mass > self.moving_mass:
+            raise ValueError("spool_mass is part of moving_mass and cannot be larger")
+        known = self.knows("radial_clearance", "land_diameter")
+        if known and self.radial_clearance >= 0.5 * self.land_diameter:
+            raise ValueError("radial_clearance is larger than the spool's radius")
+        said = implausible(self.given)
+        if said:
+            raise ValueError("; ".join(said))
+        return self
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> float:
+            """Say that an optional key is missing; only asked where it is."""
+            if name in OPTIONAL:
+                raise InputError(
+                    f"valve '{self.id}': {name}: key is missing, {OPTIONAL[name]} needs it; add it"
+                )
+            return super().__getattr__(name)
+
+    def knows(self, *names: str) -> bool:
+        """Return whether all of the keys ``names`` were given."""
+        return all(name in self.__dict__ for name in names)
+
+    @property
+    def given(self) -> dict[str, float]:
+        """The numbers that were given, by key."""
+        return {name: value for name, value in self.__dict__.items() if isinstance(value, float)}
+
+    @property
+    def viscous_coefficient(self) -> float:
+        """Newton's drag in the annular gap, N s/m: pi d l mu / h (the paper's equations 7 and 12).
+
+        Raises:
+            InputError: a key that it follows from is missing.
+        """
+        return self._drag_of(self.dynamic_viscosity)
+
+    @property
+    def likely_viscous_coefficient(self) -> float:
+        """The same for a fit to start from: where the film is not known that of ``LIKELY_DAMPING``."""
+        if self.knows(*FILM):
+            return self.viscous_coefficient
+        return 2.0 * LIKELY_DAMPING * math.sqrt(self.spring_stiffness * self.moving_mass)
+
+    @property
+    def likely_spool_mass(self) -> float:
+        """``spool_mass``, kg; where it is not known ``moving_mass``, of which it is nearly all."""
+        return self.spool_mass if self.knows("spool_mass") else self.moving_mass
+
+    @property
+    def oil_ratio_known(self) -> bool:
+        """Whether viscosities at other temperatures follow from the description."""
+        return self.oil is not None and self.knows("dynamic_viscosity", "oil_temperature")
+
+    def dynamic_viscosity_at(self, temperature: float) -> float:
+        """Return the dynamic viscosity, Pa s, at ``temperature`` (deg C) of the oil.
+
+        ASTM D341 through the oil's catalogue points gives the ratio to the viscosity at ``oil_temperature``;
+        at that temperature the value is exactly ``dynamic_viscosity``. The density is taken as constant.
+
+        Raises:
+            InputError: the valve names no oil, or a temperature is out of the law's range.
+        """
+        if self.oil is None:
+            raise InputError(
+                f"valve '{self.id}': oil: key is missing, viscosity at {temperature:g} deg C needs it; "
+                f"add one of {', '.join(OILS)}"
+            )
+        oil, here, viscosity = OILS[self.oil], self.oil_temperature, self.dynamic_viscosity
+        try:
+            ratio = oil.kinematic_viscosity(temperature) / oil.kinematic_viscosity(here)
+        except InputError as error:
+            raise InputError(f"valve '{self.id}': {error}") from None
+        return viscosity * ratio
+
+    def viscous_coefficient_at(self, temperature: float) -> float:
+        """Return Newton's drag in the annular gap, N s/m, at ``temperature`` (deg C) of the oil.
+
+        Raises:
+            InputError: as :meth:`dynamic_viscosity_at`.
+        """
+        return self._drag_of(self.dynamic_viscosity_at(temperature))
+
+    def at(self, temperature: float) -> Valve:
+        """Return this valve with its oil at ``temperature`` (deg C).
+
+        Raises:
+            InputError: as :meth:`dynamic_viscosity_at`.
+        """
+        viscosity = self.dynamic_viscosity_at(temperature)
+        return self.model_copy(update={"dynamic_viscosity": viscosity, "oil_temperature": temperature})
+
+    def _drag_of(self, dynamic_viscosity: float) -> float:
+        area = math.pi * self.land_diameter * self.land_length
+        return area * dynamic_viscosity / self.radial_clearance
+
+    @property
+    def natural_frequency(self) -> float:
+        """Undamped natural frequency, Hz."""
+        return math.sqrt(self.spring_stiffness / self.moving_mass) / (2.0 * math.pi)
+
+    @property
+    def damping_ratio(self) -> float:
+        """Share of critical damping, from viscous drag alone."""
+        return self.viscous_coefficient / (2.0 * math.sqrt(self.spring_stiffness * self.moving_mass))
+
+
+def valve_from_mapping(mapping: dict[str, Any], where: str = "valve") -> Valve:
+    """Return the valve that ``mapping`` describes.
+
+    Raises:
+        InputError: unknown or missing key, value out of range; ``where`` and the key are named.
+    """
+    try:
+        return Valve.model_validate(mapping)
+    except ValidationError as error:
+        guesses = unit_guesses(mapping, _out_of_range(error))
+        said = str(one_line(error, where, tuple(Valve.model_fields)))
+        raise InputError("; ".join([said, *guesses])) from None
+
+
+def load_valve(path: str | Path) -> Valve:
+    """Return the valve that the YAML file describes.
+
+    Raises:
+        InputError: file unreadable, unknown or missing key, value out of range.
+    """
+    return valve_from_mapping(read_mapping(path, "valve"), str(path))
+
+
+def shipped_valves() -> dict[str, Path]:
+    """Return the valve files that come with the package, by name."""
+    return {path.stem: path for path in sorted((Path(__file__).parent / "valves").glob("*.yaml"))}
+
+
+def find_valve(name: str | Path) -> Valve:
+    """Return the valve of a YAML file, or a shipped one by its name.
+
+    Raises:
+        InputError: neither, or the file is not a valve's description.
+    """
+    shipped = shipped_valves()
+    if str(name) in shipped:
+        return load_valve(shipped[str(name)])
+    if not Path(name).exists():
+        raise InputError(
+            f"{name}: no such valve file; shipped ones are {', '.join(shipped)}"
+            f"{did_you_mean(str(name), shipped)}"
+        )
+    return load_valve(name)
+
+
+def implausible(given: Mapping[str, float]) -> list[str]:
+    """Return a sentence for each number that no spool valve has; empty where all can be.
+
+    Bounds follow from the valve's own geometry, so that they hold for every size: the mass of a steel
+    cylinder of the land's diameter, and the sag under the spool's own weight.
+
+    Args:
+        given: numbers of a description that lie within their bounds, by key; what is left out is not judged.
+    """
+    said = _masses(given)
+    mass, stiffness = given["moving_mass"], given["spring_stiffness"]
+    sag = mass * GRAVITY / stiffness
+    if sag > given.get("land_length", LARGEST_SAG) and not said:
+        said.append(
+            f"spring_stiffness: {stiffness:g} N/m would give way by {sag:.2g} m under the "
+            f"spool's own weight; did you write N/mm? the file takes N/m: {1e3 * stiffness:g}"
+            + ("" if "land_diameter" in given else f"; or moving_mass in g? it takes kg: {mass / 1e3:g}")
+        )
+    viscosity = given.get("dynamic_viscosity", 0.0)
+    if viscosity > THICKEST:
+        said.append(
+            f"dynamic_viscosity: {viscosity:g} Pa s is no hydraulic oil; did you write mPa s? "
+            f"the file takes Pa s: {viscosity / 1e3:g}"
+        )
+    return said
+
+
+def unit_guesses(mapping: Mapping[str, Any], refused: Mapping[str, tuple[float, float]]) -> list[str]:
+    """Return a guess for each refused number that another unit would explain.
+
+    Args:
+        mapping: keys and values as the file has them.
+        refused: lowest and highest value allowed, by the key of each number that lies outside.
+    """
+    said = []
+    for key, (lowest, highest) in refused.items():
+        try:
+            value = float(mapping[key])
+        except (KeyError, TypeError, ValueError):
+            continue
+        for unit, factor in _SLIPS.get(key, ()):
+            if lowest <= value * factor <= highest:
+                said.append(f"{key}: did you write {unit}? that would be {value * factor:g}")
+                break
+    return said
+
+
+def read_mapping(path: str | Path, what: str) -> dict[str, Any]:
+    """Return the mapping that the YAML file ``path`` holds.
+
+    Args:
+        path: file to read.
+        what: what the file describes, for the message ("valve", "excitation").
+
+    Raises:
+        InputError: as :func:`read_yaml`, or not a mapping with text keys.
+    """
+    content = read_yaml(path, what)
+    if not isinstance(content, dict) or not all(isinstance(key, str) for key in content):
+        raise InputError(f"{path}: a {what} file is a list of 'key: value' lines, this one is not")
+    return content
+
+
+def one_line(error: ValidationError, where: str, known: tuple[str, ...] = ()) -> InputError:
+    """Return the user's error for what pydantic found: every fault, with its key path, in one line.
+
+    Args:
+        error: what pydantic raised.
+        where: file or parameter that was read.
+        known: keys that are allowed, named when an unknown key was found.
+    """
+    faults = []
+    for fault in error.errors(include_url=False):
+        path = ".".join(str(part) for part in fault["loc"])
+        if fault["type"] == "extra_forbidden":
+            listed = f" (known: {', '.join(known)})" if known else ""
+            faults.append(f"{path}: unknown key, remove or correct it{listed}")
+        elif fault["type"] == "missing":
+            faults.append(f"{path}: key is missing, add it")
+        else:
+            given = "" if isinstance(fault["input"], dict) else f", got {_shortened(fault['input'])}"
+            message = fault["msg"].removeprefix("Value error, ")
+            said = f"{message[0].lower()}{message[1:]}{given}"
+            faults.append(f"{path}: {said}" if path else said)
+    if len(faults) > MOST_FAULTS:
+        faults = [*faults[:MOST_FAULTS], f"and {len(faults) - MOST_FAULTS} more"]
+    return InputError(f"{where}: {'; '.join(faults)}".replace("\n", " "))
+
+
+def _out_of_range(error: ValidationError) -> dict[str, tuple[float, float]]:
+    """Return the range allowed of each number that lies outside, by its key."""
+    keys = [str(fault["loc"][0]) for fault in error.errors() if fault["type"].endswith("_than_equal")]
+    found = {}
+    for key in keys:
+        limits = Valve.model_fields[key].metadata
+        lowest = max((limit.ge for limit in limits if hasattr(limit, "ge")), default=-math.inf)
+        highest = min((limit.le for limit in limits if hasattr(limit, "le")), default=math.inf)
+        found[key] = (lowest, highest)
+    return found
+
+
+def _masses(given: Mapping[str, float]) -> list[str]:
+    """Judge the masses by the land; where that is not known they are judged with the spring alone."""
+    if "land_diameter" not in given:
+        return []
+    diameter = given["land_diameter"]
+    area = 0.25 * math.pi * diameter**2
+    heaviest = STEEL * area * LONGEST * diameter
+    lightest = LIGHTEST * STEEL * area * given.get("land_length", 0.0)
+    said = []
+    for key in ("moving_mass", "spool_mass"):
+        mass = given.get(key)
+        if mass is None:
+            continue
+        if mass > heaviest:
+            said.append(
+                f"{key}: {mass:g} kg is no spool of {1e3 * diameter:g} mm diameter (solid steel, "
+                f"{LONGEST:g} diameters long: {heaviest:.3g} kg); did you write g? the file takes kg: "
+                f"{mass / 1e3:g}"
+            )
+        elif mass < lightest:
+            said.append(
+                f"{key}: {mass:g} kg is less than {100.0 * LIGHTEST:g} % of its land in steel "
+                f"({lightest:.2g} kg); the file takes kg"
+            )
+    return said
+
+
+def _shortened(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else text[:77] + "..."

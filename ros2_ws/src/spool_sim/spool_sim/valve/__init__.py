@@ -1,1 +1,0 @@
-"""The valve: its description, oil, lubrication and plausibility."""

@@ -1,1 +1,0 @@
-"""Demonstration: live nodes, their recording and its report."""

@@ -1,1 +1,0 @@
-"""Input of the commands: records, valve files, excitations."""

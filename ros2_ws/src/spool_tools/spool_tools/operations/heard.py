@@ -1,0 +1,263 @@
+"""Running valves as they are heard: what their monitors publish, and what an operator asks of them."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass, field
+from datetime import datetime
+from functools import partial
+from typing import Any
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rich.text import Text
+from spool_core.node import qos
+from spool_core.uncertainty import with_interval
+from spool_monitor import valve_condition as conditions
+from spool_monitor.valve_condition import monitored_valves
+from spool_msgs.msg import Alarm, AlarmList, HealthEvent, ModelEstimate, Quantity, ValveHealth
+from spool_msgs.srv import AcknowledgeAlarm, ResetAlarms, ShelveAlarm
+
+#: s between looks for valves that joined; valves and events that are held at most.
+LOOK_EVERY, MOST_VALVES, EVENTS = 1.0, 1000, 200
+#: s that a monitor may take to answer.
+PATIENCE = 5.0
+SERVICES: dict[str, Any] = {
+    "acknowledge_alarm": AcknowledgeAlarm,
+    "shelve_alarm": ShelveAlarm,
+    "reset_alarms": ResetAlarms,
+}
+
+SEVERITIES = {HealthEvent.SEVERITY_WARNING: "warning", HealthEvent.SEVERITY_ALARM: "ALARM"}
+
+_LOOKS = {
+    conditions.ALARM: ("ALARM", "\u25b2", "bold red"),
+    conditions.NO_WORD: ("NO WORD", "\u00d7", "bold magenta"),
+    conditions.STALE: ("STALE", "\u00d7", "bold magenta"),
+    conditions.WARNING: ("WARNING", "\u25c6", "bold yellow"),
+    conditions.UNKNOWN: ("UNKNOWN", "?", "bold"),
+    conditions.LEARNING: ("LEARNING", "\u2026", "cyan"),
+    conditions.AT_REST: ("AT REST", "\u2013", "cyan"),
+    conditions.GOOD: ("OK", "\u25cf", "bold green"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """Condition as it is shown; lower ``rank`` is worse."""
+
+    word: str
+    mark: str
+    style: str
+    rank: int
+
+
+SHOWN = {name: Shown(*_LOOKS[name], rank) for rank, name in enumerate(conditions.CONDITIONS)}
+
+VALVE_COLUMNS = ("valve", "health", "shakes at", "natural", "stiffness", "viscous", "Coulomb", "says")
+ALARM_COLUMNS = ("alarm", "state", "severity", "since", "by", "says")
+#: States in which an alarm waits for an operator.
+WAITING = (
+    Alarm.STATE_UNACKNOWLEDGED,
+    Alarm.STATE_RETURNED_UNACKNOWLEDGED,
+    Alarm.STATE_LATCHED_UNACKNOWLEDGED,
+)
+
+
+@dataclass(slots=True)
+class HeardValve:
+    """Last messages of a valve and when they arrived (s, monotonic)."""
+
+    name: str
+    health: ValveHealth | None = None
+    health_at: float = 0.0
+    estimate: ModelEstimate | None = None
+    alarms: AlarmList | None = None
+
+
+@dataclass(slots=True)
+class Answer:
+    """Answer to an operator's request to ``valve``: ``text`` for people, ``None`` while it is awaited."""
+
+    valve: str
+    text: str | None = None
+    asked: float = field(default_factory=time.monotonic)
+
+    def said(self) -> str | None:
+        """Return what is to be said by now, ``None`` while it is awaited."""
+        if self.text is None and time.monotonic() - self.asked > PATIENCE:
+            self.text = f"{self.valve}: its monitor does not answer"
+        return self.text
+
+
+class Listener:
+    """Listener to all valves of this ROS domain, or to those named; works in a thread of its own."""
+
+    def __init__(self, names: tuple[str, ...] = ()) -> None:
+        """Begin to listen; without ``names`` to every valve whose monitor is heard."""
+        self.valves: dict[str, HeardValve] = {}
+        self.events: deque[tuple[str, HealthEvent]] = deque(maxlen=EVENTS)
+        self._names = names
+        rclpy.init()
+        self._node = Node("spool_watch")
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._clients: dict[tuple[str, str], Any] = {}
+        self._started = self._node.get_clock().now().nanoseconds
+        for name in names:
+            self._join(name)
+        self._node.create_timer(LOOK_EVERY, self._look)
+        self._look()
+        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread and leave the domain."""
+        self._executor.shutdown()
+        self._thread.join(timeout=2.0)
+        self._node.destroy_node()
+        rclpy.try_shutdown()
+
+    def acknowledge(self, valve: str, alarm: str, occurrence: int, who: str, comment: str) -> Answer:
+        """Ask the monitor of ``valve`` to note that ``who`` has seen ``alarm``, as often as it was shown."""
+        request = AcknowledgeAlarm.Request(alarm=alarm, who=who, comment=comment, occurrence=occurrence)
+        return self._ask(valve, "acknowledge_alarm", request)
+
+    def shelve(
+        self, valve: str, alarm: str, seconds: float, who: str, comment: str, *, shelved: bool
+    ) -> Answer:
+        """Ask the monitor of ``valve`` to put ``alarm`` aside for ``seconds``, or to take that back."""
+        request = ShelveAlarm.Request(
+            alarm=alarm, who=who, comment=comment, shelved=shelved, duration=seconds
+        )
+        return self._ask(valve, "shelve_alarm", request)
+
+    def reset(self, valve: str, alarm: str, who: str, comment: str) -> Answer:
+        """Ask the monitor of ``valve`` to let go of the latched ``alarm``."""
+        request = ResetAlarms.Request(alarm=alarm, who=who, comment=comment)
+        return self._ask(valve, "reset_alarms", request)
+
+    def _ask(self, valve: str, service: str, request: Any) -> Answer:
+        answer = Answer(valve)
+
+        def take(future: Any) -> None:
+            got = future.result()
+            changed = ", ".join(got.changed) if got.success else got.reason
+            answer.text = f"{valve}: {service.replace('_', ' ')}: {changed}"
+
+        self._clients[valve, service].call_async(request).add_done_callback(take)
+        return answer
+
+    def _spin(self) -> None:
+        try:
+            self._executor.spin()
+        except ExternalShutdownException:
+            return
+
+    def _look(self) -> None:
+        if self._names:
+            return
+        for name in monitored_valves(self._node):
+            if len(self.valves) < MOST_VALVES:
+                self._join(name)
+
+    def _join(self, name: str) -> None:
+        if name in self.valves:
+            return
+        valve = self.valves[name] = HeardValve(name)
+        for kind, topic, take in (
+            (ValveHealth, "health", self._on_health),
+            (ModelEstimate, "estimate", self._on_estimate),
+            (AlarmList, "alarms", self._on_alarms),
+        ):
+            self._node.create_subscription(kind, f"/{name}/{topic}", partial(take, valve), qos.state())
+        # A server drops answers to clients that it does not know yet: these are known long before they ask.
+        for service, service_type in SERVICES.items():
+            server = f"/{name}/monitor/{service}"
+            self._clients[name, service] = self._node.create_client(service_type, server)
+        self._node.create_subscription(
+            HealthEvent, f"/{name}/events", partial(self._on_event, name), qos.state(100)
+        )
+
+    @staticmethod
+    def _on_health(valve: HeardValve, message: ValveHealth) -> None:
+        valve.health, valve.health_at = message, time.monotonic()
+
+    @staticmethod
+    def _on_estimate(valve: HeardValve, message: ModelEstimate) -> None:
+        valve.estimate = message
+
+    @staticmethod
+    def _on_alarms(valve: HeardValve, message: AlarmList) -> None:
+        valve.alarms = message
+
+    def _on_event(self, name: str, message: HealthEvent) -> None:
+        self.events.append((name, message))
+
+
+def shown_condition(valve: HeardValve, now: float) -> Shown:
+    """Return the condition of ``valve`` at ``now`` (s, monotonic)."""
+    return SHOWN[conditions.condition_of(valve.health, now - valve.health_at)]
+
+
+def valve_row(valve: HeardValve, now: float) -> tuple[Text, ...]:
+    """Return the cells of ``VALVE_COLUMNS`` for ``valve`` at ``now`` (s, monotonic)."""
+    condition = shown_condition(valve, now)
+    state = Text(f"{condition.mark} {condition.word}", style=condition.style)
+    health, estimate = valve.health, valve.estimate
+    values = {} if estimate is None else {one.name: one for one in estimate.parameters}
+    shakes = None if health is None else health.dominant_frequency
+    cells = (
+        _frequency(shakes),
+        _quantity(None if estimate is None else estimate.natural_frequency),
+        _quantity(values.get("spring_stiffness")),
+        _quantity(values.get("viscous_coefficient")),
+        _quantity(values.get("coulomb_force")),
+        "" if health is None else health.summary,
+    )
+    return (Text(valve.name), state, *(Text(cell) for cell in cells))
+
+
+def alarm_row(alarm: Alarm) -> tuple[Text, ...]:
+    """Return the cells of ``ALARM_COLUMNS`` for ``alarm``."""
+    from spool_monitor.alarm import AlarmState  # noqa: PLC0415 - SciPy, which off a terminal nobody needs
+
+    state = AlarmState(alarm.state)
+    waits = state in WAITING
+    cause = f" ({alarm.cause.replace('_', ' ')})" if alarm.cause else ""
+    raised = datetime.fromtimestamp(alarm.raised_at.sec).strftime("%d %b %H:%M:%S")
+    return (
+        Text(f"{alarm.code} {alarm.name.replace('_', ' ')}{cause}"),
+        Text(state.name.lower().replace("_", " "), style="bold red" if waits else ""),
+        Text(SEVERITIES.get(alarm.severity, "")),
+        Text(raised if alarm.raised_at.sec else ""),
+        Text(alarm.acknowledged_by),
+        Text(alarm.message),
+    )
+
+
+def shown_alarms(valve: HeardValve | None) -> list[Alarm]:
+    """Return the alarms of ``valve`` that are not normal, those that wait first."""
+    listed = [] if valve is None or valve.alarms is None else list(valve.alarms.alarms)
+    return [one for one in listed if one.state not in (Alarm.STATE_NORMAL, Alarm.STATE_UNKNOWN)]
+
+
+def line_of(valve: HeardValve, now: float) -> str:
+    """Return the row of ``valve`` as a line, for where there is no terminal."""
+    return "  ".join(cell.plain for cell in valve_row(valve, now))
+
+
+def _frequency(quantity: Quantity | None) -> str:
+    known = quantity is not None and quantity.validity == Quantity.VALIDITY_VALID
+    return f"{quantity.value:.1f} Hz" if known and quantity is not None else "no line"
+
+
+def _quantity(quantity: Quantity | None) -> str:
+    if quantity is None or quantity.validity == Quantity.VALIDITY_UNKNOWN:
+        return "not known"
+    held = " held" if quantity.validity == Quantity.VALIDITY_HELD else ""
+    unit = quantity.unit.replace(" s", "\u00b7s")
+    return f"{with_interval(quantity.value, quantity.standard_deviation, unit)}{held}"

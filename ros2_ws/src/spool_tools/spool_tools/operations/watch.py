@@ -1,0 +1,286 @@
+"""What `./spool watch` shows: an application on a terminal, lines off it."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+from collections.abc import Callable
+from types import FrameType
+from typing import ClassVar
+
+from spool_core.uncertainty import LEGEND
+from spool_msgs.msg import Alarm
+from textual.app import App, ComposeResult
+from textual.binding import Binding
+from textual.containers import Vertical
+from textual.screen import ModalScreen
+from textual.widgets import DataTable, Footer, Input, Label, Static
+
+from spool_tools.operations.heard import (
+    ALARM_COLUMNS,
+    VALVE_COLUMNS,
+    Answer,
+    HeardValve,
+    Listener,
+    alarm_row,
+    line_of,
+    shown_alarms,
+    shown_condition,
+    valve_row,
+)
+from spool_tools.operations.service_client import who_asks
+
+#: s between two pictures.
+PERIOD = 0.5
+#: min that an alarm is shelved for where nothing else is said.
+SHELF = 30.0
+
+#: s between lines off a terminal, and between looks for events.
+LINES, LOOK = 5.0, 0.2
+
+
+def watch(names: tuple[str, ...], who: str, seconds: float | None = None) -> None:
+    """Show running valves until it is ended.
+
+    Args:
+        names: of valves; empty for all that are heard.
+        who: stands in the log of what is done; empty: the user's name.
+        seconds: after which it ends by itself off a terminal; ``None``: never.
+    """
+    listener = Listener(names)
+    try:
+        if sys.stdout.isatty():
+            WatchApp(listener, who_asks(who)).run()
+        else:
+            _lines(listener, seconds)
+    finally:
+        listener.close()
+
+
+class AskScreen(ModalScreen[tuple[float, str] | None]):
+    """Question for minutes (where they matter) and a comment; Escape leaves everything as it is."""
+
+    BINDINGS: ClassVar = [Binding("escape", "leave", "leave it")]
+    CSS = (
+        "AskScreen { align: center middle; } AskScreen > Vertical { width: 64; height: auto; border: round; }"
+    )
+
+    def __init__(self, title: str, *, minutes: bool) -> None:
+        """Ask under ``title``, for ``minutes`` as well."""
+        super().__init__()
+        self._title, self._minutes = title, minutes
+
+    def compose(self) -> ComposeResult:
+        """Lay out the question."""
+        with Vertical():
+            yield Label(self._title, markup=False)
+            if self._minutes:
+                yield Label("minutes, 0: until the condition is over")
+                yield Input(f"{SHELF:g}", id="minutes", type="number")
+            yield Label("comment, Enter sends it, Escape leaves it")
+            yield Input(id="comment", max_length=200)
+
+    def on_mount(self) -> None:
+        """Begin where something is to be typed."""
+        self.query_one("#comment", Input).focus()
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        """Hand over what was typed."""
+        if event.input.id == "minutes":
+            self.query_one("#comment", Input).focus()
+            return
+        minutes = SHELF
+        if self._minutes:
+            given = self.query_one("#minutes", Input)
+            if not given.is_valid or not given.value:
+                given.focus()
+                return
+            minutes = float(given.value)
+        self.dismiss((max(0.0, minutes), self.query_one("#comment", Input).value))
+
+    def action_leave(self) -> None:
+        """Leave everything as it is."""
+        self.dismiss(None)
+
+
+class WatchApp(App[None]):
+    """Valves above, worst first; alarms of the chosen one below; keys acknowledge, shelve and reset."""
+
+    TITLE = "spool watch"
+    CSS = """
+    #valves { height: 2fr; }
+    #alarms { height: 1fr; border-top: solid $secondary; }
+    #said { height: auto; max-height: 4; }
+    """
+    BINDINGS: ClassVar = [
+        Binding("a", "acknowledge", "acknowledge"),
+        Binding("s", "shelve", "shelve"),
+        Binding("u", "unshelve", "take off the shelf"),
+        Binding("r", "reset", "reset"),
+        Binding("tab", "focus_next", "other table"),
+        Binding("q", "quit", "quit"),
+    ]
+    ENABLE_COMMAND_PALETTE = False
+
+    def __init__(self, listener: Listener, who: str) -> None:
+        """Show what ``listener`` hears; ``who`` stands in the log of what is done."""
+        super().__init__()
+        self._listener, self._who = listener, who
+        self._awaited: list[Answer] = []
+
+    def compose(self) -> ComposeResult:
+        """Lay out the two tables."""
+        yield DataTable(id="valves", cursor_type="row", zebra_stripes=True)
+        yield DataTable(id="alarms", cursor_type="row")
+        yield Static(LEGEND, id="said", markup=False)
+        yield Footer()
+
+    def on_mount(self) -> None:
+        """Begin to show."""
+        for name in VALVE_COLUMNS:
+            self.query_one("#valves", DataTable).add_column(name, key=name)
+        for name in ALARM_COLUMNS:
+            self.query_one("#alarms", DataTable).add_column(name, key=name)
+        self.query_one("#valves", DataTable).focus()
+        self.set_interval(PERIOD, self.show)
+        self.show()
+
+    def show(self) -> None:
+        """Bring both tables up to date; rows stay where they are unless a condition changed."""
+        now = time.monotonic()
+        valves = list(self._listener.valves.values())
+        valves.sort(key=lambda one: (shown_condition(one, now).rank, one.name))
+        _fill(
+            self.query_one("#valves", DataTable),
+            VALVE_COLUMNS,
+            [(one.name, valve_row(one, now)) for one in valves],
+        )
+        alarms = shown_alarms(self._chosen())
+        _fill(
+            self.query_one("#alarms", DataTable),
+            ALARM_COLUMNS,
+            [(one.name, alarm_row(one)) for one in alarms],
+        )
+        for answer in list(self._awaited):
+            said = answer.said()
+            if said is not None:
+                self._awaited.remove(answer)
+                self._say(said)
+        if not valves:
+            self._say("no valve is heard yet: is a monitor running, with the same ROS_DOMAIN_ID?")
+
+    def _chosen(self) -> HeardValve | None:
+        key = _chosen_key(self.query_one("#valves", DataTable))
+        return None if key is None else self._listener.valves.get(key)
+
+    def _alarm(self) -> tuple[str, Alarm] | None:
+        valve = self._chosen()
+        key = _chosen_key(self.query_one("#alarms", DataTable))
+        for one in shown_alarms(valve):
+            if valve is not None and one.name == key:
+                return valve.name, one
+        self._say("no alarm is chosen")
+        return None
+
+    def _say(self, text: str) -> None:
+        self.query_one("#said", Static).update(text)
+
+    def _ask_then(self, title: str, do: Callable[[float, str], Answer], *, minutes: bool = False) -> None:
+        def done(given: tuple[float, str] | None) -> None:
+            if given is not None:
+                self._awaited.append(do(*given))
+
+        self.push_screen(AskScreen(title, minutes=minutes), done)
+
+    def action_acknowledge(self) -> None:
+        """Note that the chosen alarm was seen: the occurrence that is shown, no newer one."""
+        found = self._alarm()
+        if found:
+            valve, alarm = found
+            self._ask_then(
+                f"acknowledge {valve}: {alarm.name}",
+                lambda _minutes, comment: self._listener.acknowledge(
+                    valve, alarm.name, alarm.occurrence, self._who, comment
+                ),
+            )
+
+    def action_shelve(self) -> None:
+        """Put the chosen alarm aside for a time."""
+        self._shelve(shelved=True)
+
+    def action_unshelve(self) -> None:
+        """Take the chosen alarm off the shelf."""
+        self._shelve(shelved=False)
+
+    def _shelve(self, *, shelved: bool) -> None:
+        found = self._alarm()
+        if found:
+            valve, alarm = found
+            self._ask_then(
+                f"{'shelve' if shelved else 'take off the shelf'} {valve}: {alarm.name}",
+                lambda minutes, comment: self._listener.shelve(
+                    valve, alarm.name, 60.0 * minutes, self._who, comment, shelved=shelved
+                ),
+                minutes=shelved,
+            )
+
+    def action_reset(self) -> None:
+        """Let go of the chosen latched alarm."""
+        found = self._alarm()
+        if found:
+            valve, alarm = found
+            self._ask_then(
+                f"reset {valve}: {alarm.name}",
+                lambda _minutes, comment: self._listener.reset(valve, alarm.name, self._who, comment),
+            )
+
+
+def _fill(
+    table: DataTable[object], columns: tuple[str, ...], rows: list[tuple[str, tuple[object, ...]]]
+) -> None:
+    """Make ``table`` show ``rows`` (key, cells) in their order, with its cursor on the row where it was."""
+    wanted = [key for key, _ in rows]
+    if wanted != [key.value for key in table.rows]:
+        chosen = _chosen_key(table)
+        table.clear()
+        for key, cells in rows:
+            table.add_row(*cells, key=key)
+        if chosen in wanted:
+            table.move_cursor(row=wanted.index(chosen), animate=False)
+        return
+    for key, cells in rows:
+        for column, cell in zip(columns, cells, strict=True):
+            if table.get_cell(key, column) != cell:
+                table.update_cell(key, column, cell, update_width=True)
+
+
+def _chosen_key(table: DataTable[object]) -> str | None:
+    if not table.row_count or not 0 <= table.cursor_row < table.row_count:
+        return None
+    return table.coordinate_to_cell_key(table.cursor_coordinate).row_key.value
+
+
+def _lines(listener: Listener, seconds: float | None) -> None:
+    """Print each event at once, and a line for each valve now and then."""
+    before = signal.signal(signal.SIGTERM, _as_interrupt)
+    begun, last = time.monotonic(), -LINES
+    print(f"estimates {LEGEND}", flush=True)
+    try:
+        while seconds is None or time.monotonic() - begun < seconds:
+            while listener.events:
+                name, event = listener.events.popleft()
+                print(f"{name}  {event.kind}: {event.message}", flush=True)
+            if time.monotonic() - last >= LINES:
+                last = time.monotonic()
+                for name in sorted(listener.valves):
+                    print(line_of(listener.valves[name], last), flush=True)
+            time.sleep(LOOK)
+    except KeyboardInterrupt:
+        return
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _as_interrupt(_number: int, _frame: FrameType | None) -> None:
+    raise KeyboardInterrupt

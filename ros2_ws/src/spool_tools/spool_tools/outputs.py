@@ -1,0 +1,282 @@
+"""What a command writes: result files, JSON, losses in words, the version.
+
+What is there already is refused, unless ``--force`` was given; a link is never written through, not even
+then; a file appears under its name when it is whole. ``-`` is standard output, for JSON only.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import shlex
+import stat
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextvars import ContextVar
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
+from xml.etree import ElementTree
+
+from spool_core.errors import InputError
+from spool_core.system import remove, staged
+
+if TYPE_CHECKING:
+    from spool_bag.mcap_file import Damage
+
+
+STANDARD_OUTPUT = Path("-")
+
+_force: ContextVar[bool] = ContextVar("force", default=False)
+_command_line: ContextVar[str] = ContextVar("command_line", default="")
+_stdout: ContextVar[TextIO | None] = ContextVar("stdout", default=None)
+
+#: s, which a git command may take.
+PATIENCE = 5.0
+
+
+@contextlib.contextmanager
+def one_command(arguments: Sequence[str]) -> Iterator[None]:
+    """Forget at the end what one call chose: that files are replaced, that text goes to stderr."""
+    force, kept, stdout = _force.set(False), _stdout.set(None), sys.stdout
+    line = _command_line.set(shlex.join(["./spool", *arguments]))
+    try:
+        yield
+    finally:
+        _command_line.reset(line)
+        _force.reset(force)
+        _stdout.reset(kept)
+        sys.stdout = stdout
+
+
+def command_line() -> str:
+    """Return the call that is under way as it was typed, empty where there is none."""
+    return _command_line.get()
+
+
+def replace_existing(wanted: bool) -> bool:
+    """Replace existing files from here on, where ``wanted``; the callback of ``--force``."""
+    _force.set(wanted)
+    return wanted
+
+
+def check_output(path: Path | None, option: str) -> Path | None:
+    """Return ``path`` if a file can be written there, so that no long work is done in vain.
+
+    Raises:
+        InputError: it is there and ``--force`` was not given, it is a link, or its folder is missing.
+    """
+    if path is None or _is_device(path):
+        return path
+    if path == STANDARD_OUTPUT:
+        raise InputError(f"{option} -: only --json can write to standard output: name a file")
+    if path.is_symlink():
+        raise InputError(f"{option} {path}: it is a link: name the file itself")
+    if path.is_dir():
+        raise InputError(f"{option} {path}: it is a folder: name a file")
+    if path.exists() and not _force.get():
+        raise InputError(f"{option} {path}: it is there already: name another file, or replace it by --force")
+    if not path.parent.is_dir():
+        raise InputError(f"{option} {path}: there is no folder {path.parent}: make it first")
+    return path
+
+
+def check_folder(path: Path, option: str = "--out") -> Path:
+    """Return ``path`` if a command may fill it with files: it is new, empty, or ``--force`` was given.
+
+    Raises:
+        InputError: it is not so, or it is a link or a file.
+    """
+    if path.is_symlink():
+        raise InputError(f"{option} {path}: it is a link: name the folder itself")
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{option} {path}: it is a file: name a folder")
+    if path.is_dir() and any(path.iterdir()) and not _force.get():
+        raise InputError(f"{option} {path}: it is not empty: name another one, or fill it by --force")
+    return path
+
+
+def write_file(path: Path, content: str | bytes, option: str = "output") -> None:
+    """Write ``content`` (text as UTF-8) to ``path`` by the rule of this module.
+
+    Raises:
+        InputError: it must not or cannot be written; nothing is left of it then.
+    """
+    data = content.encode() if isinstance(content, str) else content
+    check_output(path, option)
+    try:
+        if _is_device(path):
+            path.write_bytes(data)
+        else:
+            with staged(path, replace=_force.get()) as part, part.open("xb") as stream:
+                stream.write(data)
+                stream.flush()
+                os.fsync(stream.fileno())
+    except FileExistsError:  # it came up since
+        check_output(path, option)
+        raise InputError(f"{option} {path}: it is there already") from None
+    except OSError as error:
+        raise InputError(f"{option} {path}: cannot be written: {error.strerror}") from error
+
+
+@contextlib.contextmanager
+def making_room(path: Path, option: str = "--out") -> Iterator[None]:
+    """Move aside what is at ``path`` while the block makes a bag or a table there; ``--force`` only.
+
+    What was there comes back where the block fails, and goes where it succeeds.
+
+    Raises:
+        InputError: it is there and ``--force`` was not given, it is a link, or a folder that is no bag.
+    """
+    if path.is_symlink():
+        raise InputError(f"{option} {path}: it is a link: name the bag or the file itself")
+    if not path.exists() or (path.is_dir() and not any(path.iterdir())):
+        yield
+        return
+    if not _force.get():
+        raise InputError(f"{option} {path}: it is there already: name another one, or replace it by --force")
+    if path.is_dir() and not any(path.glob("*.mcap")):
+        raise InputError(f"{option} {path}: a folder that is no bag is not replaced: name another one")
+    aside = path.with_name(f".{path.name}.replaced-{os.getpid()}")
+    try:
+        path.rename(aside)
+    except OSError as error:
+        raise InputError(f"{option} {path}: cannot be replaced: {error.strerror}") from error
+    try:
+        yield
+    except BaseException:
+        remove(path)
+        aside.rename(path)
+        raise
+    remove(aside)
+
+
+def text_to_stderr() -> None:
+    """Keep standard output for JSON: what is shown to people goes to standard error from here on."""
+    _stdout.set(sys.stdout)
+    sys.stdout = sys.stderr
+
+
+def write_standard_output(text: str) -> None:
+    """Write ``text``, and nothing else, to standard output."""
+    stream = _stdout.get() or sys.stdout
+    stream.write(text)
+    stream.flush()
+
+
+def write_json(path: Path, value: object) -> None:
+    """Write ``value`` as JSON with null for numbers that are not finite; ``-`` is standard output.
+
+    Raises:
+        InputError: the file can't be written, or is there already.
+    """
+    text = json.dumps(_finite(value), indent=1, allow_nan=False) + "\n"
+    if path == STANDARD_OUTPUT:
+        write_standard_output(text)
+    else:
+        write_file(path, text, "--json")
+
+
+@dataclass(frozen=True, slots=True)
+class ResultFiles:
+    """Files to write, ``None`` for those not wanted; ``folder`` gives those a place that are not named."""
+
+    json: Path | None = None
+    report: Path | None = None
+    model: Path | None = None
+    folder: Path | None = None
+
+    def within(self, stem: str, *, model: bool = False) -> ResultFiles:
+        """Return these with every file of ``folder`` named; the folder is made.
+
+        Raises:
+            InputError: the folder cannot be made, or a file in it is there already.
+        """
+        if self.folder is None:
+            return self
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"--out {self.folder}: cannot be made: {error.strerror}") from error
+        named = ResultFiles(
+            self.json or self.folder / f"{stem}.json",
+            self.report or self.folder / f"{stem}.html",
+            self.model or (self.folder / "model.yaml" if model else None),
+        )
+        for path in (named.json, named.report, named.model):
+            if path != STANDARD_OUTPUT:
+                check_output(path, "--out")
+        return named
+
+
+def damaged_places(damages: Sequence[Damage]) -> str:
+    """Return how many places of a bag are damaged, and how much of it."""
+    places = "1 damaged place" if len(damages) == 1 else f"{len(damages)} damaged places"
+    return f"{places} ({sum(damage.size for damage in damages)} bytes)"
+
+
+def lost_messages(count: int, *, estimated: bool) -> str:
+    """Return how many messages were lost, as well as it is known."""
+    if estimated:
+        return f"about {count}" if count else "an unknown number of"
+    return str(count)
+
+
+@cache
+def suite_version() -> str:
+    """Return like ``0.1.0 (commit 1a2b3c4d5e6f)``; a ``+`` behind the commit: files were changed since."""
+    commit = _commit(Path(__file__).resolve().parent)
+    return f"{_package_version()} (commit {commit})" if commit else _package_version()
+
+
+def _is_device(path: Path) -> bool:
+    """Return whether ``path`` is a pipe or a device, such as /dev/stdout: nothing is there to be lost."""
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError):
+        return False
+    return stat.S_ISFIFO(mode) or stat.S_ISCHR(mode) or stat.S_ISSOCK(mode)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _finite(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(entry) for entry in value]
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    return value
+
+
+def _package_version() -> str:
+    """Return the version that package.xml gives, or what is installed."""
+    manifest = Path(__file__).resolve().parents[1] / "package.xml"
+    if manifest.is_file():
+        return ElementTree.parse(manifest).findtext("version", "unknown")
+    try:
+        return version("spool_tools")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def _commit(folder: Path) -> str:
+    """Return the commit that is checked out in ``folder``, empty where it is no checkout."""
+    revision = _git(folder, "rev-parse", "--short=12", "HEAD")
+    changed = revision and _git(folder, "status", "--porcelain", "--untracked-files=no")
+    return revision + ("+" if changed else "")
+
+
+def _git(folder: Path, *words: str) -> str:
+    try:
+        done = subprocess.run(
+            ["git", "-C", str(folder), *words],
+            capture_output=True, text=True, timeout=PATIENCE, check=False,
+        )  # fmt: skip
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return done.stdout.strip() if done.returncode == 0 else ""

@@ -1,0 +1,291 @@
+"""Reports of a recording: estimates, events and pictures over its time."""
+
+from __future__ import annotations
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from spool_bag.reader import BagReader
+from spool_core.block_gate import malformed
+from spool_core.text import plural
+from spool_core.uncertainty import LEGEND, PLUS_MINUS, Z_95, Shown, interval, with_interval
+
+from spool_tools.report import page as html
+from spool_tools.report.evidence.exhibit import Exhibit, LeftOut
+from spool_tools.report.provenance import sources
+
+Array = NDArray[np.float64]
+
+#: Okabe and Ito's colours: apart for the colour-blind and in print.
+BODY, SPOOL, ESTIMATE, EVENT = "#0072B2", "#D55E00", "#009E73", "#E69F00"
+
+ABOUT = (
+    "What an expert looks at before believing the above: first what drifted and when, then whether the "
+    "record could tell it, then whether the model holds at all. The model has the numbers of the last "
+    "estimate: where a parameter drifted, it fits the end of the record only."
+)
+
+
+def write_report(folder: Path, reader: BagReader, analysis: dict[str, Any]) -> Path:
+    """Write ``report.html`` and one PNG per valve into ``folder``; return the page's path.
+
+    ``analysis`` is what ``replay --json`` writes for the bag of ``reader``.
+    """
+    sections: list[str] = []
+    peaks = {name: _peaks(reader, name) for name in analysis["valves"]}
+    start = min((float(table[0, 0]) for table in peaks.values() if table.size), default=0.0)
+    for name, valve in analysis["valves"].items():
+        figure = draw_valve(reader, name, peaks[name], start, valve["events"])
+        image, content = html.picture(figure, _seen(name, valve), dpi=150)
+        (folder / f"{name.replace('/', '_')}.png").write_bytes(content)
+        sections += _section(name, valve, image)
+    lost = sum(valve["lost_blocks"] for valve in analysis["valves"].values())
+    summary = (
+        f"{plural(len(analysis['valves']), 'valve')}, {analysis['duration_s'] or 0.0:.0f} s, "
+        f"{plural(lost, 'block')} lost. "
+        f"{LEGEND}; bands around curves are the same intervals. Shaded stretches are events."
+    )
+    text = html.page(
+        "Spool valves: what the recording shows", [html.paragraph(summary), *sections],
+        [*sources([reader.path]), *_valves(analysis)],
+    )  # fmt: skip
+    path = folder / "report.html"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def draw_valve(
+    reader: BagReader, name: str, peaks: Array, start: float, events: list[dict[str, Any]]
+) -> Figure:
+    """Return the picture of one valve: accelerations, frequencies, friction over time, events shaded.
+
+    ``peaks`` has the columns time (s) and peak accelerations of body and spool; ``start`` (s) is where the
+    time axis and the events of all valves count from.
+    """
+    time, body, spool = peaks.T
+    estimates = list(reader.messages(f"/{name}/estimate")) if f"/{name}/estimate" in reader.topics else []
+    health = list(reader.messages(f"/{name}/health")) if f"/{name}/health" in reader.topics else []
+    figure: Figure
+    figure, axes = plt.subplots(4, 1, figsize=(9, 9.5), sharex=True, layout="constrained")
+    relative = time - start
+    axes[0].fill_between(relative, -spool, spool, color=SPOOL, alpha=0.7, lw=0, label="spool")
+    axes[0].fill_between(relative, -body, body, color=BODY, alpha=0.8, lw=0, label="body")
+    axes[0].set_ylabel("peak acceleration\nm/s²")
+    at = _stamps(health) - start
+    # What a monitor says before the first block is stamped by its own clock and comes from its settings.
+    health = [message for message, seconds in zip(health, at, strict=True) if seconds > 0.0]
+    at = at[at > 0.0]
+    axes[1].plot(at, _values(health, "dominant_frequency"), color=BODY, label="body shakes at")
+    axes[1].plot(at, _values(health, "natural_frequency"), color=ESTIMATE, ls="--", label="natural frequency")
+    axes[1].set_ylabel("frequency\nHz")
+    at = _stamps(estimates) - start
+    _band(axes[2], at, estimates, "viscous_coefficient", "viscous coefficient\nN·s/m")
+    _band(axes[3], at, estimates, "coulomb_force", "Coulomb force\nN")
+    axes[3].set_xlabel("time, s")
+    axes[3].set_xlim(0.0, float(relative[-1]) if relative.size else None)
+    for axis in axes:
+        axis.grid(alpha=0.3)
+        _shade(axis, events, float(relative[-1]) if relative.size else 0.0)
+    for axis in axes[:2]:
+        axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, borderpad=0.0)
+    _name_events(axes[0], events)
+    figure.suptitle(name)
+    return figure
+
+
+def replay_page(
+    result: Mapping[str, Any],
+    evidence: Mapping[str, Sequence[Exhibit | LeftOut]],
+    sources: Sequence[tuple[str, str]] = (),
+) -> str:
+    """Return the page of a replay.
+
+    Args:
+        result: as ``replay --json`` writes it.
+        evidence: pictures of each valve, by its name.
+        sources: label and value of what it was made from.
+    """
+    sections: list[str] = []
+    if result["warnings"]:
+        sections.append(html.listing([f"Warning: {text}" for text in result["warnings"]]))
+    for name, valve in result["valves"].items():
+        sections += [
+            html.heading(name),
+            html.verdict(_verdict(name, valve)),
+            html.paragraph(valve["valve"]["sentence"]),
+            html.paragraph(f"Judged by {valve['limits']['sentence']}."),
+            *(
+                [html.listing([f"Warning: {text}" for text in valve["warnings"]])]
+                if valve["warnings"]
+                else []
+            ),
+            *_events(valve),
+            *_parameters(valve),
+            html.heading(f"Evidence of {name}"),
+            html.paragraph(ABOUT),
+            *html.evidence(evidence.get(name, ())),
+        ]
+    return html.page(f"What the monitor says of {result['bag']}", sections, sources)
+
+
+def _valves(analysis: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return label and value of each valve's description and limits, for the foot of the page."""
+    return [
+        (key, f"{name}: {valve[key]['sentence']}")
+        for name, valve in analysis["valves"].items()
+        for key in ("valve", "limits")
+        if key in valve
+    ]
+
+
+def _peaks(reader: BagReader, name: str) -> Array:
+    """Return time (s) and peak accelerations of body and spool by well-formed block, shape (n, 3)."""
+    peaks = [
+        (block.stamp * 1e-9, float(np.abs(block.body).max()), float(np.abs(block.spool).max()))
+        for block in reader.blocks(name)
+        if malformed(block) is None
+    ]
+    return np.array(peaks).reshape(-1, 3)
+
+
+def _stamps(messages: list[Any]) -> Array:
+    return np.array([message.header.stamp.sec + message.header.stamp.nanosec * 1e-9 for message in messages])
+
+
+def _values(messages: list[Any], name: str) -> Array:
+    return np.array([getattr(message, name).value for message in messages])
+
+
+def _band(axis: Axes, at: Array, estimates: list[Any], name: str, label: str) -> None:
+    rows = []
+    for estimate in estimates:
+        found = [quantity for quantity in estimate.parameters if quantity.name == name]
+        known = bool(found) and found[0].validity in (1, 2)
+        rows.append((found[0].value, found[0].standard_deviation) if known else (np.nan, np.nan))
+    table = np.array(rows).reshape(-1, 2)
+    axis.plot(at, table[:, 0], color=ESTIMATE, marker=".", ms=4)
+    low, high = table[:, 0] - Z_95 * table[:, 1], table[:, 0] + Z_95 * table[:, 1]
+    axis.fill_between(at, low, high, color=ESTIMATE, alpha=0.25, lw=0)
+    axis.set_ylabel(label)
+
+
+def _spans(events: list[dict[str, Any]], end: float) -> list[tuple[str, float, float]]:
+    """Return kind, begin and end (s) of each event; those that go on last to the end."""
+    spans = []
+    begun: dict[tuple[str, str | None], float] = {}
+    for event in events:
+        key = (event["kind"], event["cause"])
+        if event["state"] == "raised":
+            begun.setdefault(key, event["t_s"])
+        elif key in begun:
+            spans.append((_label(*key), begun.pop(key), event["t_s"]))
+    return spans + [(_label(*key), since, end) for key, since in begun.items()]
+
+
+def _label(kind: str, cause: str | None) -> str:
+    return (kind + (f": {cause}" if cause else "")).replace("_", " ")
+
+
+def _shade(axis: Axes, events: list[dict[str, Any]], end: float) -> None:
+    for _, begin, until in _spans(events, end):
+        axis.axvspan(begin, until, color=EVENT, alpha=0.18, lw=0)
+
+
+def _name_events(axis: Axes, events: list[dict[str, Any]]) -> None:
+    for number, (label, begin, _) in enumerate(sorted(_spans(events, 0.0), key=lambda span: span[1])):
+        # Two heights in turn, so that neighbours stay apart.
+        axis.annotate(
+            label, (begin, 0.02 + 0.13 * (number % 2)), xycoords=("data", "axes fraction"), fontsize=8,
+            va="bottom", xytext=(2, 0), textcoords="offset points",
+        )  # fmt: skip
+
+
+def _section(name: str, valve: dict[str, Any], image: str) -> list[str]:
+    parameters = [
+        {
+            "parameter": key.replace("_", " "),
+            "at the end": shown.value,
+            PLUS_MINUS: shown.half_width,
+            "unit": value["unit"],
+        }
+        for key, value in valve["estimate"]["parameters"].items()
+        for shown in (_interval(value),)
+    ]
+    events = [
+        {
+            "time": f"{event['t_s']:.1f} s",
+            "event": event["kind"].replace("_", " "),
+            "most likely cause": (event["cause"] or "").replace("_", " "),
+            "severity": event["severity"],
+            "state": event["state"],
+            "what was seen": event["message"],
+        }
+        for event in valve["events"]
+    ]
+    return [
+        html.heading(name),
+        image,
+        html.table(["parameter", "at the end", PLUS_MINUS, "unit"], parameters, ("at the end", PLUS_MINUS)),
+        html.table(
+            ["time", "event", "most likely cause", "severity", "state", "what was seen"], events, ("time",)
+        ),
+    ]
+
+
+def _seen(name: str, valve: dict[str, Any]) -> str:
+    """Return what the picture of a valve shows, in words."""
+    raised = [event for event in valve["events"] if event["state"] == "raised"]
+    events = ", ".join(f"{_label(one['kind'], one['cause'])} at {one['t_s']:.0f} s" for one in raised)
+    return (
+        f"{name} over time: peak acceleration of body and spool, the frequency that the body shakes at "
+        "next to the natural frequency, viscous coefficient, Coulomb force. "
+        f"Events: {events or 'none'}."
+    )
+
+
+def _interval(value: dict[str, Any]) -> Shown:
+    """Return what is shown of an entry of ``replay --json``, in which null is what is not known."""
+    number, deviation = (float("nan") if value[key] is None else value[key] for key in ("value", "std"))
+    return interval(number, deviation)
+
+
+def _verdict(name: str, valve: Mapping[str, Any]) -> str:
+    raised = [event for event in valve["events"] if event["state"] == "raised"]
+    count = f"{len(raised)} event{'' if len(raised) == 1 else 's'}"
+    lost = f"; {plural(valve['lost_blocks'], 'block')} lost" if valve["lost_blocks"] else ""
+    return f"{name} at the end: {valve['health']['summary']}; {count} in the record{lost}."
+
+
+def _events(valve: Mapping[str, Any]) -> list[str]:
+    if not valve["events"]:
+        return [html.paragraph("No event.")]
+    rows: list[dict[str, object]] = [
+        {
+            "time, s": f"{event['t_s']:.1f}",
+            "event": f"{event['severity']} {event['state']}: {event['kind'].replace('_', ' ')}",
+            "what the monitor said": event["message"],
+        }
+        for event in valve["events"]
+    ]
+    return [html.table(list(rows[0]), rows, {"time, s"})]
+
+
+def _parameters(valve: Mapping[str, Any]) -> list[str]:
+    rows: list[dict[str, object]] = [
+        {
+            "parameter": name.replace("_", " "),
+            "value at the end": with_interval(one["value"], one["std"], one["unit"]),
+        }
+        for name, one in valve["estimate"]["parameters"].items()
+    ]
+    return [html.table(list(rows[0]), rows), html.paragraph(f"{LEGEND}.")] if rows else []

@@ -1,0 +1,286 @@
+"""The server: its thread, every address it has, its files, and the guard before them."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import ipaddress
+import json
+import re
+import socket
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import uvicorn
+from jinja2 import BaseLoader, Environment, StrictUndefined
+from starlette.applications import Starlette
+from starlette.datastructures import Headers
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, RedirectResponse, Response
+from starlette.routing import Route
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from spool_view.operator import Desk, Operating, RateLimit, Records
+from spool_view.streams import PageProtocol, Streams
+
+#: Requests a second, and at once; ten browsers that load a page together need a hundred.
+RATE, BURST = 100.0, 400.0
+
+_HEADERS = [
+    (
+        b"content-security-policy",
+        b"default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
+        b"base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    ),
+    (b"x-content-type-options", b"nosniff"),
+    (b"x-frame-options", b"DENY"),
+    (b"referrer-policy", b"no-referrer"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+    (b"cross-origin-opener-policy", b"same-origin"),
+    (b"permissions-policy", b"camera=(), microphone=(), geolocation=()"),
+]
+
+SITE = Path(__file__).resolve().parent / "site"
+LANGUAGES = ("en", "de")
+COOKIE = "spool_language"
+_TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
+#: Names of valves, as ROS 2 allows them for namespaces.
+VALVE = re.compile(r"[A-Za-z0-9_]+(/[A-Za-z0-9_]+)*")
+_OWN_PAGE = re.compile(r"/(valve/[A-Za-z0-9_/]{1,200})?")
+
+#: Connections that may be open; s that requests under way get at the end.
+MOST_CONNECTIONS, GRACE = 256, 1
+
+
+@dataclass(frozen=True, slots=True)
+class Application:
+    """Application: what uvicorn runs, and its streams."""
+
+    asgi: Starlette
+    streams: Streams
+
+
+def application(desk: Desk) -> Application:
+    """Return the application that shows what lies on ``desk``."""
+    pages, streams, operating, records = Pages(desk), Streams(desk), Operating(desk), Records(desk)
+    routes = [
+        Route("/", pages.machine),
+        Route("/valve/{name:path}", pages.valve),
+        Route("/static/{name:path}", pages.file),
+        Route("/language/{code}", pages.language),
+        Route("/stream/machine", streams.machine),
+        Route("/stream/valve/{name:path}", streams.valve),
+        Route("/trend", records.trend),
+        Route("/gap", records.gap),
+        Route("/operator", operating.check, methods=["POST"]),
+        Route("/act", operating.act, methods=["POST"]),
+    ]
+    return Application(Starlette(routes=routes, middleware=[Middleware(Guard)]), streams)
+
+
+class Guard:
+    """Guard: refuses names that are not this host's (DNS rebinding), other origins, and too many requests."""
+
+    def __init__(self, app: ASGIApp, limit: RateLimit | None = None) -> None:
+        self._app = app
+        self._limit = limit or RateLimit(RATE, BURST)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on, or refuse it (ASGI)."""
+        if scope["type"] != "http":
+            return
+
+        async def guarded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message.get("headers", []), *_HEADERS]
+            await send(message)
+
+        refusal = self._refusal(scope)
+        if refusal is not None:
+            await refusal(scope, receive, guarded)
+        else:
+            await self._app(scope, receive, guarded)
+
+    def _refusal(self, scope: Scope) -> PlainTextResponse | None:
+        if not self._limit.take():
+            return PlainTextResponse("too many requests", 429, {"retry-after": "2"})
+        headers = Headers(scope=scope)
+        hosts = headers.getlist("host")
+        if len(hosts) != 1 or not own_host(hosts[0]):
+            return PlainTextResponse("this page answers to an IP address or localhost only", 421)
+        origins = headers.getlist("origin")
+        if len(origins) > 1 or any(not same_origin(origin, hosts[0]) for origin in origins):
+            return PlainTextResponse("not from another page", 403)
+        site = headers.get("sec-fetch-site", "none")
+        opened = scope["method"] == "GET" and headers.get("sec-fetch-mode") == "navigate"
+        if site not in ("same-origin", "none") and not opened:
+            return PlainTextResponse("not from another page", 403)
+        if scope["method"] == "POST" and not origins:
+            return PlainTextResponse("say from which page (Origin)", 403)
+        return None
+
+
+def own_host(host: str) -> bool:
+    """Return whether ``host`` (with port) is localhost or an IP address, no name that others resolve."""
+    name = _split(host)
+    if name is None:
+        return False
+    if name == "localhost":
+        return True
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+def same_origin(origin: str, host: str) -> bool:
+    """Return whether ``origin`` is the page's own, as reached by ``host``."""
+    return origin.lower() == f"http://{host.lower()}"
+
+
+class Pages:
+    """Pages of the site in its languages, and its files."""
+
+    def __init__(self, desk: Desk) -> None:
+        self._texts: dict[str, dict[str, Any]] = {
+            language: json.loads(SITE.joinpath(f"texts_{language}.json").read_text(encoding="utf-8"))
+            for language in LANGUAGES
+        }
+        environment = Environment(loader=BaseLoader(), autoescape=True, undefined=StrictUndefined)
+        self._template = environment.from_string(SITE.joinpath("page.html").read_text(encoding="utf-8"))
+        self._files = _files(SITE)
+        self._operable = desk.operable
+
+    async def machine(self, request: Request) -> Response:
+        """Answer with the machine's page."""
+        return self._page(request, "")
+
+    async def valve(self, request: Request) -> Response:
+        """Answer with a valve's page."""
+        name = request.path_params["name"]
+        if len(name) > 200 or not VALVE.fullmatch(name):
+            return PlainTextResponse("no such page", 404)
+        return self._page(request, name)
+
+    async def file(self, request: Request) -> Response:
+        """Answer with a file of the site."""
+        found = self._files.get(request.path_params["name"])
+        if found is None:
+            return PlainTextResponse("no such file", 404)
+        content, kind, tag = found
+        headers = {"cache-control": "no-cache", "etag": tag}
+        if request.headers.get("if-none-match") == tag:
+            return Response(status_code=304, headers=headers)
+        return Response(content, media_type=kind, headers=headers)
+
+    async def language(self, request: Request) -> Response:
+        """Remember the language that is asked for, and go back."""
+        code, back = request.path_params["code"], request.query_params.get("to", "/")
+        if code not in LANGUAGES or not _OWN_PAGE.fullmatch(back):
+            return PlainTextResponse("no such language", 404)
+        answer = RedirectResponse(back, 303)
+        answer.set_cookie(COOKIE, code, max_age=31_536_000, samesite="strict", httponly=True)
+        return answer
+
+    def _page(self, request: Request, valve: str) -> Response:
+        language = language_of(request.cookies.get(COOKIE, ""), request.headers.get("accept-language", ""))
+        text = self._template.render(
+            texts=self._texts[language],
+            language=language,
+            languages={code: self._texts[code]["language_name"] for code in LANGUAGES},
+            valve=valve,
+            here=f"/valve/{valve}" if valve else "/",
+            operable=self._operable,
+        )
+        headers = {"cache-control": "no-store", "vary": "accept-language, cookie"}
+        return Response(text, media_type="text/html", headers=headers)
+
+
+def language_of(chosen: str, accepted: str) -> str:
+    """Return the language that was chosen, else the best of ``accepted`` (RFC 9110, 12.5.4) that there is."""
+    if chosen in LANGUAGES:
+        return chosen
+    wishes = []
+    for part in accepted[:500].split(","):
+        name, _, rest = part.strip().partition(";")
+        try:
+            weight = float(rest.strip().removeprefix("q=") or 1.0)
+        except ValueError:
+            weight = 0.0
+        wishes.append((weight, name.partition("-")[0].lower()))
+    wishes.sort(key=lambda wish: -wish[0])
+    return next((name for weight, name in wishes if name in LANGUAGES and weight > 0.0), LANGUAGES[0])
+
+
+class ServerThread:
+    """Server of ``application`` on ``own``, which is bound already."""
+
+    def __init__(self, application: Application, own: socket.socket) -> None:
+        self._application, self._socket = application, own
+        config = uvicorn.Config(
+            application.asgi, http=PageProtocol, ws="none", lifespan="off", loop="asyncio",
+            log_config=None, access_log=False, server_header=False, proxy_headers=False,
+            limit_concurrency=MOST_CONNECTIONS, backlog=128, timeout_keep_alive=5,
+            timeout_graceful_shutdown=GRACE, h11_max_incomplete_event_size=16_384,
+        )  # fmt: skip
+        self._server = uvicorn.Server(config)
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._thread = threading.Thread(target=self._work, name="page", daemon=True)
+        self._begun = threading.Event()
+
+    def start(self) -> None:
+        """Begin to serve."""
+        self._thread.start()
+        self._begun.wait(5.0)
+
+    def stop(self) -> None:
+        """End every stream and connection; returns within about a second."""
+        self._server.should_exit = True
+        if self._loop is not None and not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._application.streams.close)
+        self._thread.join(GRACE + 0.5)
+        if self._thread.is_alive():
+            self._server.force_exit = True
+            self._thread.join(0.5)
+
+    def _work(self) -> None:
+        asyncio.run(self._serve())
+
+    async def _serve(self) -> None:
+        self._loop = asyncio.get_running_loop()
+        steps = asyncio.ensure_future(self._application.streams.run())
+        self._begun.set()
+        try:
+            # A copy: uvicorn closes what it is given, the node may be activated again.
+            await self._server.serve(sockets=[self._socket.dup()])
+        finally:
+            steps.cancel()
+
+
+def _split(host: str) -> str | None:
+    """Return the name in ``host`` without its port, ``None`` where it is none."""
+    if not host or len(host) > 100 or any(mark in host for mark in "/\\@?#% \t"):
+        return None
+    try:
+        parts = urlsplit(f"//{host}")
+        _ = parts.port
+    except ValueError:
+        return None
+    return parts.hostname
+
+
+def _files(folder: Path) -> dict[str, tuple[bytes, str, str]]:
+    """Return content, type and tag of every file for browsers below ``folder``, by its path there."""
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        kind = _TYPES.get(path.suffix)
+        if kind is not None:
+            content = path.read_bytes()
+            tag = f'"{hashlib.sha256(content).hexdigest()[:32]}"'
+            found[path.relative_to(folder).as_posix()] = (content, kind, tag)
+    return found

@@ -1,1 +1,0 @@
-"""OPC UA server: state and alarms of valves for plant systems, read only."""

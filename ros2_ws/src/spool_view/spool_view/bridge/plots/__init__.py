@@ -1,1 +1,0 @@
-"""Topics of single numbers, which live plotters draw directly."""

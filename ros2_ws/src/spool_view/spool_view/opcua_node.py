@@ -1,0 +1,313 @@
+"""Node ``opcua``: an OPC UA server with state and alarms of all valves; nothing comes in through it.
+
+Node ids are strings made of names, so that a client that stored them finds them after a restart:
+``ns=2;s=valve_1.health.level``. Quality is the status code: ``Good``, ``UncertainLastUsableValue`` (held),
+``BadWaitingForInitialData``, ``BadNoCommunication`` (nothing is heard).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import threading
+import time
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Future
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from functools import partial
+from typing import Any, ClassVar
+
+from asyncua import Server, ua
+from asyncua.crypto.permission_rules import PermissionRuleset, User, UserRole
+from asyncua.server.user_managers import UserManager
+from spool_core.errors import InputError
+from spool_core.node import qos
+from spool_core.node.managed_node import ManagedNode
+from spool_core.node.parameters import NodeParameter
+from spool_monitor.alarm import AlarmState
+from spool_monitor.valve_condition import NO_WORD, condition_of, monitored_valves
+from spool_msgs.msg import Alarm, AlarmList, ModelEstimate, Quantity, ValveHealth
+from spool_tools.operations.heard import HeardValve
+
+#: s between updates of the address space and looks for valves that joined; that the server may take to start.
+PERIOD, LOOK, START = 0.5, 1.0, 20.0
+LOOPBACK = "127.0.0.1"
+
+NAMESPACE = "urn:spool-suite:valves"
+#: Numbers and alarms of one valve at most: what comes over the network is data.
+MOST = 64
+_NAMUR = {
+    ValveHealth.NAMUR_UNKNOWN: "unknown",
+    ValveHealth.NAMUR_NORMAL: "normal",
+    ValveHealth.NAMUR_MAINTENANCE_REQUIRED: "maintenance required",
+    ValveHealth.NAMUR_OUT_OF_SPECIFICATION: "out of specification",
+    ValveHealth.NAMUR_FUNCTION_CHECK: "function check",
+    ValveHealth.NAMUR_FAILURE: "failure",
+}
+_QUALITY = {
+    Quantity.VALIDITY_VALID: ua.StatusCodes.Good,
+    Quantity.VALIDITY_HELD: ua.StatusCodes.UncertainLastUsableValue,
+    Quantity.VALIDITY_UNKNOWN: ua.StatusCodes.BadWaitingForInitialData,
+    Quantity.VALIDITY_IMPLAUSIBLE: ua.StatusCodes.UncertainEngineeringUnitsExceeded,
+}
+
+_IDS = ua.ObjectIds
+#: Requests that are answered; writing, calling methods, history and changes of the address space are not.
+ALLOWED = frozenset(
+    ua.NodeId(number)
+    for number in (
+        _IDS.CreateSessionRequest_Encoding_DefaultBinary,
+        _IDS.CloseSessionRequest_Encoding_DefaultBinary,
+        _IDS.ActivateSessionRequest_Encoding_DefaultBinary,
+        _IDS.CloseSecureChannelRequest_Encoding_DefaultBinary,
+        _IDS.FindServersRequest_Encoding_DefaultBinary,
+        _IDS.GetEndpointsRequest_Encoding_DefaultBinary,
+        _IDS.ReadRequest_Encoding_DefaultBinary,
+        _IDS.BrowseRequest_Encoding_DefaultBinary,
+        _IDS.TranslateBrowsePathsToNodeIdsRequest_Encoding_DefaultBinary,
+        _IDS.RegisterNodesRequest_Encoding_DefaultBinary,
+        _IDS.UnregisterNodesRequest_Encoding_DefaultBinary,
+        _IDS.CreateSubscriptionRequest_Encoding_DefaultBinary,
+        _IDS.ModifySubscriptionRequest_Encoding_DefaultBinary,
+        _IDS.DeleteSubscriptionsRequest_Encoding_DefaultBinary,
+        _IDS.CreateMonitoredItemsRequest_Encoding_DefaultBinary,
+        _IDS.DeleteMonitoredItemsRequest_Encoding_DefaultBinary,
+        _IDS.SetMonitoringModeRequest_Encoding_DefaultBinary,
+        _IDS.SetPublishingModeRequest_Encoding_DefaultBinary,
+        _IDS.PublishRequest_Encoding_DefaultBinary,
+        _IDS.RepublishRequest_Encoding_DefaultBinary,
+    )
+)
+
+
+class OpcUaNode(ManagedNode):
+    """Node ``opcua``: what is heard of all valves of this ROS domain, for OPC UA clients on this host."""
+
+    PARAMETERS: ClassVar = (
+        NodeParameter(
+            "address", LOOPBACK,
+            "Address that is listened on; another than loopback lets the network read without a password.",
+            structural=True,
+        ),
+        NodeParameter("port", 4840, "TCP port.", "", 1, 65535, structural=True),
+    )  # fmt: skip
+
+    def __init__(self) -> None:
+        super().__init__("opcua")
+        self._valves: dict[str, HeardValve] = {}
+        self._loop = asyncio.new_event_loop()
+        self._thread: threading.Thread | None = None
+        self._server: Server | None = None
+        self._space: AddressSpace | None = None
+        self._update: Future[int] | None = None
+
+    def configure(self) -> None:
+        """Start the server.
+
+        Raises:
+            InputError: the address can't be listened on.
+        """
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
+        self._thread.start()
+        address, port = self.value("address"), self.value("port")
+        if address != LOOPBACK:
+            self.get_logger().warning(f"address {address}: all who reach it read all valves, unencrypted")
+        try:
+            asyncio.run_coroutine_threadsafe(self._serve(address, port), self._loop).result(START)
+        except OSError as error:
+            raise InputError(f"port {port}: {error.strerror or error}: another server on it?") from error
+        self.get_logger().info(f"serving opc.tcp://{address}:{port}, read only")
+
+    async def _serve(self, address: str, port: int) -> None:
+        server = Server(user_manager=Onlookers())
+        await server.init()
+        server.set_endpoint(f"opc.tcp://{address}:{port}")
+        server.set_server_name("spool valves")
+        server.set_security_policy([ua.SecurityPolicyType.NoSecurity], LookOnly())
+        server.set_identity_tokens([ua.AnonymousIdentityToken])
+        server.allow_remote_admin(False)
+        index = await server.register_namespace(NAMESPACE)
+        await server.start()
+        self._server, self._space = server, AddressSpace(server, index)
+
+    def activate(self) -> None:
+        """Listen to every valve, those that join later as well."""
+        self._valves.clear()
+        self.every(LOOK, self._look, steady=True)
+        self.every(PERIOD, self._push, steady=True)
+        self._look()
+
+    def cleanup(self) -> None:
+        """Stop the server."""
+        if self._server is not None:
+            asyncio.run_coroutine_threadsafe(self._server.stop(), self._loop).result(5.0)
+        self._server = self._space = None
+        if self._thread is not None:
+            self._loop.call_soon_threadsafe(self._loop.stop)
+            self._thread.join(timeout=5.0)
+        self._thread = None
+
+    def _look(self) -> None:
+        for name in monitored_valves(self):
+            if name in self._valves:
+                continue
+            valve = self._valves[name] = HeardValve(name)
+            self.subscribe(ValveHealth, f"/{name}/health", partial(self._on_health, valve), qos.state())
+            self.subscribe(
+                ModelEstimate, f"/{name}/estimate", partial(setattr, valve, "estimate"), qos.state()
+            )
+            self.subscribe(AlarmList, f"/{name}/alarms", partial(setattr, valve, "alarms"), qos.state())
+
+    @staticmethod
+    def _on_health(valve: HeardValve, message: ValveHealth) -> None:
+        valve.health, valve.health_at = message, time.monotonic()
+
+    def _push(self) -> None:
+        """Hand what was heard to the server, unless it still works on the last."""
+        if self._space is None or (self._update is not None and not self._update.done()):
+            return
+        if self._update is not None and self._update.exception() is not None:
+            self.get_logger().error(f"the address space was not updated: {self._update.exception()}")
+        work = self._space.update(list(self._valves.values()), time.monotonic())
+        self._update = asyncio.run_coroutine_threadsafe(work, self._loop)
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """Variable of a valve: its place below the valve, value, quality and the source's time."""
+
+    path: tuple[str, ...]
+    value: str | float | int | bool
+    quality: int
+    time: datetime | None
+
+
+class AddressSpace:
+    """Variables of all valves; a write happens only where value, quality or time changed."""
+
+    def __init__(self, server: Server, index: int) -> None:
+        """Fill ``server`` below Objects/Valves, in the namespace ``index``."""
+        self._server, self._index = server, index
+        self._folders: dict[tuple[str, ...], Any] = {}
+        self._written: dict[tuple[str, ...], Item] = {}
+
+    async def update(self, valves: Iterable[HeardValve], now: float) -> int:
+        """Bring all variables up to date at ``now`` (s, monotonic); return how many were written."""
+        written = 0
+        for valve in valves:
+            for item in items_of(valve, now):
+                if self._written.get(item.path) != item:
+                    await self._write(item)
+                    written += 1
+        return written
+
+    async def _write(self, item: Item) -> None:
+        value = ua.DataValue(
+            ua.Variant(item.value),
+            ua.StatusCode(item.quality),
+            SourceTimestamp=item.time,
+            ServerTimestamp=datetime.now(timezone.utc),
+        )
+        known = item.path in self._written
+        self._written[item.path] = item
+        identity = ua.NodeId(".".join(item.path), self._index)
+        if not known:
+            folder = await self._folder(item.path[:-1])
+            await folder.add_variable(identity, item.path[-1], item.value)
+        await self._server.write_attribute_value(identity, value)
+
+    async def _folder(self, path: tuple[str, ...]) -> Any:
+        if path not in self._folders:
+            if path:
+                parent = await self._folder(path[:-1])
+                name, identity = path[-1], ".".join(path)
+            else:
+                parent, name, identity = self._server.get_objects_node(), "Valves", "Valves"
+            self._folders[path] = await parent.add_folder(ua.NodeId(identity, self._index), name)
+        return self._folders[path]
+
+
+def items_of(valve: HeardValve, now: float) -> Iterator[Item]:
+    """Yield what plant systems see of ``valve`` at ``now`` (s, monotonic)."""
+    name = valve.name
+    condition = condition_of(valve.health, now - valve.health_at)
+    silent = condition == NO_WORD
+    lost = ua.StatusCodes.BadNoCommunication
+    yield Item((name, "condition"), condition.replace("_", " "), ua.StatusCodes.Good, None)
+    health = valve.health
+    if health is not None:
+        at = _time(health.header.stamp)
+        good = lost if silent else ua.StatusCodes.Good
+        for key, value in (
+            ("level", int(health.level)),
+            ("ne107", _NAMUR.get(health.namur, "unknown")),
+            ("summary", health.summary),
+            ("active", ", ".join(health.active)),
+        ):
+            yield Item((name, "health", key), value, good, at)
+        own = (health.dominant_frequency, health.amplification, health.viscous_drift, health.coulomb_drift)
+        yield from _numbers(name, "health", own, at, lost=silent)
+    if valve.estimate is not None:
+        estimate = valve.estimate
+        at = _time(estimate.header.stamp)
+        own = (*estimate.parameters, estimate.natural_frequency, estimate.damping_ratio, estimate.residual)
+        yield from _numbers(name, "estimate", own, at, lost=silent)
+    if valve.alarms is not None:
+        for alarm in valve.alarms.alarms[:MOST]:
+            yield from _alarm(name, alarm, lost=silent)
+
+
+class LookOnly(PermissionRuleset):  # type: ignore[misc]  # asyncua carries no types
+    """Ruleset of requests: those in ``ALLOWED``, from any client."""
+
+    def check_validity(self, user: object, action_type: ua.NodeId, body: object) -> bool:  # noqa: ARG002
+        """Return whether a request of that type is answered."""
+        return action_type in ALLOWED
+
+
+class Onlookers(UserManager):  # type: ignore[misc]  # asyncua carries no types
+    """User manager by whom nobody is an administrator, whatever name is given."""
+
+    def get_user(self, *_: object, **__: object) -> User:
+        """Return a user without any rights of administration."""
+        return User(role=UserRole.User)
+
+
+def _numbers(
+    valve: str, group: str, quantities: Iterable[Quantity], at: datetime | None, *, lost: bool
+) -> Iterator[Item]:
+    for one in list(quantities)[:MOST]:
+        quality = ua.StatusCodes.BadNoCommunication if lost else _QUALITY.get(one.validity)
+        quality = ua.StatusCodes.BadWaitingForInitialData if quality is None else quality
+        key = f"{one.name}" if one.unit in ("", "1") else f"{one.name} [{one.unit}]"
+        yield Item((valve, group, key), _finite(one.value), quality, at)
+        yield Item((valve, group, f"{key} standard deviation"), _finite(one.standard_deviation), quality, at)
+
+
+def _finite(value: float) -> float:
+    """Return ``value``, 0 for what is not a number: its quality says that it is not known."""
+    return float(value) if math.isfinite(value) else 0.0
+
+
+def _alarm(valve: str, alarm: Alarm, *, lost: bool) -> Iterator[Item]:
+    at = _time(alarm.header.stamp) or _time(alarm.raised_at)
+    quality = ua.StatusCodes.BadNoCommunication if lost else ua.StatusCodes.Good
+    values: dict[str, str | int] = {
+        "state": AlarmState(alarm.state).name.lower().replace("_", " "),
+        "severity": int(alarm.severity),
+        "code": int(alarm.code),
+        "cause": alarm.cause,
+        "message": alarm.message,
+        "acknowledged by": alarm.acknowledged_by,
+    }
+    for key, value in values.items():
+        yield Item((valve, "alarms", alarm.name, key), value, quality, at)
+
+
+def _time(stamp: object) -> datetime | None:
+    seconds = getattr(stamp, "sec", 0)
+    if not seconds:
+        return None
+    return datetime.fromtimestamp(seconds + 1e-9 * getattr(stamp, "nanosec", 0), timezone.utc)

@@ -1,0 +1,353 @@
+"""Operator of the page: what can be asked for, by whom, how often, the log of it, and how it is done."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import hmac
+import json
+import math
+import os
+import secrets
+import threading
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+from dataclasses import asdict, dataclass, field
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+from spool_core.errors import InputError
+from spool_core.system import FILE_MODE, private_folder, restrict
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response
+
+from spool_view.view import RANGES, Board, trend_of
+
+ACKNOWLEDGE, SHELVE, UNSHELVE, RESET = "acknowledge", "shelve", "unshelve", "reset"
+FREEZE, LEARN, ANALYSE, SNAPSHOT = "freeze_baseline", "learn_baseline", "analyse", "take_snapshot"
+#: Acts on one alarm, and on the valve.
+ON_ALARM, ON_VALVE = (ACKNOWLEDGE, SHELVE, UNSHELVE, RESET), (FREEZE, LEARN, ANALYSE, SNAPSHOT)
+#: Characters of who acts and of a comment; minutes of a shelf.
+MOST_WHO, MOST_COMMENT, MOST_MINUTES = 60, 200, 7 * 1440.0
+_FIELDS = {"act", "valve", "alarm", "occurrence", "minutes", "who", "comment"}
+
+#: Random bytes of a token: it can't be guessed.
+RANDOM = 32
+
+#: B of a request, s that it may take to come in.
+MOST_BODY, BODY = 4096, 5.0
+#: Acts a second, and at once; wrong tokens likewise.
+ACTS, ACTS_AT_ONCE = 1.0, 10.0
+WRONG, WRONG_AT_ONCE = 0.2, 10.0
+
+#: Trends that are read at a time.
+MOST_READINGS = 2
+
+
+class ActRefusedError(Exception):
+    """Refused act: the request is none; the text says why, in one line."""
+
+
+@dataclass(frozen=True, slots=True)
+class Act:
+    """Act: what ``who`` wants of ``valve``; ``alarm`` and its ``occurrence`` seen, ``minutes`` of a shelf."""
+
+    act: str
+    valve: str
+    who: str
+    comment: str = ""
+    alarm: str = ""
+    occurrence: int = 0
+    minutes: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Outcome of an act: whether it was done, and one line for people."""
+
+    done: bool
+    text: str
+
+
+def act_of(given: Any, alarms: Mapping[str, frozenset[str]]) -> Act:
+    """Return the act that ``given`` (decoded JSON) asks for.
+
+    Args:
+        given: object with ``act``, ``valve``, ``who``, ``comment``; of an alarm ``alarm``, ``occurrence``; of
+            a shelf ``minutes``.
+        alarms: names of the alarms that are shown, by valve.
+
+    Raises:
+        ActRefusedError: it is no act, or one on something that is not there.
+    """
+    if not isinstance(given, dict) or not set(given) <= _FIELDS:
+        raise ActRefusedError("the request is no object with the fields of an act")
+    act = given.get("act")
+    if act not in (*ON_ALARM, *ON_VALVE):
+        raise ActRefusedError("there is no such act")
+    valve = given.get("valve")
+    if not isinstance(valve, str) or valve not in alarms:
+        raise ActRefusedError("no such valve is heard")
+    who = _text(given, "who", MOST_WHO)
+    if not who:
+        raise ActRefusedError("who: say who does this")
+    comment = _text(given, "comment", MOST_COMMENT)
+    if act in ON_VALVE:
+        return Act(act, valve, who, comment)
+    alarm = given.get("alarm")
+    if not isinstance(alarm, str) or not alarm or alarm not in alarms[valve]:
+        raise ActRefusedError("no such alarm is shown")
+    occurrence = given.get("occurrence", 0)
+    if type(occurrence) is not int or not 0 <= occurrence < 2**32:
+        raise ActRefusedError("occurrence: no whole number from 0 on")
+    return Act(act, valve, who, comment, alarm, occurrence, _minutes(given) if act == SHELVE else 0.0)
+
+
+class OperatorToken:
+    """Operator's token, kept in ``path`` (mode 0600) until :meth:`remove`.
+
+    Raises:
+        OSError: the file can't be made.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._token = secrets.token_urlsafe(RANDOM)
+        private_folder(path.parent)
+        new = path.with_name(f"{path.name}.new")
+        new.unlink(missing_ok=True)
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW
+        with os.fdopen(os.open(new, flags, FILE_MODE), "w", encoding="ascii") as stream:
+            stream.write(f"{self._token}\n")
+        new.replace(path)
+
+    def fits(self, header: str) -> bool:
+        """Return whether an ``Authorization`` header bears the token; takes as long whatever it holds."""
+        wanted = f"Bearer {self._token}".encode()
+        return hmac.compare_digest(header.encode("utf-8", "replace"), wanted)
+
+    def remove(self) -> None:
+        """Take the file away, if it is still this one's."""
+        with contextlib.suppress(OSError):
+            if self.path.read_text(encoding="ascii").strip() == self._token:
+                self.path.unlink()
+
+
+@dataclass(slots=True)
+class RateLimit:
+    """Rate limit: ``burst`` at once, refilled by ``rate`` a second (token bucket)."""
+
+    rate: float
+    burst: float
+    clock: Callable[[], float] = time.monotonic
+    _left: float = field(init=False)
+    _last: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._left, self._last = self.burst, self.clock()
+
+    def take(self) -> bool:
+        """Return whether one more is within the limit, and count it if so."""
+        now = self.clock()
+        self._left = min(self.burst, self._left + self.rate * (now - self._last))
+        self._last = now
+        if self._left < 1.0:
+            return False
+        self._left -= 1.0
+        return True
+
+
+class ActLog:
+    """Log of acts in ``path``: a JSON object a line, only appended, on the disk when :meth:`write` returns.
+
+    Raises:
+        OSError: the file can't be made or written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._lock = threading.Lock()
+        private_folder(path.parent)
+        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
+        self._descriptor = os.open(path, flags, FILE_MODE)
+        restrict(path, FILE_MODE)
+
+    def write(self, **fields: Any) -> None:
+        """Append a line with the time (UTC) and ``fields``.
+
+        Raises:
+            OSError: it is not on the disk.
+        """
+        time = datetime.now(timezone.utc).isoformat(timespec="milliseconds")
+        line = (json.dumps({"time": time, **fields}, ensure_ascii=True) + "\n").encode("ascii")
+        with self._lock:
+            if os.write(self._descriptor, line) != len(line):
+                raise OSError(f"{self.path}: a line was cut off: is the disk full?")
+            os.fsync(self._descriptor)
+
+    def close(self) -> None:
+        """Let go of the file."""
+        os.close(self._descriptor)
+
+
+class Operating:
+    """Operating of one page."""
+
+    def __init__(self, desk: Desk) -> None:
+        self._desk = desk
+        self._acts = RateLimit(ACTS, ACTS_AT_ONCE)
+        self._wrong = RateLimit(WRONG, WRONG_AT_ONCE)
+        self._warned = RateLimit(1.0 / 60.0, 1.0)
+
+    async def check(self, request: Request) -> Response:
+        """Say whether the token is right."""
+        return self._refusal(request) or _answer(200, "right")
+
+    async def act(self, request: Request) -> Response:
+        """Do an operator's act: it is in the log before it is done, and what came of it after."""
+        refusal = self._refusal(request)
+        if refusal is not None:
+            return refusal
+        if not self._acts.take():
+            return _answer(429, "too many acts in a short time: wait a few seconds")
+        try:
+            act = act_of(await _content(request), self._alarms())
+        except ActRefusedError as error:
+            return _answer(400, str(error))
+        if not await self._note(step="asked", act=act):
+            return _answer(503, "the log can't be written, so nothing is done")
+        outcome = await self._outcome(act)
+        noted = await self._note(step="done" if outcome.done else "refused", act=act, said=outcome.text)
+        text = outcome.text if noted else f"{outcome.text} (and the log can't be written any more)"
+        return _answer(200 if outcome.done else 409, text)
+
+    def _refusal(self, request: Request) -> Response | None:
+        if self._desk.token is None or self._desk.log is None:
+            return _answer(403, "this page is read only: it was started without --operator")
+        given = request.headers.getlist("authorization")
+        if len(given) == 1 and self._desk.token.fits(given[0]):
+            return None
+        if self._warned.take():
+            self._desk.warn("a request with a wrong token, or without one, was refused")
+        return _answer(401, "the token is wrong") if self._wrong.take() else _answer(429, "too many tries")
+
+    def _alarms(self) -> dict[str, frozenset[str]]:
+        valves = list(self._desk.board.valves.values())
+        return {valve.name: frozenset(alarm["name"] for alarm in valve.alarms) for valve in valves}
+
+    async def _note(self, step: str, act: Act, **more: Any) -> bool:
+        assert self._desk.log is not None
+        try:
+            await run_in_threadpool(self._desk.log.write, step=step, **asdict(act), **more)
+        except OSError as error:
+            self._desk.warn(f"the operators' log can't be written: {error}")
+            return False
+        return True
+
+    async def _outcome(self, act: Act) -> Outcome:
+        return await asyncio.wrap_future(self._desk.do(act))
+
+
+class Records:
+    """Records of one page; of valves that are heard only."""
+
+    def __init__(self, desk: Desk) -> None:
+        self._desk = desk
+        self._free: asyncio.Semaphore | None = None
+
+    async def trend(self, request: Request) -> Response:
+        """Answer with a trend."""
+        valve, length = request.query_params.get("valve", ""), request.query_params.get("range", "day")
+        parameter = request.query_params.get("parameter", "")
+        if valve not in self._desk.board.valves or length not in RANGES or len(parameter) > 200:
+            return _nothing()
+        self._free = self._free or asyncio.Semaphore(MOST_READINGS)
+        async with self._free:
+            try:
+                found = await run_in_threadpool(trend_of, self._desk.state_folder, valve, parameter, length)
+            except (InputError, OSError):  # names files: not for browsers
+                return _nothing()
+        return JSONResponse(found, headers={"cache-control": "no-store"})
+
+    async def gap(self, request: Request) -> Response:
+        """Answer with everything that the last gap analysis of a valve found."""
+        valve = self._desk.board.valves.get(request.query_params.get("valve", ""))
+        message = valve.gap if valve is not None else None
+        if message is None or not message.json:
+            return PlainTextResponse("no analysis is held: open the valve's page first", 404)
+        name = f"gap_{message.header.stamp.sec}.json"
+        headers = {"cache-control": "no-store", "content-disposition": f'attachment; filename="{name}"'}
+        return Response(message.json, media_type="application/json", headers=headers)
+
+
+@dataclass(frozen=True, slots=True)
+class Desk:
+    """Desk of a page: valves, where trends are kept, and, with an operator, ``do``, ``token`` and ``log``."""
+
+    board: Board
+    address: str
+    state_folder: Path
+    spectrum: Callable[[list[bytes]], dict[str, Any] | None]
+    do: Callable[[Act], Future[Outcome]]
+    token: OperatorToken | None
+    log: ActLog | None
+    warn: Callable[[str], object]
+
+    @property
+    def operable(self) -> bool:
+        """Whether an operator may act; else the page is read only."""
+        return self.token is not None and self.log is not None
+
+
+def _text(given: Mapping[str, Any], name: str, most: int) -> str:
+    value = given.get(name, "")
+    if not isinstance(value, str) or len(value) > most:
+        raise ActRefusedError(f"{name}: a text of at most {most} characters")
+    if not value.isprintable():
+        raise ActRefusedError(f"{name}: one line without control characters")
+    return value.strip()
+
+
+def _minutes(given: Mapping[str, Any]) -> float:
+    value = given.get("minutes")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ActRefusedError("minutes: a number, 0 until the condition is over")
+    if not 0 <= value <= MOST_MINUTES:
+        raise ActRefusedError(f"minutes: from 0 to {MOST_MINUTES:g}")
+    return float(value)
+
+
+async def _content(request: Request) -> Any:
+    """Return the decoded body.
+
+    Raises:
+        ActRefusedError: it is too large, too slow, or no JSON.
+    """
+    if request.headers.get("content-type", "").partition(";")[0].strip().lower() != "application/json":
+        raise ActRefusedError("the request is no JSON")
+    try:
+        body = await asyncio.wait_for(_body(request), BODY)
+        return json.loads(body)
+    except (asyncio.TimeoutError, ValueError, RecursionError) as error:
+        raise ActRefusedError("the request is no JSON") from error
+
+
+async def _body(request: Request) -> bytes:
+    body = bytearray()
+    async for part in request.stream():
+        body += part
+        if len(body) > MOST_BODY:
+            raise ActRefusedError("the request is too large")
+    return bytes(body)
+
+
+def _answer(status: int, text: str) -> JSONResponse:
+    return JSONResponse({"text": text}, status, {"cache-control": "no-store"})
+
+
+def _nothing() -> Response:
+    """Answer that there is none: no fault, a monitor that has just begun has kept nothing yet."""
+    return JSONResponse({"parameters": [], "start": []}, headers={"cache-control": "no-store"})

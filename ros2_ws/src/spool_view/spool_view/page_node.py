@@ -1,0 +1,511 @@
+"""Node ``page``: listens to running valves, shows them to browsers, and passes an operator's acts on."""
+
+from __future__ import annotations
+
+import ipaddress
+import queue
+import socket
+import time
+from collections import OrderedDict
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, ClassVar
+
+from lifecycle_msgs.srv import GetState
+from rcl_interfaces.srv import GetParameters
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from spool_core.errors import InputError
+from spool_core.node import qos
+from spool_core.node.managed_node import ManagedNode
+from spool_core.node.parameters import NodeParameter, Value
+from spool_monitor.state_file import default_folder
+from spool_monitor.valve_condition import monitored_valves
+from spool_msgs.msg import AccelerationBlock, AlarmList, GapAnalysis, ModelEstimate, ValveHealth
+from spool_msgs.srv import AcknowledgeAlarm, ManageBaseline, ResetAlarms, ShelveAlarm, TakeSnapshot
+from std_srvs.srv import Trigger
+
+from spool_view.application import ServerThread, application
+from spool_view.operator import (
+    ACKNOWLEDGE,
+    ANALYSE,
+    FREEZE,
+    LEARN,
+    RESET,
+    SHELVE,
+    SNAPSHOT,
+    Act,
+    ActLog,
+    Desk,
+    OperatorToken,
+    Outcome,
+)
+from spool_view.view import NAMES, Board, HeardValve, alarms_of, spectrum_of
+
+#: Folder of token and log below the state folder.
+FOLDER = "web_page"
+
+#: Nodes that do what the monitor does not.
+_NODES = {ANALYSE: "estimator", SNAPSHOT: "recorder"}
+
+#: s between two askings for the baseline and the limits of a valve whose page is open.
+ASK_EVERY = 10.0
+#: Valves whose pages are fed with samples and more at a time.
+MOST_OPEN = 16
+
+#: s that a node may take to answer; s between two greetings.
+PATIENCE, GREET = 5.0, 0.5
+#: Nodes whose clients are kept, and calls that may be under way.
+MOST_SERVERS, MOST_CALLS = 32, 64
+#: Services that can be called, by node and name; there is no way to any other.
+SERVICES: dict[str, dict[str, Any]] = {
+    "monitor": {
+        "acknowledge_alarm": AcknowledgeAlarm,
+        "shelve_alarm": ShelveAlarm,
+        "reset_alarms": ResetAlarms,
+        "manage_baseline": ManageBaseline,
+        "get_parameters": GetParameters,
+    },
+    "estimator": {"analyse_gap": Trigger},
+    "recorder": {"take_snapshot": TakeSnapshot},
+}
+#: Nodes that serve all valves, outside of their namespaces.
+SHARED = {"recorder"}
+
+
+class PageNode(ManagedNode):
+    """Node ``page``: serves a page of all running valves to browsers on this host."""
+
+    PARAMETERS: ClassVar = (
+        NodeParameter("port", 8765, "Port of the page; 0: any that is free.", "", 0, 65535, structural=True),
+        NodeParameter(
+            "address", "127.0.0.1",
+            "IP address to serve on; any but a loopback address lets the network read.", structural=True,
+        ),
+        NodeParameter(
+            "operator", False, "Whether who has the token may acknowledge, shelve, reset, and more.",
+            structural=True,
+        ),
+        NodeParameter(
+            "valves", [""], "Namespaces of the valves that are shown; empty: all that are heard.",
+            structural=True,
+        ),
+        NodeParameter(
+            "state_folder", "",
+            "Where the monitors keep trends, and the page its token and log; empty: "
+            "$XDG_STATE_HOME/spool, else ~/.local/state/spool.",
+            structural=True,
+        ),
+    )  # fmt: skip
+
+    def __init__(self) -> None:
+        super().__init__("page")
+        self._socket: socket.socket | None = None
+        self._server: ServerThread | None = None
+        self._listening: Listening | None = None
+        self._calls: Calls | None = None
+        self._token: OperatorToken | None = None
+        self._log: ActLog | None = None
+        self._changed: list[str] = []
+
+    def configure(self) -> None:
+        """Take the port."""
+        address, port = self.value("address"), self.value("port")
+        family = socket.AF_INET6 if ":" in address else socket.AF_INET
+        self._socket = socket.socket(family, socket.SOCK_STREAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            self._socket.bind((address, port))
+        except OSError as error:
+            raise InputError(f"port {port} of {address}: {error.strerror}: name another port") from error
+
+    def activate(self) -> None:
+        """Listen to the valves and serve the page."""
+        assert self._socket is not None
+        folder = self._folder()
+        address, port = self._socket.getsockname()[:2]
+        if self.value("operator"):
+            self._token = OperatorToken(folder / FOLDER / f"token_{port}")
+            self._log = ActLog(folder / FOLDER / "operator_log.jsonl")
+        board = Board()
+        names = tuple(name.strip("/") for name in self.value("valves") if name.strip("/"))
+        calls = self._calls = Calls(self)
+        self._listening = Listening(self, board, calls, names)
+        desk = Desk(
+            board=board,
+            address=address,
+            state_folder=folder,
+            spectrum=_spectrum,
+            do=self._do,
+            token=self._token,
+            log=self._log,
+            warn=self.get_logger().warning,
+        )
+        self._server = ServerThread(application(desk), self._socket)
+        self._server.start()
+        self.every(0.2, self._work, steady=True)
+        self.every(2.0, self._listening.look, steady=True)
+        self._listening.look()
+        host = f"[{address}]" if ":" in address else address
+        self.get_logger().info(f"the page is at http://{host}:{port}/")
+        if self._token is not None:
+            self.get_logger().info(f"operators: the token is in {self._token.path}")
+        else:
+            self.get_logger().info("it is read only: operators need --operator")
+
+    def deactivate(self) -> None:
+        """End every stream, then the rest."""
+        if self._server is not None:
+            self._server.stop()
+        if self._listening is not None:
+            self._listening.close()
+        if self._calls is not None:
+            self._calls.close()
+        if self._token is not None:
+            self._token.remove()
+        if self._log is not None:
+            self._log.close()
+        self._server = self._listening = self._calls = self._token = self._log = None
+
+    def cleanup(self) -> None:
+        """Let go of the port."""
+        if self._server is not None:  # activating failed half-way
+            self.deactivate()
+        if self._socket is not None:
+            self._socket.close()
+        self._socket = None
+
+    def refuse_change(self, changes: dict[str, Value]) -> str | None:
+        """Refuse what is no address, and operators over a network: the token would travel in clear."""
+        address = str(changes.get("address", self.value("address")))
+        try:
+            loopback = ipaddress.ip_address(address).is_loopback
+        except ValueError:
+            return f"address: {address!r} is no IP address, e.g. 127.0.0.1"
+        if changes.get("operator", self.value("operator")) and not loopback:
+            return "operator: only on a loopback address; from elsewhere reach it by ssh -L"
+        return None
+
+    def _folder(self) -> Path:
+        given = self.value("state_folder")
+        try:
+            return Path(given).expanduser() if given else default_folder()
+        except RuntimeError as error:
+            raise InputError("state_folder: there is no home folder: name a folder") from error
+
+    def _work(self) -> None:
+        """Bring forward what browsers asked for."""
+        assert self._listening is not None
+        assert self._calls is not None
+        while self._changed:
+            self._listening.ask_again(self._changed.pop())
+        self._listening.fetch()
+        self._listening.follow()
+        self._calls.work()
+
+    def _do(self, act: Act) -> Future[Outcome]:
+        """Ask for ``act``; called by the server's thread."""
+        assert self._calls is not None
+        outcome = do(self._calls, act)
+        if act.act in (FREEZE, LEARN):
+            outcome.add_done_callback(lambda _: self._changed.append(act.valve))
+        return outcome
+
+
+def do(calls: Calls, act: Act) -> Future[Outcome]:
+    """Ask for ``act``; the outcome comes once the valve's node has answered, or is not there."""
+    service, request = _request(act)
+    outcome: Future[Outcome] = Future()
+
+    def take(answer: Future[Any]) -> None:
+        outcome.set_result(_outcome(act, answer.result()))
+
+    calls.ask(act.valve, service, request).add_done_callback(take)
+    return outcome
+
+
+class Listening:
+    """Listener of one node; everything but the board's own is touched on the node's thread only.
+
+    Health comes once a second of each valve. It is fetched by :meth:`fetch`, with a node that no executor
+    wakes up for: that costs a third of a callback for each message.
+    """
+
+    def __init__(self, node: Node, board: Board, calls: Calls, names: tuple[str, ...]) -> None:
+        self._node, self._board, self._calls, self._names = node, board, calls, names
+        self._quiet = Node(
+            f"{node.get_name()}_listener", namespace=node.get_namespace(), context=node.context,
+            enable_rosout=False, start_parameter_services=False, use_global_arguments=False,
+        )  # fmt: skip
+        self._health: dict[str, Any] = {}
+        self._heard: dict[str, Any] = {}
+        self._opened: dict[str, list[Any]] = {}
+        self._asked: dict[str, float] = {}
+        for name in names:
+            self._join(name)
+
+    def look(self) -> None:
+        """Join the valves that appeared."""
+        if self._names:
+            return
+        for name in monitored_valves(self._node):
+            self._join(name)
+
+    def fetch(self) -> None:
+        """Fetch what the monitors said since the last time."""
+        for name, subscription in self._health.items():
+            with subscription.handle:
+                taken = subscription.handle.take_message(ValveHealth, False)
+            if taken is not None:
+                valve = self._board.valves[name]
+                valve.health, valve.health_at = taken[0], time.monotonic()
+                valve.changes += 1
+
+    def follow(self) -> None:
+        """Take up and let go of what only pages that are open need."""
+        wanted = [name for name in list(self._board.open) if name in self._heard][:MOST_OPEN]
+        for name in [name for name in self._opened if name not in wanted]:
+            self._close(name)
+        now = time.monotonic()
+        for name in wanted:
+            if name not in self._opened:
+                self._open(name)
+            if now - self._asked.get(name, -ASK_EVERY) >= ASK_EVERY:
+                self._asked[name] = now
+                self._ask(self._board.valves[name])
+
+    def ask_again(self, name: str) -> None:
+        """Ask for baseline and limits of ``name`` soon: they were changed."""
+        self._asked.pop(name, None)
+
+    def close(self) -> None:
+        """Let go of every subscription."""
+        for name in list(self._opened):
+            self._close(name)
+        for one in self._heard.values():
+            self._node.destroy_subscription(one)
+        self._heard.clear()
+        self._health.clear()
+        self._quiet.destroy_node()
+
+    def _join(self, name: str) -> None:
+        if name in self._heard:
+            return
+        valve = self._board.join(name)
+        if valve is None:
+            return
+        take = partial(_take_alarms, valve)
+        self._heard[name] = self._node.create_subscription(AlarmList, f"/{name}/alarms", take, qos.state())
+        # What is lost is said again a second later, so nothing has to be confirmed or sent again.
+        quality = qos.samples_wanted(1)
+        health = self._quiet.create_subscription(ValveHealth, f"/{name}/health", _unused, quality)
+        self._health[name] = health
+
+    def _open(self, name: str) -> None:
+        valve = self._board.valves[name]
+        subscribe = self._node.create_subscription
+        self._opened[name] = []
+        for kind, topic, take, quality, raw in (
+            (AccelerationBlock, "acceleration", _take_block, qos.samples_wanted(), True),
+            (ModelEstimate, "estimate", _take_estimate, qos.state(), False),
+            (GapAnalysis, "gap", _take_gap, qos.state(), False),
+        ):
+            made = subscribe(kind, f"/{name}/{topic}", partial(take, valve), quality, raw=raw)
+            self._opened[name].append(made)
+
+    def _close(self, name: str) -> None:
+        for one in self._opened.pop(name):
+            self._node.destroy_subscription(one)
+        valve = self._board.valves[name]
+        valve.blocks.clear()
+        valve.gap = valve.estimate = None
+        self._asked.pop(name, None)
+
+    def _ask(self, valve: HeardValve) -> None:
+        def take_baseline(answer: Future[Any]) -> None:
+            got = answer.result()
+            valve.baseline = got if got is not None and got.success else None
+            valve.changes += 1
+
+        def take_limits(answer: Future[Any]) -> None:
+            got = answer.result()
+            values = [] if got is None else got.values
+            valve.limits = {
+                name: float(value.double_value) for name, value in zip(NAMES, values, strict=False)
+            }
+            valve.changes += 1
+
+        show = ManageBaseline.Request(action=ManageBaseline.Request.SHOW)
+        self._calls.ask(valve.name, "manage_baseline", show).add_done_callback(take_baseline)
+        limits = GetParameters.Request(names=list(NAMES))
+        self._calls.ask(valve.name, "get_parameters", limits).add_done_callback(take_limits)
+
+
+class Calls:
+    """Calls under way; :meth:`work` has to be called now and then on the node's thread."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._new: queue.Queue[_Call] = queue.Queue(MOST_CALLS)
+        self._calls: list[_Call] = []
+        self._servers: OrderedDict[tuple[str, str], _Server] = OrderedDict()
+
+    def ask(self, valve: str, service: str, request: Any) -> Future[Any]:
+        """Return the answer to come, ``None`` in it where no node answers; from any thread."""
+        node = next(name for name, services in SERVICES.items() if service in services)
+        call = _Call("" if node in SHARED else valve, node, service, request, Future())
+        try:
+            self._new.put_nowait(call)
+        except queue.Full:
+            call.answer.set_result(None)
+        return call.answer
+
+    def work(self) -> None:
+        """Bring every call forward."""
+        while len(self._calls) < MOST_CALLS:
+            try:
+                self._calls.append(self._new.get_nowait())
+            except queue.Empty:
+                break
+        if self._calls:
+            self._calls = [call for call in self._calls if not self._ended(call)]
+
+    def close(self) -> None:
+        """Give up what is under way, and all clients."""
+        while not self._new.empty():
+            self._calls.append(self._new.get_nowait())
+        for call in self._calls:
+            _answer(call, None)
+        self._calls.clear()
+        while self._servers:
+            self._forget(next(iter(self._servers)))
+
+    def _ended(self, call: _Call) -> bool:
+        if call.sent is not None and call.sent.done():
+            _answer(call, None if call.sent.exception() else call.sent.result())
+        elif time.monotonic() - call.asked > PATIENCE:
+            _answer(call, None)
+        elif call.sent is None:
+            self._greet(call, self._server(call.valve, call.node))
+        return call.answer.done()
+
+    def _greet(self, call: _Call, server: _Server) -> None:
+        """Ask the node for its state until it answers: it drops answers to clients that it does not know yet.
+
+        Clients become known in the order they were made, so it knows all earlier ones then.
+        """
+        if any(one.done() for one in call.greetings):
+            call.sent = server.clients[call.service].call_async(call.request)
+            return
+        now = time.monotonic()
+        if now - call.greeted > GREET and server.greeter.service_is_ready():
+            call.greeted = now
+            call.greetings.append(server.greeter.call_async(GetState.Request()))
+
+    def _server(self, valve: str, node: str) -> _Server:
+        key = (valve, node)
+        if key not in self._servers:
+            path = f"/{valve}/{node}" if valve else f"/{node}"
+            clients = {
+                name: self._node.create_client(kind, f"{path}/{name}")
+                for name, kind in SERVICES[node].items()
+            }
+            self._servers[key] = _Server(clients, self._node.create_client(GetState, f"{path}/get_state"))
+            busy = {(call.valve, call.node) for call in self._calls}
+            idle = [one for one in self._servers if one not in busy and one != key]
+            for one in idle[: max(0, len(self._servers) - MOST_SERVERS)]:
+                self._forget(one)
+        self._servers.move_to_end(key)
+        return self._servers[key]
+
+    def _forget(self, key: tuple[str, str]) -> None:
+        server = self._servers.pop(key)
+        for client in (*server.clients.values(), server.greeter):
+            self._node.destroy_client(client)
+
+
+def _spectrum(blocks: list[bytes]) -> dict[str, Any] | None:
+    """Return the spectrum of serialised blocks."""
+    return spectrum_of([deserialize_message(one, AccelerationBlock) for one in blocks])
+
+
+def _request(act: Act) -> tuple[str, Any]:
+    by = {"who": act.who, "comment": act.comment}
+    if act.act == ANALYSE:
+        return "analyse_gap", Trigger.Request()
+    if act.act == SNAPSHOT:
+        return "take_snapshot", TakeSnapshot.Request(valve=act.valve, **by)
+    if act.act in (FREEZE, LEARN):
+        kind = ManageBaseline.Request
+        return "manage_baseline", kind(action=kind.FREEZE if act.act == FREEZE else kind.LEARN, **by)
+    by["alarm"] = act.alarm
+    if act.act == ACKNOWLEDGE:
+        return "acknowledge_alarm", AcknowledgeAlarm.Request(occurrence=act.occurrence, **by)
+    if act.act == RESET:
+        return "reset_alarms", ResetAlarms.Request(**by)
+    shelved = act.act == SHELVE
+    return "shelve_alarm", ShelveAlarm.Request(shelved=shelved, duration=60.0 * act.minutes, **by)
+
+
+def _outcome(act: Act, answer: Any) -> Outcome:
+    if answer is None:
+        node = _NODES.get(act.act, "monitor")
+        return Outcome(False, f"{act.valve}: its {node} does not answer")
+    if act.act == ANALYSE:
+        return Outcome(bool(answer.success), str(answer.message))
+    if not answer.success:
+        return Outcome(False, str(answer.reason))
+    return Outcome(True, ", ".join(getattr(answer, "changed", ())) or str(getattr(answer, "stage", "")))
+
+
+def _unused(_message: ValveHealth) -> None:
+    """Stand for the callback that a subscription has to have: no executor calls it."""
+
+
+def _take_alarms(valve: HeardValve, message: AlarmList) -> None:
+    valve.alarms = alarms_of(message)
+    valve.changes += 1
+
+
+def _take_estimate(valve: HeardValve, message: ModelEstimate) -> None:
+    valve.estimate = message
+    valve.changes += 1
+
+
+def _take_block(valve: HeardValve, raw: bytes) -> None:
+    valve.blocks.append(raw)
+
+
+def _take_gap(valve: HeardValve, message: GapAnalysis) -> None:
+    valve.gap = message
+    valve.changes += 1
+
+
+@dataclass(slots=True)
+class _Server:
+    """A node of a valve: its clients, the one that greets made last."""
+
+    clients: dict[str, Any]
+    greeter: Any
+
+
+@dataclass(slots=True)
+class _Call:
+    """Call of a service; ``valve`` is empty for a node that serves all."""
+
+    valve: str
+    node: str
+    service: str
+    request: Any
+    answer: Future[Any]
+    asked: float = field(default_factory=time.monotonic)
+    greeted: float = 0.0
+    greetings: list[Any] = field(default_factory=list)
+    sent: Any = None
+
+
+def _answer(call: _Call, result: Any) -> None:
+    if not call.answer.done():
+        call.answer.set_result(result)

@@ -1,0 +1,20 @@
+"""Programs ``page``, ``plots`` and ``opcua``."""
+
+from __future__ import annotations
+
+from spool_core.node.program import start
+
+
+def page() -> int:
+    """Run the page's node."""
+    return start("spool_view.page_node", "PageNode")
+
+
+def plots() -> int:
+    """Run the node that publishes single numbers."""
+    return start("spool_view.plots_node", "PlotsNode")
+
+
+def opcua() -> int:
+    """Run the OPC UA server's node."""
+    return start("spool_view.opcua_node", "OpcUaNode")

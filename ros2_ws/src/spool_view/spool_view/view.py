@@ -1,0 +1,410 @@
+"""What browsers get to see: the machine in rows, and one valve with its alarms, spectrum and trends."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_core.errors import InputError
+from spool_core.uncertainty import Z_95, interval, number
+from spool_monitor.state_file import valve_folder
+from spool_monitor.trend import KEPT, TrendStore, finest, own_file
+from spool_monitor.valve_condition import NO_WORD, condition_of
+from spool_msgs.msg import Alarm, GapAnalysis, HealthEvent, Quantity
+
+#: Valves that are held at most; the first ones heard stay.
+MOST_VALVES = 1000
+#: Blocks of samples that are held of a valve whose page is open; 4 s at 50 blocks/s.
+MOST_BLOCKS = 200
+
+#: States of an alarm, by number, as `Alarm.msg` names them.
+WAITING = ("unacknowledged", "returned_unacknowledged", "latched_unacknowledged")
+
+#: What the monitor says where the strongest line is too weak to be one of the machine's.
+AT_REST = "resonance: not enough excitation"
+
+#: The monitor's limit of each parameter, and whether it is relative to the baseline.
+LIMITS = {
+    "spring_stiffness": ("stiffness_change", True),
+    "viscous_coefficient": ("viscous_change", True),
+    "coulomb_force": ("coulomb_change", False),
+}
+#: The monitor's limit of the distance to the natural frequency.
+BAND = "resonance_band"
+#: All of the monitor's limits that are shown.
+NAMES = (*(name for name, _ in LIMITS.values()), BAND)
+_STATES = ("unknown", "learning", "tracking", "not_excited", "stale", "settling")
+_OTHERS = (
+    "natural_frequency", "damping_ratio", "oil_temperature", "residual", "excitation",
+    "relative_displacement",
+)  # fmt: skip
+
+#: Alarms that are held of one valve at most; a monitor has about twenty.
+MOST = 60
+STATES = {
+    getattr(Alarm, name): name.removeprefix("STATE_").lower()
+    for name in (
+        "STATE_NORMAL", "STATE_UNACKNOWLEDGED", "STATE_ACKNOWLEDGED", "STATE_RETURNED_UNACKNOWLEDGED",
+        "STATE_LATCHED_UNACKNOWLEDGED", "STATE_LATCHED_ACKNOWLEDGED", "STATE_SHELVED", "STATE_SUPPRESSED",
+        "STATE_OUT_OF_SERVICE",
+    )
+}  # fmt: skip
+_SEVERITIES = {HealthEvent.SEVERITY_WARNING: "warning", HealthEvent.SEVERITY_ALARM: "alarm"}
+#: Characters of a text that are shown at most.
+_LONGEST = 2000
+
+#: s of samples that are looked at; lines lie 0.5 Hz apart.
+WINDOW = 2.0
+#: Hz, above which no line is shown, and lines that are sent at most.
+HIGHEST, MOST_LINES = 200.0, 400
+#: Samples of a block, and per second, that are taken at most.
+MOST_SAMPLES = 100_000
+
+#: Name of the file: `valve_state` has it too, and takes 130 MB of libraries along.
+TRENDS = "trends.sqlite"
+#: Lengths that can be asked for, s; 0: all there is.
+RANGES = {"hour": 3600, "day": 86400, "week": 7 * 86400, "year": 366 * 86400, "all": 0}
+#: Points that are sent at most.
+MOST_POINTS = 1500
+#: Shown where nothing else is asked for.
+FIRST = "natural_frequency"
+#: s that a reading waits for the monitor's own writing.
+PATIENCE = 1.0
+
+_VALIDITIES = {
+    Quantity.VALIDITY_VALID: "valid",
+    Quantity.VALIDITY_HELD: "held",
+    Quantity.VALIDITY_IMPLAUSIBLE: "implausible",
+}
+
+
+@dataclass(slots=True)
+class HeardValve:
+    """Heard valve: its last messages and when the monitor's last word arrived (s, monotonic).
+
+    ``estimate``, ``gap``, ``baseline`` and ``limits`` are looked at only while the valve's page is open.
+    ``changes`` counts what came.
+    """
+
+    name: str
+    health: Any = None
+    health_at: float = 0.0
+    estimate: Any = None
+    alarms: tuple[dict[str, Any], ...] = ()
+    gap: Any = None
+    baseline: Any = None
+    limits: dict[str, float] = field(default_factory=dict)
+    blocks: deque[bytes] = field(default_factory=lambda: deque(maxlen=MOST_BLOCKS))
+    changes: int = 0
+
+
+class Board:
+    """Board: written by the node's thread, read by the server's; each field is replaced, never changed."""
+
+    def __init__(self) -> None:
+        self.valves: dict[str, HeardValve] = {}
+        #: How many browsers have a valve's page open.
+        self.open: dict[str, int] = {}
+
+    def join(self, name: str) -> HeardValve | None:
+        """Return the valve ``name``, ``None`` where there are too many."""
+        if name not in self.valves and len(self.valves) >= MOST_VALVES:
+            return None
+        return self.valves.setdefault(name, HeardValve(name))
+
+    def opened(self, name: str) -> None:
+        """Take note that a browser opened the page of ``name``."""
+        self.open[name] = self.open.get(name, 0) + 1
+
+    def closed(self, name: str) -> None:
+        """Take note that a browser closed it."""
+        left = self.open.get(name, 0) - 1
+        if left > 0:
+            self.open[name] = left
+        else:
+            self.open.pop(name, None)
+
+
+def margin_of(health: Any) -> float | None:
+    """Return how far the strongest line lies from the natural frequency (1, negative: below it)."""
+    line, natural = health.dominant_frequency, health.natural_frequency
+    if AT_REST in health.judgements or not known(line) or not known(natural) or natural.value <= 0.0:
+        return None
+    return float(line.value / natural.value - 1.0)
+
+
+def row_of(valve: HeardValve, now: float) -> dict[str, Any]:
+    """Return what the machine's page shows of ``valve`` at ``now`` (s, monotonic)."""
+    condition, health = condition_of(valve.health, now - valve.health_at), valve.health
+    waiting = sum(alarm["state"] in WAITING for alarm in valve.alarms)
+    row: dict[str, Any] = {
+        "name": valve.name,
+        "condition": condition,
+        "waiting": waiting,
+        "margin": None,
+        "shakes": None,
+        "natural": None,
+        "summary": None,
+    }
+    if health is None or condition == NO_WORD:
+        return row
+    margin = margin_of(health)
+    row["margin"] = None if margin is None else round(100.0 * margin)
+    row["shakes"] = None if margin is None else hertz(health.dominant_frequency)
+    row["natural"] = hertz(health.natural_frequency)
+    row["summary"] = health.summary
+    return row
+
+
+def detail_of(valve: HeardValve, now: float) -> dict[str, Any]:
+    """Return what the page of ``valve`` shows at ``now`` (s, monotonic)."""
+    estimate = valve.estimate
+    detail = row_of(valve, now)
+    silent = detail["condition"] == NO_WORD
+    detail["alarms"] = list(valve.alarms)
+    detail["resonance"] = None if silent or valve.health is None else _resonance(valve)
+    detail["judgements"] = [] if silent or valve.health is None else list(valve.health.judgements)
+    detail["baseline"] = _baseline(valve.baseline)
+    detail["gap"] = _gap(valve.gap)
+    detail["estimate"] = None
+    if estimate is not None:
+        state = _STATES[estimate.state] if estimate.state < len(_STATES) else "unknown"
+        detail["estimate"] = {
+            "model": estimate.model,
+            "state": "stale" if silent else state,
+            "parameters": [_parameter(valve, one) for one in estimate.parameters],
+            "others": [shown(getattr(estimate, name)) for name in _OTHERS],
+            "lost": int(estimate.lost_blocks),
+            "refused": int(estimate.refused_blocks),
+        }
+    return detail
+
+
+def alarms_of(message: Any) -> tuple[dict[str, Any], ...]:
+    """Return the alarms of an ``AlarmList`` that are not normal, in its order."""
+    shown = [one for one in message.alarms if one.state != Alarm.STATE_NORMAL]
+    return tuple(_alarm(one) for one in shown[:MOST])
+
+
+def spectrum_of(blocks: Sequence[Any]) -> dict[str, Any] | None:
+    """Return peak accelerations (m/s^2) by line of the newest samples of ``blocks``.
+
+    Args:
+        blocks: messages ``AccelerationBlock``, oldest first.
+
+    Returns:
+        Distance of the lines (Hz), ``body`` and ``spool``; ``None`` while there are too few samples.
+    """
+    if not blocks:
+        return None
+    period = blocks[-1].sample_period
+    if not (np.isfinite(period) and WINDOW / MOST_SAMPLES < period < WINDOW / 16):
+        return None
+    body, spool = _newest(blocks, period)
+    size = body.size
+    if size < 16 or size * period < 0.5 * WINDOW:
+        return None
+    taper = np.hanning(size)
+    scale = 2.0 / taper.sum()
+    step = 1.0 / (size * period)
+    count = int(min(size // 2, MOST_LINES, HIGHEST / step))
+    found: dict[str, Any] = {"step": round(step, 6)}
+    for name, samples in (("body", body), ("spool", spool)):
+        lines = np.abs(np.fft.rfft((samples - samples.mean()) * taper))[:count] * scale
+        found[name] = [float(f"{value:.2e}") for value in lines.tolist()]
+    return found
+
+
+def trend_of(base: Path, valve: str, parameter: str, length: str) -> dict[str, Any]:
+    """Return the trend of a parameter of ``valve``, or of ``FIRST`` where ``parameter`` is empty.
+
+    Args:
+        base: the monitors' ``state_folder``.
+        valve: namespace.
+        parameter: name.
+        length: one of ``RANGES``.
+
+    Raises:
+        InputError: there is none, or the file is damaged.
+        OSError: it can't be read.
+    """
+    path = own_file(valve_folder(base, valve) / TRENDS, PATIENCE)
+    store = TrendStore(path, read_only=True, patience=PATIENCE)
+    try:
+        units = store.units()
+        name = parameter or (FIRST if FIRST in units else next(iter(units), ""))
+        if name not in units:
+            raise InputError(f"{valve}: no trend of that name is kept")
+        now = int(time.time())
+        since = now - RANGES[length] if RANGES[length] else 0
+        hours = store.spans(name, 3600, since - since % 3600)
+        duration = now - since if since else (now - hours[0].start if hours else 0)
+        seconds = finest(KEPT, duration, MOST_POINTS)
+        spans = store.spans(name, seconds, since - since % seconds)[-MOST_POINTS:]
+    finally:
+        store.close()
+    return {
+        "parameters": list(units),
+        "parameter": name,
+        "unit": units[name],
+        "seconds": seconds,
+        "from": since or None,
+        "until": now,
+        "start": [span.start for span in spans],
+        "minimum": [rounded(span.minimum) for span in spans],
+        "mean": [rounded(span.mean) for span in spans],
+        "maximum": [rounded(span.maximum) for span in spans],
+    }
+
+
+def known(quantity: Any) -> bool:
+    """Return whether the message ``quantity`` has a number that holds."""
+    usable = quantity.validity in (Quantity.VALIDITY_VALID, Quantity.VALIDITY_HELD)
+    return usable and math.isfinite(quantity.value)
+
+
+def shown(quantity: Any) -> dict[str, Any]:
+    """Return ``quantity`` as text with its 95 % half width, and as numbers for pictures."""
+    base = {
+        "name": quantity.name,
+        "unit": quantity.unit,
+        "validity": _VALIDITIES.get(quantity.validity, "unknown"),
+    }
+    if base["validity"] == "unknown" or not math.isfinite(quantity.value):
+        return {**base, "text": None, "half": None, "value": None, "width": None}
+    if math.isfinite(quantity.standard_deviation):
+        text = interval(quantity.value, quantity.standard_deviation)
+        return {
+            **base,
+            "text": text.value,
+            "half": text.half_width,
+            "value": rounded(quantity.value),
+            "width": rounded(Z_95 * quantity.standard_deviation),
+        }
+    return {
+        **base,
+        "text": number(quantity.value),
+        "half": None,
+        "value": rounded(quantity.value),
+        "width": None,
+    }
+
+
+def rounded(value: float, digits: int = 6) -> float | None:
+    """Return ``value`` with so many significant digits, ``None`` where it is no number."""
+    return float(f"{value:.{digits - 1}e}") if math.isfinite(value) else None
+
+
+def hertz(quantity: Any) -> str | None:
+    """Return a frequency with one decimal, ``None`` where there is none."""
+    return f"{quantity.value:.1f}" if known(quantity) else None
+
+
+def _resonance(valve: HeardValve) -> dict[str, Any]:
+    health = valve.health
+    margin, band = margin_of(health), valve.limits.get(BAND)
+    return {
+        "margin": None if margin is None else round(100.0 * margin),
+        "band": None if band is None else rounded(100.0 * band, 3),
+        "shakes": shown(health.dominant_frequency),
+        "natural": shown(health.natural_frequency),
+        "amplification": shown(health.amplification),
+    }
+
+
+def _parameter(valve: HeardValve, quantity: Any) -> dict[str, Any]:
+    """Return an estimate with its baseline and the limits that the monitor warns at."""
+    compared = quantity
+    if quantity.name == "viscous_coefficient" and known(valve.estimate.referred_viscous_coefficient):
+        # The monitor compares what drags at one temperature of the oil.
+        compared = valve.estimate.referred_viscous_coefficient
+    found = {**shown(quantity), "compared": None, "baseline": None, "low": None, "high": None, "change": None}
+    values = [] if valve.baseline is None else valve.baseline.values
+    baseline = next((one for one in values if one.name == quantity.name), None)
+    if compared is not quantity:
+        found["compared"] = shown(compared)
+    if baseline is None or not math.isfinite(baseline.value):
+        return found
+    found["baseline"] = shown(baseline)
+    limit, relative = LIMITS.get(quantity.name, ("", False))
+    change = valve.limits.get(limit)
+    if change is not None:
+        change = abs(baseline.value) * change if relative else change
+        found["low"], found["high"] = rounded(baseline.value - change), rounded(baseline.value + change)
+    if known(compared) and baseline.value:
+        found["change"] = rounded(100.0 * (compared.value / baseline.value - 1.0), 3)
+    return found
+
+
+def _baseline(answer: Any) -> dict[str, Any] | None:
+    if answer is None:
+        return None
+    return {
+        "version": int(answer.version),
+        "stage": answer.stage,
+        "valve_id": answer.valve_id,
+        "oil": answer.oil,
+        "frozen_by": answer.frozen_by,
+    }
+
+
+def _gap(message: Any) -> dict[str, Any] | None:
+    if message is None:
+        return None
+    return {
+        "done": message.state == GapAnalysis.STATE_DONE,
+        "verdict": message.verdict,
+        "confidence": rounded(message.confidence.value, 3),
+        "sentence": message.sentence,
+        "window": rounded(message.window, 3),
+        "stamp": int(message.header.stamp.sec),
+        "report": bool(message.json),
+    }
+
+
+def _alarm(alarm: Any) -> dict[str, Any]:
+    return {
+        "name": alarm.name[:_LONGEST],
+        "code": int(alarm.code),
+        "kind": alarm.kind[:_LONGEST],
+        "cause": alarm.cause[:_LONGEST],
+        "state": STATES.get(alarm.state, "unknown"),
+        "underlying": STATES.get(alarm.underlying, "unknown"),
+        "severity": _SEVERITIES.get(alarm.severity, "unknown"),
+        "occurrence": int(alarm.occurrence),
+        "message": alarm.message[:_LONGEST],
+        "raised": int(alarm.raised_at.sec) or None,
+        "acknowledged": int(alarm.acknowledged_at.sec) or None,
+        "by": alarm.acknowledged_by[:_LONGEST],
+        "comment": alarm.comment[:_LONGEST],
+        "shelved_until": int(alarm.shelved_until.sec) or None,
+    }
+
+
+def _newest(blocks: Sequence[Any], period: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the newest samples without a gap, at most ``WINDOW`` s of them; none where any is no number."""
+    wanted, count, taken = round(WINDOW / period), 0, []
+    following: int | None = None
+    for block in reversed(blocks):
+        size = len(block.body)
+        fits = following is None or block.sequence == following - 1
+        if not fits or size != len(block.spool) or block.sample_period != period:
+            break
+        taken.append(block)
+        following, count = block.sequence, count + size
+        if count >= wanted:
+            break
+    parts = [
+        np.concatenate([np.frombuffer(getattr(one, name), np.float32) for one in reversed(taken)])
+        for name in ("body", "spool")
+    ]
+    body, spool = (part[-wanted:].astype(np.float64) for part in parts)
+    whole = bool(np.isfinite(body).all() and np.isfinite(spool).all())
+    return (body, spool) if whole else (np.zeros(0), np.zeros(0))
