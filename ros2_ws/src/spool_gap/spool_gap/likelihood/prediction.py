@@ -531,7 +531,7 @@ class Predictions:
         if sum(part.seconds for part in self.parts) <= EXCERPTS * EXCERPT:
             return self
         found = []
-        for part in self.parts:
+        for part in (one for one in self.parts if one.inside.any()):
             length = round(EXCERPT / part.readings.period)
             count = max(1, round(EXCERPTS * part.seconds / sum(one.seconds for one in self.parts)))
             edges = np.linspace(0, part.readings.spool.size, count + 1).astype(int).tolist()
