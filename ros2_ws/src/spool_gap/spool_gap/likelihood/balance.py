@@ -135,7 +135,7 @@ class Balance:
     def _values(
         self, names: Sequence[str], trials: Sequence[tuple[Trial, slice]], solved: Array
     ) -> dict[str, float] | None:
-        """Return the numbers of the effects ``names`` for coefficients of their trials, if they make sense."""
+        """Return the numbers of the effects ``names`` for coefficients of their trials, if they are any."""
         found: dict[str, float] = {}
         begin = 0
         for name, (trial, cut) in zip(names, trials, strict=True):
