@@ -10,7 +10,7 @@ from rich.console import Console
 
 from spool_tools.cli_options import model_names, valve_names
 from spool_tools.command import Command
-from spool_tools.console import cli_options as cli
+from spool_tools import cli_options as cli
 from spool_tools.outputs import write_json
 from spool_tools.terminal import warn
 
