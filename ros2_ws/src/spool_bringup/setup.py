@@ -9,7 +9,7 @@ PACKAGE = "spool_bringup"
 setup(
     name=PACKAGE,
     version=ElementTree.parse("package.xml").findtext("version"),
-    packages=find_namespace_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    packages=find_namespace_packages(include=[PACKAGE, f"{PACKAGE}.*", "spool"]),
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),

@@ -33,7 +33,7 @@ MOST_MISSING = 10
 UNFINISHED = {"recording": "not finished"}
 #: Key of ``custom_data`` that holds the relative standard deviation of the sampling rate.
 RATE_STD = "import_rate_std"
-_PACKAGE = Path(__file__).resolve().parent.parent
+_PACKAGE = Path(__file__).resolve().parent
 #: Key of ``custom_data`` that names the machine of which a bag was recorded.
 MACHINE = "machine"
 
@@ -351,7 +351,7 @@ def _register_installed(store: Typestore, name: str) -> None:
 def _message_folder(package: str) -> Path | None:
     prefixes = [prefix for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix]
     # Without ROS: the wheel has our own messages in this package.
-    folders = [Path(prefix) / "share" / package / "msg" for prefix in (*prefixes, _PACKAGE)]
+    folders = [Path(prefix, "share", package, "msg") for prefix in (*prefixes, str(_PACKAGE))]
     return next((folder for folder in folders if folder.is_dir()), None)
 
 

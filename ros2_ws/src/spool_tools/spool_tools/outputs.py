@@ -175,7 +175,7 @@ def write_json(path: Path, value: object) -> None:
     Raises:
         InputError: the file can't be written, or is there already.
     """
-    text = json.dumps(_finite(value), indent=1, allow_nan=False) + "\n"
+    text = json.dumps(finite(value), indent=1, allow_nan=False) + "\n"
     if path == STANDARD_OUTPUT:
         write_standard_output(text)
     else:
@@ -243,11 +243,12 @@ def _is_device(path: Path) -> bool:
     return stat.S_ISFIFO(mode) or stat.S_ISCHR(mode) or stat.S_ISSOCK(mode)
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
+    """Return ``value`` as JSON holds it: tuples as lists, ``None`` for numbers that are not finite."""
     if isinstance(value, Mapping):
-        return {key: _finite(entry) for key, entry in value.items()}
+        return {key: finite(entry) for key, entry in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_finite(entry) for entry in value]
+        return [finite(entry) for entry in value]
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
     return value
@@ -258,10 +259,12 @@ def _package_version() -> str:
     manifest = Path(__file__).resolve().parents[1] / "package.xml"
     if manifest.is_file():
         return ElementTree.parse(manifest).findtext("version", "unknown")
-    try:
-        return version("spool_tools")
-    except PackageNotFoundError:
-        return "unknown"
+    for name in ("spool_tools", "spool-valves"):  # built by colcon, or the wheel
+        try:
+            return version(name)
+        except PackageNotFoundError:
+            continue
+    return "unknown"
 
 
 def _commit(folder: Path) -> str:

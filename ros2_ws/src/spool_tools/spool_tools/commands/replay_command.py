@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.console import Console
-from spool_core.uncertainty import LEGEND, with_interval
 
-from spool_tools import cli_options as cli
 from spool_tools.cli_options import model_names, valve_names
 from spool_tools.command import Command
+from spool_tools import cli_options as cli
 from spool_tools.outputs import write_json
-from spool_tools.terminal import cell, warn
+from spool_tools.terminal import warn
 
 
 def replay(
@@ -69,7 +67,11 @@ def replay(
 
     Example: ./spool replay bags/practice_03 --valve 4weh10_soft --params-file limits.yaml
     """
-    from spool_tools.operations.record_replay import RefitRequest, replay_bag  # noqa: PLC0415 - slow to load
+    from spool_tools.operations.record_replay import (  # noqa: PLC0415 - slow to load
+        RefitRequest,
+        print_replay,
+        replay_bag,
+    )
 
     request = RefitRequest(refit_model, refit_period) if refits else None
     result = replay_bag(
@@ -85,41 +87,14 @@ def replay(
     )
     if json is not None:
         write_json(json, result)
-    for warning in result["warnings"]:
+    for warning in (
+        *result["warnings"],
+        *(text for one in result["valves"].values() for text in one["warnings"]),
+    ):
         warn(warning)
-    for name, one in result["valves"].items():
-        for warning in one["warnings"]:
-            warn(warning)
-        _show(name, one, Console())
+    print_replay(result, Console())
     if report is not None:
         print(f"{report}: pictures and tables")
-
-
-def _show(name: str, valve: Mapping[str, Any], console: Console) -> None:
-    """Print what the replay of one valve gave."""
-    losses = f"{valve['lost_blocks']} lost" if valve["lost_blocks"] else "none lost"
-    text = f": {valve['blocks']} blocks, {losses}; {valve['valve']['sentence']}"
-    console.print(cell(name, "bold") + cell(text), soft_wrap=True)
-    console.print(cell(f"  {valve['limits']['sentence']}"), soft_wrap=True)
-    state = str(valve["estimate"]["state"] or "no estimate").replace("_", " ")
-    console.print(f"  at the end ({state}), {LEGEND}:", highlight=False, soft_wrap=True)
-    for parameter, quantity in valve["estimate"]["parameters"].items():
-        console.print(f"  {parameter.replace('_', ' '):22} {_number(quantity)}", highlight=False)
-    for found in valve.get("refits", ()):
-        fitted = ", ".join(
-            f"{name.replace('_', ' ')} {_number(found['parameters'][name])}" for name in found["fitted"]
-        )
-        text = f"refit {found['state'].replace('_', ' ')}: {fitted or found['reason']}"
-        console.print(cell(f"  {found['t_s']:8.1f} s  {text}"), soft_wrap=True)
-    for event in valve["events"]:
-        cause = f" ({event['cause'].replace('_', ' ')})" if event["cause"] else ""
-        what = f"{event['kind'].replace('_', ' ')}{cause}: " if event["state"] == "raised" else ""
-        text = f"{event['severity']} {event['state']}: {what}{event['message']}"
-        console.print(cell(f"  {event['t_s']:8.1f} s  {text}"), soft_wrap=True)
-
-
-def _number(quantity: Mapping[str, Any]) -> str:
-    return with_interval(quantity["value"], quantity["std"], quantity["unit"])
 
 
 COMMAND = Command(replay, place=80, line="estimator and monitor over a recorded bag")

@@ -21,7 +21,7 @@ from spool_tools.report.fit_tables import (
     save_model,
     to_dictionary,
 )
-from spool_tools.report.ranking import FittedSeries, fit_and_validate, rank
+from spool_tools.report.ranking import FittedSeries, Ranking, ValidatedFit, fit_and_validate, rank
 from spool_tools.terminal import progress, warn
 
 #: The paper's four models and the two that dry friction is usually told by.
@@ -41,19 +41,19 @@ def run_fit(
     sensor_gain: bool = False,
     sensor_delay: bool = False,
 ) -> int:
-    """Fit a model and say what came out; return 1 where nothing did.
+    """Fit a model and report the result; return 1 if there is none.
 
     Raises:
         InputError: records, valve, model or parameters cannot be used.
     """
-    model = load_model(model_name)
+    load_model(model_name)  # refused before the files are made
     wanted = outputs.within("fit", model=True)
-    data = load_data(records, valve, selection, held_out)
-    settings = fit_settings(model, data.valve, free, fixed, gain=sensor_gain, delay=sensor_delay)
-    for doubt in data.doubts:
+    validated = fit_records(
+        records, valve, model_name, selection, held_out=held_out, free=free, fixed=fixed,
+        sensor_gain=sensor_gain, sensor_delay=sensor_delay,
+    )  # fmt: skip
+    for doubt in validated.data.doubts:
         warn(doubt)
-    with progress(f"fitting {model.name}"):
-        validated = fit_and_validate(data, model, settings)
     if wanted.json is not None:
         write_json(wanted.json, to_dictionary(validated))
     console = Console()
@@ -62,9 +62,7 @@ def run_fit(
         return 1
     print_fit(validated, console)
     if wanted.model is not None:
-        name = f"{model.name[:LONGEST_NAME]}_fitted"
-        comment = f"{model.name}, fitted to {', '.join(map(str, data.paths))}"
-        save_model(wanted.model, model, name, validated.fit.values, validated.fit.parameters, comment)
+        save_fit(wanted.model, validated)
         print(f"{wanted.model}: the fitted model")
     if wanted.report is not None:
         from spool_tools.report.fit_page import fit_page  # noqa: PLC0415 - matplotlib is needed here only
@@ -73,6 +71,38 @@ def run_fit(
             write_file(wanted.report, fit_page(validated), "--report")
         print(f"{wanted.report}: pictures and tables")
     return 0
+
+
+def fit_records(
+    records: Sequence[Path],
+    valve: str | None,
+    model_name: str,
+    selection: Selection,
+    *,
+    held_out: Sequence[Path] = (),
+    free: Sequence[str] = (),
+    fixed: Sequence[str] = (),
+    sensor_gain: bool = False,
+    sensor_delay: bool = False,
+) -> ValidatedFit:
+    """Return a model fitted to records, with its errors on held-out data.
+
+    Raises:
+        InputError: records, valve, model or parameters cannot be used.
+    """
+    model = load_model(model_name)
+    data = load_data(records, valve, selection, held_out)
+    settings = fit_settings(model, data.valve, free, fixed, gain=sensor_gain, delay=sensor_delay)
+    with progress(f"fitting {model.name}"):
+        return fit_and_validate(data, model, settings)
+
+
+def save_fit(path: Path, validated: ValidatedFit) -> None:
+    """Write the fitted model as a YAML file that simulator and estimator load."""
+    found = validated.fit
+    name = f"{found.model.name[:LONGEST_NAME]}_fitted"
+    comment = f"{found.model.name}, fitted to {', '.join(map(str, validated.data.paths))}"
+    save_model(path, found.model, name, found.values, found.parameters, comment)
 
 
 def fit_settings(
@@ -121,19 +151,15 @@ def run_compare(
     Raises:
         InputError: records, valves or models cannot be used.
     """
-    chosen = [load_model(name) for name in models or DEFAULT_MODELS]
-    names = [model.name for model in chosen]
-    doubled = next((name for name in names if names.count(name) > 1), None)
-    if doubled is not None:
-        raise InputError(f"--models: '{doubled}' stands there {names.count(doubled)} times: give each once")
-    settings = FitSettings(fit_gain=sensor_gain, fit_delay=sensor_delay)
+    chosen_models(models)  # refused before the files are made
     wanted = outputs.within("compare")
-    loaded = load_series(records, valves, selection, held_out, together=together)
-    for data in loaded:
-        for doubt in data.doubts:
-            warn(f"{data.name}: {doubt}")
-    series = fit_all(loaded, chosen, settings)
-    ranking = rank(series)
+    series, ranking = compare_records(
+        records, valves, models, selection, held_out=held_out, together=together,
+        sensor_gain=sensor_gain, sensor_delay=sensor_delay,
+    )  # fmt: skip
+    for one in series:
+        for doubt in one.data.doubts:
+            warn(f"{one.data.name}: {doubt}")
     if wanted.json is not None:
         write_json(wanted.json, comparison_dictionary(series, ranking))
     print_comparison(series, ranking, Console())
@@ -144,6 +170,42 @@ def run_compare(
             write_file(wanted.report, compare_page(series, ranking), "--report")
         print(f"{wanted.report}: pictures and tables")
     return 0 if ranking.preferred is not None else 1
+
+
+def compare_records(
+    records: Sequence[Path],
+    valves: Sequence[str],
+    models: Sequence[str],
+    selection: Selection,
+    *,
+    held_out: Sequence[Path] = (),
+    together: bool = False,
+    sensor_gain: bool = False,
+    sensor_delay: bool = False,
+) -> tuple[list[FittedSeries], Ranking]:
+    """Return every model fitted to every record, and their ranking.
+
+    Raises:
+        InputError: records, valves or models cannot be used.
+    """
+    settings = FitSettings(fit_gain=sensor_gain, fit_delay=sensor_delay)
+    loaded = load_series(records, valves, selection, held_out, together=together)
+    series = fit_all(loaded, chosen_models(models), settings)
+    return series, rank(series)
+
+
+def chosen_models(models: Sequence[str]) -> list[Model]:
+    """Return the models of these names, DEFAULT_MODELS if none is given.
+
+    Raises:
+        InputError: no such model, or one is given twice.
+    """
+    chosen = [load_model(name) for name in models or DEFAULT_MODELS]
+    names = [model.name for model in chosen]
+    doubled = next((name for name in names if names.count(name) > 1), None)
+    if doubled is not None:
+        raise InputError(f"--models: '{doubled}' stands there {names.count(doubled)} times: give each once")
+    return chosen
 
 
 def load_series(

@@ -49,7 +49,7 @@ def look(files: Sequence[Path], how: Choices, json: Path | None, report: Path | 
     notes = [*record.notes]
     shown = {f"{table.path.name}: {note}" for table in tables for note in table.notes}
     shown |= {note for table in tables for note in table.notes}
-    _show(found, [note for note in notes if note not in shown])
+    print_quality(found, [note for note in notes if note not in shown], Console())
     if json is not None:
         write_json(json, _dictionary(tables, record, found))
     if report is not None:
@@ -59,14 +59,29 @@ def look(files: Sequence[Path], how: Choices, json: Path | None, report: Path | 
 
 def check(record: Path, selection: Selection, json: Path | None, report: Path | None) -> bool:
     """Show the quality of a record; return whether nothing speaks against an estimate from it."""
+    found, notes = record_quality(record, selection)
+    print_quality(found, notes, Console())
+    if json is not None:
+        write_json(json, quality_dictionary(found, notes))
+    if report is not None:
+        write_file(report, quality_page(found, notes))
+    return not found.doubts
+
+
+def record_quality(record: Path, selection: Selection) -> tuple[RecordQuality, tuple[str, ...]]:
+    """Return the quality of a record, and how the record was understood.
+
+    Raises:
+        InputError: the record cannot be read.
+    """
     recording = load_recording(record, replace(selection, longest=LARGEST, described=False))
     found = quality_of(recording.stretches, str(record), left_out=recording.left_out)
-    _show(found, recording.notes)
-    if json is not None:
-        write_json(json, {**found.dictionary(), "notes": list(recording.notes)})
-    if report is not None:
-        write_file(report, quality_page(found, recording.notes))
-    return not found.doubts
+    return found, recording.notes
+
+
+def quality_dictionary(quality: RecordQuality, notes: Sequence[str]) -> dict[str, Any]:
+    """Return what ``check --json`` writes."""
+    return {**quality.dictionary(), "notes": list(notes)}
 
 
 def quality_page(quality: RecordQuality, notes: Sequence[str]) -> str:
@@ -80,7 +95,7 @@ def quality_page(quality: RecordQuality, notes: Sequence[str]) -> str:
         html.listing(doubts),
         html.heading("Signals"),
         html.drawing(
-            _signals(quality),
+            signals_figure(quality),
             "Top: body and spool over time; gray where more than one sample falls on a point. Bottom: the "
             "liveliest second, in which flat tops and spikes would show.",
         ),
@@ -183,8 +198,8 @@ def _show_channels(table: Channels) -> None:
     console.print(shown)
 
 
-def _show(found: RecordQuality, notes: Sequence[str]) -> None:
-    console = Console()
+def print_quality(found: RecordQuality, notes: Sequence[str], console: Console) -> None:
+    """Show the quality of a record; ``notes`` say how the record was understood."""
     for note in notes:
         console.print(cell(note), soft_wrap=True, markup=False)
     summary = Table(box=None, pad_edge=False, show_header=False)
@@ -204,7 +219,8 @@ def _show(found: RecordQuality, notes: Sequence[str]) -> None:
         console.print("nothing speaks against an estimate from this record")
 
 
-def _signals(quality: RecordQuality) -> Figure:
+def signals_figure(quality: RecordQuality) -> Figure:
+    """Return body and spool over time, and their liveliest second."""
     figure = Figure(figsize=(10.0, 5.0), layout="constrained")
     upper, lower = figure.subplots(2, 1)
     record = quality.longest

@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.console import Console
 from spool_bag.information import MOST_STEPS, Timeline, duration_of, step_text
 from spool_bag.metadata import rate_std
 from spool_core.block import BlockRun
 from spool_core.cdr import OilTemperature
 from spool_core.errors import InputError
 from spool_core.text import plural
-from spool_core.uncertainty import at_uncertain_rate
+from spool_core.uncertainty import LEGEND, at_uncertain_rate, with_interval
 from spool_estimator.estimate import Estimate
 from spool_estimator.estimator import make_estimator, phase_of, settings_for
 from spool_estimator.gap_requests import GapWatch
@@ -38,7 +39,7 @@ from spool_tools.operations.record_loading import ChosenValve, Source, choose_va
 from spool_tools.operations.record_sources import TableSource, span_of
 from spool_tools.outputs import write_file
 from spool_tools.report.provenance import sources
-from spool_tools.terminal import progress, warn
+from spool_tools.terminal import cell, progress, warn
 
 #: Samples of a valve that its evidence is drawn from at most.
 SHOWN = 400_000
@@ -216,6 +217,38 @@ def replay_bag(
         ]
         _write_report(report, result, replayed, first, path)
     return result
+
+
+def print_replay(result: Mapping[str, Any], console: Console) -> None:
+    """Show what a replay gave, a paragraph for each valve."""
+    for name, valve in result["valves"].items():
+        _print_valve(name, valve, console)
+
+
+def _print_valve(name: str, valve: Mapping[str, Any], console: Console) -> None:
+    losses = f"{valve['lost_blocks']} lost" if valve["lost_blocks"] else "none lost"
+    text = f": {valve['blocks']} blocks, {losses}; {valve['valve']['sentence']}"
+    console.print(cell(name, "bold") + cell(text), soft_wrap=True)
+    console.print(cell(f"  {valve['limits']['sentence']}"), soft_wrap=True)
+    state = str(valve["estimate"]["state"] or "no estimate").replace("_", " ")
+    console.print(f"  at the end ({state}), {LEGEND}:", highlight=False, soft_wrap=True)
+    for parameter, quantity in valve["estimate"]["parameters"].items():
+        console.print(f"  {parameter.replace('_', ' '):22} {_number(quantity)}", highlight=False)
+    for found in valve.get("refits", ()):
+        fitted = ", ".join(
+            f"{name.replace('_', ' ')} {_number(found['parameters'][name])}" for name in found["fitted"]
+        )
+        text = f"refit {found['state'].replace('_', ' ')}: {fitted or found['reason']}"
+        console.print(cell(f"  {found['t_s']:8.1f} s  {text}"), soft_wrap=True)
+    for event in valve["events"]:
+        cause = f" ({event['cause'].replace('_', ' ')})" if event["cause"] else ""
+        what = f"{event['kind'].replace('_', ' ')}{cause}: " if event["state"] == "raised" else ""
+        text = f"{event['severity']} {event['state']}: {what}{event['message']}"
+        console.print(cell(f"  {event['t_s']:8.1f} s  {text}"), soft_wrap=True)
+
+
+def _number(quantity: Mapping[str, Any]) -> str:
+    return with_interval(quantity["value"], quantity["std"], quantity["unit"])
 
 
 def check_of_record(path: Path, valve: Valve, name: str | None, columns: str | None) -> ValveCheck | None:

@@ -1,0 +1,31 @@
+"""One exception type: what goes wrong with files and libraries becomes an ``InputError``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from typing import ParamSpec, TypeVar
+
+from spool_core.errors import InputError, unmet_library
+
+Given = ParamSpec("Given")
+Found = TypeVar("Found")
+
+
+def one_error(function: Callable[Given, Found]) -> Callable[Given, Found]:
+    """Return ``function`` raising ``InputError`` for missing files and libraries as well."""
+
+    @wraps(function)
+    def checked(*arguments: Given.args, **named: Given.kwargs) -> Found:
+        try:
+            return function(*arguments, **named)
+        except OSError as error:
+            text = f"{error.filename}: {error.strerror}" if error.filename else str(error)
+            raise InputError(text) from error
+        except ImportError as error:
+            said = unmet_library(error)
+            if said is None:
+                raise
+            raise InputError(said) from error
+
+    return checked

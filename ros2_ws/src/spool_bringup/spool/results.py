@@ -1,0 +1,367 @@
+"""Results of analyses: shown in a notebook, as text, as the command's JSON, as a page."""
+
+from __future__ import annotations
+
+import io
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from spool_core.errors import InputError
+
+from spool.errors import one_error
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+    from rich.console import Console
+    from spool_tools.operations.record_quality import RecordQuality
+    from spool_tools.report.ranking import FittedSeries, Ranking, ValidatedFit
+
+#: Characters of a line of ``summary()`` and in a notebook.
+WIDTH = 120
+
+
+@contextmanager
+def keeping_backend() -> Iterator[None]:
+    """Draw without a screen inside; afterwards matplotlib's backend and open figures are as they were."""
+    import matplotlib  # noqa: PLC0415 - slow to load, as below
+    from matplotlib import pyplot  # noqa: PLC0415
+
+    before, opened = matplotlib.get_backend(), set(pyplot.get_fignums())
+    try:
+        pyplot.switch_backend("Agg")
+        yield
+    finally:
+        for number in set(pyplot.get_fignums()) - opened:
+            pyplot.close(number)
+        pyplot.switch_backend(before)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Picture that a notebook shows; ``figure`` is matplotlib's, for changes."""
+
+    figure: Figure
+
+    def save(self, path: str | Path) -> None:
+        """Write it as PNG, SVG or PDF, by the ending of ``path``."""
+        self.figure.savefig(path)
+
+    def _repr_png_(self) -> bytes:
+        stream = io.BytesIO()
+        self.figure.savefig(stream, format="png", dpi=100)
+        return stream.getvalue()
+
+
+class Result(ABC):
+    """Result of an analysis."""
+
+    @abstractmethod
+    def to_dict(self) -> dict[str, Any]:
+        """Return what ``--json`` of the command writes: SI units, ``None`` where a number is not known."""
+
+    @abstractmethod
+    def _print(self, console: Console) -> None:
+        """Show on ``console`` what the command shows."""
+
+    @abstractmethod
+    def _page(self) -> str:
+        """Return the page that ``--report`` of the command writes."""
+
+    def summary(self) -> str:
+        """Return what the command prints, as text."""
+        from rich.console import Console  # noqa: PLC0415 - slow to load, as below
+
+        stream = io.StringIO()
+        self._print(Console(file=stream, width=WIDTH, color_system=None))
+        return stream.getvalue().rstrip()
+
+    @one_error
+    def save(self, path: str | Path, *, replace: bool = False) -> None:
+        """Write the result: ``.json`` as ``to_dict``, ``.html`` as a page with pictures and tables.
+
+        Args:
+            path: file to write.
+            replace: replace an existing file.
+
+        Raises:
+            InputError: another ending, or the file exists or cannot be written.
+        """
+        from spool_tools.outputs import replace_existing, write_file, write_json  # noqa: PLC0415
+
+        path = Path(path)
+        if path.suffix not in (".json", ".html"):
+            raise InputError(f"{path}: a result is saved as .json or .html: change the ending")
+        replace_existing(replace)
+        try:
+            if path.suffix == ".json":
+                write_json(path, self.to_dict())
+            else:
+                write_file(path, self._page(), "save")
+        finally:
+            replace_existing(False)
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def _repr_html_(self) -> str:
+        from rich.console import Console  # noqa: PLC0415
+
+        console = Console(file=io.StringIO(), width=WIDTH, record=True, color_system="truecolor")
+        self._print(console)
+        return console.export_html(
+            inline_styles=True, code_format='<pre style="line-height:1.3">{code}</pre>'
+        )
+
+
+class Quality(Result):
+    """Quality of a record: rate, gaps, noise, coherence, resonance, and what speaks against an estimate."""
+
+    def __init__(self, found: RecordQuality, notes: Sequence[str]) -> None:
+        self._found, self._notes = found, notes
+
+    @property
+    def doubts(self) -> list[str]:
+        """What speaks against an estimate from the record, a sentence each; empty if nothing does."""
+        return list(self._found.doubts)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what ``check --json`` writes."""
+        from spool_tools.operations.record_look import quality_dictionary  # noqa: PLC0415
+        from spool_tools.outputs import finite  # noqa: PLC0415
+
+        found: dict[str, Any] = finite(quality_dictionary(self._found, self._notes))
+        return found
+
+    def _print(self, console: Console) -> None:
+        from spool_tools.operations.record_look import print_quality  # noqa: PLC0415
+
+        print_quality(self._found, self._notes, console)
+
+    def _page(self) -> str:
+        from spool_tools.operations.record_look import quality_page  # noqa: PLC0415
+
+        return quality_page(self._found, self._notes)
+
+
+class Fit(Result):
+    """Parameters of one model, fitted to records."""
+
+    def __init__(self, validated: ValidatedFit) -> None:
+        self._validated = validated
+
+    @property
+    def parameters(self) -> dict[str, dict[str, Any]]:
+        """Value, standard deviation and unit by name: ``{"coulomb_force": {"value":, "std":, "unit":}}``."""
+        found: dict[str, dict[str, Any]] = self.to_dict()["parameters"]
+        return found
+
+    @property
+    def reason(self) -> str | None:
+        """Why there is no result, ``None`` if there is one."""
+        return self._validated.fit.reason
+
+    @property
+    def nrmse(self) -> float:
+        """Rms of simulated less measured spool acceleration over that of the measured one, on held-out data.
+
+        On the fitted data if the records are too short to hold a part out.
+        """
+        held_out = self._validated.held_out
+        return self._validated.training_error if held_out is None else held_out.nrmse
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what ``fit --json`` writes."""
+        from spool_tools.outputs import finite  # noqa: PLC0415
+        from spool_tools.report.fit_tables import to_dictionary  # noqa: PLC0415
+
+        found: dict[str, Any] = finite(to_dictionary(self._validated))
+        return found
+
+    @one_error
+    def to_frame(self) -> pd.DataFrame:
+        """Return the parameters as a pandas table: a row each, columns ``value``, ``std``, ``unit``.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        import pandas as pd  # noqa: PLC0415 - an extra
+
+        return pd.DataFrame.from_dict(self.parameters, orient="index", columns=["value", "std", "unit"])
+
+    @one_error
+    def plot(self) -> Picture:
+        """Return measured and simulated spool acceleration, and their difference.
+
+        Raises:
+            InputError: the fit has no result.
+        """
+        found = self._validated.fit
+        if found.reason is not None:
+            raise InputError(f"{found.model.name}: no result to plot: {found.reason}")
+        with keeping_backend():
+            from spool_tools.report import fit_curves, fit_pictures  # noqa: PLC0415
+
+            data = self._validated.data
+            shown = fit_curves.overlay(data.fitted, found, data.valve)
+            return Picture(
+                fit_pictures.waveform_figure({found.model.name: shown}, fit_curves.excerpts(shown.run))
+            )
+
+    @one_error
+    def save_model(self, path: str | Path) -> None:
+        """Write the fitted model as a YAML file, for ``model=`` of :func:`spool.simulate` and others.
+
+        Raises:
+            InputError: the fit has no result, or the file exists or cannot be written.
+        """
+        if self.reason is not None:
+            raise InputError(f"{path}: no model to save: {self.reason}")
+        from spool_tools.operations.fit_run import save_fit  # noqa: PLC0415
+
+        save_fit(Path(path), self._validated)
+
+    def _print(self, console: Console) -> None:
+        from spool_tools.report.fit_tables import print_fit  # noqa: PLC0415
+
+        if self.reason is not None:
+            console.print(f"no result: {self.reason}", markup=False, highlight=False, soft_wrap=True)
+            return
+        print_fit(self._validated, console)
+
+    def _page(self) -> str:
+        if self.reason is not None:
+            raise InputError(f"no result to save as a page: {self.reason}")
+        with keeping_backend():
+            from spool_tools.report.fit_page import fit_page  # noqa: PLC0415
+
+            return fit_page(self._validated)
+
+
+class Comparison(Result):
+    """Models side by side on records, best first."""
+
+    def __init__(self, series: Sequence[FittedSeries], ranking: Ranking) -> None:
+        self._series, self._ranking = series, ranking
+
+    @property
+    def preferred(self) -> str | None:
+        """Name of the model that the records prefer, ``None`` if no model has a result."""
+        return self._ranking.preferred
+
+    @property
+    def fits(self) -> dict[str, Fit]:
+        """Fit of each model to the first series of records, by the model's name."""
+        return {one.name: Fit(one) for one in self._series[0].validated}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what ``compare --json`` writes."""
+        from spool_tools.outputs import finite  # noqa: PLC0415
+        from spool_tools.report.fit_tables import comparison_dictionary  # noqa: PLC0415
+
+        found: dict[str, Any] = finite(comparison_dictionary(self._series, self._ranking))
+        return found
+
+    @one_error
+    def to_frame(self) -> pd.DataFrame:
+        """Return the ranking as a pandas table, a row for each model, best first.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        import pandas as pd  # noqa: PLC0415 - an extra
+
+        rows = [{**row, "error": row["error"]["value"]} for row in self.to_dict()["ranking"]]
+        return pd.DataFrame(rows).set_index("model")
+
+    def _print(self, console: Console) -> None:
+        from spool_tools.report.fit_tables import print_comparison  # noqa: PLC0415
+
+        print_comparison(self._series, self._ranking, console)
+
+    def _page(self) -> str:
+        if self.preferred is None:
+            raise InputError("no model has a result to save as a page: see summary()")
+        with keeping_backend():
+            from spool_tools.report.fit_page import compare_page  # noqa: PLC0415
+
+            return compare_page(self._series, self._ranking)
+
+
+class Gap(Result):
+    """What a model lacks: the effects that were found, and the error before and after."""
+
+    def __init__(self, found: Mapping[str, Any], text: str, page: str, model: str) -> None:
+        self._found, self._text, self._html, self._model = found, text, page, model
+
+    @property
+    def verdict(self) -> str:
+        """Effects that were found, joined by ``+``; ``none`` or ``unexplained``."""
+        return str(self._found["verdict"])
+
+    @property
+    def effects(self) -> list[dict[str, Any]]:
+        """The effects with their parameters, errors before and after, meaning, and what to check."""
+        return list(self._found["effects"])
+
+    @property
+    def confidence(self) -> float:
+        """Probability that the verdict is right, 0 to 1."""
+        return float(self._found["confidence"])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what ``gap --json`` writes."""
+        return dict(self._found)
+
+    @one_error
+    def save_model(self, path: str | Path) -> None:
+        """Write the model with what was found as a YAML file, for ``model=`` of other functions.
+
+        Raises:
+            InputError: the file exists or cannot be written.
+        """
+        from spool_tools.outputs import write_file  # noqa: PLC0415
+
+        write_file(Path(path), self._model, "save_model")
+
+    def _print(self, console: Console) -> None:
+        console.print(self._text, markup=False, highlight=False, soft_wrap=True)
+
+    def _page(self) -> str:
+        return self._html
+
+
+class Replay(Result):
+    """Estimates and events of the live estimator and monitor over a record."""
+
+    def __init__(self, found: Mapping[str, Any], page: str) -> None:
+        self._found, self._html = found, page
+
+    @property
+    def events(self) -> list[dict[str, Any]]:
+        """Events of all valves, each with the valve's name as ``valve``, in order of time."""
+        every = [
+            {"valve": name, **event} for name, one in self._found["valves"].items() for event in one["events"]
+        ]
+        return sorted(every, key=lambda event: float(event["t_s"]))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what ``replay --json`` writes."""
+        from spool_tools.outputs import finite  # noqa: PLC0415
+
+        found: dict[str, Any] = finite(self._found)
+        return found
+
+    def _print(self, console: Console) -> None:
+        from spool_tools.operations.record_replay import print_replay  # noqa: PLC0415
+
+        print_replay(self._found, console)
+
+    def _page(self) -> str:
+        if not self._html:
+            raise InputError("this replay has no page: call spool.replay with report=True")
+        return self._html

@@ -1,0 +1,119 @@
+"""``import spool``: its results are those of the commands, its errors are one type."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import spool
+from spool_tools.cli import main
+
+ROOT = Path(__file__).resolve().parent.parent
+BAG = ROOT / "bags" / "practice_03"
+SLOW_LIBRARIES = ("matplotlib", "numba", "numpy", "pandas", "pyarrow", "pydantic", "rich", "scipy")
+
+
+@pytest.fixture(scope="module")
+def fitted() -> spool.Fit:
+    return spool.fit(spool.read(BAG), spool.valve("4weh10_soft"), model="coulomb")
+
+
+def test_importing_it_loads_no_library_that_takes_long() -> None:
+    code = f"import sys, spool; print(sorted(set(sys.modules) & set({SLOW_LIBRARIES!r})))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
+def test_a_fit_has_the_numbers_of_the_command(fitted: spool.Fit, tmp_path: Path) -> None:
+    written = tmp_path / "fit.json"
+    arguments = ["fit", str(BAG), "--valve", "4weh10_soft", "--model", "coulomb", "--json", str(written)]
+    assert main(arguments) == 0
+    assert fitted.to_dict() == json.loads(written.read_text())
+    assert fitted.parameters["coulomb_force"]["unit"] == "N"
+    assert "coulomb force" in fitted.summary()
+    assert "coulomb force" in fitted._repr_html_()
+
+
+def test_a_result_is_saved_once_and_by_its_ending(fitted: spool.Fit, tmp_path: Path) -> None:
+    fitted.save(tmp_path / "fit.json")
+    assert json.loads((tmp_path / "fit.json").read_text()) == fitted.to_dict()
+    with pytest.raises(spool.InputError, match="it is there already"):
+        fitted.save(tmp_path / "fit.json")
+    fitted.save(tmp_path / "fit.json", replace=True)
+    with pytest.raises(spool.InputError, match=r"\.json or \.html"):
+        fitted.save(tmp_path / "fit.txt")
+
+
+def test_pictures_leave_the_backend_of_the_reader_alone(fitted: spool.Fit) -> None:
+    import matplotlib  # noqa: PLC0415
+    from matplotlib import pyplot  # noqa: PLC0415
+
+    before, opened = matplotlib.get_backend(), pyplot.get_fignums()
+    assert fitted.plot()._repr_png_().startswith(b"\x89PNG")
+    assert spool.read(BAG).plot()._repr_png_().startswith(b"\x89PNG")
+    assert (matplotlib.get_backend(), pyplot.get_fignums()) == (before, opened)
+
+
+def test_a_replay_and_a_check_have_the_numbers_of_the_commands(tmp_path: Path) -> None:
+    for name, result, options in (
+        ("replay", spool.replay(BAG, "4weh10_soft"), ["--valve", "4weh10_soft"]),
+        ("check", spool.read(BAG).check(), []),
+    ):
+        written = tmp_path / f"{name}.json"
+        main([name, str(BAG), *options, "--json", str(written)])
+        assert result.to_dict() == json.loads(written.read_text())
+
+
+def test_a_simulated_record_is_one_like_any_other() -> None:
+    valve = spool.valve(
+        id="mine", moving_mass="180g", spring_rate="0.816N/mm", land_diameter="20mm", land_length="32mm",
+        radial_clearance="15um", oil="HL68", oil_temperature="45",
+    )  # fmt: skip
+    record = spool.simulate(valve, "fluid", "multisine", 5.0, noise=0.0)
+    assert record.valve == valve
+    assert (record.duration, record.sample_rate) == (5.0, 2000.0)
+    assert record.time.shape == record.body.shape == record.spool.shape == (10_000,)
+
+
+def test_units_that_a_file_does_not_name_are_given_by_argument(tmp_path: Path) -> None:
+    path = tmp_path / "Messung für Größe.csv"
+    time = np.arange(4000) / 1000.0
+    rows = [f"{t:.4f};{np.sin(40 * t):.5f};{np.sin(40 * t + 0.3):.5f}" for t in time]
+    path.write_bytes("\r\n".join(["t;body;spool", *rows, ""]).replace(".", ",").encode("cp1252"))
+    with pytest.raises(spool.InputError, match="unit"):
+        spool.read(path)
+    record = spool.read(path, unit="g")
+    assert np.ptp(record.body) == pytest.approx(2 * 9.80665, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda: spool.read("no_such_record"),
+        lambda: spool.valve("no_such_valve"),
+        spool.valve,
+        lambda: spool.fit(BAG, "4weh10_soft", model="no_such_model"),
+        lambda: spool.simulate(seconds=-1.0),
+        lambda: spool.fleet("no_such_store").query("SELECT 1"),
+    ],
+)
+def test_wrong_input_is_one_type_of_error_with_one_line(wrong) -> None:
+    with pytest.raises(spool.InputError) as caught:
+        wrong()
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.slow
+def test_a_gap_has_the_numbers_of_the_command(tmp_path: Path) -> None:
+    record = spool.simulate("4weh10_soft", "coulomb", "multisine", 20.0)
+    found = spool.gap(record)
+    assert main(["gap", str(record.path), "--json", str(tmp_path / "gap.json")]) == 0
+    assert found.to_dict() == json.loads((tmp_path / "gap.json").read_text())
+    assert found.verdict == "coulomb_friction"
+    found.save(tmp_path / "gap.html")
+    found.save_model(tmp_path / "found.yaml")
+    assert spool.simulate("4weh10_soft", tmp_path / "found.yaml", seconds=2.0).duration == 2.0
