@@ -11,13 +11,18 @@ import time
 from pathlib import Path
 
 import numpy as np
-from spool_bag.metadata import ACCELERATION_BLOCK, typestore
+from rclpy.serialization import serialize_message
+from spool_bag.metadata import ACCELERATION_BLOCK
 from spool_bag.recorder import Recorded
 from spool_bag.recording import Recording, RecordingSettings
-from spool_bag.snapshot import HEALTH_EVENT, Message, SnapshotKeeper, SnapshotWriter
+from spool_bag.snapshot import HEALTH_EVENT, SnapshotKeeper, SnapshotWriter
 from spool_bag.writer import PartLimits
 from spool_core.block import Block
 from spool_core.cdr import encode_block
+from spool_core.events.english import ENGLISH
+from spool_core.events.event import Event, EventState, Severity
+from spool_core.node.messages import to_event_message
+from spool_core.uncertainty import Quantity, Validity
 
 #: Blocks of 400 samples a day.
 SIZE, PERIOD = 400, 0.0005
@@ -46,12 +51,9 @@ def resident() -> int:
 
 def alarm(stamp: int) -> bytes:
     """Return a resonance alarm at ``stamp`` (ns) as CDR."""
-    types = typestore().types
-    time_of = types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
-    header = types["std_msgs/msg/Header"](stamp=time_of, frame_id="valve_1")
-    quantity = types["spool_msgs/msg/Quantity"]("amplification", "1", 4.0, 0.1, 1)
-    event = types[HEALTH_EVENT](header, "resonance", "", 1, 2, quantity, "", "", 100)
-    return bytes(typestore().serialize_cdr(event, HEALTH_EVENT))
+    amplification = Quantity("amplification", "1", 4.0, 0.1, Validity.VALID)
+    event = Event(stamp, "resonance", EventState.RAISED, Severity.ALARM, "", amplification, code=100)
+    return bytes(serialize_message(to_event_message(event, "valve_1", ENGLISH)))
 
 
 def main() -> None:
@@ -79,7 +81,7 @@ def main() -> None:
             messages.append(Recorded("/valve_1/events", HEALTH_EVENT, stamp + 1, stamp, event, latched=True))
         for one in messages:
             recording.put(one)
-            writer.keeper.take(Message(one.topic, one.kind, one.received, one.published, one.data))
+            writer.keeper.take(one)
         if number % 5 == 0:
             writer.watch(stamp, 1000)
         if number % 500 == 0:

@@ -179,7 +179,7 @@ def apply(recipe: str, copy: Path) -> None:
             file.write_text(text, encoding="utf-8")
             continue
         own = file.read_text(encoding="utf-8")
-        head = re.search(rf"^{table.group(1)}\b.* = [(\[]\n", own, flags=re.M)
+        head = re.search(rf"^{table.group(1)}\b.* = [(\[{{]\n", own, flags=re.M)
         assert head, f"{file}: no table {table.group(1)}"
         file.write_text(f"{own[: head.end()]}{text.rstrip()},\n{own[head.end() :]}", encoding="utf-8")
 

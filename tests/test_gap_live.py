@@ -79,7 +79,8 @@ def test_a_gap_that_opens_raises_its_event(system: System, tmp_path: Path) -> No
     assert raised.kind == "model_gap"
     assert raised.state == HealthEvent.STATE_RAISED
     assert raised.quantity.name == "residual"
-    assert "something is missing" in raised.message
+    assert raised.message.startswith("Model gap: unexplained force ")
+    assert raised.value > raised.limit > raised.baseline
 
 
 @pytest.mark.slow

@@ -11,9 +11,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
+from typing import NamedTuple
 
 from rosbags.interfaces import Qos
-from spool_core.cdr import CdrError, block_sequence, header_stamp
+from spool_core.cdr import CdrError, block_head
 from spool_core.errors import InputError
 
 from spool_bag.metadata import ACCELERATION_BLOCK, TEMPERATURE
@@ -40,8 +41,8 @@ MARKS = ("acceleration", "estimate", "health", "events")
 #: clocks and block lengths vary, but not by more.
 LIKELY, SLACK = 3.0, 100.0
 
-#: B that a message costs in the queue besides its own.
-OVERHEAD = 300
+#: B that a message costs in the queue besides its own, and waiting messages that wake the consumer.
+OVERHEAD, WAKE = 300, 1000
 
 #: s between two messages of a monitor's health are 1: five that are missing are no jitter of a busy machine.
 SILENT = 5.0
@@ -105,24 +106,35 @@ class LossCount:
     def see(self, topic: str, data: bytes) -> None:
         """Take note of the CDR of a block; bytes that are none are left to the reader to judge."""
         try:
-            sequence, stamp = block_sequence(data), header_stamp(data)
+            sequence, stamp = block_head(data)
         except CdrError:
             return
-        self.lost.setdefault(topic, 0)
+        self.take(topic, sequence, stamp)
+
+    def take(self, topic: str, sequence: int, stamp: int) -> bool:
+        """Take note of a block with its ``stamp`` (ns); return whether others were lost before it."""
         last = self._last.get(topic)
         if last is None:
+            self.lost.setdefault(topic, 0)
             self._last[topic] = _LastBlock(sequence, stamp)
-            return
+            return False
         jump = sequence - last.sequence - 1
+        if jump == 0 and not self._doubted:  # as nearly all are
+            if stamp > last.stamp:
+                last.step = float(stamp - last.stamp)
+            last.sequence, last.stamp = sequence, stamp
+            return False
         if jump > self._likely(last, stamp):
             if self._doubted.get(topic) != sequence - 1:
                 self._doubted[topic] = sequence
-                return
+                return False
             jump = 0
         self._doubted.pop(topic, None)
         self.lost[topic] += max(jump, 0)
-        step = float(stamp - last.stamp) if jump == 0 and stamp > last.stamp else last.step
-        self._last[topic] = _LastBlock(sequence, stamp, step)
+        if jump == 0 and stamp > last.stamp:
+            last.step = float(stamp - last.stamp)
+        last.sequence, last.stamp = sequence, stamp
+        return jump > 0
 
     @staticmethod
     def _likely(last: _LastBlock, stamp: int) -> float:
@@ -166,9 +178,8 @@ def free_space(path: Path) -> int:
     return shutil.disk_usage(path).free
 
 
-@dataclass(frozen=True, slots=True)
-class Recorded:
-    """Message to be recorded: ``received`` and ``published`` in ns, ``data`` its CDR."""
+class Recorded(NamedTuple):
+    """Message as received: ``received`` and ``published`` in ns, ``data`` its CDR."""
 
     topic: str
     kind: str
@@ -188,7 +199,9 @@ class MessageQueue:
     """Queue of at most ``largest`` B from any thread to one consumer.
 
     A message that was taken stays known until it is :meth:`confirmed`, so that a failed disk costs nothing:
-    :meth:`take_back` puts all that was not confirmed at the head again.
+    :meth:`take_back` puts all that was not confirmed at the head again. The consumer looks by itself every
+    tenth of a second: to wake it for each message would cost more than to write it. ``WAKE`` messages wake
+    it.
     """
 
     def __init__(self, largest: int) -> None:
@@ -206,12 +219,13 @@ class MessageQueue:
 
     def put(self, message: Recorded) -> bool:
         """Append a message; return whether there was room for it."""
+        cost = len(message.data) + OVERHEAD
         with self._changed:
-            if self.waiting + message.cost > self.largest:
+            if self._in - self._out + cost > self.largest:
                 return False
-            self._in += message.cost
+            self._in += cost
             self._ahead.append(message)
-            if len(self._ahead) == 1:
+            if len(self._ahead) == WAKE:
                 self._changed.notify()
         return True
 
@@ -220,10 +234,10 @@ class MessageQueue:
         with self._changed:
             self._changed.notify()
 
-    def wait(self, timeout: float, *, more: bool = False) -> None:
-        """Wait at most ``timeout`` s until there is a message, or with ``more`` until one is added."""
+    def wait(self, timeout: float) -> None:
+        """Wait ``timeout`` s, or until ``WAKE`` messages wait or :meth:`wake` is called."""
         with self._changed:
-            if more or not self._ahead:
+            if len(self._ahead) < WAKE:
                 self._changed.wait(timeout)
 
     def take(self) -> Recorded | None:
@@ -236,11 +250,12 @@ class MessageQueue:
 
     def confirmed(self, count: int) -> None:
         """Forget the first ``count`` messages that were taken: they are on the disk."""
+        taken, size = self._taken, 0
         for _ in range(count):
-            message = self._taken.popleft()
-            self._out += message.cost
-            self.messages += 1
-            self.bytes += len(message.data)
+            size += len(taken.popleft().data)
+        self._out += size + count * OVERHEAD
+        self.messages += count
+        self.bytes += size
 
     def drop(self) -> None:
         """Forget the message that was taken last: it cannot be recorded."""
@@ -284,7 +299,9 @@ class MonitoringWatch:
 
     def saw_data(self, valve: str, now: float) -> None:
         """Take note of acceleration of ``valve``."""
-        heard = self._valves.setdefault(valve, _Heard())
+        heard = self._valves.get(valve)
+        if heard is None:
+            heard = self._valves[valve] = _Heard()
         if heard.data is None or now - heard.data > FLOWS:
             heard.since = now
         heard.data = now

@@ -8,15 +8,15 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-from spool_core.cdr import CdrError, header_stamp
+from spool_core.cdr import CdrError, block_head, header_stamp
 from spool_core.errors import InputError
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status
 from spool_core.node.managed_node import ManagedNode
-from spool_core.node.parameters import NodeParameter
+from spool_core.node.parameters import NodeParameter, Value
 from spool_core.node.running import run
 from spool_core.text import plural, printable
 from spool_msgs.srv import TakeSnapshot
@@ -34,7 +34,7 @@ from spool_bag.recorder import (
     select_topics,
 )
 from spool_bag.recording import LARGEST_QUEUE, Recording, RecordingSettings
-from spool_bag.snapshot import Message, SnapshotKeeper, SnapshotWriter
+from spool_bag.snapshot import SnapshotKeeper, SnapshotWriter
 from spool_bag.verification import signer
 from spool_bag.writer import PartLimits
 
@@ -188,6 +188,8 @@ class RecorderNode(ManagedNode):
         self._dropped = 0
         self._activations = 0
         self._snapshots: SnapshotWriter | None = None
+        self._snapshot_limit = 0
+        self._own_clock = self.get_clock()
 
     def configure(self) -> None:
         """Check the parameters before anything is made."""
@@ -218,6 +220,7 @@ class RecorderNode(ManagedNode):
         self._missed.clear()
         self._left_out.clear()
         self._offered.clear()
+        self._snapshot_limit = self.value("snapshot_limit")
         self._snapshots = SnapshotWriter(
             SnapshotKeeper(self.value("snapshot_before"), self.value("snapshot_after")),
             Path(self.value("snapshot_folder") or path.absolute().parent / "snapshots").expanduser(),
@@ -245,6 +248,11 @@ class RecorderNode(ManagedNode):
                 self.get_logger().info(text)
             else:
                 self.get_logger().error(f"{text}; the disk does not answer: the last part is not finished")
+
+    def apply_change(self, changes: dict[str, Value]) -> None:
+        """Keep as many snapshots as are wanted from now on."""
+        del changes
+        self._snapshot_limit = self.value("snapshot_limit")
 
     def cleanup(self) -> None:
         """Take the publisher away."""
@@ -285,40 +293,49 @@ class RecorderNode(ManagedNode):
 
     def _record(self, topic: str, kind: str, offered: Sequence[QoSProfile]) -> None:
         message_type = _message_type(kind)
-        stamped = starts_with_header(kind)
-        latched = topic.rpartition("/")[2] in LATCHED
-        wanted = _wanted(offered, self.value("depth"), latched=latched)
+        namespace, _, name = topic.rpartition("/")
+        one = _Intake(topic, kind, namespace, starts_with_header(kind), name in LATCHED)
+        wanted = _wanted(offered, self.value("depth"), latched=one.latched)
 
         def keep(data: bytes) -> None:
-            self._keep(topic, kind, data, stamped=stamped)
+            self._keep(one, data)
 
         subscription = self.subscribe(message_type, topic, keep, wanted, raw=True)
         self._subscriptions_by_topic[topic] = (subscription, wanted)
 
-    def _keep(self, topic: str, kind: str, data: bytes, *, stamped: bool) -> None:
-        if self._recording is None:
+    def _keep(self, one: _Intake, data: bytes) -> None:
+        """Take a message: some thousand times a second."""
+        recording = self._recording
+        if recording is None:
             return
-        # With use_sim_time the clock says 0 until it is first heard.
-        received = self.get_clock().now().nanoseconds or time.time_ns()
-        published = received
-        if stamped:
-            try:
-                published = max(header_stamp(data), 0)
-            except CdrError:
-                published = received
-        latched = topic.rpartition("/")[2] in LATCHED
-        self._recording.put(Recorded(topic, kind, received, published, data, latched, self._offers(topic)))
-        if kind == ACCELERATION_BLOCK:
-            before = self._losses.lost.get(topic, 0)
-            self._losses.see(topic, data)
+        published = received = self._received()
+        sequence = None
+        try:
+            if one.kind == ACCELERATION_BLOCK:
+                sequence, published = block_head(data)
+            elif one.stamped:
+                published = header_stamp(data)
+        except CdrError:
+            published = _stamp(data, received)
+        topic = one.topic
+        message = Recorded(
+            topic, one.kind, received, max(published, 0), data, one.latched, self._offers(topic)
+        )
+        recording.put(message)
+        if one.kind == ACCELERATION_BLOCK:
             now = time.monotonic()
-            self._watch.saw_data(topic.rpartition("/")[0], now)
-            if self._losses.lost.get(topic, 0) > before:
+            self._watch.saw_data(one.namespace, now)
+            if sequence is not None and self._losses.take(topic, sequence, published):
                 self._last_loss = now
-        elif kind == TOPICS["health"]:
-            self._watch.saw_health(topic.rpartition("/")[0], time.monotonic())
-        if self._snapshots is not None and self.value("snapshot_limit") > 0:
-            self._snapshots.keeper.take(Message(topic, kind, received, published, data))
+        elif one.kind == TOPICS["health"]:
+            self._watch.saw_health(one.namespace, time.monotonic())
+        if self._snapshots is not None and self._snapshot_limit > 0:
+            self._snapshots.keeper.take(message)
+
+    def _received(self) -> int:
+        """Return the time of now, ns; with use_sim_time the clock says 0 until it is first heard."""
+        clock = self._own_clock
+        return (clock.now().nanoseconds if clock.ros_time_is_active else 0) or time.time_ns()
 
     def _offers(self, topic: str) -> list[Qos]:
         """Return what the publishers of ``topic`` offer, asked with its first message."""
@@ -330,8 +347,7 @@ class RecorderNode(ManagedNode):
 
     def _flush(self) -> None:
         if self._snapshots is not None:
-            now = self.get_clock().now().nanoseconds or time.time_ns()
-            self._snapshots.watch(now, self.value("snapshot_limit"))
+            self._snapshots.watch(self._received(), self._snapshot_limit)
 
     def _take_snapshot(
         self, request: TakeSnapshot.Request, response: TakeSnapshot.Response
@@ -347,7 +363,7 @@ class RecorderNode(ManagedNode):
             raise InputError("who: say who does this")
         if self._snapshots is None or limit == 0:
             raise InputError("snapshot_limit is 0: no snapshots are made")
-        now = self.get_clock().now().nanoseconds or time.time_ns()
+        now = self._received()
         refused = self._snapshots.keeper.ask(f"/{valve}", now)
         if refused:
             raise InputError(f"{valve}: {refused}")
@@ -414,9 +430,22 @@ class RecorderNode(ManagedNode):
         return Status("monitoring", level, text, values)
 
 
-def main() -> None:
-    """Run the node as a process."""
-    sys.exit(run(RecorderNode))
+class _Intake(NamedTuple):
+    """Topic that is recorded, with what is asked of each of its messages."""
+
+    topic: str
+    kind: str
+    namespace: str
+    stamped: bool
+    latched: bool
+
+
+def _stamp(data: bytes, received: int) -> int:
+    """Return the stamp of a damaged block whose header can be read, else ``received``, ns."""
+    try:
+        return header_stamp(data)
+    except CdrError:
+        return received
 
 
 def _message_type(kind: str) -> Any:
@@ -466,6 +495,11 @@ def _recorded(profile: QoSProfile) -> Qos:
         liveliness_lease_duration=UNLIMITED,
         avoid_ros_namespace_conventions=False,
     )
+
+
+def main() -> None:
+    """Run the node as a process."""
+    sys.exit(run(RecorderNode))
 
 
 if __name__ == "__main__":

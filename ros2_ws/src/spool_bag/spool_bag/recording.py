@@ -31,8 +31,8 @@ from spool_bag.writer import CHUNK_SIZE, BagWriter, PartLimits, RecordingError
 
 #: B of messages that may wait for the disk: 80 valves at 2 kHz for 20 s.
 LARGEST_QUEUE = 64_000_000
-#: s between two looks if a chunk is due, and between two tries to go on.
-LOOK, RETRY = 0.2, 1.0
+#: s between two turns of writing what waits, between two looks at the disk, and between two tries to go on.
+TURN, LOOK, RETRY = 0.1, 0.2, 1.0
 #: s after which it looks at all else though messages wait, where they come faster than the disk takes them.
 LONGEST_TURN = 1.0
 
@@ -180,7 +180,7 @@ class Recording:
     def _run(self) -> None:
         looked = -math.inf
         while not self._ending:
-            self._queue.wait(LOOK if self._writer is not None else RETRY, more=self._writer is None)
+            self._queue.wait(TURN if self._writer is not None else RETRY)
             with self._kept_alive():
                 self._empty()
                 if time.monotonic() - looked >= (RETRY if self._writer is None else LOOK):
@@ -231,17 +231,21 @@ class Recording:
     def _take(self, message: Recorded) -> None:
         if message.latched:
             self._latched[message.topic] = message
+        writer = self._writer
+        if writer is None:
+            return
         try:
-            self._attempt(lambda writer: self._write(writer, message))
+            channel = writer.add_topic(message.topic, message.kind, message.qos, latched=message.latched)
+            writer.write(channel, message.received, message.data, message.published)
+        except RecordingError as error:
+            self._fail(str(error), writer)
         except InputError as error:
             self._log.error(f"a message is not recorded: {error}")
             self._queue.drop()
             self._lose(message.topic, 1, str(error))
-
-    @staticmethod
-    def _write(writer: BagWriter, message: Recorded) -> None:
-        channel = writer.add_topic(message.topic, message.kind, message.qos, latched=message.latched)
-        writer.write(channel, message.received, message.data, message.published)
+        else:
+            if writer.synced != self._confirmed:
+                self._confirm(writer)
 
     def _attempt(self, action: Callable[[BagWriter], object]) -> None:
         """Do something with the writer; a failing disk makes it pause, and what was not on it waits.

@@ -19,7 +19,7 @@ from spool_core.system import remove
 
 from spool_bag.metadata import ACCELERATION_BLOCK, typestore
 from spool_bag.part_chain import begin_of
-from spool_bag.recorder import LATCHED, MARKS
+from spool_bag.recorder import LATCHED, MARKS, Recorded
 from spool_bag.writer import BagWriter
 
 HEALTH_EVENT = "spool_msgs/msg/HealthEvent"
@@ -43,17 +43,6 @@ _NAME = re.compile(r".+_\w+_\d{8}T\d{6}Z(_\d+)?")
 MOST_KEPT = 4
 
 
-@dataclass(frozen=True, slots=True)
-class Message:
-    """Message as received: ``received`` and ``published`` in ns, ``data`` its CDR."""
-
-    topic: str
-    kind: str
-    received: int
-    published: int
-    data: bytes
-
-
 @dataclass(slots=True)
 class Snapshot:
     """Snapshot: the messages around ``event``, an alarm's kind or ``REQUESTED``.
@@ -65,8 +54,8 @@ class Snapshot:
     event: str
     stamp: int
     end: int
-    latched: dict[str, Message]
-    messages: list[Message]
+    latched: dict[str, Recorded]
+    messages: list[Recorded]
     bytes: int
 
     @property
@@ -75,7 +64,7 @@ class Snapshot:
         moment = datetime.fromtimestamp(self.stamp * 1e-9, timezone.utc)
         return f"{self.valve.strip('/').replace('/', '_')}_{self.event}_{moment:%Y%m%dT%H%M%SZ}".lstrip("_")
 
-    def add(self, message: Message) -> None:
+    def add(self, message: Recorded) -> None:
         """Take a message; beyond :data:`MOST_BYTES` nothing more is held."""
         if self.bytes + len(message.data) <= MOST_BYTES:
             self.messages.append(message)
@@ -101,7 +90,7 @@ class Snapshot:
                 writer.write(channel, received, message.data, message.published)
         return path
 
-    def _ordered(self) -> Iterator[tuple[int, Message]]:
+    def _ordered(self) -> Iterator[tuple[int, Recorded]]:
         start = self.messages[0].received if self.messages else 0
         for message in self.latched.values():
             yield start or message.received, message
@@ -125,19 +114,22 @@ class SnapshotKeeper:
     after: float = 60.0
     refused: int = field(default=0, init=False)
     _rings: dict[str, _Ring] = field(default_factory=dict, init=False)
+    _valves: dict[str, str] = field(default_factory=dict, init=False)
     _waiting: list[Snapshot] = field(default_factory=list, init=False)
 
-    def take(self, message: Message) -> None:
+    def take(self, message: Recorded) -> None:
         """Take a message of any topic; those that belong to no valve are left out."""
         valve = self._valve(message)
         if valve is None:
             return
-        ring = self._rings.setdefault(valve, _Ring())
+        ring = self._rings.get(valve)
+        if ring is None:
+            ring = self._rings[valve] = _Ring()
         for snapshot in self._waiting:
             if snapshot.valve == valve and message.received <= snapshot.end:
                 snapshot.add(message)
         self._hold(ring, message)
-        if message.topic == f"{valve}/events" and message.kind == HEALTH_EVENT:
+        if message.kind == HEALTH_EVENT and message.topic == f"{valve}/events":
             self._judge(valve, ring, message)
 
     def due(self, now: int) -> list[Snapshot]:
@@ -163,13 +155,18 @@ class SnapshotKeeper:
         """Bytes of messages in the rings."""
         return sum(ring.bytes for ring in self._rings.values())
 
-    def _valve(self, message: Message) -> str | None:
-        namespace, _, name = message.topic.rpartition("/")
+    def _valve(self, message: Recorded) -> str | None:
+        topic = message.topic
+        known = self._valves.get(topic)
+        if known is not None:
+            return known
+        namespace, _, name = topic.rpartition("/")
         if name in MARKS or namespace in self._rings:
+            self._valves[topic] = namespace
             return namespace
-        return next((valve for valve in self._rings if message.topic.startswith(f"{valve}/")), None)
+        return next((valve for valve in self._rings if topic.startswith(f"{valve}/")), None)
 
-    def _hold(self, ring: _Ring, message: Message) -> None:
+    def _hold(self, ring: _Ring, message: Recorded) -> None:
         now = time.monotonic()
         ring.messages.append(message)
         ring.arrived.append(now)
@@ -187,10 +184,10 @@ class SnapshotKeeper:
             ring.bytes -= len(gone.data)
             if gone.kind == ACCELERATION_BLOCK:
                 ring.blocks.popleft()
-            if gone.topic.rpartition("/")[2] in LATCHED:
+            elif gone.topic.rpartition("/")[2] in LATCHED:
                 ring.latched[gone.topic] = gone
 
-    def _judge(self, valve: str, ring: _Ring, message: Message) -> None:
+    def _judge(self, valve: str, ring: _Ring, message: Recorded) -> None:
         try:
             event: Any = typestore().deserialize_cdr(message.data, HEALTH_EVENT)
             stamp = header_stamp(message.data)
@@ -303,11 +300,11 @@ class SnapshotWriter:
 
 @dataclass(slots=True)
 class _Ring:
-    messages: deque[Message] = field(default_factory=deque)
+    messages: deque[Recorded] = field(default_factory=deque)
     #: When each of them came, s of a clock that nobody sets.
     arrived: deque[float] = field(default_factory=deque)
     bytes: int = 0
-    latched: dict[str, Message] = field(default_factory=dict)
+    latched: dict[str, Recorded] = field(default_factory=dict)
     #: Acquisition times of the blocks in the ring, ns.
     blocks: deque[int] = field(default_factory=deque)
 

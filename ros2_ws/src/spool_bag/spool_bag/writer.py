@@ -118,6 +118,7 @@ class BagWriter:
         self._custom = dict(custom or {})
         self._interval, self._chunk_size, self._sign = flush_interval, chunk_size, sign
         self._channels: list[_Channel] = []
+        self._numbers: dict[str, int] = {}
         self._parts: list[PartCount] = []
         self._described, self._metadata_interval = 0.0, METADATA_INTERVAL
         self._allowed = 0.0
@@ -138,7 +139,7 @@ class BagWriter:
                 self._parts, topics, number, before, file, told = found
                 self._oldest = max(oldest, told)
                 for topic, described in topics:
-                    self._channels.append(_Channel(topic, _present(described), latched=False))
+                    self._append(_Channel(topic, _present(described), latched=False))
         except OSError as error:
             self.release()
             raise InputError(f"{self.path}: cannot be made: {error.strerror}") from error
@@ -182,15 +183,16 @@ class BagWriter:
         Raises:
             InputError: the topic was added with another type, or the type is unknown.
         """
-        for number, known in enumerate(self._channels):
-            if known.topic.name == topic:
-                if known.topic.type != type_name:
-                    raise InputError(f"{topic} is already recorded as {known.topic.type}, not {type_name}")
-                known.latched = known.latched or latched
-                return number
+        number = self._numbers.get(topic)
+        if number is not None:
+            known = self._channels[number]
+            if known.topic.type != type_name:
+                raise InputError(f"{topic} is already recorded as {known.topic.type}, not {type_name}")
+            known.latched = known.latched or latched
+            return number
         described = described or definition(type_name)
         counted = TopicCount(topic, type_name, described.digest, tuple(qos))
-        self._channels.append(_Channel(counted, described, latched))
+        self._append(_Channel(counted, described, latched))
         self._guard(lambda: self._register(self._channels[-1]))
         self._described = -math.inf  # metadata.yaml lists it with the next chunk
         return len(self._channels) - 1
@@ -201,7 +203,12 @@ class BagWriter:
         """Append the CDR ``data``; times in ns, ``publish_time`` defaults to ``log_time``."""
         published = log_time if publish_time is None else publish_time
         one = self._channels[channel]
-        self._guard(lambda: self._write(one, log_time, data, published, sequence))
+        if not self._open:
+            raise self._closed()
+        try:
+            self._write(one, log_time, data, published, sequence)
+        except OSError as error:
+            raise self._failed(error) from error
         one.topic.messages += 1
         self.bytes += len(data)
         if one.latched and self.limits is not None:
@@ -348,6 +355,10 @@ class BagWriter:
             one.part = None
         return part
 
+    def _append(self, one: _Channel) -> None:
+        self._numbers[one.topic.name] = len(self._channels)
+        self._channels.append(one)
+
     def _register(self, one: _Channel) -> int:
         topic = one.topic
         one.part = self._part.add(topic.name, topic.type, one.described, qos_text(topic.qos))
@@ -374,10 +385,9 @@ class BagWriter:
         for message in messages:
             described = definition(message.kind)
             counted = TopicCount(message.topic, message.kind, described.digest, tuple(message.qos))
-            one = next((known for known in self._channels if known.topic.name == message.topic), None)
-            if one is None:
-                one = _Channel(counted, described, latched=True)
-                self._channels.append(one)
+            if message.topic not in self._numbers:
+                self._append(_Channel(counted, described, latched=True))
+            one = self._channels[self._numbers[message.topic]]
             one.latched, one.last = True, (message.data, message.published, 0)
             self._part.write(self._register(one), one.topic.name, at, message.data, message.published, 0)
 
@@ -466,14 +476,21 @@ class BagWriter:
 
     def _guard(self, action: Callable[[], object]) -> None:
         if not self._open:
-            raise RecordingError(f"{self.file} is closed")
+            raise self._closed()
         try:
             action()
         except OSError as error:
-            self.abandon()
-            raise RecordingError(
-                f"{self.file}: {error.strerror}; what was recorded before is kept ({self._part.good} bytes)"
-            ) from error
+            raise self._failed(error) from error
+
+    def _closed(self) -> RecordingError:
+        return RecordingError(f"{self.file} is closed")
+
+    def _failed(self, error: OSError) -> RecordingError:
+        """Write no more after ``error`` of the disk; return what to raise."""
+        self.abandon()
+        return RecordingError(
+            f"{self.file}: {error.strerror}; what was recorded before is kept ({self._part.good} bytes)"
+        )
 
     def abandon(self) -> None:
         """Write no more: cut the part back to what is on the disk, and leave it as it is."""

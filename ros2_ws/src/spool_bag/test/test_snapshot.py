@@ -6,15 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rclpy.serialization import serialize_message
 from spool_bag.information import describe
-from spool_bag.metadata import ACCELERATION_BLOCK, typestore
+from spool_bag.metadata import ACCELERATION_BLOCK
 from spool_bag.reader import BagReader
+from spool_bag.recorder import Recorded
 from spool_bag.snapshot import (
     HEALTH_EVENT,
     MOST_BYTES,
     MOST_WAITING,
     REQUESTED,
-    Message,
     Snapshot,
     SnapshotKeeper,
     SnapshotWriter,
@@ -22,6 +23,10 @@ from spool_bag.snapshot import (
 from spool_bag.writer import BagWriter, PartLimits
 from spool_core.block import Block
 from spool_core.cdr import encode_block
+from spool_core.events.english import ENGLISH
+from spool_core.events.event import Event, EventState, Severity
+from spool_core.node.messages import to_event_message
+from spool_core.uncertainty import Quantity, Validity
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -31,38 +36,25 @@ WARNING, ALARM = 1, 2
 VALVE = "/valve_1"
 
 
-def block(number: int, valve: str = VALVE) -> Message:
+def block(number: int, valve: str = VALVE) -> Recorded:
     """Return the block that began ``number`` fiftieths of a second after the start."""
     stamp = START + number * SECOND // 50
     data = encode_block(Block(stamp, number, 0.0005, SAMPLES, SAMPLES), valve)
-    return Message(f"{valve}/acceleration", ACCELERATION_BLOCK, stamp + 1_000_000, stamp, data)
+    return Recorded(f"{valve}/acceleration", ACCELERATION_BLOCK, stamp + 1_000_000, stamp, data)
 
 
 def event(
     seconds: float, *, severity: int = ALARM, state: int = RAISED, valve: str = VALVE, received: float = 0.0
-) -> Message:
-    types = typestore().types
+) -> Recorded:
     stamp = START + round(seconds * SECOND)
-    message = types[HEALTH_EVENT](
-        header=types["std_msgs/msg/Header"](
-            stamp=types["builtin_interfaces/msg/Time"](sec=stamp // SECOND, nanosec=stamp % SECOND),
-            frame_id=valve,
-        ),
-        kind="resonance",
-        cause="",
-        state=state,
-        severity=severity,
-        quantity=types["spool_msgs/msg/Quantity"]("amplification", "1", 4.0, 0.1, 1),
-        message="",
-        source="",
-        code=100,
-    )
-    data = bytes(typestore().serialize_cdr(message, HEALTH_EVENT))
+    quantity = Quantity("amplification", "1", 4.0, 0.1, Validity.VALID)
+    found = Event(stamp, "resonance", EventState(state), Severity(severity), "", quantity, code=100)
+    data = bytes(serialize_message(to_event_message(found, valve, ENGLISH)))
     at = START + round((received or seconds) * SECOND) + 2_000_000
-    return Message(f"{valve}/events", HEALTH_EVENT, at, stamp, data)
+    return Recorded(f"{valve}/events", HEALTH_EVENT, at, stamp, data)
 
 
-def run(keeper: SnapshotKeeper, seconds: float, *others: Message) -> list[Snapshot]:
+def run(keeper: SnapshotKeeper, seconds: float, *others: Recorded) -> list[Snapshot]:
     """Feed blocks for so long, and ``others`` when they are received; return what became complete."""
     blocks = [block(number) for number in range(round(seconds * 50))]
     done: list[Snapshot] = []
@@ -143,7 +135,7 @@ def test_memory_is_bounded_by_time_and_by_size() -> None:
     large = bytes(MOST_BYTES // 3)
     for number in range(9):
         stamp = START + 20 * SECOND + number
-        keeper.take(Message(f"{VALVE}/picture", "x/msg/Y", stamp, stamp, large))
+        keeper.take(Recorded(f"{VALVE}/picture", "x/msg/Y", stamp, stamp, large))
         assert keeper.held <= MOST_BYTES
 
 
@@ -156,7 +148,7 @@ def test_a_clock_set_back_does_not_keep_a_snapshot_open() -> None:
 def test_what_is_no_event_is_left_alone() -> None:
     keeper = SnapshotKeeper(3.0, 2.0)
     good = event(5.0)
-    broken = Message(good.topic, good.kind, good.received, good.published, good.data[:30])
+    broken = Recorded(good.topic, good.kind, good.received, good.published, good.data[:30])
     assert run(keeper, 10.0, broken) == []
 
 

@@ -62,9 +62,18 @@ def block_sequence(data: bytes) -> int:
     Raises:
         CdrError: the bytes are too short or not XCDR1.
     """
-    order, _, _, at = _header(data)
+    return block_head(data)[0]
+
+
+def block_head(data: bytes) -> tuple[int, int]:
+    """Return sequence and stamp (ns) in the CDR of an AccelerationBlock without decoding its samples.
+
+    Raises:
+        CdrError: the bytes are too short or not XCDR1.
+    """
+    order, stamp, _, at = _header(data)
     try:
-        return int(order.counts.unpack_from(data, at)[0])
+        return order.counts.unpack_from(data, at)[0], stamp
     except struct.error as error:
         raise CdrError(f"not an AccelerationBlock: {error}") from error
 

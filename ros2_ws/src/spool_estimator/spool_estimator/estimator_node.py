@@ -14,12 +14,14 @@ from typing import Any, ClassVar
 from sensor_msgs.msg import Temperature
 from spool_core.block import Block
 from spool_core.block_gate import SharedGate
+from spool_core.events.language import Language
+from spool_core.events.sentences import language_of
 from spool_core.node import qos
 from spool_core.node.block_hub import Throttle
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, block_faults, block_values, key
 from spool_core.node.managed_node import ManagedNode
-from spool_core.node.messages import nanoseconds, to_quantity, to_time
-from spool_core.node.parameters import NodeParameter
+from spool_core.node.messages import nanoseconds, to_event_message, to_quantity, to_time
+from spool_core.node.parameters import LANGUAGE, NodeParameter
 from spool_core.uncertainty import Quantity, Validity
 from spool_msgs.msg import GapAnalysis, HealthEvent, ModelEstimate, ValveDescription, WindowRefit
 from spool_sim.model import Model, load_model
@@ -29,10 +31,7 @@ from std_srvs.srv import Trigger
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import ESTIMATORS, make_estimator, phase_of, settings_for
 from spool_estimator.gap_requests import (
-    MODEL_GAP,
-    MODEL_GAP_CODE,
     GapAnswer,
-    GapChange,
     GapTask,
     GapWatch,
     GapWorker,
@@ -101,6 +100,7 @@ class EstimatorNode(ManagedNode):
         NodeParameter(
             "gap_base", "fluid", "Model that ~/analyse_gap adds to: name or YAML file.", structural=True,
         ),
+        LANGUAGE,
     )  # fmt: skip
 
     def __init__(self, namespace: str | None = None, **options: Any) -> None:
@@ -135,7 +135,8 @@ class EstimatorNode(ManagedNode):
         base = load_model(self.value("gap_base"))
         base.values_for(valve)
         window, growth = self.value("gap_window"), self.value("gap_growth")
-        self._gap = GapService(self, valve, base, window=window, growth=growth)
+        language = language_of(self.value(LANGUAGE.name))
+        self._gap = GapService(self, valve, base, language, window=window, growth=growth)
         self._diagnostics = DiagnosticPublisher(self, valve.id)
         self.get_logger().info(
             f"configured for valve {valve.id} ({self.value('valve_file')}): {1e3 * valve.moving_mass:g} g, "
@@ -278,17 +279,20 @@ class EstimatorNode(ManagedNode):
 class GapService:
     """Events and analyses of one valve's model gap."""
 
-    def __init__(self, node: Any, valve: Valve, base: Model, *, window: float, growth: float) -> None:
+    def __init__(
+        self, node: Any, valve: Valve, base: Model, language: Language, *, window: float, growth: float
+    ) -> None:
         """Make the publishers.
 
         Args:
             node: a managed node.
             valve: that is listened to.
             base: model that effects are added to.
+            language: of the events' sentences.
             window: s that an analysis looks back.
             growth: residual over its median from which the event is raised.
         """
-        self._node, self._valve, self._base = node, valve, base
+        self._node, self._valve, self._base, self._language = node, valve, base, language
         self._watch = GapWatch(growth)
         self._recent = RecentBlocks(window)
         self._worker = GapWorker()
@@ -305,9 +309,9 @@ class GapService:
         self._recent.take(block)
         self._watch.take(block)
         for estimate in estimates:
-            change = self._watch.update(estimate)
-            if change is not None:
-                self._events.publish(self._event(change))
+            event = self._watch.update(estimate)
+            if event is not None:
+                self._events.publish(to_event_message(event, self._valve.id, self._language))
 
     def _hear(self, event: HealthEvent) -> None:
         raised = event.state == HealthEvent.STATE_RAISED
@@ -336,19 +340,6 @@ class GapService:
         self._worker.close()
         self._node.destroy_publisher(self._events)
         self._node.destroy_publisher(self._answers)
-
-    def _event(self, change: GapChange) -> HealthEvent:
-        message = HealthEvent(
-            kind=MODEL_GAP,
-            code=MODEL_GAP_CODE,
-            state=HealthEvent.STATE_RAISED if change.raised else HealthEvent.STATE_CLEARED,
-            severity=HealthEvent.SEVERITY_WARNING,
-            quantity=to_quantity(change.residual),
-            message=change.sentence,
-        )
-        message.header.frame_id = self._valve.id
-        message.header.stamp = to_time(change.stamp)
-        return message
 
     def _message(self, answer: GapAnswer) -> GapAnalysis:
         validity = Validity.VALID if answer.done else Validity.UNKNOWN

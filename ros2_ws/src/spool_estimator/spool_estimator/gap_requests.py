@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import multiprocessing
 from collections import deque
 from collections.abc import Sequence
@@ -15,9 +14,8 @@ from statistics import fmean, median
 import numpy as np
 from spool_core.block import Block, joined
 from spool_core.errors import InputError
+from spool_core.events.event import Event, EventState, Facts, Namur, Severity, Urgency, urgency_of
 from spool_core.system import give_way
-from spool_core.text import Account, over, raised, urgency
-from spool_core.uncertainty import Quantity, percent
 from spool_sim.model import Model
 from spool_sim.valve import Valve
 
@@ -25,10 +23,8 @@ from spool_estimator.estimate import Estimate, State
 from spool_estimator.identification.channel_faults import flat_share
 from spool_estimator.identification.record import Record, records_from_blocks
 
-#: Kind and code of the event.
-MODEL_GAP, MODEL_GAP_CODE = "model_gap", 500
-#: What to do about it.
-REMEDY = "record a minute of it, and let ./spool gap name what is missing"
+#: Kind and code of the event, and the status after NE 107 that it gives the valve.
+MODEL_GAP, MODEL_GAP_CODE, NAMUR = "model_gap", 500, Namur.OUT_OF_SPECIFICATION
 #: Kinds of the events that explain whatever the model leaves over.
 FAULTS = ("sensor_fault", "data_fault")
 #: Estimates from which the median is learned.
@@ -61,38 +57,6 @@ LOOKED_AT, CLIPS = 1.0, 0.006
 ANALYSIS = "spool.gap_analysis"
 #: s, length of the runs in which recent samples are held.
 RUN = 1.0
-
-
-@dataclass(frozen=True, slots=True)
-class GapChange:
-    """Gap change: it opened or closed.
-
-    Attributes:
-        stamp: ns.
-        raised: it opened.
-        residual: at that time, relative.
-        median: of the residual before, relative.
-        lasted: how long it was open, s; NaN where it opens.
-    """
-
-    stamp: int
-    raised: bool
-    residual: Quantity
-    median: float
-    lasted: float = math.nan
-
-    @property
-    def sentence(self) -> str:
-        """Return one line for people."""
-        now, before = (percent(share) for share in (self.residual.value, self.median))
-        account = Account(
-            f"the model leaves {now} of the force unexplained, usually {before}",
-            "something is missing",
-            sure=f"it stayed so for {PATIENCE:g} memories of the estimator while no parameter changed",
-            urgent=urgency("S", alarm=False),
-            outlook="no trend tells a time",
-        )
-        return raised(account, REMEDY) if self.raised else over(MODEL_GAP, account, self.lasted)
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,8 +132,8 @@ class GapWatch:
         if kind in FAULTS:
             (self._faults.add if raised else self._faults.discard)(source)
 
-    def update(self, estimate: Estimate) -> GapChange | None:
-        """Take an estimate of what was taken; return what changed with it."""
+    def update(self, estimate: Estimate) -> Event | None:
+        """Take an estimate of what was taken; return the event that follows, if any."""
         force = _force_left(estimate)
         if estimate.state is State.NOT_EXCITED:
             self._up.clear()  # a standstill: what was up before it stayed up no longer
@@ -191,13 +155,25 @@ class GapWatch:
             self._up.clear()
         return self._change(estimate, opens=True) if self._stays() else None
 
-    def _change(self, estimate: Estimate, *, opens: bool) -> GapChange:
+    def _change(self, estimate: Estimate, *, opens: bool) -> Event:
         assert self._relative is not None
+        now, median = estimate.stamp, self._relative.median
+        up_since = self._up[0].stamp if self._up else now
+        facts = replace(
+            Facts.of(estimate.residual, self._relative.limit),
+            baseline=median,
+            change=estimate.residual.value - median,
+            began=up_since if opens else self._opened,
+            urgency=urgency_of(NAMUR, Severity.WARNING) if opens else Urgency.NONE,
+            advice=MODEL_GAP_CODE if opens else 0,
+        )
         self.raised = opens
         self._up.clear()
-        lasted = math.nan if opens else 1e-9 * (estimate.stamp - self._opened)
-        self._opened = estimate.stamp
-        return GapChange(estimate.stamp, opens, estimate.residual, self._relative.median, lasted)
+        self._opened = now
+        state = EventState.RAISED if opens else EventState.CLEARED
+        return Event(
+            now, MODEL_GAP, state, Severity.WARNING, "", estimate.residual, "", MODEL_GAP_CODE, facts
+        )
 
     def _learn(self, value: float, force: float, stiffness: float) -> None:
         self._first.append((value, force, stiffness))

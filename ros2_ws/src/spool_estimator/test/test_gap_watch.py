@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from spool_core.block import Block
+from spool_core.events.event import Event, EventState, Urgency
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
-from spool_estimator.gap_requests import LEARNED, GapChange, GapWatch, RecentBlocks
+from spool_estimator.gap_requests import LEARNED, MATTERS, GapWatch, RecentBlocks
 
 SECOND = 1_000_000_000
 
@@ -22,7 +23,7 @@ class Machine:
     def say(
         self, residual: float, *, state: State = State.TRACKING, stiffness: float = 1632.0,
         coulomb: float = 0.05, travel: float = 3e-4,
-    ) -> GapChange | None:  # fmt: skip
+    ) -> Event | None:  # fmt: skip
         def known(name: str, value: float, deviation: float = 0.0) -> Quantity:
             unit = {"coulomb_force": "N", "spring_stiffness": "N/m"}.get(name, "1")
             return Quantity(name, unit, value, deviation, Validity.VALID)
@@ -58,7 +59,7 @@ def test_a_sensor_that_is_known_to_be_at_fault_is_no_gap_of_the_model() -> None:
     assert not any(machine.say(0.06) for _ in range(60))
     machine.watch.hear("sensor_fault", "spool", raised=False)
     opened = [change for change in (machine.say(0.06) for _ in range(30)) if change is not None]
-    assert [change.raised for change in opened] == [True]
+    assert [event.state for event in opened] == [EventState.RAISED]
 
 
 def test_a_residual_that_stays_up_opens_the_gap_once_and_closes_it_once() -> None:
@@ -66,13 +67,14 @@ def test_a_residual_that_stays_up_opens_the_gap_once_and_closes_it_once() -> Non
     changes = [machine.say(0.06) for _ in range(30)]
     changes += [machine.say(0.02) for _ in range(10)]
     found = [change for change in changes if change is not None]
-    assert [change.raised for change in found] == [True, False]
-    assert "6.0 % of the force unexplained" in found[0].sentence
-    assert "what to do: " in found[0].sentence
-    lasted = round((found[1].stamp - found[0].stamp) / SECOND)
-    assert found[1].sentence.startswith(f"model gap is over after {lasted}.0 s: the model leaves 2.0 % of")
-    assert "what to do" not in found[1].sentence
-    assert found[0].residual.value == 0.06
+    assert [event.state for event in found] == [EventState.RAISED, EventState.CLEARED]
+    opened, closed = found[0].facts, found[1].facts
+    assert (opened.parameter, opened.value, opened.urgency) == ("residual", 0.06, Urgency.SOON)
+    assert opened.baseline == pytest.approx(0.02, rel=0.05)
+    assert MATTERS <= opened.limit < 0.06
+    assert (opened.advice, closed.advice) == (500, 0)
+    assert (closed.value, closed.began) == (0.02, found[0].stamp)
+    assert found[0].quantity.value == 0.06
     # Two and a half memories of 4 s after the first estimate that was up.
     assert found[0].stamp == (LEARNED + 11) * SECOND
 

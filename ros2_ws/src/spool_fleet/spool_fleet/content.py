@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.errors import InputError
+from spool_core.events.english import ENGLISH
+from spool_core.events.language import EventText
 from spool_core.text import plural
 from spool_core.uncertainty import interval, number
 from spool_monitor.detectors import friction_drift, spring_change
-from spool_monitor.event import EventCause
 from spool_tools.outputs import check_output
 from spool_tools.terminal import progress, warn
 
@@ -510,11 +511,11 @@ def time_left(trend: TrendRow) -> str:
     return f"{left} {'days' if short else 'months'} ({earliest} to {latest})"
 
 
-def cause_of(trend: TrendRow) -> EventCause:
+def cause_of(trend: TrendRow) -> EventText:
     """Return the cause as the monitor describes it, with what to do."""
     if trend.parameter == STIFFNESS:
-        return spring_change.KIND.cause("softer" if trend.change < 0.0 else "stiffer")
-    return friction_drift.KIND.cause(trend.cause or "unknown")
+        return ENGLISH.event(spring_change.KIND.cause("softer" if trend.change < 0.0 else "stiffer").code)
+    return ENGLISH.event(friction_drift.KIND.cause(trend.cause or "unknown").code)
 
 
 def cause_name(trend: TrendRow) -> str:

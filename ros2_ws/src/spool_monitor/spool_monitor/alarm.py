@@ -64,7 +64,8 @@ class AlarmRefusedError(InputError):
 class Alarm:
     """Alarm: one condition of a valve as an operator sees it; times in ns, 0: never.
 
-    ``active`` and ``severity`` follow the condition; ``occurrence`` counts how often it was announced.
+    ``active`` and ``severity`` follow the condition; ``event`` is its last one, ``None`` before the first.
+    ``occurrence`` counts how often it was announced.
     ``acknowledged_by`` and ``comment`` are the last operator's. ``shelved_until`` is 0 for a shelf that lasts
     until the condition is over.
     """
@@ -80,9 +81,7 @@ class Alarm:
     out_of_service: bool = False
     severity: Severity = Severity.UNKNOWN
     cause: str = ""
-    message: str = ""
-    value: float = math.nan
-    unit: str = ""
+    event: Event | None = None
     occurrence: int = 0
     raised_at: int = 0
     changed_at: int = 0
@@ -174,9 +173,7 @@ def follow(alarm: Alarm, event: Event) -> Transition:
         active=True,
         severity=event.severity if grown else alarm.severity,
         cause=event.cause,
-        message=event.message,
-        value=event.quantity.value,
-        unit=event.quantity.unit,
+        event=event,
     )
     if not grown:
         return Transition(alarm, Input.RAISE, after)
@@ -308,9 +305,7 @@ def _clear(alarm: Alarm, event: Event) -> Transition:
         active=False,
         latched=alarm.latching,
         acknowledged=alarm.acknowledged or (alarm.hidden and not alarm.latching),
-        message=event.message,
-        value=event.quantity.value,
-        unit=event.quantity.unit,
+        event=event,
         changed_at=event.stamp,
     )
     actions: tuple[Action, ...] = () if alarm.hidden else (Action.RETURN,)

@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from spool_core.errors import InputError
+from spool_core.events.language import Language
+from spool_core.events.sentences import headline
 from spool_core.node import qos
 from spool_core.node.block_hub import waiting_for_disk
 from spool_core.node.diagnostics import Level, Status
@@ -30,8 +32,9 @@ class AlarmServices:
     A change is on the disk before it is published or answered.
     """
 
-    def __init__(self, node: ManagedNode, state: ValveState) -> None:
+    def __init__(self, node: ManagedNode, state: ValveState, language: Language) -> None:
         self._node = node
+        self._language = language
         self._state = state
         self.valve_id = node.get_namespace().strip("/")
         self._publisher = node.create_lifecycle_publisher(AlarmList, "alarms", qos.state())
@@ -73,7 +76,7 @@ class AlarmServices:
         for event, transition in zip(events, transitions, strict=True):
             if not transition.changed or Action.ANNOUNCE not in transition.actions:
                 self._node.get_logger().info(
-                    f"{transition.after.name} {event.state.name.lower()}: {event.message}"
+                    f"{transition.after.name} {event.state.name.lower()}: {headline(event, self._language)}"
                 )
 
     def take_estimate(self, estimate: Estimate) -> None:
@@ -141,7 +144,8 @@ class AlarmServices:
 
     def _announce(self, alarm: Alarm) -> None:
         """Log an alarm: as an error where the valve or its measurement has failed (NE 107: F)."""
-        text = f"{alarm.severity.name.lower()} {alarm.code} {alarm.name}: {alarm.message}"
+        said = headline(alarm.event, self._language) if alarm.event is not None else ""
+        text = f"{alarm.severity.name.lower()} {alarm.code} {alarm.name}: {said}"
         # A line each: rclpy lets a line of code log in one severity only.
         if alarm.namur is Namur.FAILURE:
             self._node.get_logger().error(text)
@@ -153,7 +157,7 @@ class AlarmServices:
         shown = alarms.shown
         names = {alarm.name for alarm in shown}
         rest = [alarm for name, alarm in alarms.alarms.items() if name not in names]
-        self._publisher.publish(to_alarm_list([*shown, *rest], self._now(), self.valve_id))
+        self._publisher.publish(to_alarm_list([*shown, *rest], self._now(), self.valve_id, self._language))
 
     def _now(self) -> int:
         return int(self._node.get_clock().now().nanoseconds)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 from spool_core.errors import InputError
+from spool_core.events.sentences import headline
+from spool_core.uncertainty import Quantity
 
 from spool_monitor.alarm import (
     Alarm,
@@ -25,7 +27,7 @@ from spool_monitor.alarm import (
     unshelve,
 )
 from spool_monitor.detectors import latching_kinds
-from spool_monitor.event import Condition, Event, Namur, condition_name
+from spool_monitor.event import Condition, Event, EventState, Facts, Namur, condition_name
 
 _ALARM = TypeAdapter(Alarm)
 _KEPT = tuple(one.name for one in fields(Alarm))
@@ -124,13 +126,15 @@ class AlarmStore:
         for condition in conditions:
             alarm = self.alarms.get(condition.name)
             if alarm is not None and alarm.active:
-                condition.restore(alarm.severity, alarm.cause)
+                facts = Facts() if alarm.event is None else alarm.event.facts
+                condition.restore(alarm.severity, alarm.cause, facts)
 
     def dump(self) -> list[dict[str, Any]]:
         """Return what :meth:`load` takes, as JSON can hold it."""
         return [
             {name: getattr(alarm, name) for name in _KEPT}
-            | {"value": alarm.value if math.isfinite(alarm.value) else None}
+            | _of_event(alarm.event)
+            | {"event": None if alarm.event is None else serialised(asdict(alarm.event))}
             for alarm in self.alarms.values()
         ]
 
@@ -164,8 +168,9 @@ class AlarmStore:
         unreadable = []
         for entry in content:
             try:
-                value = math.nan if entry["value"] is None else entry["value"]
-                alarm = _ALARM.validate_python({**entry, "value": value})
+                alarm = _ALARM.validate_python(entry)
+                if alarm.event is None:
+                    alarm = replace(alarm, event=_earlier_event(alarm, entry))
             except (ValidationError, TypeError, KeyError) as error:
                 unreadable.append(str(error).splitlines()[0])
                 continue
@@ -188,3 +193,39 @@ class AlarmStore:
     def _keep(self, transition: Transition) -> Transition:
         self.alarms[transition.after.name] = transition.after
         return transition
+
+
+def serialised(value: Any) -> Any:
+    """Return ``value`` as JSON can hold it; a float that is not finite becomes a word."""
+    if isinstance(value, dict):
+        return {key: serialised(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [serialised(item) for item in value]
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _of_event(event: Event | None) -> dict[str, Any]:
+    """Return what earlier versions kept of an event, so that they can take the alarms up."""
+    if event is None:
+        return {"message": "", "value": None, "unit": ""}
+    value = event.quantity.value
+    said = event.text or headline(event)
+    return {"message": said, "value": value if math.isfinite(value) else None, "unit": event.quantity.unit}
+
+
+def _earlier_event(alarm: Alarm, entry: Any) -> Event | None:
+    """Return the event of an alarm that an earlier version kept: its sentence and its number."""
+    if not entry.get("message"):
+        return None
+    value = math.nan if entry["value"] is None else entry["value"]
+    return Event(
+        alarm.changed_at,
+        alarm.kind,
+        EventState.RAISED if alarm.active else EventState.CLEARED,
+        alarm.severity,
+        alarm.cause,
+        Quantity("", entry["unit"], value),
+        alarm.source,
+        alarm.code,
+        text=entry["message"],
+    )

@@ -1,51 +1,34 @@
-"""Events: their kinds, one event, and the condition that raises and clears it."""
+"""Event kinds, and the condition that raises and clears an event."""
 
 from __future__ import annotations
 
-import enum
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from spool_core.text import Account, duration, over, raised, urgency
+from spool_core.events.event import Event, EventState, Facts, Namur, Severity, Urgency, urgency_of
+from spool_core.events.sentences import title
 from spool_core.uncertainty import Quantity
 
-#: What there is to tell, or what makes it: most of what is judged is never told. A string is what is seen.
-Told = str | Account
-Text = Told | Callable[[], Told]
+__all__ = [
+    "Condition", "Event", "EventCause", "EventKind", "EventState", "Facts", "Finding", "Namur", "Severity",
+    "condition_name",
+]  # fmt: skip
 
-#: What is said of the time to a limit where nothing is followed over time.
-NO_TREND = "no trend tells a time"
-
-
-class Namur(enum.IntEnum):
-    """Status signal after NAMUR NE 107, a worse one above; numbers as in ``spool_msgs/msg/ValveHealth``."""
-
-    UNKNOWN = 0
-    NORMAL = 1
-    MAINTENANCE_REQUIRED = 2  # M: works, but its reserve is running out
-    OUT_OF_SPECIFICATION = 3  # S: is operated outside of what it was made for
-    FUNCTION_CHECK = 4  # C: for now not valid, somebody works on it or it learns
-    FAILURE = 5  # F: the signal is not valid
-
-    @property
-    def letter(self) -> str:
-        """The letter that people know the status by; empty where all is well or nothing is known."""
-        return {5: "F", 4: "C", 3: "S", 2: "M"}.get(int(self), "")
+#: Facts, or what makes them: most of what is judged never becomes an event.
+FactsSource = Facts | Callable[[], Facts]
 
 
 @dataclass(frozen=True, slots=True)
 class EventCause:
-    """Cause of an event: its number, what it means on the machine, and what to do.
+    """Cause of an event and its number. A ``namur`` that is unknown is that of the kind.
 
-    What is left empty, and ``namur`` where it is unknown, is as for the kind as a whole.
+    The texts of the number are in :mod:`spool_core.events`.
     """
 
     name: str
     code: int
-    meaning: str = ""
-    remedy: str = ""
     namur: Namur = Namur.UNKNOWN
 
 
@@ -61,38 +44,15 @@ class EventKind:
     name: str
     code: int
     namur: Namur
-    meaning: str = ""
-    remedy: str = ""
     latching: bool = False
     task: str = "condition"
     causes: tuple[EventCause, ...] = ()
 
     def cause(self, name: str) -> EventCause:
         """Return the cause called ``name``; one that is not listed is the kind as a whole."""
-        whole = EventCause(name, self.code, self.meaning, self.remedy, self.namur)
+        whole = EventCause(name, self.code, self.namur)
         listed = next((one for one in self.causes if one.name == name), whole)
-        return replace(
-            listed,
-            meaning=listed.meaning or whole.meaning,
-            remedy=listed.remedy or whole.remedy,
-            namur=listed.namur or whole.namur,
-        )
-
-
-class EventState(enum.IntEnum):
-    """State of an event; the numbers are those of ``spool_msgs/msg/HealthEvent``."""
-
-    UNKNOWN = 0
-    RAISED = 1
-    CLEARED = 2
-
-
-class Severity(enum.IntEnum):
-    """Severity of an event; the numbers are those of ``spool_msgs/msg/HealthEvent``."""
-
-    UNKNOWN = 0
-    WARNING = 1
-    ALARM = 2
+        return replace(listed, namur=listed.namur or whole.namur)
 
 
 def condition_name(kind: str, source: str) -> str:
@@ -100,27 +60,11 @@ def condition_name(kind: str, source: str) -> str:
     return f"{kind}/{source}" if source else kind
 
 
-@dataclass(frozen=True, slots=True)
-class Event:
-    """Event that began or ended at ``stamp`` (ns, acquisition time).
-
-    ``source`` says which one of a kind's conditions it is, e.g. ``coulomb_force``; empty where there is one.
-    """
-
-    stamp: int
-    kind: str
-    state: EventState
-    severity: Severity
-    cause: str
-    quantity: Quantity
-    message: str
-    source: str = ""
-
-
 class Finding(NamedTuple):
     """Finding of a detector at ``stamp`` (ns); the condition's delays come on top.
 
     ``indicated`` is ``None`` where nothing is wrong; between ``indicated`` and ``released`` nothing changes.
+    ``hurries``: the limit of an alarm is reached before a planned stop.
     """
 
     stamp: int
@@ -128,7 +72,8 @@ class Finding(NamedTuple):
     released: bool
     cause: str
     quantity: Quantity
-    message: Text
+    facts: FactsSource = Facts()
+    hurries: bool = False
 
 
 @dataclass(slots=True)
@@ -148,6 +93,7 @@ class Condition:
     _since: int | None = field(default=None, init=False)
     _indicated: int | None = field(default=None, init=False)
     _raised: int | None = field(default=None, init=False)
+    _last: Facts = field(default=Facts(), init=False)
 
     def judge(self, finding: Finding) -> list[Event]:
         """Return the event that follows, if any; where the stamp goes back, the delay starts anew."""
@@ -170,17 +116,38 @@ class Condition:
             self._indicated = self._since
             self._since = None
             return self._raise(finding, indicated)
-        return self.clear(stamp, finding.quantity, finding.message)
+        return self.clear(stamp, finding.quantity, finding.facts)
 
-    def clear(self, stamp: int, quantity: Quantity, message: Text) -> list[Event]:
-        """End the condition where it is active; ``message`` says what is seen now."""
+    def clear(self, stamp: int, quantity: Quantity, facts: FactsSource = Facts()) -> list[Event]:  # noqa: B008
+        """End the condition where it is active; ``facts`` are those of now.
+
+        Where they name no parameter, what was judged before is named as unknown.
+        """
         if self.active is None:
             return []
-        # A clock that was set back makes no time negative.
-        began = self._raised if self._raised is not None and self._raised <= stamp else None
-        lasted = math.nan if began is None else 1e-9 * (stamp - began)
-        text = over(self.kind, _account(message), lasted)
-        event = self._event(stamp, EventState.CLEARED, quantity, text)
+        # Causes, certainty and outlook belonged to what is over.
+        now = _facts(facts)
+        if not now.parameter:
+            now = replace(
+                self._last,
+                value=math.nan,
+                low=math.nan,
+                high=math.nan,
+                change=math.nan,
+                note=now.note,
+                evidence=now.evidence,
+            )
+        now = replace(
+            now,
+            began=self._raised or 0,
+            causes=(),
+            probabilities=(),
+            false_alarm_interval=math.nan,
+            time_to_limit=math.nan,
+            urgency=Urgency.NONE,
+            advice=0,
+        )
+        event = self._event(stamp, EventState.CLEARED, quantity, now)
         self.active, self.cause = None, ""
         self._since = self._indicated = self._raised = None
         return [event]
@@ -189,25 +156,15 @@ class Condition:
         stamp, cause = finding.stamp, finding.cause
         self.active, self.cause = severity, cause
         self._raised = stamp if self._raised is None else self._raised
-        account = _account(finding.message)
-        if math.isnan(account.began) and self._indicated is not None:
-            account = replace(account, began=1e-9 * (stamp - self._indicated))
-        declared = self.declared.cause(cause)
-        account = replace(
-            account,
-            sure=account.sure or self._sure(),
-            urgent=account.urgent
-            or urgency(declared.namur.letter, alarm=severity is Severity.ALARM, hurries=account.hurries),
-            outlook=account.outlook or NO_TREND,
+        facts, declared = _facts(finding.facts), self.declared.cause(cause)
+        facts = replace(
+            facts,
+            began=facts.began or self._indicated or 0,
+            urgency=urgency_of(declared.namur, severity, hurries=finding.hurries),
+            advice=declared.code,
         )
-        text = raised(account, declared.remedy)
-        return [self._event(stamp, EventState.RAISED, finding.quantity, text)]
-
-    def _sure(self) -> str:
-        """Return what speaks for a finding that states no error of its own."""
-        if self.on_delay > 0.0:
-            return f"seen without a break for {duration(self.on_delay)} or more"
-        return "counted, not estimated"
+        self._last = facts
+        return [self._event(stamp, EventState.RAISED, finding.quantity, facts)]
 
     @property
     def kind(self) -> str:
@@ -219,16 +176,21 @@ class Condition:
         """Name that distinguishes it from the valve's others, e.g. ``friction_drift/coulomb_force``."""
         return condition_name(self.kind, self.source)
 
-    def restore(self, severity: Severity, cause: str) -> None:
-        """Go on as active, as it was before a restart; no event follows."""
-        self.active, self.cause = severity, cause
+    @property
+    def title(self) -> str:
+        """Title of its events while it is active, in English, e.g. ``Friction drift (wear)``."""
+        return title(self.declared.cause(self.cause).code, self.kind)
+
+    def restore(self, severity: Severity, cause: str, facts: Facts = Facts()) -> None:  # noqa: B008
+        """Go on as active, as it was before a restart; no event follows. ``facts``: of the last event."""
+        self.active, self.cause, self._last = severity, cause, facts
         self._since = self._indicated = self._raised = None
 
-    def _event(self, stamp: int, state: EventState, quantity: Quantity, message: str) -> Event:
+    def _event(self, stamp: int, state: EventState, quantity: Quantity, facts: Facts) -> Event:
         assert self.active is not None
-        return Event(stamp, self.kind, state, self.active, self.cause, quantity, message, self.source)
+        code = self.declared.cause(self.cause).code
+        return Event(stamp, self.kind, state, self.active, self.cause, quantity, self.source, code, facts)
 
 
-def _account(text: Text) -> Account:
-    told = text() if callable(text) else text
-    return Account(told) if isinstance(told, str) else told
+def _facts(source: FactsSource) -> Facts:
+    return source() if callable(source) else source

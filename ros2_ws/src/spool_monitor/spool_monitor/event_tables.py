@@ -7,6 +7,8 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
+from spool_core.events.english import ENGLISH
+
 from spool_monitor.detectors import KINDS
 from spool_monitor.event import EventKind
 
@@ -20,9 +22,9 @@ def number_table() -> str:
 def meaning_table() -> str:
     """Return what every kind and cause means on the machine and what to do, in Markdown."""
     names = ((kind, [one.name for one in kind.causes] or [""]) for kind in KINDS.values())
-    causes = (kind.cause(name) for kind, listed in names for name in listed)
-    rows = ((cause.code, cause.meaning, cause.remedy) for cause in causes)
-    return _table(("number", "what it means", "what to do"), rows)
+    codes = (kind.cause(name).code for kind, listed in names for name in listed)
+    rows = ((code, *ENGLISH.event(code)) for code in codes)
+    return _table(("number", "title", "what it means", "what to do"), rows)
 
 
 def _causes(kind: EventKind) -> str:

@@ -63,11 +63,13 @@ class Monitor:
         if before is not None and self.gate.fault is Fault.LOST:
             silent, patience = ((block.stamp - before[1]) * 1e-9, self.settings[STALE_AFTER])
             if silent > patience:
-                events += self._stale.silent("acceleration", before[1] + round(patience * 1e9), silent)
+                events += self._stale.silent(
+                    "acceleration", before[1] + round(patience * 1e9), silent, patience
+                )
         block = self.outliers.cleaned(block, restarts=verdict is Verdict.RESTARTS)
         events += self._data_faults.judge_outliers(self.outliers, block.stamp)
         self._stamp = block.end
-        events += self._stale.arrived("acceleration", block.stamp, "acceleration arrives again")
+        events += self._stale.arrived("acceleration", block.stamp)
         if verdict is Verdict.RESTARTS:
             self.detection.restart(block.sample_period)
         self.detection.doubt = "" if self.gate.confirmed else UNCONFIRMED
@@ -75,7 +77,7 @@ class Monitor:
 
     def update_estimate(self, estimate: Estimate) -> list[Event]:
         """Take one estimate; return what began or ended with it."""
-        events = self._stale.arrived("estimate", estimate.stamp, "estimates arrive again")
+        events = self._stale.arrived("estimate", estimate.stamp)
         self.estimate = estimate
         self._stamp = max(self._stamp, estimate.stamp)
         return events + self.detection.update_estimate(estimate, self._natural_frequency.value)
@@ -89,15 +91,15 @@ class Monitor:
         if self.gate.accepted == 0:
             if without_blocks <= patience + FIRST_BLOCK:
                 return []
-            refused = self.gate.refused > 0
-            return self._stale.nothing_ever(self._stamp or now, without_blocks, refused=refused)
+            refused, limit = self.gate.refused > 0, patience + FIRST_BLOCK
+            return self._stale.nothing_ever(self._stamp or now, without_blocks, limit, refused=refused)
         if without_blocks > patience:
             stamp = self._stamp + round(without_blocks * 1e9)
-            return self._stale.silent("acceleration", stamp, without_blocks)
+            return self._stale.silent("acceleration", stamp, without_blocks, patience)
         # Without blocks there can be no estimates: only silence beyond that is the estimator's.
         first = FIRST_ESTIMATE if self.estimate is None else 0.0
         if without_estimates - without_blocks > patience + first:
-            return self._stale.silent("estimate", self._stamp, without_estimates)
+            return self._stale.silent("estimate", self._stamp, without_estimates, patience + first)
         return []
 
     @property
@@ -194,10 +196,7 @@ class Monitor:
         if stale:
             return "no " + " and no ".join(stale)
         if active:
-            return ", ".join(
-                one.kind.replace("_", " ") + (f" ({one.cause.replace('_', ' ')})" if one.cause else "")
-                for one in active
-            )
+            return ", ".join(one.title for one in active)
         if self.gate.accepted == 0:
             return "waiting for data"
         if self.detection.blind:

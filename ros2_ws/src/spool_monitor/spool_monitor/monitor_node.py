@@ -11,10 +11,12 @@ from typing import Any, ClassVar
 from spool_core.block import Block
 from spool_core.block_gate import BlockGate, SharedGate
 from spool_core.errors import InputError
+from spool_core.events.sentences import language_of
 from spool_core.node import qos
 from spool_core.node.diagnostics import DiagnosticPublisher, Level, Status, block_faults, block_values, key
 from spool_core.node.managed_node import ManagedNode
-from spool_core.node.parameters import NodeParameter, Value
+from spool_core.node.messages import to_event_message
+from spool_core.node.parameters import LANGUAGE, NodeParameter, Value
 from spool_core.uncertainty import Quantity
 from spool_estimator.messages import from_description, from_message
 from spool_msgs.msg import HealthEvent, ModelEstimate, ValveDescription, ValveHealth
@@ -33,7 +35,7 @@ from spool_monitor.detectors import (
 )
 from spool_monitor.detectors.base import NATURAL_FREQUENCY
 from spool_monitor.event import Event, Severity
-from spool_monitor.messages import to_event_message, to_health_message
+from spool_monitor.messages import to_health_message
 from spool_monitor.monitor import Health, HealthLevel, Monitor
 from spool_monitor.state_file import default_folder, valve_folder
 from spool_monitor.trend_writer import TrendWriter
@@ -75,7 +77,7 @@ _LEVELS = {None: Level.OK, Severity.WARNING: Level.WARNING, Severity.ALARM: Leve
 class MonitorNode(ManagedNode):
     """Node ``monitor``: judges resonance, drift and silence of one valve from its blocks and estimates."""
 
-    PARAMETERS: ClassVar = (*_SETTINGS, *_KEEPING)
+    PARAMETERS: ClassVar = (*_SETTINGS, *_KEEPING, LANGUAGE)
 
     def __init__(self, namespace: str | None = None, **options: Any) -> None:
         super().__init__("monitor", namespace, **options)
@@ -98,7 +100,8 @@ class MonitorNode(ManagedNode):
         warn = self.get_logger().warning
         state = ValveState(self._core, self._folder(), warn, AlarmStore(kinds))
         state.open()
-        self._alarms = AlarmServices(self, state)
+        self._language = language_of(self.value(LANGUAGE.name))
+        self._alarms = AlarmServices(self, state, self._language)
         if state.folder is not None:
             self._trends = TrendWriter(state.folder / TRENDS, warn, lambda: state.owned)
         self._health_publisher = self.create_lifecycle_publisher(ValveHealth, "health", qos.state())
@@ -223,7 +226,7 @@ class MonitorNode(ManagedNode):
         if events:
             self._alarms.take(events)
         for event in events:
-            self._event_publisher.publish(to_event_message(event, self._valve_id))
+            self._event_publisher.publish(to_event_message(event, self._valve_id, self._language))
         if events or self._core.level is not self._level:
             self._report()
 
@@ -272,7 +275,7 @@ def _detector_status(task: str, detection: Detection, health: Health, shown: Ite
     active = [condition for condition in conditions if condition.active is not None]
     worst = max((condition.active for condition in active if condition.active is not None), default=None)
     level = _LEVELS[worst]
-    text = ", ".join(f"{one.kind} {one.cause}".strip().replace("_", " ") for one in active)
+    text = ", ".join(one.title for one in active)
     if not text:
         open_ = {one.judgement for one in ours if one.judgement is not Judgement.JUDGED}
         text = ", ".join(JUDGEMENT_TEXTS[judgement] for judgement in sorted(open_)) or "nothing found"

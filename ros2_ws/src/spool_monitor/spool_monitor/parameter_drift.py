@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from spool_core.text import change, duration
+from spool_core.events.event import Facts
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 
@@ -120,13 +120,6 @@ class Outlook:
         if not steady or abs(slope) < SIGNIFICANT * deviation or slope * now <= 0.0:
             return math.nan
         return max(0.0, (limit - abs(now)) / abs(slope))
-
-    def text(self, limit: float, memory: float) -> str:
-        """Return when the limit of an alarm is reached, in words, or that no trend tells it."""
-        seconds = self.seconds_to(limit, memory)
-        if math.isnan(seconds) or seconds > LONGEST:
-            return "no steady trend, so nothing is said of when the limit of an alarm is reached"
-        return f"at the present rate the limit of an alarm is reached in about {duration(seconds)}"
 
 
 @dataclass(slots=True)
@@ -293,33 +286,36 @@ class ParameterDrift:
         return Quantity(self.change.name, unit, value, deviation / size, Validity.VALID)
 
     @property
-    def sure(self) -> str:
-        """What speaks for the change being no chance: the false alarms that the test is set to allow."""
-        return f"noise alone feigns it once in {duration(self.run_length)} on average"
+    def limit(self) -> float:
+        """Value of the parameter that the change passed: of an alarm, otherwise of a warning."""
+        base = self.baseline.value
+        size = self.matters * (abs(base) if self.relative else 1.0)
+        passed = ALARMS if self.level is Severity.ALARM else self.sum.allowance
+        return base + math.copysign(passed * size, self.share)
 
     @property
-    def outlook(self) -> str:
-        """When the change reaches the size of an alarm, or that no trend tells it."""
-        if self.level is Severity.ALARM:
-            return "the limit of an alarm is passed"
-        return self._outlook.text(ALARMS, self._memory)
+    def time_to_alarm(self) -> float:
+        """Time, s, until the change reaches the size of an alarm; NaN where it has, or no trend tells it."""
+        seconds = self._outlook.seconds_to(ALARMS, self._memory)
+        return math.nan if self.level is Severity.ALARM or seconds > LONGEST else seconds
 
     @property
     def hurries(self) -> bool:
         """Whether it reaches the size of an alarm within a shift, at the present rate."""
         return self._outlook.seconds_to(ALARMS, self._memory) < SHIFT
 
-    def text(self) -> str:
-        """Return how the parameter changed, for people: the last estimate against the baseline.
+    def facts(self) -> Facts:
+        """Return what an event says of the parameter: the last estimate against the baseline.
 
         Not the smoothed change, which lags behind a drift by more than the estimate's interval is wide.
         """
-        return change(
-            self.quantity.name,
-            self.quantity.unit,
-            (self.quantity.value, self.quantity.standard_deviation),
-            (self.baseline.value, self.baseline.spread),
-            relative=self.relative,
+        return replace(
+            Facts.of(replace(self.quantity, name=self.parameter), self.limit),
+            baseline=self.baseline.value,
+            change=self.quantity.value - self.baseline.value,
+            began=self.since,
+            false_alarm_interval=self.run_length,
+            time_to_limit=self.time_to_alarm,
         )
 
 

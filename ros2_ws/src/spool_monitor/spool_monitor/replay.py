@@ -14,7 +14,6 @@ from spool_estimator.plausibility import ValveCheck
 from spool_estimator.refit import Refit, WindowRefits, refit
 from spool_estimator.stream_estimator import StreamEstimator
 
-from spool_monitor.detectors.model_gap import gap_event
 from spool_monitor.event import Event, EventState
 from spool_monitor.parameter_drift import DriftTrace
 
@@ -166,9 +165,9 @@ class Replay:
         if events:
             self._told(events)
         for estimate in estimates:
-            change = self.gap.update(estimate)
-            if change is not None:
-                self.events.append(gap_event(change))
+            event = self.gap.update(estimate)
+            if event is not None:
+                self.events.append(event)
             self._told(self.monitor.update_estimate(estimate))
             if self.learned is not None:
                 self.learned(estimate)

@@ -13,7 +13,7 @@ from spool_core.errors import InputError
 from spool_estimator.estimate import Estimate, State
 
 from spool_monitor.alarm import AlarmRefusedError, Operator
-from spool_monitor.alarm_store import AlarmStore
+from spool_monitor.alarm_store import AlarmStore, serialised
 from spool_monitor.baseline import Baseline, BaselineRecord, BaselineStage, HealthyValue
 from spool_monitor.detection import Detection
 from spool_monitor.monitor import Monitor
@@ -261,7 +261,7 @@ class BaselineKeeper:
 
     def dump(self) -> dict[str, Any]:
         """Return what :meth:`load` takes, as JSON can hold it."""
-        records = [_serialised({**asdict(one), "stage": one.stage.value}) for one in self.records]
+        records = [serialised({**asdict(one), "stage": one.stage.value}) for one in self.records]
         return {"anew": self.anew, "records": records}
 
     def load(self, content: Any) -> None:
@@ -334,12 +334,3 @@ def _healthy_value(detection: Detection, name: str, start: Baseline) -> HealthyV
         name, detection.units[name], start.value, start.spread, start.mean, start.deviation, start.count,
         start.correlation,
     )  # fmt: skip
-
-
-def _serialised(value: Any) -> Any:
-    """Return ``value`` as JSON can hold it; NaN becomes a word that a float is read from."""
-    if isinstance(value, dict):
-        return {key: _serialised(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_serialised(item) for item in value]
-    return "nan" if isinstance(value, float) and math.isnan(value) else value

@@ -49,7 +49,7 @@ Change = Callable[[Alarm], Transition]
 
 def event(state: EventState, severity: Severity) -> Event:
     quantity = Quantity("coulomb_force_change", "N", 0.2)
-    return Event(NOW, "friction_drift", state, severity, "wear", quantity, "m", "coulomb_force")
+    return Event(NOW, "friction_drift", state, severity, "wear", quantity, "coulomb_force", 201)
 
 
 def raised(severity: Severity) -> Change:
@@ -243,7 +243,7 @@ def test_an_event_brings_severity_cause_value_and_times() -> None:
     late = replace(event(EventState.RAISED, Severity.ALARM), stamp=NOW + SECOND)
     first = INPUTS[WARN](alarm(N)).after
     grown = follow(first, late).after
-    assert (grown.severity, grown.cause, grown.value, grown.unit) == (Severity.ALARM, "wear", 0.2, "N")
+    assert (grown.severity, grown.cause, grown.event) == (Severity.ALARM, "wear", late)
     assert (grown.raised_at, grown.changed_at) == (NOW, NOW + SECOND)
     assert INPUTS[WARN](grown).after.severity is Severity.ALARM
 

@@ -4,10 +4,12 @@ from enum import IntEnum
 
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
+from spool_core.events.sentences import LANGUAGES, headline
+from spool_core.node.messages import from_event_message
 from spool_core.uncertainty import Quantity
 from spool_monitor.alarm import AlarmState, Operator
 from spool_monitor.alarm_store import AlarmStore
-from spool_monitor.event import Event, EventState, Namur, Severity
+from spool_monitor.event import Event, EventState, Facts, Namur, Severity
 from spool_monitor.messages import to_alarm_list
 from spool_msgs.msg import Alarm, AlarmList, ValveHealth
 
@@ -38,13 +40,13 @@ def test_alarms_go_through_their_message_in_their_order() -> None:
             Severity.ALARM,
             "wear" if source else "",
             quantity,
-            "m",
             source,
+            facts=Facts("coulomb_force", "N", 0.35, baseline=0.1, change=0.25, limit=0.2),
         )
         book.update(event)
     book.acknowledge("resonance", Operator("Eva", 9 * SECOND + 5, "seen"))
     book.shelve("friction_drift", Operator("Eva", 9 * SECOND), 60.0)
-    sent = to_alarm_list(book.shown, 10 * SECOND, "4weh10_soft")
+    sent = to_alarm_list(book.shown, 10 * SECOND, "4weh10_soft", LANGUAGES["de"])
     message = deserialize_message(serialize_message(sent), AlarmList)
     assert (message.header.frame_id, message.header.stamp.sec) == ("4weh10_soft", 10)
     first, second = message.alarms
@@ -56,3 +58,6 @@ def test_alarms_go_through_their_message_in_their_order() -> None:
     assert (second.shelved_until.sec, second.raised_at.sec, second.occurrence) == (69, 2, 1)
     assert (second.value, second.unit, second.severity) == (0.25, "N", Severity.ALARM)
     assert first.header.stamp.nanosec == 5
+    assert second.event.limit == 0.2
+    said = headline(from_event_message(second.event), LANGUAGES["de"])
+    assert second.message == second.event.message == said

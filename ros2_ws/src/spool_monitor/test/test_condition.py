@@ -1,11 +1,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from spool_core.text import Account
+from spool_core.events.event import Facts, Urgency
+from spool_core.events.sentences import details
 from spool_core.uncertainty import Quantity
 from spool_monitor.detectors import KINDS, event_kind
 from spool_monitor.event import Condition, Event, EventCause, EventKind, EventState, Finding, Severity
@@ -23,7 +25,7 @@ def judge(
     condition: Condition, seconds: float, what: tuple[Severity | None, bool], cause: str = ""
 ) -> list[Event]:
     indicated, released = what
-    return condition.judge(Finding(round(seconds * SECOND), indicated, released, cause, NOTHING, "m"))
+    return condition.judge(Finding(round(seconds * SECOND), indicated, released, cause, NOTHING))
 
 
 def course(*steps: tuple[float, tuple[Severity | None, bool]]) -> list[tuple[float, EventState, Severity]]:
@@ -107,72 +109,83 @@ def test_without_delays_it_follows_at_once() -> None:
 
 def test_clear_ends_what_is_active_and_only_that() -> None:
     condition = Condition(event_kind("stale"), 0.0, 5.0)
-    assert condition.clear(0, NOTHING, "over") == []
+    assert condition.clear(0, NOTHING) == []
     judge(condition, 1.0, WARN, "estimate")
-    (event,) = condition.clear(2 * SECOND, NOTHING, "over")
+    (event,) = condition.clear(2 * SECOND, NOTHING)
     assert (event.state, event.severity, event.cause) == (CLEARED, WARNING, "estimate")
     assert condition.active is None
     assert condition.cause == ""
-    assert condition.clear(3 * SECOND, NOTHING, "over") == []
+    assert condition.clear(3 * SECOND, NOTHING) == []
 
 
 def test_the_event_carries_what_was_judged() -> None:
     condition = Condition(event_kind("friction_drift"), 0.0, 0.0)
     quantity = Quantity("coulomb_force_change", "N", 0.3)
-    (event,) = condition.judge(Finding(7, WARNING, False, "oil_contamination", quantity, "text"))
-    said = (
-        "text; how sure: counted, not estimated; how urgent: plan it, its reserve runs down "
-        "(NE 107: M, maintenance required), no trend tells a time; "
-        f"what to do: {event_kind('friction_drift').cause('oil_contamination').remedy}"
+    facts = Facts("coulomb_force", "N", 0.4, limit=0.2)
+    (event,) = condition.judge(Finding(7, WARNING, False, "oil_contamination", quantity, facts))
+    filled = replace(facts, began=7, urgency=Urgency.PLANNED, advice=202)
+    assert event == Event(
+        7, "friction_drift", RAISED, WARNING, "oil_contamination", quantity, code=202, facts=filled
     )
-    assert event == Event(7, "friction_drift", RAISED, WARNING, "oil_contamination", quantity, said)
     assert math.isnan(event.quantity.standard_deviation)
 
 
 @given(
     advised=st.sampled_from([(kind, one) for kind in KINDS.values() for one in kind.causes]),
     lasted=st.integers(1, 10 * 86400),
-    account=st.builds(Account, st.just("what is seen"), st.sampled_from(["", "it sticks"])),
 )
 def test_what_is_over_says_how_long_it_lasted_and_advises_nothing(
-    advised: tuple[EventKind, EventCause], lasted: int, account: Account
+    advised: tuple[EventKind, EventCause], lasted: int
 ) -> None:
     kind, cause = advised
     condition = Condition(kind, 0.0, 0.0)
+    facts = Facts(
+        "coulomb_force", "N", 0.4, limit=0.2, causes=("wear",), probabilities=(1.0,), time_to_limit=60.0,
+        false_alarm_interval=3.6e6,
+    )  # fmt: skip
 
-    def shown(seconds: int, indicated: Severity | None) -> str:
-        (event,) = condition.judge(
-            Finding(seconds * SECOND, indicated, indicated is None, cause.name, NOTHING, lambda: account)
-        )
-        return event.message
+    def shown(seconds: int, indicated: Severity | None) -> Event:
+        finding = Finding(seconds * SECOND, indicated, indicated is None, cause.name, NOTHING, lambda: facts)
+        (event,) = condition.judge(finding)
+        return event
 
-    raised, cleared = shown(0, ALARM), shown(lasted, None)
-    remedy = kind.cause(cause.name).remedy
-    assert raised.endswith(f"; what to do: {remedy}")
-    assert remedy not in cleared
-    assert "what to do" not in cleared
-    assert "it sticks" not in cleared
-    number, unit = (
-        cleared.removeprefix(f"{kind.name.replace('_', ' ')} is over after ").split(":")[0].split(" ")
-    )
-    step, seconds = {"s": (0.1, 1), "min": (1, 60), "h": (1, 3600), "days": (1, 86400)}[unit]
-    assert abs(float(number) * seconds - lasted) <= 0.5001 * step * seconds
+    raised, cleared = shown(1, ALARM), shown(1 + lasted, None)
+    assert raised.facts.advice == raised.code == cleared.code == kind.cause(cause.name).code
+    assert raised.facts.urgency > Urgency.NONE
+    over = cleared.facts
+    assert (over.advice, over.urgency, over.causes, over.probabilities) == (0, Urgency.NONE, (), ())
+    assert math.isnan(over.time_to_limit)
+    assert math.isnan(over.false_alarm_interval)
+    shown_time = {one.field: one.text for one in details(cleared)}["lasted"]
+    number, unit = shown_time.split()
+    step, span = {"s": (0.1, 1), "min": (1, 60), "h": (1, 3600), "days": (1, 86400)}[unit]
+    assert abs(float(number) * span - lasted) <= 0.5001 * step * span
+
+
+def test_what_is_over_and_not_measured_any_more_names_what_was_judged() -> None:
+    condition = Condition(event_kind("resonance"), 0.0, 0.0)
+    condition.judge(Finding(1, WARNING, False, "", NOTHING, Facts("amplification", "1", 4.0, limit=1.8)))
+    (event,) = condition.judge(Finding(2, None, True, "", NOTHING, Facts(note="at_rest")))
+    assert (event.facts.parameter, event.facts.limit, event.facts.note) == ("amplification", 1.8, "at_rest")
+    assert math.isnan(event.facts.value)
 
 
 def test_what_was_raised_before_a_restart_is_over_after_a_time_that_nobody_knows() -> None:
     condition = Condition(event_kind("stale"), 0.0, 0.0)
-    condition.restore(ALARM, "acceleration")
-    (event,) = condition.clear(2 * SECOND, NOTHING, "acceleration arrives again")
-    assert event.message == "stale is over: acceleration arrives again"
+    condition.restore(ALARM, "acceleration", Facts("silence", "s", 9.0, limit=1.5))
+    (event,) = condition.clear(2 * SECOND, NOTHING, Facts(note="arrives_again"))
+    assert event.facts.began == 0
+    assert (event.facts.limit, event.facts.note) == (1.5, "arrives_again")
+    assert "lasted" not in {one.field for one in details(event)}
 
 
 @pytest.mark.parametrize("grows_after", [1, 30])
 def test_an_alarm_that_grew_tells_since_when_it_began(grows_after: int) -> None:
     condition = Condition(event_kind("resonance"), on_delay=0.5, off_delay=1.0)
-    judge(condition, 0.0, WARN)
-    judge(condition, 0.5, WARN)
-    (event,) = judge(condition, grows_after, ALARMING)
-    assert f"began about {grows_after}.0 s ago" in event.message
+    judge(condition, 1.0, WARN)
+    judge(condition, 1.5, WARN)
+    (event,) = judge(condition, 1.0 + grows_after, ALARMING)
+    assert event.stamp - event.facts.began == grows_after * SECOND
 
 
 @given(
@@ -216,7 +229,7 @@ def test_after_a_clear_the_on_delay_starts_anew() -> None:
     judge(condition, 0.0, WARN)
     judge(condition, 0.5, WARN)
     judge(condition, 1.0, QUIET)
-    assert condition.clear(round(1.2 * SECOND), NOTHING, "over")
+    assert condition.clear(round(1.2 * SECOND), NOTHING)
     assert judge(condition, 1.3, WARN) == []
     assert judge(condition, 1.7, WARN) == []
     assert len(judge(condition, 1.8, WARN)) == 1

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-import re
 
 import pytest
 from spool_core.uncertainty import Quantity, Validity
@@ -49,15 +48,12 @@ def test_wear_is_found_though_the_oil_warms_as_well() -> None:
     found = events_of(warmest=24.0, told=True, wear=0.5)
     assert found
     assert found[0].cause == "wear"
-    said = re.match(
-        r"referred viscous coefficient fell by ([\d.]+) % to ([\d.]+) ± [\d.]+ N s/m, baseline ([\d.]+) ± ",
-        found[0].message,
-    )
-    assert said is not None, found[0].message
-    fell, now, baseline = map(float, said.groups())
-    assert fell == pytest.approx(100.0 * (1.0 - now / baseline), abs=0.51)
-    # What programs read is what people read.
-    assert -100.0 * found[0].quantity.value == pytest.approx(fell, abs=0.6)
+    facts = found[0].facts
+    assert facts.note == "oil_referred"
+    assert facts.change == pytest.approx(facts.value - facts.baseline)
+    assert facts.low < facts.value < facts.high < facts.baseline
+    # The quantity is the same change, relative to the baseline.
+    assert found[0].quantity.value == pytest.approx(facts.change / facts.baseline)
 
 
 def at(second: float, drag: float, referred: float | None) -> Estimate:

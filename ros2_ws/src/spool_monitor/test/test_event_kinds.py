@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from spool_core.events.sentences import LANGUAGES
 from spool_monitor.detectors import DETECTORS, KINDS, LIMITS, MonitorLimit, event_kind, latching_kinds
 from spool_monitor.event import EventKind, Namur
 from spool_monitor.event_tables import meaning_table, number_table
@@ -42,9 +43,14 @@ def test_no_number_is_given_twice() -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=lambda kind: kind.name)
-def test_each_kind_and_cause_says_what_it_means_what_to_do_and_its_status(kind: EventKind) -> None:
+def test_each_kind_and_cause_has_texts_in_every_language_and_a_status(kind: EventKind) -> None:
     told = [kind.cause(one.name) for one in kind.causes] or [kind.cause("")]
-    assert all(one.meaning.endswith(".") and one.remedy and one.namur > Namur.NORMAL for one in told)
+    assert all(one.namur > Namur.NORMAL for one in told)
+    for language in LANGUAGES.values():
+        for texts in (language.event(one.code) for one in told):
+            assert texts.title
+            assert texts.meaning.endswith(".")
+            assert texts.advice
     assert all(kind.code < one.code < kind.code + 100 for one in kind.causes)
     assert kind.task in ("data", "condition")
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
+from spool_core.events.event import EventState, Severity, Urgency
 from spool_core.node.managed_node import AUTOSTART
 from spool_core.uncertainty import Quantity, Validity
 from spool_monitor.detectors import Judgement
-from spool_monitor.event import Event, EventState, Severity
-from spool_monitor.messages import to_event_message, to_health_message
+from spool_monitor.messages import to_health_message
 from spool_monitor.monitor import BaselineState, Health, HealthLevel, Monitor
 from spool_monitor.monitor_node import MonitorNode
 from spool_msgs.msg import HealthEvent, ValveHealth
@@ -30,35 +30,13 @@ def constants(message: type, prefix: str) -> dict[str, int]:
         (BaselineState, ValveHealth, "BASELINE_"),
         (EventState, HealthEvent, "STATE_"),
         (Severity, HealthEvent, "SEVERITY_"),
+        (Urgency, HealthEvent, "URGENCY_"),
     ],
 )
 def test_numbers_are_those_of_the_message(enumeration: type[IntEnum], message: type, prefix: str) -> None:
     found = constants(message, prefix)
     assert len(found) == len(enumeration)
     assert found == {member.name: int(member) for member in enumeration}
-
-
-def test_an_event_goes_through_its_message() -> None:
-    event = Event(
-        1_700_000_000_123_456_789,
-        "friction_drift",
-        EventState.RAISED,
-        Severity.ALARM,
-        "oil_contamination",
-        Quantity("coulomb_force_change", "N", 0.25, 0.01, Validity.VALID),
-        "coulomb force 0.35 N, was 0.1",
-    )
-    message = deserialize_message(serialize_message(to_event_message(event, "4weh10_soft")), HealthEvent)
-    assert message.header.frame_id == "4weh10_soft"
-    assert message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == event.stamp
-    assert (message.kind, message.cause, message.message) == (event.kind, event.cause, event.message)
-    assert message.state == HealthEvent.STATE_RAISED
-    assert message.severity == HealthEvent.SEVERITY_ALARM
-    assert (message.quantity.name, message.quantity.unit, message.quantity.value) == (
-        "coulomb_force_change",
-        "N",
-        0.25,
-    )
 
 
 def test_health_goes_through_its_message_with_every_field() -> None:

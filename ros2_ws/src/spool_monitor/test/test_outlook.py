@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-import re
 
 import numpy as np
 import pytest
-from spool_core.text import Account
+from spool_core.events.event import Facts, Urgency
+from spool_core.events.sentences import details
 from spool_core.uncertainty import Quantity
 from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.detectors import KINDS, MonitorSettings
@@ -59,20 +59,14 @@ def test_what_has_passed_its_limit_has_no_time_left() -> None:
     ],
 )
 def test_no_trend_tells_no_time(changes: np.ndarray) -> None:
-    outlook = followed(changes)
-    assert math.isnan(outlook.seconds_to(2.0, MEMORY))
-    assert "nothing is said of when" in outlook.text(2.0, MEMORY)
+    assert math.isnan(followed(changes).seconds_to(2.0, MEMORY))
 
 
-def test_what_reaches_its_limit_within_a_shift_is_not_to_be_planned() -> None:
-    said = []
-    for hurries in (False, True):
-        account = Account("drag fell", hurries=hurries)
-        finding = Finding(0, Severity.WARNING, False, "wear", Quantity("x", "1"), account)
-        (event,) = Condition(KINDS["friction_drift"], 0.0, 0.0).judge(finding)
-        said.append(event.message)
-    assert "how urgent: plan it, " in said[0]
-    assert "how urgent: soon, " in said[1]
+@pytest.mark.parametrize(("hurries", "urgency"), [(False, Urgency.PLANNED), (True, Urgency.SOON)])
+def test_what_reaches_its_limit_within_a_shift_is_not_to_be_planned(hurries: bool, urgency: Urgency) -> None:
+    finding = Finding(0, Severity.WARNING, False, "wear", Quantity("x", "1"), Facts(), hurries)
+    (event,) = Condition(KINDS["friction_drift"], 0.0, 0.0).judge(finding)
+    assert event.facts.urgency is urgency
 
 
 def test_a_slow_wear_says_when_it_becomes_an_alarm() -> None:
@@ -88,11 +82,19 @@ def test_a_slow_wear_says_when_it_becomes_an_alarm() -> None:
     simulator.set_drift("viscous_coefficient", 0.3 * valve.viscous_coefficient, 150.0)
     one.run(simulator.records(110.0))
     warning, alarm = [event for event in one.events if event.kind == "friction_drift"]
-    told = re.search(r"the limit of an alarm is reached in about ([0-9.]+) s", warning.message)
-    assert told is not None
-    assert float(told[1]) == pytest.approx((alarm.stamp - warning.stamp) * 1e-9, rel=0.25)
-    assert "how urgent: soon, its reserve runs down fast" in warning.message
-    assert "the limit of an alarm is passed" in alarm.message
+    left = (alarm.stamp - warning.stamp) * 1e-9
+    assert warning.facts.time_to_limit == pytest.approx(left, rel=0.25)
+    assert warning.facts.urgency is alarm.facts.urgency is Urgency.SOON
+    assert math.isnan(alarm.facts.time_to_limit)
+    # It wears: the coefficient fell below the limit that each of both names.
+    for event in (warning, alarm):
+        facts = event.facts
+        assert facts.parameter == "viscous_coefficient"
+        assert facts.value < facts.limit < facts.baseline
+        assert facts.low < facts.value < facts.high
+        assert facts.change == pytest.approx(facts.value - facts.baseline)
+        assert facts.false_alarm_interval == 3.6e6
+    assert alarm.facts.limit < warning.facts.limit
 
 
 def test_a_new_drift_forgets_the_one_before() -> None:
@@ -103,24 +105,24 @@ def test_a_new_drift_forgets_the_one_before() -> None:
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=lambda kind: kind.name)
 @pytest.mark.parametrize("severity", [Severity.WARNING, Severity.ALARM])
-def test_every_alarm_says_what_since_when_how_sure_how_urgent_and_what_to_do(
+def test_every_alarm_says_what_since_when_how_urgent_and_what_to_do(
     kind: EventKind, severity: Severity
 ) -> None:
     for cause in [one.name for one in kind.causes] or [""]:
         condition = Condition(kind, 2.0, 2.0)
+        facts = Facts("silence", "s", 3.0, limit=1.5)
         events = [
             event
-            for second in range(4)
+            for second in range(1, 5)
             for event in condition.judge(
-                Finding(second * SECOND, severity, False, cause, Quantity("x", "1"), "what is seen")
+                Finding(second * SECOND, severity, False, cause, Quantity("x", "1"), facts)
             )
         ]
         (event,) = [event for event in events if event.state is EventState.RAISED]
-        parts = ["what is seen", "began about 2.0 s ago", "how sure: ", "how urgent: ", "what to do: "]
-        places = [event.message.index(part) for part in parts]
-        assert places == sorted(places)
+        shown = [one.field for one in details(event)]
+        order = ["measured", "limit", "began", "urgency", "meaning", "advice"]
+        assert [one for one in shown if one in order] == order
         letter = kind.cause(cause).namur.letter
-        assert f"(NE 107: {letter}, " in event.message
-        assert ("at once" in event.message) == (
+        assert (event.facts.urgency is Urgency.IMMEDIATE) == (
             letter == "F" or (letter == "S" and severity is Severity.ALARM)
         )

@@ -13,7 +13,6 @@ from spool_estimator.estimate import Estimate
 from spool_estimator.estimator import ESTIMATORS, make_estimator, settings_for
 from spool_estimator.gap_requests import GapWatch
 from spool_monitor.detectors import MonitorSettings
-from spool_monitor.detectors.model_gap import gap_event
 from spool_monitor.event import Event, EventState
 from spool_monitor.monitor import Monitor
 from spool_monitor.replay import Replay
@@ -103,7 +102,7 @@ def live(method: str, blocks: list[Block]) -> tuple[list[Estimate], list[Event],
         changes = [gap.update(estimate) for estimate in found]
         events += monitor.update(block)
         for estimate, change in zip(found, changes, strict=True):
-            events += [] if change is None else [gap_event(change)]
+            events += [] if change is None else [change]
             events += monitor.update_estimate(estimate)
         estimates += found
     return estimates, events, monitor
@@ -186,5 +185,5 @@ def test_a_gap_that_opens_is_among_the_events_of_a_replay_in_order() -> None:
     for block in blocks:
         estimates = apart.update(block)
         watch.take(block)
-        found += [gap_event(change) for change in map(watch.update, estimates) if change is not None]
+        found += [event for event in map(watch.update, estimates) if event is not None]
     assert repr(found) == repr(gaps)

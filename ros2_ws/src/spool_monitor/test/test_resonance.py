@@ -70,7 +70,8 @@ def test_near_and_amplified_and_strong(
         assert event.state is EventState.RAISED
         assert event.stamp == 500_000_000
         assert event.quantity.value == amplification
-        assert f"{frequency:.1f} Hz" in event.message
+        assert numbers(event)["dominant_frequency"] == frequency
+        assert event.facts.limit <= event.facts.value == amplification
 
 
 @pytest.mark.parametrize(
@@ -99,15 +100,27 @@ def test_it_follows_the_natural_frequency() -> None:
     assert [event.state for event in raised] == [EventState.RAISED]
 
 
-def test_the_message_tells_what_the_model_expects_and_how_long_it_lasts() -> None:
+def numbers(event: Event) -> dict[str, float]:
+    """Return the further numbers of an event."""
+    return {one.name: one.value for one in event.facts.evidence}
+
+
+def test_an_event_carries_what_the_model_expects_and_when_it_was_raised() -> None:
     judge = Judge()
     (raised,) = shake(judge, 2.0, 15.0, 2.5)
-    expected = abs(configured(NATURAL).transfer(15.0))
-    assert f"({expected:.1f} expected)" in raised.message
+    assert numbers(raised)["expected_amplification"] == abs(configured(NATURAL).transfer(15.0))
+    assert numbers(raised)["relative_displacement"] == 1e-3
     (cleared,) = shake(judge, 3.0, 40.0, 0.5, start=2.0)
     assert cleared.stamp == 3_000_000_000
-    assert "1.00 mm" in raised.message
-    assert "change the machine's speed" in raised.message
+    assert cleared.facts.began == raised.stamp
+
+
+def test_a_line_that_leaves_the_band_while_it_is_amplified_is_compared_with_the_band() -> None:
+    judge = Judge()
+    assert shake(judge, 2.0, 15.0, 2.5)
+    (cleared,) = shake(judge, 3.0, 18.8, 2.5, start=2.0)
+    assert (cleared.facts.parameter, cleared.facts.value) == ("dominant_frequency", 18.8)
+    assert 15.0 < cleared.facts.limit < 18.8
 
 
 def test_silence_ends_it_after_the_same_delay() -> None:
@@ -119,7 +132,7 @@ def test_silence_ends_it_after_the_same_delay() -> None:
     ]
     assert [(event.state, event.stamp) for event in events] == [(EventState.CLEARED, 3_000_000_000)]
     assert math.isnan(events[0].quantity.value)
-    assert "the body is at rest" in events[0].message
+    assert events[0].facts.note == "at_rest"
 
 
 def test_with_a_faulty_sensor_nothing_begins_or_ends() -> None:

@@ -27,7 +27,7 @@ def opened(folder: Path | None) -> tuple[ValveState, list[str]]:
 
 
 def stuck(state: EventState, stamp: int) -> Event:
-    return Event(stamp, "stuck_spool", state, Severity.ALARM, "", Quantity("x", "1"), "m")
+    return Event(stamp, "stuck_spool", state, Severity.ALARM, "", Quantity("x", "1"))
 
 
 WORKER = """
@@ -45,7 +45,7 @@ stamp = 0
 def event(what):
     global stamp
     stamp += 1
-    state.alarms.update(Event(stamp, "stuck_spool", what, Severity.ALARM, "", Quantity("x", "1"), "m"))
+    state.alarms.update(Event(stamp, "stuck_spool", what, Severity.ALARM, "", Quantity("x", "1")))
 def kept():
     state.keep_alarms()
     alarm = state.alarms.alarms["stuck_spool"]

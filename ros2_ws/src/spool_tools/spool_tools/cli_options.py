@@ -131,6 +131,12 @@ FittedValve = Annotated[
         autocompletion=valve_names,
     ),
 ]  # fmt: skip
+LanguageOption = Annotated[
+    str,
+    typer.Option(
+        "--language", help="Language of alarms: en, de or pl; default: that of SPOOL_LANGUAGE, else English."
+    ),
+]
 NameOption = Annotated[
     str | None, typer.Option("--name", help="Which valve of a bag that holds several, e.g. valve_2.")
 ]

@@ -81,7 +81,8 @@ def test_the_page_says_what_drifted_and_shows_it(page: str) -> None:
     crossing = re.search(r"first crosses its threshold at ([0-9.]+) s", caption)
     assert crossing is not None
     assert 20.0 < float(crossing[1]) < 35.0
-    assert "friction drift" in page
+    assert "Friction drift (wear): viscous coefficient " in page
+    assert "<li>Limit: " in page
     for title in ("Spectrum over time", "Transmissibility", "What the record could have told", "Force loops"):
         assert title in page
 

@@ -72,7 +72,13 @@ def test_the_result_has_the_keys_that_scripts_rely_on(
     assert estimate["natural_frequency_Hz"] == pytest.approx(SOFT.natural_frequency, rel=0.02)
     assert 0.0 < estimate["nrmse"] < 0.1
     event = valve["events"][0]
-    assert set(event) == {"t_s", "kind", "state", "severity", "cause", "value", "unit", "message"}
+    assert set(event) == {
+        "t_s", "kind", "state", "severity", "cause", "code", "source", "parameter", "value", "unit", "low",
+        "high", "baseline", "change", "limit", "began_s", "causes", "probabilities", "false_alarm_interval",
+        "urgency", "time_to_limit", "advice", "subject", "note", "evidence", "message", "details",
+    }  # fmt: skip
+    assert event["message"] == "Lost blocks: faulty blocks 1, limit 0"
+    assert (event["value"], event["limit"], event["urgency"]) == (1.0, 0.0, "soon")
     assert (event["kind"], event["state"], event["severity"]) == ("data_fault", "raised", "warning")
     assert event["t_s"] == pytest.approx(52 * 0.02)
 

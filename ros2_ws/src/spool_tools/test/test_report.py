@@ -145,7 +145,8 @@ def test_what_a_bag_says_is_text_and_no_markup(
     analysis = replay_bag(bag, [])
     analysis["valves"]["valve_1"]["events"] = [
         {"t_s": 0.5, "kind": "<b>", "state": "raised", "severity": "alarm", "cause": "<i>", "value": 1.0,
-         "unit": "1", "message": "<script>alert(1)</script>"},
+         "unit": "1", "message": "<script>alert(1)</script>", "code": 900,
+         "details": ["<script>alert(2)</script>"]},
     ]  # fmt: skip
     write_report(tmp_path, BagReader(bag), analysis)
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
@@ -157,16 +158,16 @@ def test_what_a_bag_says_is_text_and_no_markup(
 
 
 def event(seconds: float, state: str, kind: str = "resonance", cause: str | None = None) -> dict[str, Any]:
-    return {"t_s": seconds, "kind": kind, "state": state, "cause": cause}
+    return {"t_s": seconds, "kind": kind, "state": state, "cause": cause, "code": 201 if cause else 100}
 
 
 @pytest.mark.parametrize(
     ("events", "spans"),
     [
         ([], []),
-        ([event(1.0, "raised"), event(2.0, "cleared")], [("resonance", 1.0, 2.0)]),
-        ([event(1.0, "raised")], [("resonance", 1.0, 9.0)]),
-        ([event(1.0, "raised"), event(1.5, "raised"), event(2.0, "cleared")], [("resonance", 1.0, 2.0)]),
+        ([event(1.0, "raised"), event(2.0, "cleared")], [("Resonance", 1.0, 2.0)]),
+        ([event(1.0, "raised")], [("Resonance", 1.0, 9.0)]),
+        ([event(1.0, "raised"), event(1.5, "raised"), event(2.0, "cleared")], [("Resonance", 1.0, 2.0)]),
         ([event(2.0, "cleared")], []),
         (
             [
@@ -175,7 +176,7 @@ def event(seconds: float, state: str, kind: str = "resonance", cause: str | None
                 event(3.0, "cleared"),
                 event(4.0, "raised"),
             ],
-            [("resonance", 1.0, 3.0), ("friction drift: wear", 2.0, 9.0), ("resonance", 4.0, 9.0)],
+            [("Resonance", 1.0, 3.0), ("Friction drift (wear)", 2.0, 9.0), ("Resonance", 4.0, 9.0)],
         ),
     ],
 )

@@ -45,7 +45,7 @@ _HEADERS = [
 ]
 
 SITE = Path(__file__).resolve().parent / "site"
-LANGUAGES = ("en", "de")
+LANGUAGES = ("en", "de", "pl")
 COOKIE = "spool_language"
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 #: Names of valves, as ROS 2 allows them for namespaces.

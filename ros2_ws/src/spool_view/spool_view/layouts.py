@@ -116,7 +116,7 @@ def _tab(valve: PlottedValve, number: int, panels: dict[str, Any]) -> dict[str, 
         panel("Plot", "residual", _plot("residual", [(f"{space}/estimate.residual.value", "residual")])),
     ]  # fmt: skip
     state = panel("RawMessages", "health", {"topicPath": f"{space}/health", "expansion": "all"})
-    events = panel("RawMessages", "events", {"topicPath": f"{space}/events.message"})
+    events = panel("RawMessages", "events", {"topicPath": f"{space}/events"})
     side = {"first": state, "second": events, "direction": "column", "splitPercentage": 60}
     layout = {"first": side, "second": _stacked(plots), "direction": "row", "splitPercentage": 25}
     return {"title": valve.name, "layout": layout}

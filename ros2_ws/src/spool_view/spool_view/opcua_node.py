@@ -22,9 +22,13 @@ from asyncua import Server, ua
 from asyncua.crypto.permission_rules import PermissionRuleset, User, UserRole
 from asyncua.server.user_managers import UserManager
 from spool_core.errors import InputError
+from spool_core.events.english import ENGLISH
+from spool_core.events.language import Language
+from spool_core.events.sentences import details, headline, language_of
 from spool_core.node import qos
 from spool_core.node.managed_node import ManagedNode
-from spool_core.node.parameters import NodeParameter
+from spool_core.node.messages import from_event_message
+from spool_core.node.parameters import LANGUAGE, NodeParameter
 from spool_monitor.alarm import AlarmState
 from spool_monitor.valve_condition import NO_WORD, condition_of, monitored_valves
 from spool_msgs.msg import Alarm, AlarmList, ModelEstimate, Quantity, ValveHealth
@@ -45,6 +49,8 @@ _NAMUR = {
     ValveHealth.NAMUR_FUNCTION_CHECK: "function check",
     ValveHealth.NAMUR_FAILURE: "failure",
 }
+#: Numbers of an event that are variables of its alarm.
+_FACTS = ("value", "low", "high", "baseline", "change", "limit", "false_alarm_interval", "time_to_limit")
 _QUALITY = {
     Quantity.VALIDITY_VALID: ua.StatusCodes.Good,
     Quantity.VALIDITY_HELD: ua.StatusCodes.UncertainLastUsableValue,
@@ -91,11 +97,13 @@ class OpcUaNode(ManagedNode):
             structural=True,
         ),
         NodeParameter("port", 4840, "TCP port.", "", 1, 65535, structural=True),
+        LANGUAGE,
     )  # fmt: skip
 
     def __init__(self) -> None:
         super().__init__("opcua")
         self._valves: dict[str, HeardValve] = {}
+        self._language = ENGLISH
         self._loop = asyncio.new_event_loop()
         self._thread: threading.Thread | None = None
         self._server: Server | None = None
@@ -112,6 +120,7 @@ class OpcUaNode(ManagedNode):
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._thread.start()
         address, port = self.value("address"), self.value("port")
+        self._language = language_of(self.value(LANGUAGE.name))
         if address != LOOPBACK:
             self.get_logger().warning(f"address {address}: all who reach it read all valves, unencrypted")
         try:
@@ -130,7 +139,7 @@ class OpcUaNode(ManagedNode):
         server.allow_remote_admin(False)
         index = await server.register_namespace(NAMESPACE)
         await server.start()
-        self._server, self._space = server, AddressSpace(server, index)
+        self._server, self._space = server, AddressSpace(server, index, self._language)
 
     def activate(self) -> None:
         """Listen to every valve, those that join later as well."""
@@ -187,9 +196,9 @@ class Item:
 class AddressSpace:
     """Variables of all valves; a write happens only where value, quality or time changed."""
 
-    def __init__(self, server: Server, index: int) -> None:
-        """Fill ``server`` below Objects/Valves, in the namespace ``index``."""
-        self._server, self._index = server, index
+    def __init__(self, server: Server, index: int, language: Language = ENGLISH) -> None:
+        """Fill ``server`` below Objects/Valves, in the namespace ``index``; alarms speak ``language``."""
+        self._server, self._index, self._language = server, index, language
         self._folders: dict[tuple[str, ...], Any] = {}
         self._written: dict[tuple[str, ...], Item] = {}
 
@@ -197,7 +206,7 @@ class AddressSpace:
         """Bring all variables up to date at ``now`` (s, monotonic); return how many were written."""
         written = 0
         for valve in valves:
-            for item in items_of(valve, now):
+            for item in items_of(valve, now, self._language):
                 if self._written.get(item.path) != item:
                     await self._write(item)
                     written += 1
@@ -229,7 +238,7 @@ class AddressSpace:
         return self._folders[path]
 
 
-def items_of(valve: HeardValve, now: float) -> Iterator[Item]:
+def items_of(valve: HeardValve, now: float, language: Language = ENGLISH) -> Iterator[Item]:
     """Yield what plant systems see of ``valve`` at ``now`` (s, monotonic)."""
     name = valve.name
     condition = condition_of(valve.health, now - valve.health_at)
@@ -256,7 +265,7 @@ def items_of(valve: HeardValve, now: float) -> Iterator[Item]:
         yield from _numbers(name, "estimate", own, at, lost=silent)
     if valve.alarms is not None:
         for alarm in valve.alarms.alarms[:MOST]:
-            yield from _alarm(name, alarm, lost=silent)
+            yield from _alarm(name, alarm, language, lost=silent)
 
 
 class LookOnly(PermissionRuleset):  # type: ignore[misc]  # asyncua carries no types
@@ -291,19 +300,37 @@ def _finite(value: float) -> float:
     return float(value) if math.isfinite(value) else 0.0
 
 
-def _alarm(valve: str, alarm: Alarm, *, lost: bool) -> Iterator[Item]:
+def _alarm(valve: str, alarm: Alarm, language: Language, *, lost: bool) -> Iterator[Item]:
     at = _time(alarm.header.stamp) or _time(alarm.raised_at)
     quality = ua.StatusCodes.BadNoCommunication if lost else ua.StatusCodes.Good
-    values: dict[str, str | int] = {
+    unknown = ua.StatusCodes.BadNoCommunication if lost else ua.StatusCodes.BadWaitingForInitialData
+    event = from_event_message(alarm.event)
+    facts = event.facts
+    values: dict[str, str | int | float] = {
         "state": AlarmState(alarm.state).name.lower().replace("_", " "),
         "severity": int(alarm.severity),
         "code": int(alarm.code),
         "cause": alarm.cause,
-        "message": alarm.message,
+        "message": headline(event, language) if alarm.message else "",
+        "details": "\n".join(map(str, details(event, language))) if alarm.message else "",
         "acknowledged by": alarm.acknowledged_by,
+        "parameter": facts.parameter,
+        "unit": facts.unit if facts.parameter else "",
+        "causes": ", ".join(facts.causes),
+        "probabilities": ", ".join(f"{one:.3g}" for one in facts.probabilities),
+        "urgency": facts.urgency.name.lower(),
+        "advice": facts.advice,
+        "subject": facts.subject,
+        "note": facts.note,
+        **{key.replace("_", " "): getattr(facts, key) for key in _FACTS},
     }
     for key, value in values.items():
-        yield Item((valve, "alarms", alarm.name, key), value, quality, at)
+        known = not isinstance(value, float) or math.isfinite(value)
+        own = (value if known else 0.0), (quality if known else unknown)
+        yield Item((valve, "alarms", alarm.name, key), *own, at)
+    began = 1e-9 * facts.began
+    moment = datetime.fromtimestamp(began, timezone.utc).isoformat(timespec="milliseconds") if began else ""
+    yield Item((valve, "alarms", alarm.name, "began"), moment, quality, at)
 
 
 def _time(stamp: object) -> datetime | None:

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.errors import InputError
+from spool_core.events.sentences import LANGUAGES, details, headline
+from spool_core.node.messages import from_event_message
 from spool_core.uncertainty import Z_95, interval, number
 from spool_monitor.state_file import valve_folder
 from spool_monitor.trend import KEPT, TrendStore, finest, own_file
@@ -379,12 +381,26 @@ def _alarm(alarm: Any) -> dict[str, Any]:
         "underlying": STATES.get(alarm.underlying, "unknown"),
         "severity": _SEVERITIES.get(alarm.severity, "unknown"),
         "occurrence": int(alarm.occurrence),
-        "message": alarm.message[:_LONGEST],
+        "texts": _texts(alarm),
         "raised": int(alarm.raised_at.sec) or None,
         "acknowledged": int(alarm.acknowledged_at.sec) or None,
         "by": alarm.acknowledged_by[:_LONGEST],
         "comment": alarm.comment[:_LONGEST],
         "shelved_until": int(alarm.shelved_until.sec) or None,
+    }
+
+
+def _texts(alarm: Any) -> dict[str, Any]:
+    """Return headline and details of the alarm's last event in every language of the page."""
+    if not alarm.message:
+        return {}
+    event = from_event_message(alarm.event)
+    return {
+        code: {
+            "headline": headline(event, language)[:_LONGEST],
+            "details": [(one.label, one.text[:_LONGEST]) for one in details(event, language)],
+        }
+        for code, language in LANGUAGES.items()
     }
 
 

@@ -3,16 +3,29 @@
 from __future__ import annotations
 
 import array
+from enum import IntEnum
+from typing import Any, TypeVar
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from spool_msgs.msg import AccelerationBlock
+from spool_msgs.msg import AccelerationBlock, HealthEvent
 from spool_msgs.msg import Quantity as QuantityMessage
 
 from spool_core.block import Block
+from spool_core.events.event import Event, EventState, Facts, Severity, Urgency
+from spool_core.events.language import Language
+from spool_core.events.sentences import headline
 from spool_core.uncertainty import Quantity, Validity
 
 NANOSECONDS = 1_000_000_000
+
+#: Fields that an event's facts and its message share as they are.
+_SAME = (
+    "parameter", "unit", "value", "low", "high", "baseline", "change", "limit", "false_alarm_interval",
+    "time_to_limit", "advice", "subject", "note",
+)  # fmt: skip
+
+Number = TypeVar("Number", bound=IntEnum)
 
 
 def to_block(message: AccelerationBlock) -> Block:
@@ -69,3 +82,64 @@ def from_quantity(message: QuantityMessage) -> Quantity:
         message.standard_deviation,
         Validity(message.validity) if known else Validity.UNKNOWN,
     )
+
+
+def to_event_message(event: Event, valve_id: str, language: Language) -> HealthEvent:
+    """Return ``event`` of the valve ``valve_id`` as a message with its headline in ``language``."""
+    facts = event.facts
+    message = HealthEvent(
+        kind=event.kind,
+        cause=event.cause,
+        state=int(event.state),
+        severity=int(event.severity),
+        quantity=to_quantity(event.quantity),
+        message=event.text or headline(event, language),
+        source=event.source,
+        code=event.code,
+        began=to_time(facts.began),
+        causes=list(facts.causes),
+        probabilities=array.array("d", facts.probabilities),
+        urgency=int(facts.urgency),
+        evidence=[to_quantity(one) for one in facts.evidence],
+        **{name: getattr(facts, name) for name in _SAME},
+    )
+    message.header.frame_id = valve_id
+    message.header.stamp = to_time(event.stamp)
+    return message
+
+
+def from_event_message(message: Any) -> Event:
+    """Return the event of a ``HealthEvent``, also of one that was recorded by an earlier version.
+
+    Args:
+        message: as rclpy or rosbags read it. Fields that it lacks are unknown; an event without a parameter
+            keeps the sentence that it came with.
+    """
+    known = getattr(message, "parameter", "") != ""
+    facts = Facts()
+    if known:
+        facts = Facts(
+            began=nanoseconds(message.began),
+            causes=tuple(message.causes),
+            probabilities=tuple(float(one) for one in message.probabilities),
+            urgency=_member(Urgency, message.urgency),
+            evidence=tuple(from_quantity(one) for one in message.evidence),
+            **{name: getattr(message, name) for name in _SAME},
+        )
+    return Event(
+        nanoseconds(message.header.stamp),
+        message.kind,
+        _member(EventState, message.state),
+        _member(Severity, message.severity),
+        message.cause,
+        from_quantity(message.quantity),
+        getattr(message, "source", ""),
+        getattr(message, "code", 0),
+        facts,
+        "" if known else message.message,
+    )
+
+
+def _member(numbers: type[Number], value: int) -> Number:
+    """Return the member with this number; one of a later version counts as unknown."""
+    return numbers(value) if value in set(numbers) else numbers(0)

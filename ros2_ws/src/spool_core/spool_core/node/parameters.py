@@ -17,6 +17,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 
 from spool_core.errors import InputError
+from spool_core.events.sentences import LANGUAGES, VARIABLE
 from spool_core.files import load_yaml, parameters_of, refuse_other_kind
 
 Value = bool | int | float | str | list[str] | list[float]
@@ -120,6 +121,13 @@ class NodeParameter:
         if self.choices and value not in self.choices:
             return f"{self.name}: {value!r} is not one of {', '.join(self.choices)}"
         return None
+
+
+#: Of every node that composes sentences.
+LANGUAGE = NodeParameter(
+    "language", "", f"Language of sentences for people; empty: that of {VARIABLE}, else English.",
+    choices=("", *LANGUAGES), structural=True,
+)  # fmt: skip
 
 
 def declare(node: Node, table: Sequence[NodeParameter], overrides: Mapping[str, Any]) -> None:

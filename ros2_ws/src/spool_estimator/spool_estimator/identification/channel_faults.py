@@ -101,12 +101,15 @@ class ChannelFault:
     """Fault of a channel, or of one against the other.
 
     ``cause`` is that of the monitor's event, ``channel`` is ``body``, ``spool`` or ``both``; ``value`` in
-    ``unit`` is its size. ``text`` says what is seen, ``remedy`` what to do.
+    ``unit`` is its size, as the ``parameter`` that passed ``limit``. ``text`` says what is seen, ``remedy``
+    what to do.
     """
 
     cause: str
     channel: str
+    parameter: str
     value: float
+    limit: float
     unit: str
     text: str
     remedy: str
@@ -167,13 +170,14 @@ def same_channel(body: Array, spool: Array, period: float) -> ChannelFault | Non
         return None
     power = float(body @ body)
     gain = float(spool @ body) / power if power > 0.0 else 0.0
-    equal = bool(np.array_equal(body, spool))
+    equal, apart, nearest = bool(np.array_equal(body, spool)), 0.0, AGREE
     if not equal:
         # Numbers of a file are rounded to some digit, which a factor scales.
         rounding = max(_step(body) * abs(gain), _step(spool))
         apart = float(np.abs(spool - gain * body).max())
         loud = float(np.std(spool)) > 50.0 * AGREE
-        if abs(gain) < 1e-3 or not loud or apart > min(AGREE, 1.01 * rounding):
+        nearest = min(AGREE, 1.01 * rounding)
+        if abs(gain) < 1e-3 or not loud or apart > nearest:
             return None
     text = (
         "both channels read the same numbers"
@@ -181,7 +185,7 @@ def same_channel(body: Array, spool: Array, period: float) -> ChannelFault | Non
         else f"spool is {gain:.4g} times body, sample by sample"
     )
     return ChannelFault(
-        "same_channel", "both", 1.0 if equal else gain, "1", text,
+        "same_channel", "both", "channel_difference", apart, nearest, "m/s^2", text,
         "one sensor is read twice: check the wiring and which channel of the logger each column is",
     )  # fmt: skip
 
@@ -214,7 +218,7 @@ def wrap_around(row: Array, name: str) -> ChannelFault | None:
     if float(np.mean(ends)) < WRAPPED or float(np.mean(goes_on)) < WRAPPED or float(np.mean(stays)) < 0.5:
         return None
     return ChannelFault(
-        "wrap_around", name, turn, "m/s^2",
+        "wrap_around", name, "jump", turn, WRAPS * span, "m/s^2",
         f"{name} jumps by {turn:.4g} m/s^2 from one end of its range to the other, {jumps.size} times: "
         "its integers wrap around",
         "choose a larger range, or read the counts with the width and sign that the converter has",
@@ -251,7 +255,7 @@ def repeats(row: Array, name: str) -> ChannelFault | None:
         return None
     mean = float(np.mean(lengths[judged]))
     return ChannelFault(
-        "repeats", name, mean, "1",
+        "repeats", name, "equal_samples", mean, 1.0 + REPEATS, "1",
         f"{name} repeats its samples, each {mean:.3g} times on average",
         "poll the sensor at its own rate, or record with the rate at which it samples",
     )  # fmt: skip
@@ -313,7 +317,9 @@ def look_at_pair(body: Array, spool: Array, period: float, start: float = 0.0) -
         fault = ChannelFault(
             "clock_step",
             "both",
+            "clock_step",
             step.size,
+            math.copysign(SLIP * period, step.size),
             "s",
             f"{since} the spool's samples come {1e3 * abs(step.size):.2g} ms {late} against the body's",
             "sample both sensors with one clock; cut the record there, or import both sensors' own times",
@@ -344,8 +350,9 @@ def wrong_sensitivity(pair: ChannelPair, gain: PairFit, nominal: PairFit) -> Cha
     factor, other = gain.gain, 1.0 / gain.gain
     gravity = min(abs(apart - math.log(GRAVITY)), 1.0) < min(0.005, abs(apart - math.log(10.0)))
     units = "; 9.81 lies between g and m/s^2" if gravity else ""
+    limit = WRONG_GAIN if factor > 1.0 else 1.0 / WRONG_GAIN
     return ChannelFault(
-        "sensitivity", "both", factor, "1",
+        "sensitivity", "both", "spool_over_body", factor, limit, "1",
         f"spool reads {factor:.3g} times what the body's reading makes due: the spool's sensitivity is wrong "
         f"by {factor:.3g}, or the body's by {other:.3g}{units}",
         "check sensitivity, range and unit of both sensors; calibrate them side by side",
@@ -377,7 +384,9 @@ def coupling(plain: PairFit, coupled: PairFit) -> ChannelFault | None:
     return ChannelFault(
         "ac_coupling",
         name,
+        "corner_frequency",
         abs(coupled.corner),
+        MATTERS * coupled.damping / (2.0 * math.pi),
         "Hz",
         f"{name} lacks its slow part: it is coupled through a high-pass of {abs(coupled.corner):.2g} Hz, "
         "the other channel is not",
@@ -394,7 +403,9 @@ def constant_delay(plain: PairFit, delayed: PairFit, period: float) -> ChannelFa
     return ChannelFault(
         "delay",
         "both",
+        "delay",
         delayed.delay,
+        math.copysign(SLIP * period, delayed.delay),
         "s",
         f"the spool's samples come {1e3 * abs(delayed.delay):.2g} ms "
         f"({abs(delayed.delay) / period:.2g} samples) {late} against the body's, throughout",

@@ -6,7 +6,7 @@ import enum
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import ClassVar, NamedTuple
 
@@ -16,7 +16,7 @@ from spool_estimator.estimate import Estimate
 from spool_monitor.baseline import Baseline
 from spool_monitor.channels import ChannelLook, Signals, ValveResponse
 from spool_monitor.detectors.data_fault import KIND as DATA_FAULT
-from spool_monitor.event import EventKind, Finding, Severity
+from spool_monitor.event import EventKind, Facts, Finding, Severity
 from spool_monitor.parameter_drift import ParameterDrift
 from spool_monitor.window import Line
 
@@ -222,13 +222,12 @@ class NotJudged(Detector):
         self.judgement = Judgement.JUDGED
         seconds, reason = moment.unjudged
         raised = Severity.WARNING if seconds >= REPORTED and not moment.explained else None
+        unjudged = Quantity("unjudged_time", "s", seconds, validity=Validity.VALID)
         return Finding(
             moment.stamp,
             raised,
             seconds == 0.0,
             "not_judged",
-            Quantity("not_judged", "s", seconds, validity=Validity.VALID),
-            f"nothing has been judged for {seconds:.0f} s: {reason}"
-            if reason
-            else "detectors judge the valve again",
+            unjudged,
+            replace(Facts.of(unjudged, REPORTED), note=reason or "judged_again"),
         )

@@ -6,50 +6,21 @@ import math
 from abc import abstractmethod
 from typing import ClassVar
 
-from spool_core.text import Account
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.identification.channel_faults import ChannelFault
 
 from spool_monitor.channels import ChannelLook
 from spool_monitor.detectors.base import MonitorSettings
-from spool_monitor.event import EventCause, Finding, Severity
+from spool_monitor.event import EventCause, Facts, Finding, Severity
 
 from .base import CHANNELS, Detector, Judgement, Moment
 from .data_fault import KIND as DATA_FAULT
 from .sensor_fault import sensor_fault
 
-SAME_CHANNEL = sensor_fault(
-    EventCause(
-        "same_channel",
-        606,
-        "Both channels carry the readings of one sensor.",
-        "check the wiring and which channel of the acquisition each topic carries",
-    )
-)
-WRAP_AROUND = sensor_fault(
-    EventCause(
-        "wrap_around",
-        607,
-        "The integers of a channel wrap around: beyond its range it jumps to the other end.",
-        "choose a larger range, or read the counts with the width and sign that the converter has",
-    )
-)
-SENSITIVITY = sensor_fault(
-    EventCause(
-        "sensitivity",
-        608,
-        "The sensitivity of one channel is wrong: the spool follows its body with a factor.",
-        "check sensitivity, range and unit of both accelerometers, calibrate them side by side",
-    )
-)
-AC_COUPLING = sensor_fault(
-    EventCause(
-        "ac_coupling",
-        609,
-        "One channel is coupled through a high-pass, the other is not; this biases the damping.",
-        "set both channels to DC coupling, or both to the same lower limit",
-    )
-)
+SAME_CHANNEL = sensor_fault(EventCause("same_channel", 606))
+WRAP_AROUND = sensor_fault(EventCause("wrap_around", 607))
+SENSITIVITY = sensor_fault(EventCause("sensitivity", 608))
+AC_COUPLING = sensor_fault(EventCause("ac_coupling", 609))
 #: Relative difference of two sizes in a row that are one fault.
 AGREE = 0.25
 
@@ -102,7 +73,9 @@ class RowFault(Detector):
                 math.nan if found is None else found.value,
                 validity=Validity.UNKNOWN if found is None else Validity.VALID,
             ),
-            Account(found.text) if found is not None else "it is not seen any more",
+            Facts(note="not_seen_any_more")
+            if found is None
+            else Facts.of(Quantity(found.parameter, found.unit, found.value), found.limit, found.channel),
         )
 
 

@@ -3,74 +3,29 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from spool_core.block_gate import BlockGate, Fault
 from spool_core.kernels.samples import OutlierFilter
-from spool_core.text import plural
-from spool_core.uncertainty import Quantity, Validity, number
+from spool_core.rate_check import LIMIT as RATE_LIMIT
+from spool_core.uncertainty import Quantity, Validity
 
-from spool_monitor.event import Condition, Event, EventCause, EventKind, Finding, Namur, Severity
+from spool_monitor.event import Condition, Event, EventCause, EventKind, Facts, Finding, Namur, Severity
 
 KIND = EventKind(
     "data_fault",
     700,
     Namur.OUT_OF_SPECIFICATION,
-    "Blocks were lost or could not be used.",
-    "check network and measuring computer",
     task="data",
     causes=(
-        EventCause(
-            "rate",
-            701,
-            "The sample period contradicts the time stamps; nothing is estimated from such data.",
-            "correct the sample period that the source sends",
-            Namur.FAILURE,
-        ),
-        EventCause(
-            "source",
-            702,
-            "Two sources send on the same topic, or blocks name another valve; only the first one is used.",
-            "end the second source or give it the namespace of its own valve",
-        ),
-        EventCause(
-            "lost",
-            703,
-            "Blocks were lost on the way, as jumps in the sequence show.",
-            "check network and load of the measuring computer",
-        ),
-        EventCause(
-            "malformed",
-            704,
-            "Blocks had wrong lengths, samples, period or time stamps, or a clock was set.",
-            "check the driver of the acquisition and the clock that its stamps come from",
-        ),
-        EventCause(
-            "clock_step",
-            707,
-            "The clock of one sensor was set against the other's; nothing is estimated from such data.",
-            "synchronise the clocks of both sensors, then restart the adapter",
-            Namur.FAILURE,
-        ),
-        EventCause(
-            "outliers",
-            705,
-            "Single samples are impossible; they are left out, the others are used.",
-            "check plugs and cables, interference, and what the driver sends where it has no reading",
-        ),
-        EventCause(
-            "repeats",
-            706,
-            "A channel repeats its samples: the sensor is polled faster than it samples.",
-            "poll the sensor at its own rate, or send the rate at which it samples",
-            Namur.FAILURE,
-        ),
-        EventCause(
-            "not_judged",
-            710,
-            "Blocks arrive, but no detector has been able to judge the valve for a minute.",
-            "remove the cause that the message names; until then nothing is known of the valve",
-            Namur.FAILURE,
-        ),
+        EventCause("rate", 701, Namur.FAILURE),
+        EventCause("source", 702),
+        EventCause("lost", 703),
+        EventCause("malformed", 704),
+        EventCause("clock_step", 707, Namur.FAILURE),
+        EventCause("outliers", 705),
+        EventCause("repeats", 706, Namur.FAILURE),
+        EventCause("not_judged", 710, Namur.FAILURE),
     ),
 )
 
@@ -100,16 +55,11 @@ class DataFaultWatch:
         for source, condition in self._gate_conditions.items():
             new = cause != "" and source == (cause if cause in SEPARATE else "")
             if new or condition.active is not None:
-                count = float(_faulty(gate, cause or condition.cause))
+                own = cause or condition.cause
+                count = _count("faulty_blocks", _faulty(gate, own))
+                facts = _facts(gate, own, count, fault if new else None)
                 events += condition.judge(
-                    Finding(
-                        stamp,
-                        severity if new else None,
-                        not new,
-                        cause if new else "",
-                        Quantity("faulty_blocks", "1", count, validity=Validity.VALID),
-                        _text(gate, fault if new else None),
-                    )
+                    Finding(stamp, severity if new else None, not new, cause if new else "", count, facts)
                 )
         return events
 
@@ -118,23 +68,18 @@ class DataFaultWatch:
         condition, found = self.conditions[OUTLIERS], outliers.first
         if found is None and condition.active is None:
             return []
-        count = Quantity("outliers", "1", float(outliers.count), validity=Validity.VALID)
+        count = _count("outliers", outliers.count)
         severity = None if found is None else Severity.WARNING
-        text = (
-            f"{outliers.body} samples of the body and {outliers.spool} of the spool left out since the start"
-        )
-        if found is not None:
-            span = (
-                f"within +-{number(found.half_span, 2)} m/s^2"
-                if math.isfinite(found.half_span)
-                else "unknown"
+        facts = Facts.of(count, 0.0, "" if found is None else found.channel)
+        each = (_count("body_outliers", outliers.body), _count("spool_outliers", outliers.spool))
+        if found is None:
+            return condition.judge(
+                Finding(stamp, severity, True, OUTLIERS, count, replace(facts, evidence=each))
             )
-            text = (
-                f"{found.channel}: a single sample of {number(found.value, 4)} m/s^2 while the signal's span "
-                f"is {span}; {text}"
-            )
-        at = stamp if found is None else found.stamp
-        return condition.judge(Finding(at, severity, found is None, OUTLIERS, count, text))
+        sample = Quantity("outlier", "m/s^2", found.value, validity=Validity.VALID)
+        span = Quantity("signal_span", "m/s^2", found.half_span, validity=Validity.VALID)
+        facts = replace(facts, evidence=(sample, span, *each))
+        return condition.judge(Finding(found.stamp, severity, False, OUTLIERS, count, facts))
 
 
 def _faulty(gate: BlockGate, cause: str) -> int:
@@ -144,14 +89,18 @@ def _faulty(gate: BlockGate, cause: str) -> int:
     return sum(count for fault, count in gate.faults.items() if fault.cause == cause)
 
 
-def _text(gate: BlockGate, fault: Fault | None) -> str:
-    """Return what is wrong with the data in words."""
-    counts = f"{plural(gate.lost, 'block')} lost, {gate.refused} refused since the start"
-    if fault is None:
-        return counts
-    said = fault.value
-    if fault is Fault.RATE and math.isfinite(gate.rate.departure):
-        said = f"sample_period is {100.0 * gate.rate.departure:+.2g} % off what the stamps show"
+def _facts(gate: BlockGate, cause: str, count: Quantity, fault: Fault | None) -> Facts:
+    """Return what is wrong with the data: ``fault`` of the newest block, ``None`` where it has none."""
+    facts = Facts.of(count, 0.0)
+    if cause == "rate":
+        departure = Quantity("period_departure", "1", gate.rate.departure, validity=Validity.VALID)
+        facts = Facts.of(departure, math.copysign(RATE_LIMIT, gate.rate.departure))
+    note = "" if fault is None else fault.value
     if fault is Fault.FOREIGN:
-        said = f"frame_id says {gate.other!r} on the topic of {gate.source!r}"
-    return f"{said}; {counts}"
+        facts, note = replace(facts, subject=gate.other), ""
+    counts = (_count("lost_blocks", gate.lost), _count("refused_blocks", gate.refused))
+    return replace(facts, note=note, evidence=counts)
+
+
+def _count(name: str, number: int) -> Quantity:
+    return Quantity(name, "1", float(number), validity=Validity.VALID)

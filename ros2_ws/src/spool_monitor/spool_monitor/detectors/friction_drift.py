@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import ClassVar
 
-from spool_core.text import Account, ShareOfCause
+from spool_core.uncertainty import Quantity, Validity
 
 from spool_monitor.detectors.base import MonitorLimit
-from spool_monitor.event import EventCause, EventKind, Finding, Namur, Severity
-from spool_monitor.parameter_drift import ParameterDrift, RankedCause, rank_friction
+from spool_monitor.event import EventCause, EventKind, Facts, Finding, Namur, Severity
+from spool_monitor.parameter_drift import VISCOUS, rank_friction
 
 from .base import ESTIMATE, Detector, DriftTest, Moment, judgement
 
@@ -18,31 +19,10 @@ KIND = EventKind(
     200,
     Namur.MAINTENANCE_REQUIRED,
     causes=(
-        EventCause(
-            "wear",
-            201,
-            "The gap between spool and bore has grown, so the oil film drags less at the same temperature.",
-            "measure the internal leakage, check the oil's cleanliness class, plan to replace the spool",
-        ),
-        EventCause(
-            "oil_contamination",
-            202,
-            "Particles or varnish rub in the gap; dry friction rises and the spool begins to stick.",
-            "take an oil sample (ISO 4406), change the filter, flush, clean the spool",
-        ),
-        EventCause(
-            "oil_viscosity",
-            203,
-            "The drag of the oil film changed by more than its temperature explains.",
-            "check the oil's grade and age, water and fuel in it, and the thermometer",
-            Namur.OUT_OF_SPECIFICATION,
-        ),
-        EventCause(
-            "unknown",
-            204,
-            "Friction changed in a way that no known cause explains.",
-            "compare with the last maintenance, and learn a new baseline if the change was intended",
-        ),
+        EventCause("wear", 201),
+        EventCause("oil_contamination", 202),
+        EventCause("oil_viscosity", 203, Namur.OUT_OF_SPECIFICATION),
+        EventCause("unknown", 204),
     ),
 )
 
@@ -73,31 +53,28 @@ class FrictionDrift(Detector):
         self.judgement = judgement(moment, (viscous, coulomb))
         levels = [one.level for one in (viscous, coulomb) if one.level is not None]
         indicated: Severity | None = max(levels, default=None)
-        celsius = moment.estimate.oil_temperature.value
-        causes = rank_friction(viscous, coulomb, moment.velocity, celsius - viscous.temperature)
+        warmer = moment.estimate.oil_temperature.value - viscous.temperature
+        causes = rank_friction(viscous, coulomb, moment.velocity, warmer)
         leading = moment.parameters[causes[0].parameter]
 
-        def account() -> Account:
-            began = 1e-9 * (moment.stamp - leading.since) if leading.since else math.nan
-            told = tuple(
-                ShareOfCause(one.name, one.share, _evidence(one, leading, moment.parameters))
-                for one in causes
-            )
-            return Account(
-                leading.text(),
-                began=began,
-                causes=told,
-                sure=leading.sure,
-                outlook=leading.outlook,
-                hurries=leading.hurries,
+        def facts() -> Facts:
+            others = {one.parameter for one in causes} - {leading.parameter}
+            further = [moment.parameters[name].latest_change for name in sorted(others)]
+            if math.isfinite(warmer):
+                further.append(Quantity("oil_temperature_change", "K", warmer, validity=Validity.VALID))
+            note = ""
+            if any(one.parameter == VISCOUS for one in causes):
+                unknown = "" if math.isfinite(warmer) else "oil_temperature_unknown"
+                note = "oil_referred" if viscous.referred else unknown
+            return replace(
+                leading.facts(),
+                causes=tuple(one.name for one in causes),
+                probabilities=tuple(one.share for one in causes),
+                note=note,
+                evidence=tuple(further),
             )
 
         released = viscous.released and coulomb.released
-        return Finding(moment.stamp, indicated, released, causes[0].name, leading.latest_change, account)
-
-
-def _evidence(cause: RankedCause, leading: ParameterDrift, parameters: dict[str, ParameterDrift]) -> str:
-    """Return what speaks for ``cause`` beyond the change of ``leading``, which is said first."""
-    own = parameters[cause.parameter]
-    parts = ["" if own is leading else own.text(), cause.condition]
-    return " ".join(part for part in parts if part)
+        return Finding(
+            moment.stamp, indicated, released, causes[0].name, leading.latest_change, facts, leading.hurries
+        )

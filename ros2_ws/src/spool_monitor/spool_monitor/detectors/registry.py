@@ -10,14 +10,21 @@ from spool_core.errors import InputError
 from spool_monitor.detectors.base import MonitorLimit, MonitorSettings
 from spool_monitor.event import EventKind, Namur
 
-from .base import Detector
+from .base import BASELINE_TIME, FALSE_ALARM_HOURS, MINIMUM_BODY, NATURAL_FREQUENCY, Detector, NotJudged
 
 DETECTORS: dict[str, type[Detector]] = {
     entry.name: entry
-    for entry in sorted(classes_in(__package__, Detector), key=lambda entry: (entry.rank, entry.name))
+    for entry in sorted(
+        (*classes_in(__package__, Detector), NotJudged), key=lambda entry: (entry.rank, entry.name)
+    )
 }
 
-LIMITS: dict[str, MonitorLimit] = {limit.name: limit for limit in objects_in(__package__, MonitorLimit)}
+#: Limits of several detectors stand in the module `base`, which is not searched.
+_SHARED = (NATURAL_FREQUENCY, MINIMUM_BODY, FALSE_ALARM_HOURS, BASELINE_TIME)
+
+LIMITS: dict[str, MonitorLimit] = {
+    limit.name: limit for limit in (*_SHARED, *objects_in(__package__, MonitorLimit))
+}
 
 
 def _kinds() -> dict[str, EventKind]:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import ClassVar
 
 from spool_core.errors import InputError
-from spool_core.text import Account
 from spool_core.uncertainty import Quantity, Validity
 
 from spool_monitor.detectors.base import MINIMUM_BODY, MonitorLimit, MonitorSettings
-from spool_monitor.event import EventKind, Finding, Namur, Severity
+from spool_monitor.event import EventKind, Facts, Finding, Namur, Severity
 from spool_monitor.parameter_drift import ALLOWANCE
 from spool_monitor.window import Line
 
@@ -20,8 +20,6 @@ KIND = EventKind(
     "resonance",
     100,
     Namur.OUT_OF_SPECIFICATION,
-    "The machine shakes the valve at the natural frequency of spool and springs.",
-    "change the machine's speed, damp or move the valve's mounting, or fit the other springs",
 )
 
 RESONANCE_BAND = MonitorLimit(
@@ -33,6 +31,9 @@ AMPLIFICATION_ON = MonitorLimit(
 AMPLIFICATION_OFF = MonitorLimit(
     "amplification_off", 1.5, "Spool over body that clears it, below amplification_on.", "1", 0.5, 100.0
 )
+
+#: Bands of resonance from the natural frequency at which a line has left it.
+LEAVES = 1.25
 
 
 class Resonance(Detector):
@@ -67,11 +68,11 @@ class Resonance(Detector):
         """Judge the line of ``moment``, if there is a new look."""
         if moment.distrust and (moment.line is not None or moment.silent):
             self.judgement = Judgement.NOT_JUDGED
-            return Finding(moment.stamp, None, False, "", Quantity("amplification", "1"), moment.distrust)
+            return Finding(moment.stamp, None, False, "", Quantity("amplification", "1"))
         if moment.silent:
             self.judgement = Judgement.NOT_EXCITED
             nothing = Quantity("amplification", "1")
-            return Finding(moment.stamp, None, True, "", nothing, "the body is at rest")
+            return Finding(moment.stamp, None, True, "", nothing, Facts(note="at_rest"))
         if moment.line is None:
             return None
         return self._judge(moment, moment.line)
@@ -87,26 +88,32 @@ class Resonance(Detector):
         if strong and near and line.amplification >= raises:
             indicated = Severity.ALARM if line.amplification >= 2.0 * raises else Severity.WARNING
         weak = line.amplification < settings[AMPLIFICATION_OFF]
-        released = not strong or weak or distance > 1.25 * band
+        released = not strong or weak or distance > LEAVES * band
         if self._since is None or line.stamp < self._since or (released and self.dwell == 0.0):
             self._since = line.stamp
         if not released:
             self.dwell = (line.stamp - self._since) * 1e-9
-        began = self.dwell
+        began = line.stamp - round(self.dwell * 1e9)
+        amplification = Quantity("amplification", "1", line.amplification, math.nan, Validity.VALID)
+        frequency = Quantity("dominant_frequency", "Hz", line.frequency, math.nan, Validity.VALID)
+        compared, limit = amplification, 2.0 * raises if indicated is Severity.ALARM else raises
+        if released and strong and not weak:
+            edge = 1.0 + math.copysign(LEAVES * band, line.frequency - natural)
+            compared, limit = frequency, edge * natural
 
-        def account() -> Account:
-            expected = abs(moment.reference.transfer(line.frequency))
-            return Account(
-                f"body shakes at {line.frequency:.1f} Hz, natural frequency {natural:.1f} Hz: "
-                f"spool amplifies {line.amplification:.1f} times ({expected:.1f} expected) and moves "
-                f"{1e3 * line.relative_displacement:.2f} mm in the body",
-                began=began,
+        def facts() -> Facts:
+            further = (
+                ("natural_frequency", "Hz", natural),
+                ("expected_amplification", "1", abs(moment.reference.transfer(line.frequency))),
+                ("relative_displacement", "m", line.relative_displacement),
             )
+            evidence = (frequency, *(Quantity(*one, validity=Validity.VALID) for one in further))
+            note = "" if strong else "at_rest"
+            return replace(Facts.of(compared, limit, note=note), began=began, evidence=evidence)
 
         if released:
             self._since, self.dwell = None, 0.0
-        amplification = Quantity("amplification", "1", line.amplification, math.nan, Validity.VALID)
-        return Finding(line.stamp, indicated, released, "", amplification, account)
+        return Finding(line.stamp, indicated, released, "", amplification, facts)
 
     def _softened(self, moment: Moment, line: Line) -> bool:
         """Whether the line is near only because the spring has changed: that is the event, and says so."""

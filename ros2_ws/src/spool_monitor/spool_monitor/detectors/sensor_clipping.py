@@ -8,19 +8,12 @@ from typing import ClassVar
 from spool_core.uncertainty import Quantity, Validity
 
 from spool_monitor.detectors.base import MINIMUM_BODY, MonitorSettings
-from spool_monitor.event import EventCause, Finding, Severity
+from spool_monitor.event import EventCause, Facts, Finding, Severity
 
 from .base import SIGNALS, Detector, Judgement, Moment
 from .sensor_fault import sensor_fault
 
-KIND = sensor_fault(
-    EventCause(
-        "clipping",
-        602,
-        "A channel is cut off at its full scale.",
-        "choose a larger range or a less sensitive accelerometer",
-    )
-)
+KIND = sensor_fault(EventCause("clipping", 602))
 
 
 #: Windows that are looked back on, and how many of them must show a flat top.
@@ -56,13 +49,14 @@ class SensorClipping(Detector):
         flat = [(one, value) for one, value in self._flat if value >= LEAST]
         self.suspicious = f"the {flat[-1][0]} accelerometer clips" if flat else ""
         latest = flat[-1] if flat else (name, 0.0)
+        flatness = Quantity("flat_share", "1", latest[1], validity=Validity.VALID)
         return Finding(
             moment.stamp,
             Severity.ALARM if len(flat) >= FLAT else None,
             not flat,
             "clipping",
-            Quantity("flat_share", "1", latest[1], validity=Validity.VALID),
-            lambda: f"{latest[0]} accelerometer: {100.0 * latest[1]:.0f} % of its samples lie on a flat top",
+            flatness,
+            lambda: Facts.of(flatness, LEAST, latest[0]),
         )
 
     def restart(self) -> None:

@@ -3,28 +3,21 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import ClassVar
 
 from spool_core.kernels.compiled import compiled
-from spool_core.text import Account
-from spool_core.uncertainty import Quantity, Validity, number
+from spool_core.uncertainty import Quantity, Validity
 
 from spool_monitor.channels import Channel, Signals, transfer
 from spool_monitor.detectors.base import MINIMUM_BODY, MonitorSettings
-from spool_monitor.event import EventCause, Finding, Severity
+from spool_monitor.event import EventCause, Facts, Finding, Severity
 from spool_monitor.window import Array, Complex
 
 from .base import SIGNALS, Detector, Judgement, Moment
 from .sensor_fault import sensor_fault
 
-KIND = sensor_fault(
-    EventCause(
-        "dead",
-        601,
-        "A channel shows no vibration though the other one does, or its samples do not change at all.",
-        "check cable, plug and supply of the accelerometers and whether the acquisition runs",
-    )
-)
+KIND = sensor_fault(EventCause("dead", 601))
 
 
 #: Share of what is due below which a channel is dead, and above which it lives.
@@ -100,17 +93,17 @@ class SensorDead(Detector):
         self._stood = self._stood or seconds >= STANDS
         level = Quantity("channel_level", "1", 0.0, validity=Validity.VALID)
 
-        def account() -> Account:
-            if both:
-                means = f"{signals.body.mean:.3g} and {signals.spool.mean:.3g} m/s^2"
-                return Account(
-                    f"neither accelerometer changes (means {means})", "the acquisition stands still"
-                )
-            one = names[0]
-            return Account(f"{one} accelerometer does not change (mean {channels[one].mean:.3g} m/s^2)")
+        def facts() -> Facts:
+            means = [
+                Quantity(f"{name}_mean", "m/s^2", channels[name].mean, validity=Validity.VALID)
+                for name in names
+            ]
+            unchanged = Quantity("unchanged_time", "s", seconds, validity=Validity.VALID)
+            own = Facts.of(level, DEAD, "both" if both else names[0])
+            return replace(own, evidence=(unchanged, *means))
 
         dead = Severity.ALARM if seconds >= STANDS else None
-        return Finding(moment.stamp, dead, False, "dead", level, account)
+        return Finding(moment.stamp, dead, False, "dead", level, facts)
 
     def _compare(self, moment: Moment, signals: Signals) -> Finding | None:
         """Compare each channel's level with what the reference response makes of the other one."""
@@ -146,18 +139,23 @@ class SensorDead(Detector):
         dead = share < DEAD
         self._stood = self._stood and not dead
         self.suspicious = f"the {name} accelerometer shows next to nothing" if share < ALIVE else ""
+        validity = Validity.VALID if shares else Validity.UNKNOWN
+        level = Quantity("channel_level", "1", share, validity=validity)
+
+        def facts() -> Facts:
+            if not shares:
+                return Facts(note="changes_again")
+            further = (("shown_acceleration", seen[name]), ("expected_acceleration", due[name]))
+            evidence = tuple(Quantity(key, "m/s^2", one, validity=Validity.VALID) for key, one in further)
+            return replace(Facts.of(level, DEAD, name), evidence=evidence)
+
         return Finding(
             moment.stamp,
             Severity.ALARM if dead else None,
             min(shares.values()) > ALIVE if shares else self._stood,
             "dead",
-            Quantity("channel_level", "1", share, validity=Validity.VALID if shares else Validity.UNKNOWN),
-            lambda: (
-                f"{name} accelerometer shows {number(seen[name], 2)} m/s^2 rms where "
-                f"{number(due[name], 2)} m/s^2 are due"
-                if shares
-                else "both accelerometers change from sample to sample"
-            ),
+            level,
+            facts,
         )
 
 

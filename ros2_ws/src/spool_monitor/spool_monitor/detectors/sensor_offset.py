@@ -4,24 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import ClassVar
 
 from spool_core.uncertainty import Quantity, Validity
 
 from spool_monitor.detectors.base import MonitorLimit, MonitorSettings
-from spool_monitor.event import EventCause, Finding, Severity
+from spool_monitor.event import EventCause, Facts, Finding, Severity
 
 from .base import SIGNALS, Detector, Judgement, Moment
 from .sensor_fault import sensor_fault
 
-KIND = sensor_fault(
-    EventCause(
-        "offset",
-        603,
-        "The mean of a channel has moved, which no vibration does.",
-        "check supply, temperature and mounting of that accelerometer",
-    )
-)
+KIND = sensor_fault(EventCause("offset", 603))
 
 OFFSET_CHANGE = MonitorLimit("offset_change", 0.5, "Change of a channel's mean.", "m/s^2", 0.01, 1e3)
 
@@ -66,17 +60,21 @@ class SensorOffset(Detector):
         spread = math.hypot(*(start.spread for start in starts.values()))
         limit = max(self.settings[OFFSET_CHANGE], 8.0 * spread)
         name = max(moved, key=lambda one: abs(moved[one]))
+        offset = Quantity("offset_change", "m/s^2", moved[name], spread, Validity.VALID)
+
+        def facts() -> Facts:
+            mean = Quantity(f"{name}_mean", "m/s^2", self._means[name], validity=Validity.VALID)
+            own = Facts.of(offset, math.copysign(limit, moved[name]), name)
+            return replace(own, evidence=(mean,))
+
         # A constant is filtered away before anything is estimated: parameters may still be judged.
         return Finding(
             moment.stamp,
             Severity.WARNING if abs(apart) >= limit else None,
             abs(apart) < 0.6 * limit,
             "offset",
-            Quantity("offset_change", "m/s^2", moved[name], spread, Validity.VALID),
-            lambda: (
-                f"mean of the {name} accelerometer moved by {moved[name]:+.2f} m/s^2 "
-                f"to {self._means[name]:+.2f} m/s^2"
-            ),
+            offset,
+            facts,
         )
 
     def restart(self) -> None:

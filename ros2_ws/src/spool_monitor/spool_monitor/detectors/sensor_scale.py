@@ -12,19 +12,12 @@ from spool_estimator.estimate import Estimate, State
 
 from spool_monitor.channels import MEMORY, Signals, ValveResponse
 from spool_monitor.detectors.base import MINIMUM_BODY, MonitorLimit, MonitorSettings
-from spool_monitor.event import EventCause, Finding, Severity
+from spool_monitor.event import EventCause, Facts, Finding, Severity
 
 from .base import ESTIMATE, SIGNALS, Detector, Judgement, Moment
 from .sensor_fault import sensor_fault
 
-KIND = sensor_fault(
-    EventCause(
-        "scale",
-        605,
-        "The ratio of the channels' sensitivities has changed.",
-        "check mounting and sensitivity setting of both accelerometers, calibrate them side by side",
-    )
-)
+KIND = sensor_fault(EventCause("scale", 605))
 
 GAIN_CHANGE = MonitorLimit("gain_change", 0.1, "Relative change of a channel's gain.", "1", 0.02, 1.0)
 
@@ -146,13 +139,14 @@ class SensorScale(Detector):
         self.judgement = Judgement.JUDGED
         doubtful = (proven or self._found) and abs(change) > SUSPICIOUS * limit
         self.suspicious = "the ratio of the channels has changed" if doubtful else ""
+        gain = Quantity("gain_change", "1", change, response.gain_deviation, Validity.VALID)
         return Finding(
             moment.stamp,
             Severity.ALARM if self._found and abs(change) > limit else None,
             not self._found,
             "scale",
-            Quantity("gain_change", "1", change, response.gain_deviation, Validity.VALID),
-            lambda: f"the spool's accelerometer reads {100.0 * change:+.0f} % against the body's",
+            gain,
+            lambda: Facts.of(gain, math.copysign(limit, change), "spool"),
         )
 
     def _resonates(self, signals: Signals, reference: ValveResponse) -> bool:

@@ -4,23 +4,15 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from spool_core.text import Account
 from spool_core.uncertainty import Quantity, Validity
 
 from spool_monitor.detectors.base import MINIMUM_BODY
-from spool_monitor.event import EventCause, Finding, Severity
+from spool_monitor.event import EventCause, Facts, Finding, Severity
 
 from .base import SIGNALS, Detector, Judgement, Moment
 from .sensor_fault import sensor_fault
 
-KIND = sensor_fault(
-    EventCause(
-        "swapped",
-        604,
-        "The channels show a spool that drives its body; body and spool are exchanged, or one is turned.",
-        "check the wiring and the direction of both accelerometers",
-    )
-)
+KIND = sensor_fault(EventCause("swapped", 604))
 
 
 #: Damping against the reference below which the channels are exchanged, and above which they are not.
@@ -52,14 +44,12 @@ class SensorSwapped(Detector):
         self.judgement = Judgement.JUDGED
         share = moment.signals.dissipation / moment.reference.damping
         self.suspicious = "the relative motion gives energy away" if share < 0.5 * NEGATIVE else ""
+        dissipation = Quantity("dissipation", "1", share, validity=Validity.VALID)
         return Finding(
             moment.stamp,
             Severity.ALARM if share < NEGATIVE else None,
             share > POSITIVE,
             "swapped",
-            Quantity("dissipation", "1", share, validity=Validity.VALID),
-            lambda: Account(
-                f"the relative motion shows {share:.2f} of the usual damping",
-                "body and spool are exchanged, or one is turned round",
-            ),
+            dissipation,
+            lambda: Facts.of(dissipation, NEGATIVE),
         )

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
+from dataclasses import replace
 from typing import ClassVar
 
-from spool_core.text import Account
-
 from spool_monitor.detectors.base import MonitorLimit
-from spool_monitor.event import EventCause, EventKind, Finding, Namur
+from spool_monitor.event import EventCause, EventKind, Facts, Finding, Namur
 
 from .base import ESTIMATE, Detector, DriftTest, Moment, judgement
 
@@ -17,18 +15,8 @@ KIND = EventKind(
     300,
     Namur.MAINTENANCE_REQUIRED,
     causes=(
-        EventCause(
-            "softer",
-            301,
-            "A centring spring has lost stiffness, or one of the pair is broken.",
-            "replace both springs",
-        ),
-        EventCause(
-            "stiffer",
-            302,
-            "The spool is held by more than its springs, or other springs were fitted.",
-            "check which springs are fitted and whether one is coil-bound or dirty",
-        ),
+        EventCause("softer", 301),
+        EventCause("stiffer", 302),
     ),
 )
 
@@ -52,19 +40,12 @@ class SpringChange(Detector):
         stiffness = moment.parameters["spring_stiffness"]
         self.judgement = judgement(moment, (stiffness,))
         cause = "softer" if stiffness.share < 0.0 else "stiffer"
-        natural = moment.estimate.natural_frequency.value
+        natural = moment.estimate.natural_frequency
 
-        def account() -> Account:
-            began = 1e-9 * (moment.stamp - stiffness.since) if stiffness.since else math.nan
-            at = f", natural frequency now {natural:.1f} Hz" if math.isfinite(natural) else ""
-            return Account(
-                f"{stiffness.text()}{at}",
-                began=began,
-                sure=stiffness.sure,
-                outlook=stiffness.outlook,
-                hurries=stiffness.hurries,
-            )
+        def facts() -> Facts:
+            return replace(stiffness.facts(), evidence=(natural,) if natural.known else ())
 
         return Finding(
-            moment.stamp, stiffness.level, stiffness.released, cause, stiffness.latest_change, account
-        )
+            moment.stamp, stiffness.level, stiffness.released, cause, stiffness.latest_change, facts,
+            stiffness.hurries,
+        )  # fmt: skip

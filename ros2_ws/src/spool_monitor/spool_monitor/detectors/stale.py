@@ -5,7 +5,7 @@ from __future__ import annotations
 from spool_core.uncertainty import Quantity, Validity
 
 from spool_monitor.detectors.base import MonitorLimit
-from spool_monitor.event import Condition, Event, EventCause, EventKind, Finding, Namur, Severity
+from spool_monitor.event import Condition, Event, EventCause, EventKind, Facts, Finding, Namur, Severity
 
 #: Cause where no block has ever come.
 NEVER_SEEN = "never_seen"
@@ -14,17 +14,10 @@ KIND = EventKind(
     "stale",
     800,
     Namur.FAILURE,
-    "No data arrive.",
-    "check whether the source runs",
     causes=(
         EventCause("acceleration", 801),
         EventCause("estimate", 802),
-        EventCause(
-            NEVER_SEEN,
-            803,
-            "No acceleration has ever arrived.",
-            "check the topic name, its type and quality of service, and whether the source runs",
-        ),
+        EventCause(NEVER_SEEN, 803),
     ),
 )
 
@@ -49,24 +42,22 @@ class StaleWatch:
         """Whether it was told that no block has ever come."""
         return self.conditions["acceleration"].cause == NEVER_SEEN
 
-    def silent(self, source: str, stamp: int, seconds: float) -> list[Event]:
-        """Say that ``source`` is silent for ``seconds`` at ``stamp`` (ns)."""
-        return self._raise(source, source, stamp, seconds, f"no {source} for {seconds:.1f} s")
+    def silent(self, source: str, stamp: int, seconds: float, limit: float) -> list[Event]:
+        """Say that ``source`` is silent for ``seconds`` at ``stamp`` (ns), longer than ``limit`` s."""
+        return self._raise(source, source, stamp, seconds, limit)
 
-    def nothing_ever(self, stamp: int, seconds: float, *, refused: bool) -> list[Event]:
+    def nothing_ever(self, stamp: int, seconds: float, limit: float, *, refused: bool) -> list[Event]:
         """Say that no usable block came in ``seconds``; ``refused``: some came that were not."""
-        if refused:
-            text, cause = f"no usable acceleration in {seconds:.0f} s", "acceleration"
-        else:
-            text, cause = f"acceleration never seen in {seconds:.0f} s", NEVER_SEEN
-        return self._raise("acceleration", cause, stamp, seconds, text)
+        cause = "acceleration" if refused else NEVER_SEEN
+        return self._raise("acceleration", cause, stamp, seconds, limit)
 
-    def arrived(self, source: str, stamp: int, text: str) -> list[Event]:
+    def arrived(self, source: str, stamp: int) -> list[Event]:
         """Say that ``source`` is heard at ``stamp`` (ns)."""
-        return self.conditions[source].clear(stamp, _silence(0.0), text)
+        return self.conditions[source].clear(stamp, _silence(0.0), Facts(note="arrives_again"))
 
-    def _raise(self, source: str, cause: str, stamp: int, seconds: float, text: str) -> list[Event]:
-        finding = Finding(stamp, Severity.ALARM, False, cause, _silence(seconds), text)
+    def _raise(self, source: str, cause: str, stamp: int, seconds: float, limit: float) -> list[Event]:
+        silence = _silence(seconds)
+        finding = Finding(stamp, Severity.ALARM, False, cause, silence, Facts.of(silence, limit))
         return self.conditions[source].judge(finding)
 
 

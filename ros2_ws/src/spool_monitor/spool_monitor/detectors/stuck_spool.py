@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import ClassVar
 
 from spool_core.kernels.compiled import compiled
@@ -10,7 +11,7 @@ from spool_core.uncertainty import Quantity, Validity
 
 from spool_monitor.channels import transfer
 from spool_monitor.detectors.base import MINIMUM_BODY, MonitorSettings
-from spool_monitor.event import EventKind, Finding, Namur, Severity
+from spool_monitor.event import EventKind, Facts, Finding, Namur, Severity
 from spool_monitor.window import Array
 
 from .base import ESTIMATE, SIGNALS, Detector, Judgement, Moment
@@ -19,8 +20,6 @@ KIND = EventKind(
     "stuck_spool",
     400,
     Namur.FAILURE,
-    "The machine shakes and the spool does not move in its body.",
-    "stop the machine safely, move the spool by its manual override, dismount and clean it",
     latching=True,
 )
 
@@ -54,30 +53,25 @@ class StuckSpool(Detector):
             return None
         if moment.distrust:
             self.judgement, self.suspicious = Judgement.NOT_JUDGED, ""
-            return Finding(moment.stamp, None, False, "", Quantity("relative_motion", "1"), moment.distrust)
+            return Finding(moment.stamp, None, False, "", Quantity("relative_motion", "1"))
         reference = moment.reference
         due = math.sqrt(due_power(signals.frequency, signals.body_power, reference.square, reference.damping))
         body = math.sqrt(signals.body_total)
         slides = body > max(self.settings[MINIMUM_BODY], SLIDES * self._friction)
         if not slides or due < max(self.settings[MINIMUM_BODY], 0.1 * body):
             self.judgement, self.suspicious = Judgement.NOT_EXCITED, ""
-            return Finding(
-                moment.stamp, None, False, "", Quantity("relative_motion", "1"), "the body is at rest"
-            )
+            return Finding(moment.stamp, None, False, "", Quantity("relative_motion", "1"))
         self.judgement = Judgement.JUDGED
         share = signals.relative_rms / due
         self.suspicious = "the spool moves with its body" if share < MOVES else ""
-        return Finding(
-            moment.stamp,
-            Severity.ALARM if share < STUCK else None,
-            share > MOVES,
-            "",
-            Quantity("relative_motion", "1", share, validity=Validity.VALID),
-            lambda: (
-                f"body shakes with {body:.1f} m/s^2 rms and the spool moves "
-                f"{100.0 * share:.0f} % of what is due"
-            ),
-        )
+        moved = Quantity("relative_motion", "1", share, validity=Validity.VALID)
+
+        def facts() -> Facts:
+            shaken = Quantity("body_acceleration", "m/s^2", body, validity=Validity.VALID)
+            return replace(Facts.of(moved, STUCK), evidence=(shaken,))
+
+        stuck = Severity.ALARM if share < STUCK else None
+        return Finding(moment.stamp, stuck, share > MOVES, "", moved, facts)
 
     def _learn_friction(self, moment: Moment) -> None:
         """Take the dry friction per mass, m/s^2, of the healthy valve."""

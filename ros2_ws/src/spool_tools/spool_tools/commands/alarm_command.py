@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+from spool_tools.cli_options import LanguageOption
 from spool_tools.command import Command
 
 app = typer.Typer(
@@ -23,15 +24,20 @@ Back = Annotated[bool, typer.Option("--back", help="Take it back.")]
 
 @app.command("list")
 def list_(
-    valve: Valve, every: Annotated[bool, typer.Option("--all", help="Normal ones too.")] = False
+    valve: Valve,
+    every: Annotated[bool, typer.Option("--all", help="Include alarms in the normal state.")] = False,
+    details: Annotated[bool, typer.Option("--details", help="Show everything known of each alarm.")] = False,
+    language: LanguageOption = "",
 ) -> None:
     """List the alarms of a running valve; exit 1 where one waits for an operator.
 
     Example: ./spool alarm list valve_1
+
+    Example: ./spool alarm list valve_1 --details --language de
     """
     from spool_tools.operations.service_client import show_alarms  # noqa: PLC0415 - slow to load
 
-    raise typer.Exit(show_alarms(valve, every=every))
+    raise typer.Exit(show_alarms(valve, every=every, details=details, language=language))
 
 
 @app.command()

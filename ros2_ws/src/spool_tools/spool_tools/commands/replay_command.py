@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from spool_tools import cli_options as cli
 from spool_tools.cli_options import model_names, valve_names
 from spool_tools.command import Command
-from spool_tools import cli_options as cli
 from spool_tools.outputs import write_json
 from spool_tools.terminal import warn
 
@@ -41,6 +41,7 @@ def replay(
     until: cli.UntilOption = None,
     around: cli.AroundOption = None,
     params_file: cli.ParamsFile = None,
+    language: cli.LanguageOption = "",
     method: Annotated[
         str | None,
         typer.Option(
@@ -84,6 +85,7 @@ def replay(
         report=report,
         state=state,
         when=(since, until, around),
+        language=language,
     )
     if json is not None:
         write_json(json, result)

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 from spool_core.errors import InputError
 
+from spool_tools.cli_options import LanguageOption
 from spool_tools.command import Command
 
 #: Entry point of the function that serves the page: of another package, which a machine may lack.
@@ -28,6 +29,7 @@ def watch(
     seconds: Annotated[
         float | None, typer.Option(help="Off a terminal: end after so many seconds.", min=0.0)
     ] = None,
+    language: LanguageOption = "",
 ) -> None:
     """Watch running valves: a table, worst first, their alarms, and keys to acknowledge, shelve and reset.
 
@@ -47,7 +49,7 @@ def watch(
         raise InputError("--operator: is of the page, with --web; on the terminal the keys are there anyway")
     from spool_tools.operations.watch import watch as run  # noqa: PLC0415 - slow to load
 
-    run(tuple(valves or ()), who, seconds)
+    run(tuple(valves or ()), who, seconds, language)
 
 
 COMMAND = Command(watch, place=155, line="running valves on the terminal, or as a page on this host")

@@ -27,6 +27,8 @@ from rich.text import Text
 from spool_bag.information import BagInformation, describe
 from spool_bag.reader import BagReader
 from spool_core.errors import InputError
+from spool_core.events.language import Language
+from spool_core.events.sentences import language_of
 from spool_core.node import qos
 from spool_core.node.network import isolate
 from spool_core.node.parameters import rule
@@ -34,6 +36,7 @@ from spool_core.uncertainty import LEGEND, with_interval
 from spool_msgs.msg import HealthEvent, ModelEstimate, Quantity, ValveHealth
 from spool_sim.excitation import from_mapping
 
+from spool_tools.operations.heard import event_line
 from spool_tools.outputs import write_json
 
 #: What is said of an event, by whether it was raised live and from the bag.
@@ -124,8 +127,6 @@ _LEVELS = {
     ValveHealth.LEVEL_STALE: ("STALE", "bold magenta"),
 }
 
-_SEVERITIES = {HealthEvent.SEVERITY_WARNING: "warning", HealthEvent.SEVERITY_ALARM: "ALARM"}
-
 #: s between status lines off a terminal.
 _LINE_INTERVAL = 5.0
 
@@ -164,6 +165,7 @@ class Display:
     seconds: float
     names: tuple[str, ...]
     console: Console = field(default_factory=lambda: Console(highlight=False))
+    language: Language = field(default_factory=language_of)
     estimates: dict[str, ModelEstimate] = field(default_factory=dict)
     health: dict[str, ValveHealth] = field(default_factory=dict)
     _live: Live | None = None
@@ -194,10 +196,8 @@ class Display:
         raised = event.state == HealthEvent.STATE_RAISED
         mark = "▲" if raised else "▼"
         style = "yellow" if raised and event.severity == HealthEvent.SEVERITY_WARNING else "red"
-        kind = event.kind.replace("_", " ") + (f" ({event.cause.replace('_', ' ')})" if event.cause else "")
-        what = f"{_SEVERITIES.get(event.severity, 'event')}: {kind}: " if raised else ""
-        line = Text(f"{elapsed:5.1f} s  {mark} {name}  {what}", style=style if raised else "green")
-        line.append(event.message, style="default")
+        line = Text(f"{elapsed:5.1f} s  {mark} {name}  ", style=style if raised else "green")
+        line.append(event_line(event, self.language), style="default")
         self.console.print(line, soft_wrap=True)
 
     def say(self, text: str) -> None:

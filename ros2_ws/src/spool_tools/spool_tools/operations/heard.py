@@ -14,7 +14,10 @@ import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rich.text import Text
+from spool_core.events.language import Language
+from spool_core.events.sentences import details, headline
 from spool_core.node import qos
+from spool_core.node.messages import from_event_message
 from spool_core.uncertainty import with_interval
 from spool_monitor import valve_condition as conditions
 from spool_monitor.valve_condition import monitored_valves
@@ -221,22 +224,38 @@ def valve_row(valve: HeardValve, now: float) -> tuple[Text, ...]:
     return (Text(valve.name), state, *(Text(cell) for cell in cells))
 
 
-def alarm_row(alarm: Alarm) -> tuple[Text, ...]:
+def alarm_row(alarm: Alarm, language: Language) -> tuple[Text, ...]:
     """Return the cells of ``ALARM_COLUMNS`` for ``alarm``."""
     from spool_monitor.alarm import AlarmState  # noqa: PLC0415 - SciPy, which off a terminal nobody needs
 
     state = AlarmState(alarm.state)
     waits = state in WAITING
-    cause = f" ({alarm.cause.replace('_', ' ')})" if alarm.cause else ""
     raised = datetime.fromtimestamp(alarm.raised_at.sec).strftime("%d %b %H:%M:%S")
     return (
-        Text(f"{alarm.code} {alarm.name.replace('_', ' ')}{cause}"),
+        Text(f"{alarm.code} {alarm.name.replace('_', ' ')}"),
         Text(state.name.lower().replace("_", " "), style="bold red" if waits else ""),
         Text(SEVERITIES.get(alarm.severity, "")),
         Text(raised if alarm.raised_at.sec else ""),
         Text(alarm.acknowledged_by),
-        Text(alarm.message),
+        Text(alarm_headline(alarm, language)),
     )
+
+
+def alarm_headline(alarm: Alarm, language: Language) -> str:
+    """Return the headline of the alarm's last event; empty before the first."""
+    return headline(from_event_message(alarm.event), language) if alarm.message else ""
+
+
+def alarm_details(alarm: Alarm, language: Language) -> list[str]:
+    """Return the details of the alarm's last event, a line each."""
+    return [str(one) for one in details(from_event_message(alarm.event), language)] if alarm.message else []
+
+
+def event_line(event: HealthEvent, language: Language) -> str:
+    """Return an event as one line: its severity where it was raised, and its headline."""
+    raised = event.state == HealthEvent.STATE_RAISED
+    said = headline(from_event_message(event), language)
+    return f"{SEVERITIES.get(event.severity, 'event')}: {said}" if raised else said
 
 
 def shown_alarms(valve: HeardValve | None) -> list[Alarm]:

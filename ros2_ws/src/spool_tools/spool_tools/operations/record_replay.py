@@ -15,6 +15,9 @@ from spool_bag.metadata import rate_std
 from spool_core.block import BlockRun
 from spool_core.cdr import OilTemperature
 from spool_core.errors import InputError
+from spool_core.events.english import ENGLISH
+from spool_core.events.language import Language
+from spool_core.events.sentences import details, headline, language_of
 from spool_core.text import plural
 from spool_core.uncertainty import LEGEND, at_uncertain_rate, with_interval
 from spool_estimator.estimate import Estimate
@@ -165,6 +168,7 @@ def replay_bag(
     report: Path | None = None,
     state: Path | None = None,
     when: tuple[str | None, str | None, str | None] = (None, None, None),
+    language: str = "",
 ) -> dict[str, Any]:
     """Replay every valve of the record ``path``; return the contract's ``replay --json`` as a dictionary.
 
@@ -179,10 +183,13 @@ def replay_bag(
         report: file to write as an HTML page with the evidence.
         state: folder in which the baseline of each valve is kept from record to record.
         when: since, until and around what, of a bag, as of the options.
+        language: of the events' sentences; see :func:`spool_core.events.sentences.language_of`.
 
     Raises:
-        InputError: no valve in the record, or the valve files or the parameter file cannot be used.
+        InputError: no valve in the record, or the valve files or the parameter file cannot be used, or there
+            is no such language.
     """
+    spoken = language_of(language)
     reader = open_source(path, columns, span_of(path, *when))
     names = reader.valves
     if not names:
@@ -207,7 +214,7 @@ def replay_bag(
         doubts = [] if one.check is None else one.check.doubts()
         warnings = [text for text in (valves[name].warning(name), *doubts) if text]
         result["valves"][name] = valve_dictionary(
-            one, times[name], first, valves[name], settings[name].to_dict(), warnings, uncertain
+            one, times[name], first, valves[name], settings[name].to_dict(), warnings, uncertain, spoken
         )
     result["duration_s"] = duration_of(list(times.values()))
     result["warnings"] = _warnings(reader, times)
@@ -241,9 +248,7 @@ def _print_valve(name: str, valve: Mapping[str, Any], console: Console) -> None:
         text = f"refit {found['state'].replace('_', ' ')}: {fitted or found['reason']}"
         console.print(cell(f"  {found['t_s']:8.1f} s  {text}"), soft_wrap=True)
     for event in valve["events"]:
-        cause = f" ({event['cause'].replace('_', ' ')})" if event["cause"] else ""
-        what = f"{event['kind'].replace('_', ' ')}{cause}: " if event["state"] == "raised" else ""
-        text = f"{event['severity']} {event['state']}: {what}{event['message']}"
+        text = f"{event['severity']} {event['state']}: {event['message']}"
         console.print(cell(f"  {event['t_s']:8.1f} s  {text}"), soft_wrap=True)
 
 
@@ -383,6 +388,7 @@ def valve_dictionary(
     limits: Mapping[str, Any],
     warnings: Sequence[str],
     rate_std: float = 0.0,
+    language: Language = ENGLISH,
 ) -> dict[str, Any]:
     """Return the entry of one valve in ``replay --json``.
 
@@ -394,6 +400,7 @@ def valve_dictionary(
         limits: that the monitor judged by, and where they came from.
         warnings: about it.
         rate_std: relative standard deviation of the record's sampling rate, which enters those of parameters.
+        language: of the events' sentences.
     """
     gate = one.estimator.gate
     events, refits = Clock(timeline, first), Clock(timeline, first)
@@ -403,11 +410,46 @@ def valve_dictionary(
         "samples": one.samples,
         "estimate": _estimate(one.estimator.latest, rate_std),
         "health": _health(one.monitor.health),
-        "events": [_event(event, events) for event in one.events],
+        "events": [event_dictionary(event, events, language) for event in one.events],
         **({} if one.refits is None else {"refits": [_refit(found, refits) for found in one.refitted]}),
         "valve": _chosen(chosen),
         "limits": dict(limits),
         "warnings": list(warnings),
+    }
+
+
+def event_dictionary(event: Event, clock: Clock, language: Language) -> dict[str, Any]:
+    """Return an event in ``replay --json``; ``value`` to ``limit`` are in ``unit``, times in s."""
+    facts, at = event.facts, clock.since(event.stamp)
+    judged = bool(facts.parameter)
+    return {
+        "t_s": at,
+        "kind": event.kind,
+        "state": event.state.name.lower(),
+        "severity": event.severity.name.lower(),
+        "cause": event.cause or None,
+        "code": event.code,
+        "source": event.source or None,
+        "parameter": facts.parameter or None,
+        "value": facts.value if judged else event.quantity.value,
+        "unit": facts.unit if judged else event.quantity.unit,
+        "low": facts.low,
+        "high": facts.high,
+        "baseline": facts.baseline,
+        "change": facts.change,
+        "limit": facts.limit,
+        "began_s": at - 1e-9 * (event.stamp - facts.began) if facts.began else None,
+        "causes": list(facts.causes),
+        "probabilities": list(facts.probabilities),
+        "false_alarm_interval": facts.false_alarm_interval,
+        "urgency": facts.urgency.name.lower(),
+        "time_to_limit": facts.time_to_limit,
+        "advice": facts.advice or None,
+        "subject": facts.subject or None,
+        "note": facts.note or None,
+        "evidence": {one.name: one.to_dict() for one in facts.evidence},
+        "message": headline(event, language),
+        "details": [str(one) for one in details(event, language)],
     }
 
 
@@ -505,17 +547,4 @@ def _estimate(estimate: Estimate | None, rate_std: float) -> dict[str, Any]:
         "natural_frequency_Hz": estimate.natural_frequency.value,
         "damping_ratio": estimate.damping_ratio.value,
         "nrmse": estimate.residual.value,
-    }
-
-
-def _event(event: Event, clock: Clock) -> dict[str, Any]:
-    return {
-        "t_s": clock.since(event.stamp),
-        "kind": event.kind,
-        "state": event.state.name.lower(),
-        "severity": event.severity.name.lower(),
-        "cause": event.cause or None,
-        "value": event.quantity.value,
-        "unit": event.quantity.unit,
-        "message": event.message,
     }

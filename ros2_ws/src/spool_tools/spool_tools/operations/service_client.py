@@ -23,6 +23,7 @@ from rich.console import Console
 from rich.table import Table
 from spool_bag.names import check_valve
 from spool_core.errors import InputError
+from spool_core.events.sentences import language_of
 from spool_core.files import YamlError, load_yaml
 from spool_core.node import qos
 from spool_core.node.parameters import BUILT_IN
@@ -40,6 +41,7 @@ from spool_msgs.srv import (
 )
 from std_srvs.srv import Trigger
 
+from spool_tools.operations.heard import alarm_details, alarm_headline
 from spool_tools.outputs import write_file
 
 #: s that a running node may take to be found and to answer.
@@ -264,8 +266,19 @@ def analyse_live(valve: str, json_file: Path | None) -> None:
     print(found.sentence)
 
 
-def show_alarms(valve: str, *, every: bool) -> int:
-    """Print the alarms of ``valve``; return 1 where one waits for an operator."""
+def show_alarms(valve: str, *, every: bool, details: bool = False, language: str = "") -> int:
+    """Print the alarms of ``valve``; return 1 where one waits for an operator.
+
+    Args:
+        valve: namespace.
+        every: normal ones as well.
+        details: everything that is known of each, below its headline.
+        language: of sentences; see :func:`spool_core.events.sentences.language_of`.
+
+    Raises:
+        InputError: no monitor is heard, or there is no such language.
+    """
+    chosen = language_of(language)
     with client_node("spool_alarm", valve) as node:
         heard: list[AlarmList] = []
         node.create_subscription(AlarmList, f"/{valve}/alarms", heard.append, qos.state())
@@ -276,12 +289,13 @@ def show_alarms(valve: str, *, every: bool) -> int:
         return 0
     for one in listed:
         words = [f"{one.code:4}  {one.name}", AlarmState(one.state).name.lower().replace("_", " ")]
-        words += [f"cause {one.cause.replace('_', ' ')}"] if one.cause else []
         words += [f"raised {_clock(one.raised_at)}"] if one.raised_at.sec else []
         words += [f"acknowledged by {one.acknowledged_by}"] if one.acknowledged_by else []
         print(", ".join(words))
         if one.message:
-            print(f"      {one.message}")
+            print(f"      {alarm_headline(one, chosen)}")
+            for line in alarm_details(one, chosen) if details else ():
+                print(f"        {line}")
     return 1 if any(one.state in _WAITING for one in listed) else 0
 
 

@@ -9,6 +9,9 @@ from collections.abc import Callable
 from types import FrameType
 from typing import ClassVar
 
+from spool_core.events.english import ENGLISH
+from spool_core.events.language import Language
+from spool_core.events.sentences import language_of
 from spool_core.uncertainty import LEGEND
 from spool_msgs.msg import Alarm
 from textual.app import App, ComposeResult
@@ -23,7 +26,10 @@ from spool_tools.operations.heard import (
     Answer,
     HeardValve,
     Listener,
+    alarm_details,
+    alarm_headline,
     alarm_row,
+    event_line,
     line_of,
     shown_alarms,
     shown_condition,
@@ -40,20 +46,25 @@ SHELF = 30.0
 LINES, LOOK = 5.0, 0.2
 
 
-def watch(names: tuple[str, ...], who: str, seconds: float | None = None) -> None:
+def watch(names: tuple[str, ...], who: str, seconds: float | None = None, language: str = "") -> None:
     """Show running valves until it is ended.
 
     Args:
         names: of valves; empty for all that are heard.
         who: stands in the log of what is done; empty: the user's name.
         seconds: after which it ends by itself off a terminal; ``None``: never.
+        language: of sentences; see :func:`spool_core.events.sentences.language_of`.
+
+    Raises:
+        InputError: there is no such language.
     """
+    chosen = language_of(language)
     listener = Listener(names)
     try:
         if sys.stdout.isatty():
-            WatchApp(listener, who_asks(who)).run()
+            WatchApp(listener, who_asks(who), chosen).run()
         else:
-            _lines(listener, seconds)
+            _lines(listener, seconds, chosen)
     finally:
         listener.close()
 
@@ -104,6 +115,25 @@ class AskScreen(ModalScreen[tuple[float, str] | None]):
         self.dismiss(None)
 
 
+class DetailsScreen(ModalScreen[None]):
+    """Details of an alarm; Escape closes them."""
+
+    BINDINGS: ClassVar = [Binding("escape,d,enter", "dismiss", "close")]
+    CSS = """
+    DetailsScreen { align: center middle; }
+    DetailsScreen > Static { width: 90%; max-width: 110; height: auto; border: round; }
+    """
+
+    def __init__(self, text: str) -> None:
+        """Show ``text``."""
+        super().__init__()
+        self._text = text
+
+    def compose(self) -> ComposeResult:
+        """Lay out the text."""
+        yield Static(self._text, id="details", markup=False)
+
+
 class WatchApp(App[None]):
     """Valves above, worst first; alarms of the chosen one below; keys acknowledge, shelve and reset."""
 
@@ -114,6 +144,7 @@ class WatchApp(App[None]):
     #said { height: auto; max-height: 4; }
     """
     BINDINGS: ClassVar = [
+        Binding("d", "details", "details"),
         Binding("a", "acknowledge", "acknowledge"),
         Binding("s", "shelve", "shelve"),
         Binding("u", "unshelve", "take off the shelf"),
@@ -123,10 +154,10 @@ class WatchApp(App[None]):
     ]
     ENABLE_COMMAND_PALETTE = False
 
-    def __init__(self, listener: Listener, who: str) -> None:
+    def __init__(self, listener: Listener, who: str, language: Language = ENGLISH) -> None:
         """Show what ``listener`` hears; ``who`` stands in the log of what is done."""
         super().__init__()
-        self._listener, self._who = listener, who
+        self._listener, self._who, self._language = listener, who, language
         self._awaited: list[Answer] = []
 
     def compose(self) -> ComposeResult:
@@ -160,7 +191,7 @@ class WatchApp(App[None]):
         _fill(
             self.query_one("#alarms", DataTable),
             ALARM_COLUMNS,
-            [(one.name, alarm_row(one)) for one in alarms],
+            [(one.name, alarm_row(one, self._language)) for one in alarms],
         )
         for answer in list(self._awaited):
             said = answer.said()
@@ -192,6 +223,14 @@ class WatchApp(App[None]):
                 self._awaited.append(do(*given))
 
         self.push_screen(AskScreen(title, minutes=minutes), done)
+
+    def action_details(self) -> None:
+        """Show everything that is known of the chosen alarm."""
+        found = self._alarm()
+        if found:
+            _, alarm = found
+            lines = [alarm_headline(alarm, self._language), *alarm_details(alarm, self._language)]
+            self.push_screen(DetailsScreen("\n".join(lines)))
 
     def action_acknowledge(self) -> None:
         """Note that the chosen alarm was seen: the occurrence that is shown, no newer one."""
@@ -261,7 +300,7 @@ def _chosen_key(table: DataTable[object]) -> str | None:
     return table.coordinate_to_cell_key(table.cursor_coordinate).row_key.value
 
 
-def _lines(listener: Listener, seconds: float | None) -> None:
+def _lines(listener: Listener, seconds: float | None, language: Language) -> None:
     """Print each event at once, and a line for each valve now and then."""
     before = signal.signal(signal.SIGTERM, _as_interrupt)
     begun, last = time.monotonic(), -LINES
@@ -270,7 +309,7 @@ def _lines(listener: Listener, seconds: float | None) -> None:
         while seconds is None or time.monotonic() - begun < seconds:
             while listener.events:
                 name, event = listener.events.popleft()
-                print(f"{name}  {event.kind}: {event.message}", flush=True)
+                print(f"{name}  {event_line(event, language)}", flush=True)
             if time.monotonic() - last >= LINES:
                 last = time.monotonic()
                 for name in sorted(listener.valves):

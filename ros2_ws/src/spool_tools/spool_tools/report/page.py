@@ -89,6 +89,11 @@ def listing(entries: Sequence[str]) -> Markup:
     return Markup(_PARTS.listing(entries))
 
 
+def folded(summary: str, entries: Sequence[str]) -> Markup:
+    """Return lines that show when ``summary`` is opened, and in print."""
+    return Markup(_PARTS.folded(summary, entries))
+
+
 def table(
     columns: Sequence[str], rows: Sequence[Mapping[str, object]], numbers: Collection[str] = ()
 ) -> Markup:

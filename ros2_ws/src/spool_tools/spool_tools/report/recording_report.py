@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from spool_bag.reader import BagReader
 from spool_core.block_gate import malformed
+from spool_core.events.sentences import title
 from spool_core.text import plural
 from spool_core.uncertainty import LEGEND, PLUS_MINUS, Z_95, Shown, interval, with_interval
 
@@ -180,20 +181,16 @@ def _band(axis: Axes, at: Array, estimates: list[Any], name: str, label: str) ->
 
 
 def _spans(events: list[dict[str, Any]], end: float) -> list[tuple[str, float, float]]:
-    """Return kind, begin and end (s) of each event; those that go on last to the end."""
+    """Return title, begin and end (s) of each event; those that go on last to the end."""
     spans = []
-    begun: dict[tuple[str, str | None], float] = {}
+    begun: dict[str, float] = {}
     for event in events:
-        key = (event["kind"], event["cause"])
+        key = title(event["code"], event["kind"])
         if event["state"] == "raised":
             begun.setdefault(key, event["t_s"])
         elif key in begun:
-            spans.append((_label(*key), begun.pop(key), event["t_s"]))
-    return spans + [(_label(*key), since, end) for key, since in begun.items()]
-
-
-def _label(kind: str, cause: str | None) -> str:
-    return (kind + (f": {cause}" if cause else "")).replace("_", " ")
+            spans.append((key, begun.pop(key), event["t_s"]))
+    return spans + [(key, since, end) for key, since in begun.items()]
 
 
 def _shade(axis: Axes, events: list[dict[str, Any]], end: float) -> None:
@@ -224,11 +221,9 @@ def _section(name: str, valve: dict[str, Any], image: str) -> list[str]:
     events = [
         {
             "time": f"{event['t_s']:.1f} s",
-            "event": event["kind"].replace("_", " "),
-            "most likely cause": (event["cause"] or "").replace("_", " "),
-            "severity": event["severity"],
-            "state": event["state"],
-            "what was seen": event["message"],
+            "event": f"{event['severity']} {event['state']}",
+            "headline": event["message"],
+            "details": html.folded("show", event["details"]),
         }
         for event in valve["events"]
     ]
@@ -236,16 +231,14 @@ def _section(name: str, valve: dict[str, Any], image: str) -> list[str]:
         html.heading(name),
         image,
         html.table(["parameter", "at the end", PLUS_MINUS, "unit"], parameters, ("at the end", PLUS_MINUS)),
-        html.table(
-            ["time", "event", "most likely cause", "severity", "state", "what was seen"], events, ("time",)
-        ),
+        html.table(["time", "event", "headline", "details"], events, ("time",)),
     ]
 
 
 def _seen(name: str, valve: dict[str, Any]) -> str:
     """Return what the picture of a valve shows, in words."""
     raised = [event for event in valve["events"] if event["state"] == "raised"]
-    events = ", ".join(f"{_label(one['kind'], one['cause'])} at {one['t_s']:.0f} s" for one in raised)
+    events = ", ".join(f"{title(one['code'], one['kind'])} at {one['t_s']:.0f} s" for one in raised)
     return (
         f"{name} over time: peak acceleration of body and spool, the frequency that the body shakes at "
         "next to the natural frequency, viscous coefficient, Coulomb force. "
@@ -272,8 +265,9 @@ def _events(valve: Mapping[str, Any]) -> list[str]:
     rows: list[dict[str, object]] = [
         {
             "time, s": f"{event['t_s']:.1f}",
-            "event": f"{event['severity']} {event['state']}: {event['kind'].replace('_', ' ')}",
-            "what the monitor said": event["message"],
+            "event": f"{event['severity']} {event['state']}",
+            "headline": event["message"],
+            "details": html.folded("show", event["details"]),
         }
         for event in valve["events"]
     ]

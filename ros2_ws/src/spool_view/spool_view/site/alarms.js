@@ -1,10 +1,11 @@
 // The list of alarms: states after ISA-18.2, with an operator's acts.
 
 import { askFor } from "/static/acts.js";
-import { clock, fill, make, operable, texts } from "/static/text.js";
+import { clock, fill, language, make, operable, texts } from "/static/text.js";
 
 const WAITING = ["unacknowledged", "returned_unacknowledged", "latched_unacknowledged"];
 const SHOWN = 200;
+const opened = new Set();
 
 /** Show `entries`, pairs of valve and alarm, in `place`; rows stay where they are unless they changed. */
 export function showAlarms(place, entries, { withValve }) {
@@ -28,21 +29,31 @@ export function showAlarms(place, entries, { withValve }) {
 function row(valve, alarm, withValve) {
   const c = texts.columns;
   const waits = WAITING.includes(alarm.state);
-  const cause = alarm.cause ? ` (${alarm.cause.replaceAll("_", " ")})` : "";
   let state = texts.states[alarm.state] ?? alarm.state;
   if (alarm.state === "shelved") state += ", " + (alarm.shelved_until ? fill(texts.shelved_until, { time: clock(alarm.shelved_until) }) : texts.until_over);
   const comment = alarm.comment ? make("span", {}, " ", fill(texts.comment_is, { comment: alarm.comment })) : null;
   const cells = [
-    make("th", { scope: "row" }, `${alarm.code} ${alarm.name.replaceAll("_", " ")}${cause}`),
+    make("th", { scope: "row" }, `${alarm.code} ${alarm.name.replaceAll("_", " ")}`),
     make("td", { "data-label": c.state, class: waits ? "waits" : null, "data-state": alarm.state }, (waits ? "! " : "") + state),
     make("td", { "data-label": c.severity }, texts.severities[alarm.severity] ?? alarm.severity),
     make("td", { "data-label": c.since }, clock(alarm.raised)),
     make("td", { "data-label": c.by }, alarm.by, ...(comment ? [comment] : [])),
-    make("td", { "data-label": c.says, class: "says", lang: "en" }, alarm.message),
+    make("td", { "data-label": c.says, class: "says" }, ...said(valve, alarm)),
   ];
   if (withValve) cells.unshift(make("td", { "data-label": c.valve }, make("a", { href: `/valve/${valve}` }, valve)));
   if (operable) cells.push(make("td", { "data-label": c.acts }, ...buttons(valve, alarm)));
   return make("tr", { "data-alarm": alarm.name }, ...cells);
+}
+
+/** The headline, and its details behind a switch that stays as the reader left it. */
+function said(valve, alarm) {
+  const own = alarm.texts[language];
+  if (!own) return [];
+  const lines = own.details.map(([label, text]) => [make("dt", {}, label), make("dd", {}, text)]).flat();
+  const key = `${valve} ${alarm.name} details`;
+  const folded = make("details", { open: opened.has(key) ? "" : null }, make("summary", { "data-key": key }, own.headline), make("dl", {}, ...lines));
+  folded.addEventListener("toggle", () => (folded.open ? opened.add(key) : opened.delete(key)));
+  return [folded];
 }
 
 function buttons(valve, alarm) {

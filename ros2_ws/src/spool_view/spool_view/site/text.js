@@ -9,7 +9,7 @@ export function fill(text, values) {
 
 /** Digits with the language's decimal mark. */
 export function digits(text) {
-  return language === "de" ? String(text).replace(".", ",") : String(text);
+  return language !== "en" ? String(text).replace(".", ",") : String(text);
 }
 
 export function unitText(unit) {

@@ -11,7 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,12 @@ import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from spool_core.events.event import Event, EventState, Facts, Severity, Urgency
+from spool_core.events.sentences import LANGUAGES
 from spool_core.node import qos
+from spool_core.node.messages import to_event_message
+from spool_core.uncertainty import Quantity as Measured
+from spool_core.uncertainty import Validity
 from spool_msgs.msg import Alarm, AlarmList, ModelEstimate, Quantity, ValveHealth
 from spool_view.application import Application, application
 from spool_view.operator import Act, ActLog, Desk, OperatorToken, Outcome
@@ -68,9 +73,15 @@ def tracking() -> ModelEstimate:
     )
 
 
-def alarm(name: str = "resonance", message: str = "it shakes", comment: str = "") -> Alarm:
+def alarm(name: str = "resonance", note: str = "", comment: str = "") -> Alarm:
     one = Alarm(name=name, kind=name, code=100, state=Alarm.STATE_UNACKNOWLEDGED, severity=2, occurrence=3)
-    one.message, one.comment = message, comment
+    amplification = Measured("amplification", "1", 4.2, validity=Validity.VALID)
+    facts = replace(Facts.of(amplification, 3.6, note=note), urgency=Urgency.IMMEDIATE, advice=100)
+    event = Event(
+        1_790_000_000_000_000_000, name, EventState.RAISED, Severity.ALARM, "", amplification, "", 100, facts
+    )
+    one.event = to_event_message(event, "valve", LANGUAGES["en"])
+    one.message, one.comment = one.event.message, comment
     one.raised_at.sec = 1_790_000_000
     return one
 

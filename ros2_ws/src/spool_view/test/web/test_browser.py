@@ -45,7 +45,7 @@ def test_resonance_and_drift_are_shown_within_two_seconds_of_the_message(
         becomes(page, "good")
     monitor.health = good_health("resonance", shakes=28.0)
     monitor.health.level = 3
-    monitor.alarms = AlarmList(alarms=[alarm(message="body shakes at 28.0 Hz")])
+    monitor.alarms = AlarmList(alarms=[alarm()])
     monitor.say()
     begin = time.monotonic()
     for page in (machine, valve):
@@ -61,6 +61,38 @@ def test_resonance_and_drift_are_shown_within_two_seconds_of_the_message(
     assert time.monotonic() - begin < SHOWN
     assert "Read only" in machine.inner_text("header")
     assert valve.query_selector("button[data-act]") is None
+
+
+@pytest.mark.parametrize(
+    ("locale", "said", "limit"),
+    [
+        ("en-GB", "Resonance: amplification 4.2, limit 3.6", "Limit"),
+        ("de-DE", "Resonanz: Verstärkung 4,2, Grenze 3,6", "Grenze"),
+        ("pl-PL", "Rezonans: wzmocnienie 4,2, granica 3,6", "Granica"),
+    ],
+)
+def test_an_alarm_shows_its_headline_and_its_details_on_demand(
+    domain: Domain,
+    stand_in: Callable[..., StandIn],
+    open_page: Callable[..., Any],
+    locale: str,
+    said: str,
+    limit: str,
+) -> None:
+    monitor = stand_in()
+    monitor.alarms = AlarmList(alarms=[alarm()])
+    _, address = domain.page()
+    page = open_page(address, locale=locale)
+    page.wait_for_selector("[data-alarm=resonance]")
+    assert page.inner_text("[data-alarm=resonance] summary") == said
+    assert not page.is_visible("[data-alarm=resonance] dl")
+    page.click("[data-alarm=resonance] summary")
+    assert limit in page.inner_text("[data-alarm=resonance] dl")
+    # A new message of the same alarm leaves open what the reader opened.
+    monitor.alarms.alarms[0].comment = "seen"
+    monitor.say()
+    page.wait_for_selector("[data-alarm=resonance] >> text=seen")
+    assert page.is_visible("[data-alarm=resonance] dl")
 
 
 def test_a_monitor_that_falls_silent_and_a_page_that_ends_leave_nothing_green(
@@ -145,7 +177,7 @@ def test_markup_in_what_others_say_stays_text(
     monitor.health.summary = evil
     monitor.health.judgements = [evil]
     monitor.estimate.model = evil
-    monitor.alarms = AlarmList(alarms=[alarm(name=f"x'\"><{evil}", message=evil, comment=evil)])
+    monitor.alarms = AlarmList(alarms=[alarm(name=f"x'\"><{evil}", note=evil, comment=evil)])
     _, address = domain.page(operator=True)
     for path in ("", "valve/valve_1"):
         page = open_page(f"{address}{path}")

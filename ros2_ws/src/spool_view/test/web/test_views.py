@@ -133,7 +133,10 @@ def test_alarms_that_are_not_normal_are_shown_with_their_states() -> None:
     assert len(found) == MOST
     assert found[0]["name"] == "a1"
     assert found[0]["state"] == "unacknowledged"
-    assert alarms_of(AlarmList(alarms=[alarm(message="x" * 100_000)]))[0]["message"] == "x" * 2000
+    long = alarms_of(AlarmList(alarms=[alarm(note="x" * 100_000)]))[0]
+    for code in ("en", "de", "pl"):
+        assert max(len(text) for _, text in long["texts"][code]["details"]) == 2000
+    assert long["texts"]["en"]["headline"] == "Resonance: amplification 4.2, limit 3.6"
 
 
 def block(
