@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.polynomial import Chebyshev
 from numpy.typing import NDArray
 from spool_sim.valve import Valve
 
@@ -30,6 +31,8 @@ REST, LOOKED_AT = 2.0, 4.0
 QUIET_TIME, QUIET_SHARE = 0.01, 0.03
 #: Mean of the body's reading over its rms from which it is a bias: that of an excitation is smaller.
 BIASED = 0.02
+#: Degree of the course that a bias drifts by.
+DRIFT = 3
 #: Ratios (forward - backward) / (forward + backward) that are tried.
 RATIOS = np.linspace(-0.9, 0.9, 37)
 #: Ratio below which two forces are one: friction scatters by as much from stroke to stroke.
@@ -68,13 +71,13 @@ def two_forces(
     if best in (0, RATIOS.size - 1):
         return None
     evidence = float(likely[best] - likely[RATIOS.size // 2])
-    near = np.flatnonzero(likely[best] - likely <= 2.0)
+    # From one ratio to the next the likelihood scatters, as reversals of the simulated motion come and go.
+    scatter = 1.5 * float(np.median(np.abs(np.diff(likely, 2)))) / math.sqrt(6.0)
+    near = np.flatnonzero(likely[best] - likely <= 2.0 + SCATTERS * scatter)
     step = float(RATIOS[1] - RATIOS[0])
     deviation = max(float(np.ptp(RATIOS[near])) / 4.0, step / 3.0)
     below, top, above = likely[best - 1 : best + 2].tolist()
     ratio = float(RATIOS[best]) + 0.5 * step * (below - above) / (below - 2.0 * top + above)
-    # From one ratio to the next the likelihood scatters, as reversals of the simulated motion come and go.
-    scatter = 1.5 * float(np.median(np.abs(np.diff(likely, 2)))) / math.sqrt(6.0)
     if evidence < DECISIVE + SCATTERS * scatter or abs(ratio) < max(LEAST_RATIO, 2.0 * deviation):
         return None
     return TwoForces(ratio, deviation, evidence)
@@ -107,7 +110,7 @@ def _with_rest(readings: Readings) -> Readings:
     if readings.body_limit > 0.0:
         return replace(found, time=-REST)
     # A filter's answer before an excitation that begins at once would push the spool to one side.
-    mean = float(record.body.mean())
-    bias = mean if abs(mean) > BIASED * float(record.body.std()) else 0.0
-    begun = padded.body[rest.size :] - bias
+    course = Chebyshev.fit(np.arange(record.body.size), record.body, DRIFT)(np.arange(count))
+    biased = float(np.sqrt(np.mean(course**2))) > BIASED * float(record.body.std())
+    begun = padded.body[rest.size :] - (course if biased else 0.0)
     return replace(found, time=-REST, body=np.concatenate([rest, begun]).astype(np.float64))
