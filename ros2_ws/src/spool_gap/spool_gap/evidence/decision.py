@@ -31,8 +31,8 @@ from .intervals import Numbers, numbers_of
 from .look import Look
 
 #: Temperature of the probabilities: evidence counts windows as independent and laws as exact, which no
-#: record and no simulation is. Fitted to the development cases of `./spool study field`.
-TEMPERATURE = 30.0
+#: record and no simulation is. Of 3 to 300 that with the least Brier score in 50 field cases of development.
+TEMPERATURE = 10.0
 #: Standard deviations by which gain or delay must exceed its tolerance (95 %).
 BEYOND = 2.0
 #: Share of what a named effect changes that may be left unexplained beside it.
@@ -211,8 +211,8 @@ def _probabilities(
             continue
         name = _joined(one)
         best[name] = max(best.get(name, -math.inf), one.evidence)
-    # The simplest of those that the evidence does not decide between is as good as the best.
-    top = max(best.values())
+    # The simplest of those that the evidence does not decide between counts: others must be ahead by more.
+    top = max(best.values()) + DECISIVE
     best[_joined(fit)] = top
     best[UNEXPLAINED] = top + rest
     scaled = {name: (value - max(best.values())) / TEMPERATURE for name, value in best.items()}

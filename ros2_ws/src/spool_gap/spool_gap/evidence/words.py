@@ -98,7 +98,9 @@ def words_of(
             f"even the best model leaves {100.0 * after.agreement.nrmse:.3g} % of the spool's acceleration: "
             "units of both channels, order and sign of the columns, valve file?"
         )
-    confidence = min(decision.confidence, DOUBTFUL) if doubtful else decision.confidence
+    # Where something is left, the name beside it may be that of the nearest law.
+    capped = doubtful or (open_ and bool(names))
+    confidence = min(decision.confidence, DOUBTFUL) if capped else decision.confidence
     told = (EFFECTS[name].distinguished_by for name in (*names, *candidates) if name in EFFECTS)
     return Words(
         verdict, confidence, text, tuple(names), candidates, remainder, tuple(nuisances),
