@@ -63,8 +63,8 @@ def lines() -> str:
 
 def test_the_list_of_what_is_public_is_that_of_the_code() -> None:
     assert LIST.read_text("utf-8") == lines(), (
-        "the public interface changed: if that is meant, add a line to CHANGELOG.md, raise the version by the "
-        "rules there, and type ./spool python tests/test_public_interface.py"
+        "the public interface changed: if that is meant, add a line to CHANGELOG.md, raise the version as "
+        "described there, and type ./spool python tests/test_public_interface.py"
     )
 
 
