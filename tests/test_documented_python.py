@@ -81,7 +81,15 @@ def test_no_page_asks_for_another_interpreter() -> None:
     assert found == []
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if page != NODE], ids=lambda page: page.parent.name)
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=[pytest.mark.slow] * (page.parent.name == "notebooks"))
+        for page in PAGES
+        if page != NODE
+    ],
+    ids=lambda page: f"{page.parent.name}-{page.stem}",
+)
 def test_the_blocks_of_a_page_run_in_order_as_one_script(page: Path, tmp_path: Path) -> None:
     (tmp_path / "bags").symlink_to(ROOT / "bags")
     script = tmp_path / "pasted.py"

@@ -37,7 +37,8 @@ def fit(
         holdout: records to judge errors by; default: pieces of ``records``.
         free: parameters to fit though the valve file gives them, ``"moving_mass"`` or ``"moving_mass=0.18"``.
         fix: parameters to hold, ``"coulomb_force=0.3"``, or as the valve file has them.
-        sensor_gain, sensor_delay: fit the gain and the delay of the spool's sensor.
+        sensor_gain: fit the gain of the spool's sensor.
+        sensor_delay: fit its delay.
 
     Raises:
         InputError: records, valve, model or parameters cannot be used.
@@ -121,7 +122,7 @@ def gap(
 
         found, page, model = (Path(folder) / name for name in ("gap.json", "gap.html", "gap.yaml"))
         shown = io.StringIO()
-        with contextlib.redirect_stdout(shown):
+        with contextlib.redirect_stdout(shown), contextlib.redirect_stderr(shown):
             run_gap(
                 paths_of(records), file, str(base), kind, Selection(), ResultFiles(found, page, model),
                 holdout=paths_of(holdout), **options,

@@ -13,12 +13,15 @@ Found = TypeVar("Found")
 
 
 def one_error(function: Callable[Given, Found]) -> Callable[Given, Found]:
-    """Return ``function`` raising ``InputError`` for missing files and libraries as well."""
+    """Return ``function`` raising ``InputError`` also for missing files and libraries; show no progress."""
 
     @wraps(function)
     def checked(*arguments: Given.args, **named: Given.kwargs) -> Found:
         try:
-            return function(*arguments, **named)
+            from spool_tools.terminal import silently  # noqa: PLC0415 - slow to load
+
+            with silently():
+                return function(*arguments, **named)
         except OSError as error:
             text = f"{error.filename}: {error.strerror}" if error.filename else str(error)
             raise InputError(text) from error

@@ -27,6 +27,10 @@ from spool_core.errors import InputError
 
 if sys.platform == "win32":
     import msvcrt
+    from types import ModuleType
+
+    grp: ModuleType  # neither is there: the functions that ask them return before
+    pwd: ModuleType
 else:
     import fcntl
     import grp
@@ -311,7 +315,9 @@ def sync_folder(folder: Path) -> None:
 
 def _user_number() -> int:
     """Return the number of this user, 0 on Windows, where each user has a temporary folder anyway."""
-    return 0 if sys.platform == "win32" else os.geteuid()
+    if sys.platform == "win32":
+        return 0
+    return os.geteuid()
 
 
 def _own_group(number: int) -> bool:

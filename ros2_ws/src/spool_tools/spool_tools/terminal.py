@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 
 from rich.console import Console
@@ -16,6 +17,8 @@ from spool_core.text import printable
 
 #: s between lines where there is no terminal.
 INTERVAL = 10.0
+
+_silent: ContextVar[bool] = ContextVar("silent", default=False)
 
 
 def cell(text: object, style: str = "") -> Text:
@@ -37,6 +40,16 @@ def fail(text: str, code: int = 2) -> int:
 
 
 @contextmanager
+def silently() -> Iterator[None]:
+    """Show no progress inside: the caller is a program, not a person at a terminal."""
+    token = _silent.set(True)
+    try:
+        yield
+    finally:
+        _silent.reset(token)
+
+
+@contextmanager
 def progress(
     what: str, total: float | None = None, *, interval: float = INTERVAL
 ) -> Iterator[Callable[[float], None]]:
@@ -44,6 +57,9 @@ def progress(
 
     A bar on a terminal; where there is none, a line every ``interval`` s, so that what ends before is silent.
     """
+    if _silent.get():
+        yield lambda _done: None
+        return
     console = Console(stderr=True)
     if not console.is_terminal:
         lines = _Lines(what, total, interval)
