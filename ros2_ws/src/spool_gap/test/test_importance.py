@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from spool_core.errors import InputError
 from spool_estimator.identification.record import Record
 from spool_gap.evidence.analyse import analyse
 from spool_gap.result import GapSettings
@@ -70,14 +71,20 @@ def test_a_locked_spool_is_stuck_and_has_no_friction_law(noise: float) -> None:
     assert found.sentence.startswith("The spool is stuck")
 
 
-@pytest.mark.parametrize("share", [pytest.param(0.1, marks=pytest.mark.slow), 0.25])
-def test_both_channels_clipped_is_saturation_and_no_mechanics(share: float) -> None:
+def clipped_in_both(share: float) -> Record:
     record = recorded("")
     rail = float(np.quantile(np.abs([record.body, record.spool]), 1.0 - share))
-    clipped = replace(
-        record, body=np.clip(record.body, -rail, rail), spool=np.clip(record.spool, -rail, rail)
-    )
-    found = analyse([clipped], VALVE, FLUID)
+    return replace(record, body=np.clip(record.body, -rail, rail), spool=np.clip(record.spool, -rail, rail))
+
+
+def test_a_record_whose_excitation_is_clipped_throughout_is_refused_with_what_to_do() -> None:
+    with pytest.raises(InputError, match=r"clips: spool and body\); choose a larger range of the sensor"):
+        analyse([clipped_in_both(0.25)], VALVE, FLUID)
+
+
+@pytest.mark.slow
+def test_both_channels_clipped_is_saturation_and_no_mechanics() -> None:
+    found = analyse([clipped_in_both(0.1)], VALVE, FLUID)
     assert found.verdict == "sensor_saturation"
     assert {entry.channel for entry in found.nuisances if entry.id == "clipping"} >= {"spool"}
 

@@ -71,7 +71,10 @@ def analyse(
     tell("preparing", 0.05)
     motions = motions_for(base)
     names = tried_effects(base)
-    predictions = Predictions([Prediction(one, valve, motions) for one in look.readings])
+    # Laws count the time from the first sample that is analysed, wherever that lies in its recording.
+    begin = min(one.time for one in look.readings)
+    counted = [replace(one, time=one.time - begin) for one in look.readings]
+    predictions = Predictions([Prediction(one, valve, motions) for one in counted])
     if predictions.numbers <= 0.0:
         clipped = " and ".join(look.limits) or "neither"
         raise InputError(

@@ -102,7 +102,8 @@ class HeldOut:
         parts = []
         for part, rows, windows in zip(self._predictions.parts, judged.rows, self.windows, strict=True):
             inside = part.samples_of(windows)
-            time = part.readings.time + np.arange(part.size) * part.period
+            record = part.readings.record
+            time = record.first_sample * record.sample_period + np.arange(part.size) * part.period
             error = rows[0] - rows[1]
             parts.append(np.array([time, rows[2], rows[3], values["mass"] * error])[:, inside])
         time, z, v, force = np.concatenate(parts, axis=1)
