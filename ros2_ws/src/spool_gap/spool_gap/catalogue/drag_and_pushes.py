@@ -13,6 +13,8 @@ from spool_gap.effect import Array, Effect, Motion
 
 #: Time constants of oil that warms, over the record's length: longer ones are a line, shorter ones soon over.
 COURSES = (0.15, 0.5)
+#: Change of the drag along a bent course, relative, that no oil makes within a record: 60 K do that.
+IMPOSSIBLE = 10.0
 #: Hz, lowest frequency that is fitted: slower ones are drift.
 LOWEST = 0.1
 
@@ -71,6 +73,13 @@ class DampingDrift(Effect):
         if values.get("damping_drift_time", LINE) >= LINE:
             return [rate]
         return [rate, replace(constant, low=1.0, high=3.0 * seconds, scale=0.3 * seconds)]
+
+    def sensible(self, values: Mapping[str, float], deviations: Mapping[str, float]) -> str:
+        """Return why ``values`` make no sense: no oil changes its drag tenfold within a record."""
+        constant = values.get("damping_drift_time", LINE)
+        if constant < LINE and abs(values["damping_drift_rate"]) * constant > IMPOSSIBLE:
+            return f"the drag changes by a factor of more than {IMPOSSIBLE:g}"
+        return super().sensible(values, deviations)
 
 
 class PeriodicForce(Effect):

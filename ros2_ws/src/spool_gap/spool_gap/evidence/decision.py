@@ -160,18 +160,23 @@ def _plainest(
 
 def _predicting(search: Search, held: HeldOut, fit: StructureFit, refused: dict[str, str]) -> StructureFit:
     """Return ``fit`` without effects that make the free run over held-out windows no better."""
-    for name in fit.structure.effects:
-        without = search.without(fit, name)
-        if without is None or without.evidence >= fit.evidence:
-            continue
-        error = held.judged(fit).agreement.nrmse
-        bare = held.judged(without).agreement.nrmse
-        if error >= bare:
-            refused[name] = (
-                f"with it a free run leaves {100.0 * error:.2g} %, without it {100.0 * bare:.2g} %"
-            )
-            return _predicting(search, held, without, refused)
-    return fit
+    own = frozenset(fit.structure.effects)
+    fewer: dict[frozenset[str], StructureFit] = {}
+    for one in search.fits.values():
+        effects = frozenset(one.structure.effects)
+        if effects < own and (effects not in fewer or one.evidence > fewer[effects].evidence):
+            fewer[effects] = one
+    if not fewer:
+        return fit
+    error = held.judged(fit).agreement.nrmse
+    errors = {effects: held.judged(one).agreement.nrmse for effects, one in fewer.items()}
+    least = min(errors, key=lambda effects: errors[effects])
+    if errors[least] > error:
+        return fit
+    for name in sorted(own - least):
+        shown = f"{100.0 * error:.2g} %, without it {100.0 * errors[least]:.2g} %"
+        refused[name] = f"with it a free run leaves {shown}"
+    return _predicting(search, held, fewer[least], refused)
 
 
 def _by_direction(
