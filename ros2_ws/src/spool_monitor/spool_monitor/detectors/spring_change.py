@@ -20,7 +20,7 @@ KIND = EventKind(
     ),
 )
 
-STIFFNESS_CHANGE = MonitorLimit("stiffness_change", 0.1, "Relative change that warns.", "1", 0.001, 10.0)
+STIFFNESS_CHANGE = MonitorLimit("stiffness_change", 0.1, "Relative change that matters.", "1", 0.001, 10.0)
 
 
 class SpringChange(Detector):
