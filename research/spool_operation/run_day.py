@@ -22,7 +22,6 @@ from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.gap_requests import GapWatch
 from spool_monitor.detectors import MonitorSettings
-from spool_monitor.detectors.model_gap import gap_event
 from spool_monitor.detectors.resonance import RESONANCE_BAND
 from spool_monitor.event import Event, EventState
 from spool_monitor.monitor import Monitor
@@ -207,7 +206,7 @@ class DayRun:
         """Show the monitor an estimate, as the nodes do."""
         change = self.gap.update(estimate)
         if change is not None:
-            self.events.append((second, gap_event(change)))
+            self.events.append((second, change))
         self._told(self.monitor.update_estimate(estimate), second)
         if self.state.baseline.update(estimate):
             self.state.keep_baseline()

@@ -12,11 +12,10 @@ from spool_monitor.event import EventKind, Namur
 
 from .base import BASELINE_TIME, FALSE_ALARM_INTERVAL, MINIMUM_BODY, NATURAL_FREQUENCY, Detector, NotJudged
 
+_FOUND: list[type[Detector]] = [*classes_in(__package__, Detector), NotJudged]
+
 DETECTORS: dict[str, type[Detector]] = {
-    entry.name: entry
-    for entry in sorted(
-        (*classes_in(__package__, Detector), NotJudged), key=lambda entry: (entry.rank, entry.name)
-    )
+    entry.name: entry for entry in sorted(_FOUND, key=lambda entry: (entry.rank, entry.name))
 }
 
 #: Limits of several detectors stand in the module `base`, which is not searched.
