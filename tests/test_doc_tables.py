@@ -50,7 +50,11 @@ EXPLAINING = {
     "watch.md": [("state", "what is known")],
     "methods/estimation.md": [("question", "answer")],
     "methods/gap.md": [("threshold", "value")],
-    "methods/monitoring.md": [("detector", "what it judges"), ("what moved", "cause")],
+    "methods/monitoring.md": [
+        ("detector", "what it judges"),
+        ("error of a change", "standard deviation"),
+        ("what moved", "cause"),
+    ],
     "methods/physics.md": [
         ("model", "equation"),
         ("where", "the print"),

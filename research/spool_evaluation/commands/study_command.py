@@ -17,16 +17,25 @@ def study(
             "estimation: do intervals hold? "
             "records: is the truth of bags/ found? steps: what does a step cost? "
             "monitor: events found in time? monitor-hours: quiet over healthy hours? "
-            "fleet: drift found over a year? fleet-cost: what does a bag cost?"
+            "operation: false alarms and delays over valve-days? operation-fit, operation-agreement: its "
+            "surrogate. fleet: drift found over a year? fleet-cost: what does a bag cost?"
         ),
     ],
     out: Annotated[Path, typer.Option(help="Folder for tables and pictures.")],
-    cases: Annotated[int, typer.Option(help="How many.", min=1)] = 200,
+    cases: Annotated[int, typer.Option("--cases", "--days", help="Number of cases or days.", min=1)] = 200,
     seed: Annotated[int, typer.Option(help="Of the first; below 1000 is for development.", min=0)] = 1000,
-    workers: Annotated[int | None, typer.Option(help="Processes; default: as many as cores.", min=1)] = None,
+    workers: Annotated[
+        int | None, typer.Option("--workers", "--jobs", help="Processes; default: as many as cores.", min=1)
+    ] = None,
     diagnose: Annotated[
         bool, typer.Option("--diagnose", help="State why each wrong verdict is wrong (field only).")
     ] = False,
+    faulty: Annotated[
+        int | None, typer.Option(help="Number of days with a fault (operation only).", min=0)
+    ] = None,
+    day: Annotated[
+        int | None, typer.Option(help="Seed of one valve-day to replay (operation only).", min=0)
+    ] = None,
 ) -> None:
     """Count over many blind records how often the suite is right.
 
@@ -34,7 +43,7 @@ def study(
     """
     from spool_evaluation.study import run_study  # noqa: PLC0415 - slow to load
 
-    run_study(what, cases, seed, out, workers, diagnosing=diagnose)
+    run_study(what, cases, seed, out, workers, diagnosing=diagnose, faulty=faulty, day=day)
 
 
 COMMAND = Command(study, place=130, line="how often the suite is right, over many blind records")

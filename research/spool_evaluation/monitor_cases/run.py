@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
 from spool_core.block import Block
 from spool_estimator.estimator import Estimator, settings_for
 from spool_evaluation.monitor_cases.scenario import ChannelFault, Scenario
 from spool_evaluation.results.page import markdown_table
-from spool_evaluation.results.proportion import CONFIDENCE, interval
+from spool_evaluation.results.proportion import interval, poisson_interval
 from spool_monitor.detectors import MonitorSettings
 from spool_monitor.event import Event, EventState
 from spool_monitor.monitor import Monitor
@@ -166,7 +165,7 @@ class ScenarioCounts:
     @property
     def highest_false(self) -> float:
         """Upper end of the false alarms per hour."""
-        return float(chi2.ppf(0.5 + 0.5 * CONFIDENCE, 2 * self.false_alarms + 2)) / 2.0 / self.hours
+        return poisson_interval(self.false_alarms)[1] / self.hours
 
 
 def counts(outcomes: Sequence[ScenarioOutcome]) -> list[ScenarioCounts]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from scipy.stats import binomtest
+from scipy.stats import binomtest, chi2
 
 #: Of every interval that is reported.
 CONFIDENCE = 0.95
@@ -26,6 +26,13 @@ def interval(count: int, of: int, method: Method) -> tuple[float, float]:
         return 0.0, 1.0
     found = binomtest(count, of).proportion_ci(CONFIDENCE, method)
     return float(found.low), float(found.high)
+
+
+def poisson_interval(count: int) -> tuple[float, float]:
+    """Return the exact 95 % interval of the mean of which ``count`` were counted (Garwood)."""
+    tail = 0.5 - 0.5 * CONFIDENCE
+    low = float(chi2.ppf(tail, 2 * count)) / 2.0 if count else 0.0
+    return low, float(chi2.ppf(1.0 - tail, 2 * count + 2)) / 2.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,6 +22,7 @@ class HealthyValue:
     ``mean`` and ``standard_deviation`` are those of the ``count`` valid estimates. ``correlation`` is that of
     neighbouring ones (NaN: not determined), without which no false-alarm rate can be stated. ``referred``
     says that it holds at one oil temperature; at ``temperature`` (deg C, NaN: not measured) it was learned.
+    ``sensitivity`` is that to a gain error between the accelerometers then (NaN: not known).
     """
 
     name: str
@@ -34,6 +35,7 @@ class HealthyValue:
     correlation: float = math.nan
     referred: bool = False
     temperature: float = math.nan
+    sensitivity: float = math.nan
 
 
 @dataclass(slots=True)

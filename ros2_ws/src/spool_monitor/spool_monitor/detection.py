@@ -14,7 +14,7 @@ from spool_monitor.detectors import CHANNELS, ESTIMATE, LINE, SIGNALS, Detector,
 from spool_monitor.detectors.base import (
     BASELINE_TIME,
     BLIND,
-    FALSE_ALARM_HOURS,
+    FALSE_ALARM_INTERVAL,
     MINIMUM_BODY,
     NATURAL_FREQUENCY,
     MonitorSettings,
@@ -127,7 +127,7 @@ class Detection:
             one.settings = settings
             for test in one.drifts:
                 drift, matters = self.parameters[test.parameter], settings[test.limit]
-                drift.run_length = settings[FALSE_ALARM_HOURS] * 3600.0
+                drift.run_length = settings[FALSE_ALARM_INTERVAL] * 86400.0
                 if drift.matters != matters:
                     drift.matters = matters
                     drift.reset()

@@ -17,12 +17,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
+from scipy.special import ndtri
 from spool_core.events.event import Facts
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 
 from spool_monitor.baseline import Baseline
 from spool_monitor.event import Severity
+from spool_monitor.systematic import gain_sensitivity, systematic_error
 
 #: Standard deviations that a change must exceed before its size is judged at all.
 SIGNIFICANCE = 4.0
@@ -30,9 +32,16 @@ SIGNIFICANCE = 4.0
 #: The parameter that follows the oil's temperature.
 VISCOUS = "viscous_coefficient"
 
-#: Of the change that must be found: what is let pass for ever, what a single value counts for at most, below
-#: what it is over, and above what uncertainty nothing is judged.
-ALLOWANCE, CAP, RELEASE, UNCERTAIN = 0.65, 2.5, 0.45, 0.35
+#: Of the change that matters: what a single value counts for at most, and above what uncertainty nothing is
+#: judged.
+CAP, UNCERTAIN = 2.5, 0.35
+
+#: Shares of the limit below which a change is over, and from which it is followed as one that rises.
+RELEASE, RISES = 0.6, 0.4
+
+#: s for which a machine stays at one operating point. The mean error of an estimate is drawn once for each,
+#: so this many independent draws make up a false-alarm interval (study operation: holds of 10 to 60 min).
+OPERATING_POINT = 600.0
 
 #: Changes that warn which make an alarm.
 ALARMS = 2.0
@@ -40,14 +49,23 @@ ALARMS = 2.0
 #: s of a shift: what reaches its limit sooner is not to be planned but done.
 SHIFT = 8.0 * 3600.0
 
-#: s, what the sum needs at least: a change that just matters takes 8.6 s from when the estimate shows it.
-SHORTEST_SUM = 3.0
+#: s, what the sum needs at least: what lasts for a moment only is no change.
+SHORTEST_SUM = 1.0
 
 #: s, time constant over which the change that is shown is smoothed.
 SMOOTHING = 3.0
 
-#: 1/K, relative error of an oil's law per degree away from where the start value was learned.
-LAW_ERROR = 0.002
+#: 1/K, relative error (standard deviation) of an oil's law per degree away from where the start value was
+#: learned.
+LAW_ERROR = 0.001
+
+#: Share of a thermometer's uncertainty that changes from day to day (the rest is the same as when the start
+#: value was learned), and s by which it may lag behind the oil in the gap, against the s of a running mean.
+REPEATS, LAGS, FOLLOWED = 0.3, 30.0, 60.0
+
+#: Without a thermometer: relative change of the viscosity per K, K per s that the oil may have warmed since
+#: the start value was learned, and K at most.
+VISCOSITY_PER_KELVIN, WARMS, WARMS_MOST = 0.05, 0.5 / 60.0, 25.0
 
 Array = NDArray[np.float64]
 
@@ -130,11 +148,15 @@ class ParameterDrift:
     start value learned so is never compared with one at any other. Not judged is what is held, what is too
     uncertain, and what ``update`` is told to distrust.
 
-    ``matters`` is the change that must be found, relative to the baseline or absolute (``relative``).
-    ``run_length`` is the mean time, s, to a false alarm that the spread of the baseline may cause.
+    The limit follows from ``run_length``, the mean time (s) to a false alarm, and from what is uncertain: the
+    estimate and its mean error at another operating point, the start value, the oil's law and thermometer.
+    ``matters`` is the change that somebody has to act on, relative to the baseline or absolute
+    (``relative``); twice that is urgent. It decides the severity, not whether a change is reported.
 
     Attributes:
         tolerance: what is let pass on top, in units of the change that matters.
+        learned_at: ns, when the start value was learned; ``None`` for one of a former run.
+        sensitivity: to a gain error, when the start value was learned; NaN where not known.
         change: of the parameter, smoothed, with its standard deviation.
         quantity: the parameter as it was compared last.
         level: ``None`` while the sum is below its threshold.
@@ -148,10 +170,12 @@ class ParameterDrift:
     matters: float
     relative: bool
     baseline: Baseline
-    run_length: float = 3.6e6
+    run_length: float = 365.0 * 86400.0
     tolerance: float = field(default=0.0, init=False)
     referred: bool = field(default=False, init=False)
     temperature: float = field(default=math.nan, init=False)
+    learned_at: int | None = field(default=None, init=False)
+    sensitivity: float = field(default=math.nan, init=False)
     sum: CumulativeSum = field(init=False)
     change: Quantity = field(init=False)
     quantity: Quantity = field(init=False)
@@ -162,10 +186,14 @@ class ParameterDrift:
     _variance: float = field(default=math.nan, init=False)
     _last: int = field(default=0, init=False)
     _memory: float = field(default=math.nan, init=False)
+    _celsius: float = field(default=math.nan, init=False)
+    _quantile: tuple[float, float] = field(default=(0.0, 0.0), init=False)
+    _rising: int = field(default=0, init=False)
+    _side: int = field(default=0, init=False)
     _outlook: Outlook = field(default_factory=Outlook, init=False)
 
     def __post_init__(self) -> None:
-        self.sum = CumulativeSum(ALLOWANCE, CAP)
+        self.sum = CumulativeSum(1.0, CAP)
         # Of what is judged in its own unit there is one, a force.
         self.change = Quantity(f"{self.parameter}_change", "1" if self.relative else "N")
         self.quantity = Quantity(self.parameter, "")
@@ -173,7 +201,8 @@ class ParameterDrift:
     @property
     def since(self) -> int:
         """When the change most likely began, ns; 0 where there is none."""
-        return self.sum.since
+        summed = self.sum.since
+        return min(summed, self._rising) if summed and self._rising else summed
 
     @property
     def share(self) -> float:
@@ -184,6 +213,7 @@ class ParameterDrift:
         """Forget the sum: what went before may not be believed."""
         self.sum.reset()
         self._outlook.reset()
+        self._rising = self._side = 0
         self.level = None
         self.released = False
         self._smoothed = math.nan
@@ -207,12 +237,14 @@ class ParameterDrift:
         if not self.baseline.frozen:
             self.baseline.learn(estimate.stamp, quantity.value)
             self.temperature = celsius if math.isnan(self.temperature) else self.temperature
+            self.sensitivity = gain_sensitivity(self.parameter, estimate)
+            self.learned_at = estimate.stamp
             return
         seconds = (estimate.stamp - self._last) * 1e-9
         self._last = estimate.stamp
         if not 0.0 < seconds <= 3.0:
             seconds = 0.0
-        self._judge(estimate, quantity, size, seconds, abs(celsius - self.temperature))
+        self._judge(estimate, quantity, size, seconds)
 
     def _comparable(self, estimate: Estimate) -> Quantity | None:
         """Return what is compared with the baseline, ``None`` where nothing can be."""
@@ -229,20 +261,18 @@ class ParameterDrift:
             return quantity
         return at_reference if at_reference.validity is Validity.VALID else None
 
-    def _judge(
-        self, estimate: Estimate, quantity: Quantity, size: float, seconds: float, warmer: float
-    ) -> None:
+    def _judge(self, estimate: Estimate, quantity: Quantity, size: float, seconds: float) -> None:
         self.judged = True
         self.quantity = quantity
         change = float(quantity.value - self.baseline.value) / size
-        deviation = math.hypot(quantity.standard_deviation, self.baseline.spread) / size
+        deviation = math.hypot(self._scatter(estimate, quantity), self.baseline.spread) / size
         if math.isnan(self._smoothed):
             self._smoothed = change
         self._smoothed += (1.0 - math.exp(-seconds / SMOOTHING)) * (change - self._smoothed)
-        law = LAW_ERROR * warmer / self.matters if self.referred and not math.isnan(warmer) else 0.0
-        self.sum.allowance = ALLOWANCE + law + self.tolerance
+        self.sum.allowance = self._limit(estimate, quantity, size, seconds) + self.tolerance
         self.sum.update(estimate.stamp, change, seconds)
-        self._outlook.take(self.sum.since, estimate.stamp, change)
+        self._follow(estimate.stamp)
+        self._outlook.take(self._rising, estimate.stamp, change)
         self._memory = estimate.memory
         unit = "1" if self.relative else quantity.unit
         shown, uncertain = self._smoothed * self.matters, deviation * self.matters
@@ -252,11 +282,73 @@ class ParameterDrift:
         self.level = None
         if self._exceeds(deviation):
             self.level = Severity.ALARM if abs(self._smoothed) >= ALARMS else Severity.WARNING
-        self.released = abs(self._smoothed) < RELEASE
+        self.released = abs(self._smoothed) < RELEASE * self.sum.allowance
         if self.released and self.sum.size > 0.0:
             # Otherwise a long drift that was repaired would take as long to be forgotten.
             self.sum.up = min(self.sum.up, SHORTEST_SUM)
             self.sum.down = min(self.sum.down, SHORTEST_SUM)
+
+    def _follow(self, stamp: int) -> None:
+        """Note since when (ns) the change has been rising to one side: long before it is certain."""
+        side = (
+            int(math.copysign(1.0, self._smoothed)) if abs(self._smoothed) > RISES * self.sum.allowance else 0
+        )
+        if side == 0:
+            self._rising = 0
+        elif side != self._side or self._rising == 0:
+            self._rising = stamp
+        self._side = side
+
+    @property
+    def certain_from(self) -> float:
+        """Change that is no chance, in units of the one that matters: the limit by the evidence."""
+        return self.sum.allowance
+
+    def _scatter(self, estimate: Estimate, quantity: Quantity) -> float:
+        """Return the standard deviation of ``quantity`` that is not the same for a while, in its unit."""
+        raw = estimate.parameter(self.parameter)
+        if not self.referred or not raw.value:
+            return quantity.standard_deviation
+        return abs(raw.standard_deviation * quantity.value / raw.value)
+
+    def _limit(self, estimate: Estimate, quantity: Quantity, size: float, seconds: float) -> float:
+        """Return the change, in units of ``size``, that chance exceeds once in a false-alarm interval."""
+        systematic = systematic_error(self.parameter, estimate, self.sensitivity, quantity.value)
+        # A start value is the mean of no more independent estimates than its time has memories.
+        memories = max(1.0, self.baseline.duration / (2.0 * estimate.memory))
+        variance = systematic**2 + self.baseline.spread**2 / memories
+        unknown = 0.0
+        if self.parameter == VISCOUS:
+            oil, unknown = self._oil(estimate, quantity, seconds)
+            variance += (oil * quantity.value) ** 2
+        if self._quantile[0] != self.run_length:
+            draws = max(1.0, self.run_length / OPERATING_POINT)
+            self._quantile = self.run_length, float(-ndtri(0.5 / draws))
+        return self._quantile[1] * math.sqrt(variance) / size + unknown / self.matters
+
+    def _oil(self, estimate: Estimate, quantity: Quantity, seconds: float) -> tuple[float, float]:
+        """Return what the oil may change, relative: standard deviation, and a bound where it is unknown."""
+        celsius = estimate.oil_temperature.value
+        if not self.referred:
+            if math.isnan(celsius) or math.isnan(self.temperature):
+                # A start value from a former run: the oil may have any temperature.
+                since = math.inf if self.learned_at is None else 1e-9 * (estimate.stamp - self.learned_at)
+                warmer = min(WARMS_MOST, WARMS * max(0.0, since))
+            else:
+                warmer = abs(celsius - self.temperature)
+            return 0.0, VISCOSITY_PER_KELVIN * warmer
+        mean = self._celsius if math.isfinite(self._celsius) else celsius
+        mean += (celsius - mean) * (1.0 - math.exp(-seconds / FOLLOWED))
+        self._celsius = mean
+        raw, deviation = estimate.parameter(VISCOUS), estimate.oil_temperature.standard_deviation
+        total = quantity.standard_deviation / abs(quantity.value)
+        own = raw.standard_deviation / abs(raw.value) if raw.value else 0.0
+        thermal = math.sqrt(max(0.0, total**2 - own**2))
+        slope = thermal / deviation if deviation > 0.0 else 0.0
+        behind = slope * abs(celsius - mean) * LAGS / FOLLOWED
+        law = LAW_ERROR * abs(celsius - self.temperature)
+        known = [part for part in (REPEATS * thermal, behind, law) if math.isfinite(part)]
+        return math.hypot(*known), 0.0
 
     @property
     def threshold(self) -> float:
@@ -420,6 +512,11 @@ def rank_friction(
     likely, where the oil became warmer by ``warmer`` K and nothing was referred to it, the oil is.
     """
     drag, dry = viscous.share, coulomb.share
+    # What is no more than chance explains nothing that is certain.
+    if coulomb.level is not None and viscous.level is None:
+        drag = 0.0
+    elif viscous.level is not None and coulomb.level is None:
+        dry = 0.0
     # Mean of abs(v) over rms for a sine: 0.90.
     moved = abs(drag) * viscous.matters * viscous.baseline.value * velocity
     rubs = 0.9 * abs(dry) * coulomb.matters

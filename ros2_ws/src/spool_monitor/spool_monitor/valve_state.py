@@ -199,6 +199,8 @@ class BaselineKeeper:
             self._band = (celsius, celsius) if math.isnan(low) else (min(low, celsius), max(high, celsius))
         if self._valve is None:
             return False
+        if self.current is not None and _learned(self.detection) <= len(self.current.values):
+            return False
         values = healthy_values(self.detection)
         if self.current is None:
             if not values:
@@ -211,10 +213,9 @@ class BaselineKeeper:
             self.records = [*self.records, self.current][-KEPT:]
             self.anew = False
             return True
-        if len(values) > len(self.current.values):  # what takes longer to learn joins later
-            self._change(replace(self.current, values=values))
-            return True
-        return False
+        # What takes longer to learn joins later.
+        self._change(replace(self.current, values=values))
+        return True
 
     def learn(self) -> None:
         """Forget what is compared with and learn anew; the kept versions stay."""
@@ -291,6 +292,12 @@ class BaselineKeeper:
         relearn(self.detection)
 
 
+def _learned(detection: Detection) -> int:
+    """Return how many start values there are."""
+    starts = (*(drift.baseline for drift in detection.parameters.values()), *detection.learned.values())
+    return sum(start.frozen for start in starts)
+
+
 def healthy_values(detection: Detection) -> tuple[HealthyValue, ...]:
     """Return what was learned so far, nothing before every parameter of the model is."""
     if not all(one.baseline.frozen for one in detection.parameters.values()):
@@ -300,6 +307,7 @@ def healthy_values(detection: Detection) -> tuple[HealthyValue, ...]:
             _healthy_value(detection, name, drift.baseline),
             referred=drift.referred,
             temperature=drift.temperature,
+            sensitivity=drift.sensitivity,
         )
         for name, drift in detection.parameters.items()
     ]
@@ -315,6 +323,7 @@ def take_up(detection: Detection, values: tuple[HealthyValue, ...]) -> None:
         if drift is not None:
             drift.baseline.restore(kept)
             drift.referred, drift.temperature = kept.referred, kept.temperature
+            drift.sensitivity = kept.sensitivity
         elif kept.name in detection.learned:
             detection.learned[kept.name].restore(kept)
 
@@ -324,7 +333,8 @@ def relearn(detection: Detection) -> None:
     for drift in detection.parameters.values():
         drift.reset()
         drift.baseline.restart()
-        drift.referred, drift.temperature = False, math.nan
+        drift.referred, drift.temperature, drift.learned_at = False, math.nan, None
+        drift.sensitivity = math.nan
     for start in detection.learned.values():
         start.restart()
 

@@ -572,7 +572,7 @@ def test_the_start_value_of_the_natural_frequency_holds_until_it_is_estimated() 
 
 
 def test_settings_reach_their_detectors() -> None:
-    strict = MonitorSettings(viscous_change=0.03, baseline_time=5.0, amplification_on=50.0)
+    strict = MonitorSettings(false_alarm_interval=1.0, baseline_time=5.0, amplification_on=50.0)
     found = find_valve("4weh10_stiff")
     simulator = Simulator(
         found,
@@ -584,7 +584,7 @@ def test_settings_reach_their_detectors() -> None:
     replay = Replay(Estimator(settings_for(found)), Monitor(strict))
     replay.run(simulator.records(15.0))
     assert replay.monitor.health.baseline is BaselineState.FROZEN
-    simulator.set_drift("viscous_coefficient", 0.88 * found.viscous_coefficient)
+    simulator.set_drift("viscous_coefficient", 0.85 * found.viscous_coefficient)
     replay.run(simulator.records(20.0))
     assert {event.cause for event in replay.events} == {"wear"}
 

@@ -79,8 +79,8 @@ def test_a_slow_wear_says_when_it_becomes_an_alarm() -> None:
         Estimator(settings_for(valve)), Monitor(MonitorSettings(natural_frequency=valve.natural_frequency))
     )
     one.run(simulator.records(20.0))
-    simulator.set_drift("viscous_coefficient", 0.3 * valve.viscous_coefficient, 150.0)
-    one.run(simulator.records(110.0))
+    simulator.set_drift("viscous_coefficient", 0.3 * valve.viscous_coefficient, 300.0)
+    one.run(simulator.records(220.0))
     warning, alarm = [event for event in one.events if event.kind == "friction_drift"]
     left = (alarm.stamp - warning.stamp) * 1e-9
     assert warning.facts.time_to_limit == pytest.approx(left, rel=0.25)

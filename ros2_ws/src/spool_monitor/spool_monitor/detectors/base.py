@@ -67,8 +67,8 @@ NATURAL_FREQUENCY = MonitorLimit(
     "Hz", 0.0, 1e3, structural=True,
 )  # fmt: skip
 MINIMUM_BODY = MonitorLimit("minimum_body", 0.5, "Peak body acceleration that is judged.", "m/s^2", 0.0, 1e3)
-FALSE_ALARM_HOURS = MonitorLimit(
-    "false_alarm_hours", 1000.0, "Mean time between false alarms that noise alone may cause.", "h", 1.0, 1e6
+FALSE_ALARM_INTERVAL = MonitorLimit(
+    "false_alarm_interval", 365.0, "Mean time between false alarms of one kind.", "d", 0.1, 36_500.0
 )
 BASELINE_TIME = MonitorLimit(
     "baseline_time", 15.0, "Time of valid estimates for the start values.", "s", 3.0, 1e5, structural=True

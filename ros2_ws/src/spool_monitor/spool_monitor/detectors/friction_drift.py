@@ -26,9 +26,9 @@ KIND = EventKind(
     ),
 )
 
-VISCOUS_CHANGE = MonitorLimit("viscous_change", 0.2, "Relative change that warns.", "1", 0.01, 10.0)
+VISCOUS_CHANGE = MonitorLimit("viscous_change", 0.2, "Relative change that matters.", "1", 0.01, 10.0)
 COULOMB_CHANGE = MonitorLimit(
-    "coulomb_change", 0.1, "Change of the Coulomb force that warns.", "N", 1e-4, 1e4
+    "coulomb_change", 0.1, "Change of the Coulomb force that matters.", "N", 1e-4, 1e4
 )
 
 
@@ -42,7 +42,7 @@ class FrictionDrift(Detector):
         DriftTest("viscous_coefficient", "N s/m", VISCOUS_CHANGE),
         DriftTest("coulomb_force", "N", COULOMB_CHANGE),
     )
-    on_delay: ClassVar[float] = 3.0
+    on_delay: ClassVar[float] = 2.0
     off_delay: ClassVar[float] = 5.0
 
     def update(self, moment: Moment) -> Finding | None:

@@ -10,17 +10,16 @@ from spool_core.errors import InputError
 from spool_monitor.detectors.base import MonitorLimit, MonitorSettings
 from spool_monitor.event import EventKind, Namur
 
-from .base import BASELINE_TIME, FALSE_ALARM_HOURS, MINIMUM_BODY, NATURAL_FREQUENCY, Detector, NotJudged
+from .base import BASELINE_TIME, FALSE_ALARM_INTERVAL, MINIMUM_BODY, NATURAL_FREQUENCY, Detector, NotJudged
+
+_FOUND: list[type[Detector]] = [*classes_in(__package__, Detector), NotJudged]
 
 DETECTORS: dict[str, type[Detector]] = {
-    entry.name: entry
-    for entry in sorted(
-        (*classes_in(__package__, Detector), NotJudged), key=lambda entry: (entry.rank, entry.name)
-    )
+    entry.name: entry for entry in sorted(_FOUND, key=lambda entry: (entry.rank, entry.name))
 }
 
 #: Limits of several detectors stand in the module `base`, which is not searched.
-_SHARED = (NATURAL_FREQUENCY, MINIMUM_BODY, FALSE_ALARM_HOURS, BASELINE_TIME)
+_SHARED = (NATURAL_FREQUENCY, MINIMUM_BODY, FALSE_ALARM_INTERVAL, BASELINE_TIME)
 
 LIMITS: dict[str, MonitorLimit] = {
     limit.name: limit for limit in (*_SHARED, *objects_in(__package__, MonitorLimit))

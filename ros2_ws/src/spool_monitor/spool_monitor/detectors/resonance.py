@@ -11,7 +11,6 @@ from spool_core.uncertainty import Quantity, Validity
 
 from spool_monitor.detectors.base import MINIMUM_BODY, MonitorLimit, MonitorSettings
 from spool_monitor.event import EventKind, Facts, Finding, Namur, Severity
-from spool_monitor.parameter_drift import ALLOWANCE
 from spool_monitor.window import Line
 
 from .base import LINE, Detector, Judgement, Moment
@@ -34,6 +33,10 @@ AMPLIFICATION_OFF = MonitorLimit(
 
 #: Bands of resonance from the natural frequency at which a line has left it.
 LEAVES = 1.25
+
+
+#: Change of the stiffness, over the one that matters, that may bring a line near.
+SOFTENED = 0.65
 
 
 class Resonance(Detector):
@@ -118,7 +121,7 @@ class Resonance(Detector):
     def _softened(self, moment: Moment, line: Line) -> bool:
         """Whether the line is near only because the spring has changed: that is the event, and says so."""
         stiffness = moment.parameters["spring_stiffness"]
-        if abs(stiffness.share) < ALLOWANCE:
+        if abs(stiffness.share) < SOFTENED:
             return False
         healthy = moment.natural_frequency / math.sqrt(max(0.1, 1.0 + stiffness.share * stiffness.matters))
         return abs(line.frequency / healthy - 1.0) > self.settings[RESONANCE_BAND]

@@ -20,7 +20,7 @@ KIND = EventKind(
     ),
 )
 
-STIFFNESS_CHANGE = MonitorLimit("stiffness_change", 0.1, "Relative change that warns.", "1", 0.001, 10.0)
+STIFFNESS_CHANGE = MonitorLimit("stiffness_change", 0.1, "Relative change that matters.", "1", 0.001, 10.0)
 
 
 class SpringChange(Detector):
@@ -30,7 +30,7 @@ class SpringChange(Detector):
     kind = KIND
     looks_at = (ESTIMATE,)
     drifts = (DriftTest("spring_stiffness", "N/m", STIFFNESS_CHANGE),)
-    on_delay: ClassVar[float] = 3.0
+    on_delay: ClassVar[float] = 2.0
     off_delay: ClassVar[float] = 5.0
 
     def update(self, moment: Moment) -> Finding | None:

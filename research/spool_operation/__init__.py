@@ -1,0 +1,1 @@
+"""Simulated operation of valves over many days: how often the monitor is wrong, and how late it is right."""

@@ -1,0 +1,254 @@
+"""Detectors compared at the same false-alarm rate, on the same faults.
+
+Each peer sees, for one parameter, what the monitor's drift test compares. Its threshold is set on other
+healthy days so that it is passed once a valve-year: the largest statistic of each day, with an exponential
+tail beyond the highest quarter of the days.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_evaluation.results.page import markdown_table
+from spool_evaluation.studies.workers import spread
+
+from .faults import SPEEDS
+from .peers import PEERS
+from .run_day import TRACED, Trace, outcome_of
+from .world import ValveDay, draw_day
+
+Array = NDArray[np.float64]
+
+#: Seeds of the days that thresholds are set on lie this far from those that are reported.
+APART = 10_000_000
+#: Days in a valve-year, the rate of false alarms that every threshold is set to.
+YEAR = 365.25
+#: Share of the days whose largest statistics make the tail.
+TAIL = 0.25
+#: The shipped detector, as a row of the table.
+MONITOR = "monitor"
+
+#: Detector and setting.
+Setting = tuple[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class HealthyMaxima:
+    """Largest statistics of a healthy day by detector, setting and parameter; and alarms of the monitor."""
+
+    seed: int
+    largest: dict[tuple[str, str, str], float]
+    alarms: int
+
+
+@dataclass(frozen=True, slots=True)
+class FaultTimes:
+    """When each detector found a fault, s after it was as large as it has to be found; NaN where it did not.
+
+    Before the fault began any alarm is false; then the day is counted as missed with infinity.
+    """
+
+    seed: int
+    parameter: str
+    speed: str
+    delays: dict[Setting, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Comparison of detectors: thresholds from ``calibrated`` days, tried on ``tried`` others."""
+
+    thresholds: dict[tuple[str, str, str], float]
+    calibrated: int
+    tried: Sequence[HealthyMaxima]
+    faults: Sequence[FaultTimes]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what the JSON file holds."""
+        return {
+            "calibrated_days": self.calibrated,
+            "tried_days": len(self.tried),
+            "thresholds": [[*key, value] for key, value in self.thresholds.items()],
+            "faults": [
+                {
+                    "seed": one.seed,
+                    "parameter": one.parameter,
+                    "speed": one.speed,
+                    "delays_s": [[*key, value] for key, value in one.delays.items()],
+                }
+                for one in self.faults
+            ],
+        }
+
+    def false_alarms(self, setting: Setting, parameters: Sequence[str] = TRACED) -> int:
+        """Return how many of the tried healthy days raise an alarm of any of ``parameters``."""
+        if setting[0] == MONITOR:
+            return sum(one.alarms > 0 for one in self.tried)
+        return sum(
+            any(
+                one.largest[(setting[0], setting[1], name)] > self.thresholds[(setting[0], setting[1], name)]
+                for name in parameters
+            )
+            for one in self.tried
+        )
+
+    def best(self, detector: str, parameter: str, speed: str) -> tuple[Setting, Array]:
+        """Return the setting that misses least and is soonest on these faults, and its delays."""
+        some = [one for one in self.faults if (one.parameter, one.speed) == (parameter, speed)]
+        settings = [(MONITOR, "")] if detector == MONITOR else [(detector, name) for name in PEERS[detector]]
+        tried = [(setting, np.array([one.delays[setting] for one in some])) for setting in settings]
+        return min(tried, key=lambda one: (int((~np.isfinite(one[1])).sum()), _median(one[1])))
+
+    def parts(self) -> list[str]:
+        """Return the parts of the page."""
+        detectors = [MONITOR, *PEERS]
+        rows, lost = [], []
+        for parameter in TRACED:
+            for speed in SPEEDS:
+                if not any((one.parameter, one.speed) == (parameter, speed) for one in self.faults):
+                    continue
+                found = {name: self.best(name, parameter, speed)[1] for name in detectors}
+                rows.append((
+                    parameter.replace("_", " "), speed, str(found[MONITOR].size),
+                    *(_cell(found[name]) for name in detectors),
+                ))  # fmt: skip
+                soonest = min(_median(found[name]) for name in PEERS)
+                if _median(found[MONITOR]) > soonest + 1.0:
+                    lost.append(f"{parameter.replace('_', ' ')} {speed}")
+        behind = ", ".join(lost) if lost else "none"
+        false = [
+            (name, str(min(self.false_alarms((name, setting)) for setting in _settings(name))),
+             str(max(self.false_alarms((name, setting)) for setting in _settings(name))))
+            for name in detectors
+        ]  # fmt: skip
+        return [
+            ABOUT.format(calibrated=self.calibrated, tried=len(self.tried)),
+            markdown_table(("parameter", "grows", "days", *detectors), rows),
+            f"Where the monitor's median is later than the best peer's by more than a second: {behind}.",
+            f"Days with an alarm of any of the three parameters among {len(self.tried)} healthy ones that no "
+            "threshold was set on, over a detector's settings:",
+            markdown_table(("detector", "fewest", "most"), false),
+        ]
+
+
+ABOUT = (
+    "Every detector sees the same changes of one parameter, one a second. A peer's threshold is set on "
+    "{calibrated} healthy days so that it is passed once a valve-year (exponential tail of the days' largest "
+    "values); the monitor's follows from `false_alarm_interval` and the estimates' covariance. Of each "
+    "peer the "
+    "setting counts that does best on these faults, which favours it. Cells: median delay from when the "
+    "change is "
+    "as large as it has to be found, with the 95 % interval of the median, and how many were missed. "
+    "river's ADWIN "
+    "and KSWIN have no threshold to set to a rate; they are compared in [benchmarks](bench_monitor.md)."
+)
+
+
+def compare(healthy: int, faulty: int, seed: int, workers: int | None) -> Comparison:
+    """Set thresholds on ``healthy`` days, try them on as many others and on ``faulty`` days with a drift."""
+    days = [seed + APART + number for number in range(healthy)]
+    calibrated = list(spread(healthy_maxima, days, "days that thresholds are set on", workers))
+    thresholds = {
+        key: threshold_of([one.largest[key] for one in calibrated]) for key in calibrated[0].largest
+    }
+    others = [seed + 2 * APART + number for number in range(healthy)]
+    tried = list(spread(healthy_maxima, others, "healthy days", workers))
+    drifting = drift_days(faulty, seed + 3 * APART)
+    found = spread(partial(fault_times, thresholds), drifting, "days with a drift", workers)
+    return Comparison(
+        thresholds, len(calibrated), tried, sorted(found, key=lambda one: one.seed)
+    )  # fmt: skip
+
+
+def drift_days(count: int, seed: int) -> list[int]:
+    """Return seeds of ``count`` days whose fault is the drift of a parameter, from ``seed`` on."""
+    found: list[int] = []
+    while len(found) < count:
+        day = draw_day(seed, faulty=True)
+        if day.fault is not None and day.fault.quantity:
+            found.append(seed)
+        seed += 1
+    return found
+
+
+def healthy_maxima(seed: int) -> HealthyMaxima:
+    """Live a healthy day and return what each detector showed at most."""
+    trace = Trace()
+    outcome = outcome_of(draw_day(seed), trace)
+    largest = {}
+    for number, name in enumerate(TRACED):
+        values = _judged(trace, number)[1]
+        for detector, settings in PEERS.items():
+            for setting, statistic in settings.items():
+                largest[(detector, setting, name)] = float(statistic(values).max()) if values.size else 0.0
+    kinds = ("friction_drift", "spring_change")
+    return HealthyMaxima(seed, largest, sum(event.kind in kinds for event in outcome.false))
+
+
+def threshold_of(largest: Sequence[float]) -> float:
+    """Return what the largest value of a day passes once a valve-year."""
+    ordered = np.sort(np.asarray(largest))
+    tail = ordered[ordered.size - max(2, round(TAIL * ordered.size)) :]
+    beyond = float((tail - tail[0]).mean())
+    return float(tail[0]) + beyond * math.log(YEAR * tail.size / ordered.size)
+
+
+def fault_times(thresholds: dict[tuple[str, str, str], float], seed: int) -> FaultTimes:
+    """Live a day with a drift and return when each detector found it."""
+    day = draw_day(seed, faulty=True)
+    fault = day.fault
+    assert fault is not None
+    trace = Trace()
+    outcome = outcome_of(day, trace)
+    times, values = _judged(trace, TRACED.index(fault.quantity))
+    at = _clock(day, times)
+    delays: dict[Setting, float] = {(MONITOR, ""): outcome.delay}
+    for detector, settings in PEERS.items():
+        for setting, statistic in settings.items():
+            above = np.flatnonzero(statistic(values) > thresholds[(detector, setting, fault.quantity)])
+            first = at[above[0]] if above.size else math.inf
+            delays[(detector, setting)] = math.nan if first < fault.begin else first - fault.reached
+    return FaultTimes(seed, fault.quantity, fault.speed, delays)
+
+
+def _judged(trace: Trace, number: int) -> tuple[Array, Array]:
+    values = np.array([row[number] for row in trace.shares])
+    kept = np.isfinite(values)
+    return np.array(trace.times)[kept], values[kept]
+
+
+def _clock(day: ValveDay, times: Array) -> Array:
+    whole = np.clip(times.astype(int), 0, day.seconds - 1)
+    return np.asarray(day.clock[whole] + times - whole)
+
+
+def _settings(detector: str) -> list[str]:
+    return [""] if detector == MONITOR else list(PEERS[detector])
+
+
+def _median(delays: Array) -> float:
+    found = delays[np.isfinite(delays)]
+    return float(np.median(found)) if found.size else math.inf
+
+
+def _cell(delays: Array) -> str:
+    from .study import span  # noqa: PLC0415 - it imports this module
+
+    found = np.sort(delays[np.isfinite(delays)])
+    missed = delays.size - found.size
+    if not found.size:
+        return f"{missed} missed"
+    # Order statistics around the median: normal approximation of the binomial, as usual for a median.
+    half = 0.98 * math.sqrt(found.size)
+    low, high = (
+        max(0, math.floor(found.size / 2 - half)),
+        min(found.size - 1, math.ceil(found.size / 2 + half)),
+    )
+    text = f"{span(float(np.median(found)))} ({span(found[low])} to {span(found[high])})"
+    return text + (f", {missed} missed" if missed else "")

@@ -1,0 +1,408 @@
+"""Run of one valve-day: the cores of estimator and monitor over simulated operation, in one thread.
+
+What is real and what is surrogate: the monitor, its state files, the watch for a model gap, the oil's law and
+all detectors are the ones that ship. Around events the real estimator gets simulated blocks, and so does the
+monitor. In between the monitor gets estimates of the surrogate and no blocks.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from numpy.typing import NDArray
+from spool_core.block import Block
+from spool_estimator.estimate import Estimate, State
+from spool_estimator.estimator import Estimator, settings_for
+from spool_estimator.gap_requests import GapWatch
+from spool_monitor.detectors import MonitorSettings
+from spool_monitor.detectors.resonance import RESONANCE_BAND
+from spool_monitor.event import Event, EventState
+from spool_monitor.monitor import Monitor
+from spool_monitor.valve_state import ValveState
+from spool_sim.simulator import DEFAULT_START_STAMP, Simulator
+
+from .estimates import SurrogateEstimates
+from .faults import Hurt
+from .surrogate import load_surrogate
+from .world import Hold, ValveDay, draw_day
+
+Array = NDArray[np.float64]
+
+SECOND = 1_000_000_000
+#: Blocks a second.
+BLOCKS = 10
+#: s of blocks that only the estimator gets before the monitor sees them: it forgets over 4 s.
+RUN_IN = 12
+#: s between two estimates that are shown while the machine stands: all are alike.
+STANDING = 60
+#: s of the baseline's commissioning, and between it and the day: from then on the state comes from the file.
+COMMISSIONING, SINCE = 40, 30 * 86_400
+#: s around lost data, and around a machine that is started, in which their events are no false alarms.
+FOLLOWS = 15.0
+#: The drift tests, in the order of the rows of a trace.
+TRACED = ("spring_stiffness", "viscous_coefficient", "coulomb_force")
+
+
+@dataclass(frozen=True, slots=True)
+class RaisedEvent:
+    """Event as it was raised: s of the day, kind, cause, and whether it is an alarm."""
+
+    at: float
+    kind: str
+    cause: str
+    alarm: bool
+
+
+@dataclass(frozen=True, slots=True)
+class DayOutcome:
+    """What the monitor made of a valve-day.
+
+    Attributes:
+        seed, faulty: the day.
+        name, speed, severity: of its fault.
+        found: the event that names the fault, ``None`` where it was missed.
+        right: whether the first event of the fault's kind names the right cause.
+        delay: s from when the change is as large as it has to be found to ``found``.
+        since_begin: the same from the fault's begin.
+        false: what else was raised.
+        thermometer: whether the oil's temperature was measured.
+        running, blocks: s of production, and of real blocks.
+        cost: s of computing.
+        state: bytes of the state files at the end.
+
+    """
+
+    seed: int
+    faulty: bool
+    name: str = ""
+    speed: str = ""
+    severity: float = 0.0
+    found: RaisedEvent | None = None
+    right: bool = False
+    delay: float = math.nan
+    since_begin: float = math.nan
+    false: tuple[RaisedEvent, ...] = ()
+    thermometer: bool = True
+    running: float = 0.0
+    blocks: float = 0.0
+    cost: float = 0.0
+    state: int = 0
+
+
+@dataclass(slots=True)
+class Trace:
+    """What the drift tests compared: s, and changes over the ones that matter, NaN where not judged."""
+
+    times: list[float] = field(default_factory=list)
+    shares: list[tuple[float, float, float]] = field(default_factory=list)
+
+    def take(self, second: float, monitor: Monitor) -> None:
+        """Take what the last estimate showed."""
+        row = []
+        for name in TRACED:
+            test = monitor.detection.parameters[name]
+            size = test.matters * (abs(test.baseline.value) if test.relative else 1.0)
+            judged = test.judged and test.baseline.frozen
+            row.append((test.quantity.value - test.baseline.value) / size if judged else math.nan)
+        self.times.append(second)
+        self.shares.append((row[0], row[1], row[2]))
+
+
+class DayRun:
+    """Run of one day; its cores are built as the nodes build them."""
+
+    def __init__(self, day: ValveDay, folder: Path, trace: Trace | None = None) -> None:
+        self.day, self.folder, self.trace = day, folder, trace
+        self.events: list[tuple[float, Event]] = []
+        self.blocks = 0.0
+        self._latest = 0.0
+        self.origin = DEFAULT_START_STAMP + SINCE * SECOND
+        self.surrogate = SurrogateEstimates(day, load_surrogate())
+        self.estimator = Estimator(settings_for(day.valve))
+        self._start()
+
+    def run(self) -> None:
+        """Commission the valve, restart the software, and live the day."""
+        for estimate in self.surrogate.commissioning(COMMISSIONING, DEFAULT_START_STAMP):
+            self._show(estimate, -math.inf)
+        if self.state.baseline.current is None:  # a valve whose parameters the excitation does not show
+            return
+        self._restart()
+        self._stand(-self.day.weekend, 0.0)
+        for kind, begin, end, hold in self._pieces():
+            if kind == "real":
+                self._real(begin, end)
+            elif hold is None:
+                self._stand(float(begin), float(end))
+            else:
+                for second, estimate in self.surrogate.production(hold, begin, end, self.origin):
+                    self._show(estimate, second)
+                    if any(self._latest < at <= second for at in self.day.restarts):
+                        self._restart()
+                    self._latest = second
+                self._ended()
+
+    def _ended(self) -> None:
+        """Take note that a hold has ended."""
+
+    def close(self) -> None:
+        """Release the state folder."""
+        self.state.close()
+
+    @property
+    def state_size(self) -> int:
+        """Bytes of the state files."""
+        return sum(path.stat().st_size for path in self.folder.rglob("*") if path.is_file())
+
+    def _start(self) -> None:
+        valve = self.day.valve
+        self.monitor = Monitor(MonitorSettings(natural_frequency=valve.natural_frequency))
+        self.gap = GapWatch()
+        self.state = ValveState(self.monitor, self.folder, lambda _: None)
+        self.state.open()
+        self.state.baseline.identify(valve.id, valve.oil or "")
+
+    def _restart(self) -> None:
+        """End both programs and start them again; what is kept comes from the state file."""
+        self.state.keep_alarms()
+        self.state.close()
+        self.estimator = Estimator(settings_for(self.day.valve))
+        self._start()
+
+    def _pieces(self) -> Iterator[tuple[str, int, int, Hold | None]]:
+        """Yield (kind, begin, end, hold) of all parts of the day in order; no hold: the machine stands."""
+        edges = {0, self.day.seconds}
+        for hold in self.day.holds:
+            edges |= {hold.begin, hold.end}
+        for begin, end in self.day.real:
+            edges |= {begin, end}
+        order = sorted(edge for edge in edges if 0 <= edge <= self.day.seconds)
+        for begin, end in pairwise(order):
+            real = any(first <= begin < last for first, last in self.day.real)
+            held = next((one for one in self.day.holds if one.begin <= begin < one.end), None)
+            yield "real" if real else "surrogate", begin, end, held
+
+    def _stand(self, begin: float, end: float) -> None:
+        last = self.monitor.estimate
+        if last is None:
+            return
+        held = replace(last.held(), state=State.NOT_EXCITED)
+        for second in np.arange(begin, end, STANDING):
+            self._show(replace(held, stamp=self._stamp(float(second))), float(second))
+
+    def _stamp(self, second: float) -> int:
+        """Return the stamp of a second of the day; before it the clock is that of the first second."""
+        at = min(self.day.seconds - 1, max(0, int(second)))
+        return self.origin + round((float(self.day.clock[at]) + second - at) * 1e9)
+
+    def _show(self, estimate: Estimate, second: float) -> None:
+        """Show the monitor an estimate, as the nodes do."""
+        change = self.gap.update(estimate)
+        if change is not None:
+            self.events.append((second, change))
+        self._told(self.monitor.update_estimate(estimate), second)
+        if self.state.baseline.update(estimate):
+            self.state.keep_baseline()
+        if self.trace is not None and second >= 0.0:
+            self.trace.take(second, self.monitor)
+
+    def _told(self, events: list[Event], second: float) -> None:
+        for event in events:
+            self.events.append((second, event))
+            self.state.alarms.update(event)
+            raised = event.state is EventState.RAISED
+            self.gap.hear(event.kind, event.source or event.cause, raised=raised)
+        if events:
+            self.state.keep_alarms()
+
+    def _real(self, begin: int, end: int) -> None:
+        """Simulate blocks from ``begin`` to ``end`` (s) and show them to estimator and monitor."""
+        day = self.day
+        first = max(0, begin - RUN_IN)
+        hurt = None if day.fault is None or not day.fault.needs_blocks else Hurt(
+            day.fault, day.measuring.noise, day.seed
+        )  # fmt: skip
+        # What lies between is skipped: the stream continues here as if it had been heard all the time.
+        self.estimator.gate.last = None
+        before: Block | None = None
+        for second, block in self._blocks(first, end):
+            if any(low <= second < high for low, high in day.gaps):
+                if round(second * BLOCKS) % BLOCKS == 0:
+                    silent = second - next(low for low, high in day.gaps if low <= second < high)
+                    self._told(self.monitor.idle(silent, silent, block.stamp), second)
+                continue
+            shown = block if hurt is None else hurt(block, second)
+            estimates = self.estimator.update(shown)
+            if second < begin:
+                continue
+            if before is None:
+                self._skip()
+            before = shown
+            self.gap.take(shown)
+            self._told(self.monitor.update(shown), second)
+            for estimate in estimates:
+                self._show(estimate, second)
+            self.blocks += 1.0 / BLOCKS
+
+    def _skip(self) -> None:
+        """Let the monitor go on as if it had heard the blocks that were skipped, and judged them."""
+        self.monitor.gate.last = None
+        detection = self.monitor.detection
+        detection._judged_at, detection._windowed_at = None, 0
+
+    def _blocks(self, first: int, end: int) -> Iterator[tuple[float, Block]]:
+        day = self.day
+        size = round(day.measuring.sample_rate / BLOCKS)
+        viscous, stiffness, friction = self.surrogate.truth
+        profile, rests = _speeds(day, first, end)
+        valve = day.valve.model_copy(update={"spring_stiffness": float(stiffness[first])})
+        simulator = Simulator(
+            valve,
+            day.shaking.machine(profile, rests),
+            parameters={"viscous_coefficient": float(viscous[first])},
+            coulomb_force=float(friction[first]),
+            sample_rate=day.measuring.sample_rate,
+            block_size=size,
+            seed=day.seed % 2**31,
+            start_stamp=self._stamp(float(first)),
+            body_sensor=day.measuring.body,
+            spool_sensor=day.measuring.spool,
+        )
+        # Numbers of blocks and stamps belong together over all stretches.
+        number = round((self._stamp(float(first)) - self.origin) * BLOCKS / SECOND) + SINCE * BLOCKS
+        for second in range(first, end):
+            at = min(second + 1, day.seconds - 1)
+            for name, truth in (
+                ("viscous_coefficient", viscous),
+                ("spring_stiffness", stiffness),
+                ("coulomb_force", friction),
+            ):
+                # A step is a step; what changes slowly runs.
+                here, there = float(truth[second]), float(truth[at])
+                jumps = abs(there - here) > 0.02 * abs(here)
+                simulator.set_drift(name, here if jumps else there, 0.0 if jumps else 1.0)
+            if math.isfinite(day.reading[second]):
+                self.estimator.update_temperature(simulator.stamp, float(day.reading[second]))
+            for count, block in enumerate(simulator.records(1.0)):
+                yield second + count / BLOCKS, replace(block, sequence=number)
+                number += 1
+
+
+def _speeds(
+    day: ValveDay, first: int, end: int
+) -> tuple[tuple[tuple[float, float], ...], tuple[tuple[float, float], ...]]:
+    """Return speed profile (s, Hz) and standstills of the machine from ``first`` to ``end`` (s)."""
+    idle = 0.3 * day.valve.natural_frequency
+    points: list[tuple[float, float]] = []
+    rests: list[tuple[float, float]] = []
+    before, since = idle, float(first)
+    for hold in day.holds:
+        if hold.end <= first:
+            before = hold.shaft
+            since = max(since, float(hold.end))
+            continue
+        if hold.begin >= end:
+            break
+        begin = float(max(hold.begin, first))
+        if begin > since or (not points and hold.begin > first):
+            rests.append((since - first, begin - first))
+            before = idle
+        if hold.begin < first:
+            before = hold.shaft
+        points += [(begin - first, before), (begin - first + hold.ramp, hold.shaft)]
+        points.append((max(float(hold.end) - first, points[-1][0] + 0.1), hold.shaft))
+        before, since = hold.shaft, float(hold.end)
+    if since < end:
+        rests.append((since - first, float(end - first) + 60.0))
+    profile: list[tuple[float, float]] = []
+    for at, shaft in points or [(0.0, idle)]:
+        moved = at if not profile else max(at, profile[-1][0] + 0.05)
+        profile.append((moved, shaft))
+    return tuple(profile), tuple(rests)
+
+
+def run_day(seed: int, *, faulty: bool = False, trace: Trace | None = None) -> DayOutcome:
+    """Live the valve-day of ``seed`` and compare the events with its truth."""
+    return outcome_of(draw_day(seed, faulty=faulty), trace=trace)
+
+
+def outcome_of(day: ValveDay, trace: Trace | None = None) -> DayOutcome:
+    """Live ``day`` and compare the events with its truth."""
+    watch = time.process_time()
+    with TemporaryDirectory() as folder:
+        one = DayRun(day, Path(folder), trace)
+        one.run()
+        size = one.state_size
+        one.close()
+    raised = [
+        RaisedEvent(second, event.kind, event.cause, int(event.severity) > 1)
+        for second, event in one.events
+        if event.state is EventState.RAISED and second >= 0.0
+    ]
+    found, right, false = judged(day, raised)
+    running = float(sum(hold.end - hold.begin for hold in day.holds))
+    outcome = DayOutcome(day.seed, day.fault is not None, false=tuple(false), running=running)
+    outcome = replace(outcome, blocks=one.blocks, state=size, thermometer=day.thermometer)
+    outcome = replace(outcome, cost=time.process_time() - watch)
+    if day.fault is None:
+        return outcome
+    fault = day.fault
+    at = math.nan if found is None else _clock(day, found.at)
+    return replace(
+        outcome, name=fault.name, speed=fault.speed if fault.quantity else "", severity=fault.severity,
+        found=found, right=right, delay=at - fault.reached, since_begin=at - fault.begin,
+    )  # fmt: skip
+
+
+def judged(day: ValveDay, raised: list[RaisedEvent]) -> tuple[RaisedEvent | None, bool, list[RaisedEvent]]:
+    """Return the event that finds the fault, whether its cause is right, and the false alarms."""
+    fault = day.fault
+    found: RaisedEvent | None = None
+    right, false = False, []
+    for event in raised:
+        mine = fault is not None and _clock(day, event.at) >= fault.begin
+        if mine and fault is not None and event.kind == fault.kind:
+            if found is None:
+                found, right = event, event.cause in fault.causes
+            # A cause that is corrected once more is seen was not right at first, and no second event.
+            continue
+        if mine and fault is not None and _follows(event, fault.kind, needs_blocks=fault.needs_blocks):
+            continue
+        if not _explained(day, event):
+            false.append(event)
+    return found, right, false
+
+
+def _follows(event: RaisedEvent, kind: str, *, needs_blocks: bool) -> bool:
+    """Whether ``event`` may follow from a fault of ``kind``: a tired spring resonates."""
+    if needs_blocks:
+        return event.kind in ("data_fault", "sensor_fault", "stuck_spool")
+    return event.kind == "resonance" and kind == "spring_change"
+
+
+def _explained(day: ValveDay, event: RaisedEvent) -> bool:
+    """Whether the day's truth explains ``event``: lost blocks, or a speed near the natural frequency."""
+    if event.kind in ("data_fault", "stale"):
+        return any(low <= event.at <= high + FOLLOWS for low, high in day.gaps)
+    if event.kind == "resonance":
+        band = 1.3 * RESONANCE_BAND.default
+        natural = day.valve.natural_frequency
+        return any(
+            hold.begin - 2.0 <= event.at <= hold.begin + hold.ramp + FOLLOWS
+            or hold.end - 2.0 <= event.at <= hold.end + FOLLOWS
+            or (hold.begin <= event.at < hold.end and abs(hold.shaft / natural - 1.0) < band)
+            for hold in day.holds
+        )
+    return False
+
+
+def _clock(day: ValveDay, second: float) -> float:
+    at = min(day.seconds - 1, max(0, int(second)))
+    return float(day.clock[at]) + second - at

@@ -1,0 +1,146 @@
+"""Simulated operation: what a day is made of, how it is replayed, and the monitor's figures on a sample."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import ruptures
+from spool_core.uncertainty import Quantity, Validity
+from spool_estimator.identification.oil import OilReference, oil_law
+from spool_operation.comparison import YEAR, threshold_of
+from spool_operation.estimates import MEMORY, SurrogateEstimates
+from spool_operation.memory import simulated_year
+from spool_operation.operating_point import features
+from spool_operation.peers import WINDOW, best_split, page_sum
+from spool_operation.run_day import DayOutcome, RaisedEvent, judged, run_day
+from spool_operation.study import false_table, fault_table, parts
+from spool_operation.surrogate import load_surrogate
+from spool_operation.world import DAY, draw_day
+
+
+def of_kind(name: str, speed: str, seed: int = 0) -> int:
+    """Return the first seed from ``seed`` on whose day has that fault, and a thermometer."""
+    while True:
+        day = draw_day(seed, faulty=True)
+        if day.fault is not None and (day.fault.name, day.fault.speed) == (name, speed) and day.thermometer:
+            return seed
+        seed += 1
+
+
+def test_a_day_is_replayed_from_its_seed() -> None:
+    first, again = (replace(run_day(5, faulty=True), cost=0.0) for _ in range(2))
+    assert repr(first) == repr(again)
+
+
+def test_machines_stand_half_of_the_time_and_the_oil_warms_while_they_run() -> None:
+    days = [draw_day(seed) for seed in range(60)]
+    shares = [sum(hold.end - hold.begin for hold in day.holds) / DAY for day in days]
+    assert 0.4 < np.mean(shares) < 0.65
+    assert all(day.oil[day.holds[0].end] > day.oil[day.holds[0].begin] for day in days)
+    assert any(not day.thermometer for day in days)
+    assert any(day.restarts for day in days)
+    assert any(day.gaps for day in days)
+    assert any(day.weekend > 40 * 3600.0 for day in days)
+
+
+def test_healthy_days_raise_nothing() -> None:
+    assert [run_day(seed).false for seed in range(300, 304)] == [()] * 4
+
+
+@pytest.mark.slow
+def test_a_hundred_days_raise_a_false_alarm_on_three_at_most() -> None:
+    assert sum(bool(run_day(seed).false) for seed in range(500, 600)) <= 3
+
+
+@pytest.mark.parametrize(
+    ("name", "speed", "kind", "cause"),
+    [
+        ("wear", "minutes", "friction_drift", "wear"),
+        ("contamination", "step", "friction_drift", "oil_contamination"),
+        ("spring fatigue", "minutes", "spring_change", "softer"),
+        ("sticking", "step", "stuck_spool", ""),
+        ("sensor: dead", "step", "sensor_fault", "dead"),
+    ],
+)
+def test_a_fault_is_found_and_named(name: str, speed: str, kind: str, cause: str) -> None:
+    outcome = run_day(of_kind(name, speed), faulty=True)
+    assert outcome.found is not None
+    assert (outcome.found.kind, outcome.found.cause) == (kind, cause)
+    assert outcome.right
+    assert outcome.since_begin > 0.0
+
+
+def test_the_oil_of_the_surrogate_is_that_of_the_estimator() -> None:
+    day = draw_day(3)
+    made = SurrogateEstimates(day, load_surrogate())
+    reading = 40.0 + 0.01 * np.arange(200.0)
+    viscous, deviation = np.full(200, 5.0), np.full(200, 0.02)
+    referred, uncertain = made._referred(viscous, deviation, reading)
+    oil = OilReference(oil_law(day.valve), MEMORY)
+    for second in range(200):
+        oil.take((second + 1) * 1_000_000_000, float(reading[second]))
+        oil.follow((second + 1) * 1_000_000_000 + 500_000_000, 1.0)
+    real = oil.referred(Quantity("viscous_coefficient", "N s/m", 5.0, 0.02, Validity.VALID))
+    assert referred[-1] == pytest.approx(real.value, rel=2e-3)
+    assert uncertain[-1] == pytest.approx(real.standard_deviation, rel=2e-2)
+
+
+def test_the_surrogate_follows_the_gain_error_of_a_sensor() -> None:
+    """A spool that runs above its resonance: 1 % of gain is about 0.5 to 1 % of stiffness."""
+    day = draw_day(3)
+    place = features(day.valve, 2.0, 0.05, 1.8 * day.valve.natural_frequency, day.shaking, 0.05)
+    biases = [
+        load_surrogate().row(place, gain, np.zeros(4), np.random.default_rng(1)).bias[0]
+        for gain in (0.0, 0.01)
+    ]
+    assert 0.003 < biases[1] - biases[0] < 0.012
+
+
+def test_memory_stays_as_it_is_over_weeks() -> None:
+    year = simulated_year(3, days=90)
+    assert abs(year.slope) < 1000.0
+    assert year.files.max() < 100_000.0
+
+
+# Peers.
+
+
+def test_the_best_split_is_the_one_that_ruptures_finds() -> None:
+    values = np.random.default_rng(4).normal(0.0, 0.1, WINDOW) + 1.0 * (np.arange(WINDOW) >= 50)
+    gain = float(best_split(values)[-1])
+    search = ruptures.KernelCPD(kernel="linear", min_size=4).fit(values)
+    assert len(search.predict(pen=0.99 * gain)) > 1
+    assert len(search.predict(pen=1.01 * gain)) == 1
+
+
+def test_pages_sum_of_a_constant_grows_by_what_exceeds_the_allowance() -> None:
+    assert page_sum(np.full(10, 0.5), 0.2)[-1] == pytest.approx(3.0)
+
+
+def test_a_threshold_is_passed_once_a_year() -> None:
+    """Days whose largest value has an exponential tail of mean 1: ln(365.25) on average."""
+    found = [threshold_of(np.random.default_rng(seed).exponential(1.0, 200).tolist()) for seed in range(50)]
+    assert np.mean(found) == pytest.approx(np.log(YEAR), rel=0.1)
+
+
+# Counts.
+
+
+def test_what_the_day_explains_is_no_false_alarm() -> None:
+    day = replace(draw_day(1), gaps=((1000, 1010),))
+    lost = RaisedEvent(1011.0, "data_fault", "lost", False)
+    other = RaisedEvent(5000.0, "data_fault", "lost", False)
+    assert judged(day, [lost, other]) == (None, False, [other])
+
+
+def test_the_page_gives_rates_with_intervals_and_how_to_replay_a_day() -> None:
+    false = RaisedEvent(10.0, "friction_drift", "wear", False)
+    healthy = [DayOutcome(1, False, false=(false,)), *(DayOutcome(seed, False) for seed in range(2, 731))]
+    assert "| friction_drift wear | 1 | 0.50 | 0.01 to 2.79 |" in false_table(healthy)
+    missed = DayOutcome(9, True, "wear", "step", 2.5)
+    assert "0/1 = 0.0 % (0.0 to 97.5)" in fault_table([missed])
+    page = "\n".join(parts([*healthy, missed]))
+    assert "./spool study operation --day SEED" in page
+    assert "missed, severity 2.50" in page
