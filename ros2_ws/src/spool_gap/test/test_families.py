@@ -53,7 +53,7 @@ SMOOTH = sorted(
 #: Fault of the spool's channel that a verdict names, and the sensor that has it.
 FAULTS: dict[str, dict[str, float]] = {
     "spool_gain_error": {"gain_error": 0.1},
-    "spool_delay": {"delay": 1.2e-3},
+    "spool_delay": {"delay_samples": 1.2},
     "sensor_saturation": {"full_scale": 16.0},
 }
 

@@ -13,6 +13,8 @@ from spool_gap.effect import Array, Effect, Motion
 
 #: Time constants of oil that warms, over the record's length: longer ones are a line, shorter ones soon over.
 COURSES = (0.15, 0.5)
+#: s, time constants from which a bent course is fitted in place of a line, and its first rate over the line's.
+BENDS, STEEPER = (4.0, 10.0, 25.0, 60.0), 2.5
 #: Change of the drag along a bent course, relative, that no oil makes within a record: 60 K do that.
 IMPOSSIBLE = 10.0
 #: Hz, lowest frequency that is fitted: slower ones are drift.
@@ -73,6 +75,14 @@ class DampingDrift(Effect):
         if values.get("damping_drift_time", LINE) >= LINE:
             return [rate]
         return [rate, replace(constant, low=1.0, high=3.0 * seconds, scale=0.3 * seconds)]
+
+    def acting_like(self, contained: Mapping[str, float]) -> dict[str, float]:
+        """Return a bent course that begins more steeply than the line."""
+        return {"damping_drift_rate": STEEPER * contained["damping_drift_rate"]}
+
+    def speeds_to_try(self, fastest: float) -> list[dict[str, float]]:  # noqa: ARG002
+        """Return choices of the time constant."""
+        return [{"damping_drift_time": time} for time in BENDS]
 
     def sensible(self, values: Mapping[str, float], deviations: Mapping[str, float]) -> str:
         """Return why ``values`` make no sense: no oil changes its drag tenfold within a record."""

@@ -278,7 +278,7 @@ class Search:
             for other in self._like(name):
                 if self.late:
                     break
-                if other in best.structure.effects:
+                if other in best.structure.effects and other != name:
                     continue
                 bare = best.structure.without(name)
                 if not self._may_add(bare, other):
@@ -287,7 +287,7 @@ class Search:
                 start = bare.having((*bare.effects, other), bare.parts)
                 known = self.fits.get(start.key)
                 starts = list(self._acting_like(name, other, best.structure.values))
-                if starts and (known is None or known.evidence < best.evidence):
+                if starts and (known is None or known.evidence < best.evidence or other == name):
                     self._exchange(bare, other, best, starts)
         return self.best.structure.key != best.structure.key
 
@@ -308,14 +308,16 @@ class Search:
         least = without.log_likelihood + NEARLY * (known.log_likelihood - without.log_likelihood)
         for one in found:
             if one.log_likelihood > least:
-                self._keep(self._fit(one.structure, (best.looseness,)))
+                self._tighten(one.structure, best.looseness)
 
     def _like(self, name: str) -> list[str]:
         """Return the effects that act like ``name``."""
         containing = [one for one in self._names if name in EFFECTS[one].replaces]
         frictions = [one for one in self._names if one in FRICTIONS] if name in FRICTIONS else []
         near = [one for one in EFFECTS[name].confusable_with if one in self._names]
-        return [one for one in dict.fromkeys([*containing, *frictions, *near]) if one != name]
+        own = [name] if name not in FRICTIONS and len(EFFECTS[name].speeds_to_try(1.0)) > 1 else []
+        others = dict.fromkeys([*containing, *frictions, *near])
+        return [*own, *(one for one in others if one != name)]
 
     def _acting_like(self, name: str, other: str, values: Values) -> Iterator[dict[str, float]]:
         """Yield starts of ``other`` in place of ``name``."""
@@ -325,7 +327,7 @@ class Search:
             for one in self._balance.like(other, force)[:ALIKE]:
                 drag = values.get("viscous_coefficient", 0.0) + one.values["viscous_coefficient"]
                 yield {**one.values, "viscous_coefficient": max(drag, 0.0)}
-        elif name in entry.replaces:
+        elif name in entry.replaces or name == other:
             yield from (
                 {**entry.acting_like(values), **speeds} for speeds in entry.speeds_to_try(self._fastest)
             )
