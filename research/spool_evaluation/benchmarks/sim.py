@@ -28,8 +28,8 @@ from pathlib import Path
 from time import process_time
 
 import numpy as np
-from numpy.typing import NDArray
 from spool_core.kernels.compiled import compiled, inlined
+from spool_core.numbers import Array
 from spool_sim.excitation import SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
 from spool_sim.integration.step_size import half_step_times
@@ -51,8 +51,6 @@ from spool_evaluation.benchmarks.sim_peer import (
     Solved,
 )
 from spool_evaluation.results.timing import Timing, best_of
-
-Array = NDArray[np.float64]
 
 VALUES = {
     "mass": MASS,

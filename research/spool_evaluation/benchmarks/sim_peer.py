@@ -15,11 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
-
-Array = NDArray[np.float64]
+from spool_core.numbers import Array
 
 SECONDS, RATE = 10.0, 2000.0
 MASS, DRAG, STIFFNESS, FRICTION = 0.18, 2.65, 1632.0, 0.5

@@ -10,7 +10,8 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 from pydantic import Field
-from spool_sim.excitation import Array, MachineOrders
+from spool_core.numbers import Array
+from spool_sim.excitation import MachineOrders
 from spool_sim.valve import NotNegative, Number, Valve
 
 #: s that the machine takes to stand still or to come up.

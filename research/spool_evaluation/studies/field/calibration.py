@@ -10,14 +10,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import log_expit
+from spool_core.numbers import Array
 from spool_gap.report.confidence import NAMES, NONE, PARTLY, UNEXPLAINED, WORDS, kind_of
 
 from .summary import FAILED, REFUSED, RIGHT, FieldVerdict
-
-Array = NDArray[np.float64]
 
 #: Signs of each kind of verdict; few, since a kind has some tens of verdicts.
 SIGNS = {

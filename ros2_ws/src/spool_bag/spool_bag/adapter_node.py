@@ -21,6 +21,7 @@ from spool_core.node.managed_node import ManagedNode
 from spool_core.node.messages import nanoseconds
 from spool_core.node.parameters import NodeParameter, Value
 from spool_core.node.running import run
+from spool_core.numbers import GRAVITY
 from spool_core.sensor_clock import LEAST_STEP
 from spool_core.sensor_stream import Refusal
 from spool_core.text import plural
@@ -34,7 +35,7 @@ LOOK, LOOKS = 0.25, 4
 DEPTH = 5000
 
 #: m/s^2 in one of each unit; g is the standard acceleration of free fall (ISO 80000-3).
-UNITS: Mapping[str, float] = {"m/s^2": 1.0, "g": 9.80665}
+UNITS: Mapping[str, float] = {"m/s^2": 1.0, "g": GRAVITY}
 
 IMU, ACCEL, ARRAY = "sensor_msgs/msg/Imu", "geometry_msgs/msg/AccelStamped", "std_msgs/msg/Float64MultiArray"
 VECTOR = "geometry_msgs/msg/Vector3Stamped"

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spool_core.block import Block
-from spool_core.sensor_clock import LEAST_STEP, Array
+from spool_core.numbers import Array
+from spool_core.sensor_clock import LEAST_STEP
 from spool_core.sensor_stream import SensorStream
 from spool_core.stamps import unpaired
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spool_core.block import BlockRun
+from spool_core.numbers import Array
 
 from .block import Block
 
@@ -39,8 +39,6 @@ ENOUGH, EQUAL = 6, 1.0e-3
 STRAY, LONGEST_STEP = 1.5, 2.0
 #: Times by which a loss may differ from what the stamps say elapsed.
 LIKELY = 3.0
-
-Array = NDArray[np.float64]
 
 
 class RateState(enum.Enum):

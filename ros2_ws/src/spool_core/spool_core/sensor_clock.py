@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from spool_core.numbers import Array
 
 #: s of stamps that the phase and the rate are averaged over once there are so many. Stamps that jitter by J
 #: leave the phase 2 J / sqrt(samples in it) (standard error of a line's end), 10 us of 0.5 ms at 1 kHz, and

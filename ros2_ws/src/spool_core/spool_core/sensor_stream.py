@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spool_core.block_gate import LARGEST_SAMPLE, LONGEST_PERIOD
-from spool_core.sensor_clock import LEAST_STEP, Array, Change, Line, SampleClock, Step, StepWatch
+from spool_core.numbers import Array
+from spool_core.sensor_clock import LEAST_STEP, Change, Line, SampleClock, Step, StepWatch
 from spool_core.stamps import Rhythm, Stamps, judge_stamps, repeated
 
 #: Hz, rates that a sensor may have: the lowest is that of blocks, the highest far above what single messages

@@ -21,10 +21,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from spool_core.kernels.compiled import compiled
-
-Array = NDArray[np.float64]
+from spool_core.numbers import Array
 
 #: Places in the state: z (m), v (m/s), direction of slip (0 while sticking), then dz and dv by k, c, F_c.
 MOTION_STATES = 9

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.kernels.compiled import compiled
+from spool_core.numbers import Array
 
 from spool_estimator.prediction import (
     BAND_LIMITED,
@@ -32,7 +33,6 @@ from spool_estimator.prediction import (
 )
 from spool_estimator.sliding_window import COLUMNS, DIRECTION, SPOOL, Conditioning
 
-Array = NDArray[np.float64]
 Samples = NDArray[np.float32]
 
 #: Runs of the model that one descent takes at most, and the relative change of parameters that ends it.

@@ -18,10 +18,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.kernels.compiled import compiled
+from spool_core.numbers import Array
 
 from spool_estimator.friction_motion import advance_sample, slip, slip_matrix
 
-Array = NDArray[np.float64]
 Samples = NDArray[np.float32]
 
 #: Samples between the newest one taken and the one that a row describes.

@@ -23,8 +23,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.kernels.compiled import compiled
+from spool_core.numbers import Array
 
-Array = NDArray[np.float64]
 Matrix = NDArray[np.floating]
 
 #: Chunks that are solved together before the recursion begins.

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.kernels.compiled import compiled
+from spool_core.numbers import Array
 
-Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
 #: Columns of a row: relative displacement (m), relative velocity (m/s), direction of sliding (1),

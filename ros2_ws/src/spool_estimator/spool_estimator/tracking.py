@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.kernels.samples import StandingWatch
+from spool_core.numbers import Array
 
 from spool_estimator import chunks
 from spool_estimator.chunks import LENGTHS, NOISE, SMALLEST_NOISE
@@ -18,7 +19,6 @@ from spool_estimator.sliding_window import ChunkWindow
 
 from .stream_estimator import CHUNK
 
-Array = NDArray[np.float64]
 Samples = NDArray[np.float32]
 
 #: s of samples that are kept for starts.

@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 from statistics import median
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg, stats
+from spool_core.numbers import Array
 
 from spool_fleet.observations import BIN, Weekly, mean_square, spread, week_of
 
@@ -35,7 +35,6 @@ TOGETHER = 0.6
 #: Share of the mean square over months below which a comparison is worth the noise that sisters add.
 QUIETER = 0.9
 
-Array = NDArray[np.float64]
 
 #: Days of a month.
 MONTH = 30.44

@@ -218,7 +218,7 @@ TIME = np.arange(COUNT) / RATE
 
 def wave(hertz: float, gain: float = 1.0, phase: float = 0.0) -> Array:
     """Return a cosine whose mirror images at both ends are itself."""
-    return cast(Array, gain * np.cos(2.0 * np.pi * hertz * TIME + phase))
+    return cast("Array", gain * np.cos(2.0 * np.pi * hertz * TIME + phase))
 
 
 def middle(row: Array) -> Array:
@@ -272,7 +272,7 @@ def test_sizes_of_a_motion_are_those_worked_out_by_hand() -> None:
 def test_channel_reads_a_sine_as_worked_out_by_hand(
     name: str, values: Mapping[str, float], by_hand: dict[float, tuple[float, float]]
 ) -> None:
-    entry = cast(SensorEffect, EFFECTS[name])
+    entry = cast("SensorEffect", EFFECTS[name])
     for hertz, (gain, phase) in by_hand.items():
         rows = np.array([wave(hertz), wave(hertz, 3.0)])
         one, other = entry.reading(rows, 1.0 / RATE, values, TIME)
@@ -284,7 +284,7 @@ def test_channel_reads_a_sine_as_worked_out_by_hand(
 
 def test_slow_sines_and_constants_pass_a_high_pass_as_worked_out_by_hand() -> None:
     entry, values = (
-        cast(SensorEffect, EFFECTS["ac_coupling"]),
+        cast("SensorEffect", EFFECTS["ac_coupling"]),
         {"corner_difference": 0.5, "corner_common": 0.1},
     )
     # Sampled at 50 Hz the same row has 0.05 Hz: (0.05 i + 0.1) / (0.05 i + 0.6)
@@ -297,7 +297,7 @@ def test_slow_sines_and_constants_pass_a_high_pass_as_worked_out_by_hand() -> No
 
 
 def test_clipped_and_drifting_channels_read_what_was_worked_out_by_hand() -> None:
-    clipped, drifting = (cast(SensorEffect, EFFECTS[name]) for name in ("sensor_saturation", "gain_drift"))
+    clipped, drifting = (cast("SensorEffect", EFFECTS[name]) for name in ("sensor_saturation", "gain_drift"))
     row, time = np.array([3.0, -20.0, 17.0]), np.array([1.0, 4.0, 10.0])
     found = clipped.reading(row, 1e-3, {"saturation_limit": 15.0}, time)
     assert found.tolist() == [3.0, -15.0, 15.0]
@@ -307,7 +307,7 @@ def test_clipped_and_drifting_channels_read_what_was_worked_out_by_hand() -> Non
 
 
 def corrected(name: str, values: Mapping[str, float], record: Record) -> tuple[Array, Array]:
-    found = cast(ChainEffect, EFFECTS[name]).corrected(record, values)
+    found = cast("ChainEffect", EFFECTS[name]).corrected(record, values)
     return middle(found.body), middle(found.spool)
 
 

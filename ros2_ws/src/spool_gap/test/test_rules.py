@@ -85,7 +85,7 @@ def test_a_record_in_parts_is_as_long_as_from_the_first_to_the_last(apart: float
     still = np.zeros(24_000)
     begins = [round(begin * 1e9) for begin in (5.0, 5.0 + apart)]
     parts = [Record("part", begin, period, still, still, origin=0) for begin in begins]
-    stretches = [cast(Stretch, SimpleNamespace(record=record)) for record in parts]
+    stretches = [cast("Stretch", SimpleNamespace(record=record)) for record in parts]
     assert span_of(stretches) == pytest.approx(12.0 + apart)
 
 

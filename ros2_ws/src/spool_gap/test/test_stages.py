@@ -23,7 +23,7 @@ EVERY = (*SELECTION, *FORWARD, *BACKWARD, *FINAL)
 
 
 def hypothesis(effects: tuple[str, ...]) -> Hypothesis:
-    return Hypothesis(effects, cast(Fitted, SimpleNamespace(point=Point((), {}))))
+    return Hypothesis(effects, cast("Fitted", SimpleNamespace(point=Point((), {}))))
 
 
 def accepting(name: str, effects: tuple[str, ...]) -> Stage:
@@ -35,7 +35,7 @@ def accepting(name: str, effects: tuple[str, ...]) -> Stage:
 
 
 def context(*left_out: str) -> Context:
-    return cast(Context, SimpleNamespace(left_out=frozenset(left_out)))
+    return cast("Context", SimpleNamespace(left_out=frozenset(left_out)))
 
 
 def begun() -> SelectionState:

@@ -15,10 +15,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import ndtri
 from spool_core.events.event import Facts
+from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 
@@ -67,7 +67,6 @@ REPEATS, LAGS, FOLLOWED = 0.3, 30.0, 60.0
 #: the start value was learned, and K at most.
 VISCOSITY_PER_KELVIN, WARMS, WARMS_MOST = 0.05, 0.5 / 60.0, 25.0
 
-Array = NDArray[np.float64]
 
 #: Points that are kept; where there are more, every other one goes.
 MOST = 128

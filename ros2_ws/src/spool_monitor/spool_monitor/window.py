@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy import fft
 from spool_core.block import Block, Samples
 from spool_core.kernels.compiled import compiled
+from spool_core.numbers import Array
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 #: Hz, below lies drift, above no spring of a directional valve resonates.

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import (
     BaseModel,
     BeforeValidator,
@@ -22,11 +21,11 @@ from pydantic import (
     model_validator,
 )
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 from spool_core.text import did_you_mean
 
 from spool_sim.valve import NotNegative, Number, Positive, one_line, read_mapping
 
-Array = NDArray[np.float64]
 TURN = 2.0 * math.pi
 
 #: Samples on each side that one value between samples is made from, and the power of their window.

@@ -7,12 +7,10 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from spool_core.numbers import Array
 
 from spool_sim.valve import NotNegative, Number, Positive, one_line, read_mapping
-
-Array = NDArray[np.float64]
 
 #: Samples that one delayed sample is interpolated from (polynomial of degree 5).
 _NODES = 6

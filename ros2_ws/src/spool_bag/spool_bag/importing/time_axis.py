@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_core.block_gate import SHORTEST_PERIOD
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 from spool_core.stamps import (
     BACKWARDS,
     JITTER,
@@ -62,7 +63,6 @@ _NAMES = {
     "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9, "minutes": 60.0, "hours": 3600.0,
 }  # fmt: skip
 
-Array = NDArray[np.float64]
 
 #: Relative difference up to which --rate and the rate of a time axis are the same.
 SAME = 0.005

@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_core.block import Block, Samples
 from spool_core.kernels.compiled import compiled
-
-Array = NDArray[np.float64]
+from spool_core.numbers import Array
 
 #: s of a chunk whose lowest and highest samples are kept, chunks that are kept, and chunks from which the
 #: span of the signal is known. It is that of all chunks but the RANK most extreme ones, which may hold a

@@ -14,9 +14,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity, rate_power
 from spool_sim.model import Model
 from spool_sim.sensors import PAPER_CHAIN
@@ -45,8 +45,6 @@ from spool_estimator.identification.residuals import (
     information_criterion,
     standard_deviations,
 )
-
-Array = NDArray[np.float64]
 
 #: s of data that the first descents from several starts use.
 FIRST_SECONDS = 8.0

@@ -20,9 +20,8 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_core.system import processors
-
-Array = NDArray[np.float64]
 
 #: Size of an unknown near 0, as a share of its typical size.
 SMALLEST_SIZE = 0.1

@@ -7,12 +7,12 @@ from dataclasses import replace
 from typing import ClassVar
 
 from spool_core.kernels.compiled import compiled
+from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity
 
 from spool_monitor.channels import transfer
 from spool_monitor.detectors.base import MINIMUM_BODY, MonitorSettings
 from spool_monitor.event import EventKind, Facts, Finding, Namur, Severity
-from spool_monitor.window import Array
 
 from .base import ESTIMATE, SIGNALS, Detector, Judgement, Moment
 

@@ -19,10 +19,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.kernels.compiled import compiled, inlined
+from spool_core.numbers import Array
 
 from .fluid_laws import EVENTS, MASS, given, next_level, remembered, rest, sliding, smooth, start_memory
 
-Array = NDArray[np.float64]
 Numbers = tuple[float, ...]
 LARGEST_EVENT_COUNT = 40
 #: Displacement (m) and speed (m/s) beyond which a prediction has diverged and starts again from rest.

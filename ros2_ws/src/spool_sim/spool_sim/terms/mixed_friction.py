@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 
 from spool_core.kernels.compiled import compiled
-
-from spool_sim.valve import GRAVITY
+from spool_core.numbers import GRAVITY
 
 from .base import Parameter, Term
 

@@ -7,8 +7,9 @@ from collections.abc import Mapping
 
 import numpy as np
 from spool_core.kernels.compiled import compiled
+from spool_core.numbers import Array
 
-from .base import Array, Parameter, Term
+from .base import Parameter, Term
 
 
 @compiled

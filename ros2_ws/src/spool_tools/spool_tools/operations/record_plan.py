@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from spool_core.errors import InputError
+from spool_core.numbers import GRAVITY
 from spool_core.uncertainty import LEGEND, Z_95, Quantity, number, percent, with_interval
 from spool_estimator.identification.fit import fit
 from spool_estimator.identification.fit_result import Fit, FitSettings
@@ -33,9 +33,8 @@ from spool_tools.terminal import progress
 #: s: shorter records hold no window of a fit (4 s) and a piece to judge it by; longer ones cost minutes.
 SHORTEST, LONGEST = 8.0, 600.0
 #: Ranges that accelerometers come in, g, and how far above the largest sample of a plan one is chosen.
-RANGES, MARGIN, G = (2, 4, 8, 16, 25, 50, 100, 200, 500), 2.0, 9.80665
+RANGES, MARGIN = (2, 4, 8, 16, 25, 50, 100, 200, 500), 2.0
 
-Array = NDArray[np.float64]
 
 #: Hz below which the way in the body is not taken from accelerations: their double integral drifts.
 SLOWEST = 3.0
@@ -446,7 +445,7 @@ def _dictionary(
 
 def _range(peak: float) -> float:
     """Return the accelerometer's range, g, that holds ``peak`` (m/s^2) with ``MARGIN``; NaN: none does."""
-    return next((float(one) for one in RANGES if one * G >= MARGIN * peak), math.nan)
+    return next((float(one) for one in RANGES if one * GRAVITY >= MARGIN * peak), math.nan)
 
 
 def _show(result: dict[str, Any], answer: Answer, found: Sequence[Named]) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from spool_core.errors import InputError
+from spool_core.numbers import GRAVITY
 from spool_core.text import did_you_mean
 from spool_sim.lubrication import fluid_friction_coefficient
 from spool_sim.sensors import PAPER_CHAIN
@@ -82,8 +83,6 @@ _COMMENTS: Mapping[str, tuple[str, str]] = {
 
 #: m/s, a spool at 60 Hz with a stroke of 9 mm exceeds it on average: the paper's conclusions.
 SPEED = 0.5
-#: m/s^2, standard gravity (ISO 80000-3).
-GRAVITY = 9.80665
 
 
 def number_of(question: Question, text: str) -> float:

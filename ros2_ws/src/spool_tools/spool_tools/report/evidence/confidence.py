@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import matplotlib.pyplot as plt
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft, signal
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 from spool_core.uncertainty import Z_95, Quantity, number, with_interval
 from spool_monitor.parameter_drift import DriftPoint
 from spool_tools.report.evidence.exhibit import (
@@ -31,8 +31,6 @@ from spool_tools.report.evidence.exhibit import (
     plain,
     thinned,
 )
-
-Array = NDArray[np.float64]
 
 #: 95 % quantile of the chi-squared distribution of two degrees of freedom: -2 log 0.05.
 CHI_SQUARED_95 = -2.0 * math.log(0.05)
