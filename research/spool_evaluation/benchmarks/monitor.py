@@ -207,7 +207,7 @@ PEERS: dict[str, Settings] = {
 
 @dataclass(frozen=True, slots=True)
 class DriftStream:
-    """Drift stream: one parameter of one case.
+    """One parameter of one case.
 
     Attributes:
         estimates: what the estimator said.

@@ -320,7 +320,7 @@ def _step(motion: ComposedMotion, forcing: Array, substeps: int) -> Array:
 
 
 def _ours(motion: ComposedMotion, sweep: SweptSine, substeps: int) -> Array:
-    """Return our displacement at the samples, m, the excitation computed anew."""
+    """Return our displacement at the samples, m, the excitation computed again."""
     times = half_step_times(0, round(SECONDS * RATE), RATE, substeps)
     return _step(motion, sweep.acceleration(times), substeps)
 

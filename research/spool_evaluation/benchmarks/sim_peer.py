@@ -148,7 +148,7 @@ def _from_event_to_event(balance: _Balance, method: str, tolerance: float) -> Ar
         def rest(_: float, y: Array) -> float:
             return float(y[1])
 
-        # Attributes of the function are how solve_ivp is told that it ends there, and from which side.
+        # Attributes of the function are by which solve_ivp knows that it ends there, and from which side.
         vars(rest).update(terminal=True, direction=-sense)
         part = solve_ivp(
             slope,

@@ -24,7 +24,7 @@ STEP = 1e-2
 
 @dataclass(frozen=True, slots=True)
 class FittedNumber:
-    """Fitted number: its bounds, a typical step, and where a fit starts from, in its unit."""
+    """Its bounds, a typical step, and where a fit starts from, in its unit."""
 
     name: str
     unit: str

@@ -41,7 +41,7 @@ class Reproduction:
 
 
 def reproduce(plan: Plan, advance: Callable[[float], None]) -> Reproduction:
-    """Return data, printed models and fits; ``advance`` is told of each piece that is done."""
+    """Return data, printed models and fits; ``advance`` is called for each finished piece."""
     data: dict[int, SteppedResponse] = {}
     printed: dict[Key, SteppedResponse] = {}
     for series in SERIES:

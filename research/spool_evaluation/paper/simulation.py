@@ -25,7 +25,7 @@ NOISE = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Plan: how the body is shaken and what is looked at.
+    """How the body is shaken and what is looked at.
 
     Attributes:
         frequencies: of the steps, Hz; whole multiples of 1 / window, so that a window holds whole periods.

@@ -2,7 +2,7 @@
 
 Each record is drawn by its number: one of five models, both springs and oils, three excitations, noise of 0.5
 to 3 % of each channel; the truth is drawn around the valve's description. The simulated sensors sample at one
-instant and without a filter; that they sample at one instant is told to the fit (``timing`` 0).
+instant and without a filter; that they sample at one instant is passed to the fit (``timing`` 0).
 """
 
 from __future__ import annotations

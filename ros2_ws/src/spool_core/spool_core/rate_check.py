@@ -52,7 +52,7 @@ class RateState(enum.Enum):
 
 @dataclass(slots=True)
 class RateCheck:
-    """Rate check: compares what the samples of a stream should have taken with what the stamps say they took.
+    """Compares what the samples of a stream should have taken with what the stamps say they took.
 
     A jump of the stamps is no rate: three segments in a row must agree, and jitter is averaged by least
     squares within each. Lost blocks count as long as the ones before them.
@@ -86,7 +86,7 @@ class RateCheck:
         return self.state is RateState.CONFIRMED and self._now - self._since >= CONFIRM * 1e9
 
     def begin(self, block: Block) -> None:
-        """Begin anew with the first block of another source or of another period."""
+        """Begin again with the first block of another source or of another period."""
         self.state, self.departure, self.began = RateState.UNKNOWN, math.nan, block.stamp
         self._follow_from(block)
 

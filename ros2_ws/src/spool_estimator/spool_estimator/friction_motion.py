@@ -242,7 +242,7 @@ def slip_matrix(period: float, mass: float, parameters: Array, matrix: Array) ->
 
 @compiled
 def slip(state: Array, a0: float, am: float, a1: float, matrix: Array) -> bool:
-    """Move ``state`` on by one sample as ``advance_sample`` does, if the slip goes on for so long.
+    """Move ``state`` on by one sample as ``advance_sample`` does, if the slip lasts that long.
 
     Where it ends within the sample, or the spool sticks, leave ``state`` as it is and return False.
     """

@@ -110,7 +110,7 @@ class Learned:
 
 @dataclass(slots=True)
 class LastGood(Generic[Known]):
-    """Last good estimates: the newest that track, each with what its estimator knew then."""
+    """The newest that track, each with what its estimator knew then."""
 
     _kept: deque[tuple[Estimate, Known]] = field(default_factory=lambda: deque(maxlen=KEPT))
 
@@ -192,7 +192,7 @@ class StreamEstimator(ABC):
 
     @abstractmethod
     def _restart(self, period: float) -> None:
-        """Begin the motion anew with samples ``period`` s apart; what was learned is kept."""
+        """Begin the motion again with samples ``period`` s apart; what was learned is kept."""
 
     @abstractmethod
     def _take(self, body: Samples, spool: Samples, most: int) -> tuple[int, int]:

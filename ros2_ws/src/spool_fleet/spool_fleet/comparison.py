@@ -54,7 +54,7 @@ LEAST_VARIANCE = 1e-10
 
 #: Sisters from which their median is a course to compare with.
 LEAST_SISTERS = 4
-#: Weeks over which slow wandering is told from the noise of neighbouring weeks, at least.
+#: Weeks over which slow wandering is distinguished from the noise of neighbouring weeks, at least.
 LAG = 8
 #: 1/K: slope of the logarithm where values are referred to one temperature (the monitor's error of an oil's
 #: law) and where they are not (an ISO VG 68 oil around 45 deg C, ASTM D341), each with its spread.
@@ -68,7 +68,7 @@ WITHIN = 10.0
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """Compared valves: the likeliest change of each, and of what the valves of each machine do together.
+    """The likeliest change of each, and of what the valves of each machine do together.
 
     Attributes:
         valves: ``None`` where the weeks are too few.

@@ -64,7 +64,7 @@ class Series:
 
 @dataclass(frozen=True, slots=True)
 class ObservedValve:
-    """Observed valve: its series by parameter."""
+    """Its series by parameter."""
 
     machine: str
     valve: str

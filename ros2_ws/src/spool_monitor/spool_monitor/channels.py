@@ -254,7 +254,7 @@ class ChannelWatch:
 
 @dataclass(frozen=True, slots=True)
 class ValveResponse:
-    """Linear response: ``natural_frequency`` (Hz), ``damping`` d (1/s), ``gain`` g with its deviation (1).
+    """``natural_frequency`` (Hz), ``damping`` d (1/s), ``gain`` g with its deviation (1).
 
     ``misfit``: rms of what the fit leaves over that of the spool.
     """
@@ -285,7 +285,7 @@ def transfer(frequency: float, square: float, damping: float) -> complex:
 
 @dataclass(slots=True)
 class ResponseTracker:
-    """Response tracker: follows the response over the last few windows."""
+    """Follows the response over the last few windows."""
 
     _weight: float = field(default=0.0, init=False)
     _body: Array = field(default_factory=lambda: np.zeros(0), init=False)

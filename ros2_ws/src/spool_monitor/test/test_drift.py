@@ -57,7 +57,7 @@ def learned(*, relative: bool = True, values: tuple[float, ...] = (2.0, 2.0, 2.0
 
 
 def found_after(made: ParameterDrift, values: list[float], deviation: float = 0.001) -> float:
-    """Return the s after which ``values``, one a second, are told to be a change; infinite for never."""
+    """Return the s after which ``values``, one a second, are reported as a change; infinite for never."""
     for second, value in enumerate(values, 10):
         made.update(estimate(second, value, deviation))
         if made.level is not None:

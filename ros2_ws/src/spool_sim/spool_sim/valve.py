@@ -81,7 +81,7 @@ NotNegative = Annotated[Number, Field(ge=0.0)]
 
 
 class Valve(BaseModel):
-    """Valve: a spool with its centring springs, its land and its oil. Frozen; SI units.
+    """A spool with its centring springs, its land and its oil. Frozen; SI units.
 
     ``id``, ``moving_mass`` and ``spring_stiffness`` are always there. Whoever reads one of the others where
     it was not given raises an :class:`InputError` that names it; ``knows`` tells beforehand.

@@ -74,7 +74,7 @@ Where = Callable[[int], str]
 
 @dataclass(frozen=True, slots=True)
 class TimeAxis:
-    """Time axis: ``time`` in s, shape (n,), from ``start`` (ns since 1970, ``None`` where not known) on.
+    """``time`` in s, shape (n,), from ``start`` (ns since 1970, ``None`` where not known) on.
 
     ``label``: name for messages. ``notes``: how it was understood.
     """
@@ -232,7 +232,7 @@ def period_check(path: Path, name: str, period: float, kind: str) -> str:
 
 @dataclass(slots=True)
 class TimeBase:
-    """Time base: ``time`` in s, shape (n,), ``period`` in s, ``gaps``: indices of first samples after one.
+    """``time`` in s, shape (n,), ``period`` in s, ``gaps``: indices of first samples after one.
 
     ``rate_std``: relative standard deviation of the rate, from the stamps. ``kept``: rows that are kept,
     ``None`` for all. ``warnings``: one line each; ``repairs``: counts by name.

@@ -66,7 +66,7 @@ class Series:
 
 @dataclass(slots=True)
 class Merged:
-    """Merged series: both on one grid, as a record has it; ``note`` says how, ``clocks`` by what."""
+    """Both on one grid, as a record has it; ``note`` says how, ``clocks`` by what."""
 
     time: Array
     body: Array

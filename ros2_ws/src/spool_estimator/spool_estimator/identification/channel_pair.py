@@ -90,7 +90,7 @@ class ClockStep:
 
 @dataclass(slots=True)
 class ChannelPair:
-    """Pair of channels: readings of body and spool (m/s^2, shape (n,)), ``period`` s apart, in one band."""
+    """Readings of body and spool (m/s^2, shape (n,)), ``period`` s apart, in one band."""
 
     body: Array
     spool: Array

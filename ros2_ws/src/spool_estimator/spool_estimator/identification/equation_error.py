@@ -215,7 +215,7 @@ class EquationError:
         return solved, 2.0 * float(found.cost)
 
     def starts(self) -> list[Array]:
-        """Return points (all unknowns) to start from, best first; the given start where nothing is told."""
+        """Return points (all unknowns) to start from, best first; the given start where no data tells one."""
         given = self._values[0, self._columns]
         if not self._stretches:
             return [self._complete(given)]

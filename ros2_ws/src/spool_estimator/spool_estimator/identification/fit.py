@@ -50,7 +50,7 @@ from spool_estimator.identification.residuals import (
 FIRST_SECONDS = 8.0
 #: Rounds of the first descents and of each later one, at most, and the fall of the cost that ends them.
 FIRST_ROUNDS, ROUNDS, ENOUGH = 30, 20, 1e-6
-#: How often the weights are taken anew after the first descents.
+#: How often the weights are taken again after the first descents.
 REWEIGHED = 2
 #: Sizes of what friction at rest may be, relative to its start value, that are tried.
 BLIND_FACTORS = (0.1, 0.3, 1.0, 3.0)

@@ -73,7 +73,7 @@ def sizes_of(unknowns: Sequence[Unknown], point: Array) -> Array:
 
 
 class LeastSquares(Protocol):
-    """Least-squares problem: weighted residuals of several points together."""
+    """Weighted residuals of several points together."""
 
     @property
     def unknowns(self) -> Sequence[Unknown]:
@@ -183,7 +183,7 @@ def unseen_directions(slopes: Array, scales: Array) -> Array:
 
 
 def to_hold(unseen: Array, names: Sequence[str]) -> tuple[str, ...]:
-    """Return which of ``names`` to hold so that the rest is told, the last of the list first."""
+    """Return which of ``names`` to hold so that the rest can be determined, the last of the list first."""
     held: list[str] = []
     rows = unseen.copy()
     for place in reversed(range(len(names))):

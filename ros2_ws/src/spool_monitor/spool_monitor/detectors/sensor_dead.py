@@ -43,7 +43,7 @@ COARSE, SWINGS = 0.005, 3.0
 
 
 class SensorDead(Detector):
-    """Dead channel: samples that do not change, or a level far below what the other channel makes due.
+    """Samples that do not change, or a level far below what the other channel makes due.
 
     A machine at rest behind a coarse converter shows no change either: there a channel must have stopped in
     the midst of a motion.

@@ -31,7 +31,7 @@ SLIDES = 1.5
 
 
 class StuckSpool(Detector):
-    """Stuck spool: the relative acceleration against what the reference response makes of the body's."""
+    """The relative acceleration against what the reference response makes of the body's."""
 
     name = "stuck_spool"
     kind = KIND

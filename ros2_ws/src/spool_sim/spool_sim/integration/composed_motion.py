@@ -43,7 +43,7 @@ class MotionState:
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
-    """Trajectory: motion at n sample instants.
+    """Motion at n sample instants.
 
     Attributes:
         displacement: relative to the body, m, shape (n,).

@@ -37,7 +37,7 @@ def sliding_law(
 
 
 class CoulombHydrodynamicFrictionTerm(Term):
-    """Mixed friction: Coulomb friction less what the hydrodynamic film carries."""
+    """Coulomb friction less what the hydrodynamic film carries."""
 
     name = "coulomb_hydrodynamic_friction"
     parameters = (

@@ -11,7 +11,7 @@ from .base import Parameter, Term
 
 
 class InertiaTerm(Term):
-    """Inertia: the moving mass times the spool's own acceleration."""
+    """The moving mass times the spool's own acceleration."""
 
     name = "inertia"
     parameters = (

@@ -26,7 +26,7 @@ def sliding_law(
 
 
 class MixedFrictionTerm(Term):
-    """Mixed friction: molecular forces in micro-areas, falling with speed, and drag, rising with it."""
+    """Molecular forces in micro-areas, falling with speed, and drag, rising with it."""
 
     name = "mixed_friction"
     parameters = (

@@ -26,7 +26,7 @@ def memory_law(
 
 
 class PreslidingFrictionTerm(Term):
-    """Dahl friction: it builds up over a small travel after each reversal; its force is the state."""
+    """It builds up over a small travel after each reversal; its force is the state."""
 
     name = "presliding_friction"
     parameters = (

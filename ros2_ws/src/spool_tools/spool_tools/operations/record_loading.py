@@ -59,7 +59,7 @@ REFUSED = ("same_channel", "wrap_around", "repeats", "sensitivity", "clock_step"
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """Recording: one bag or logger's file of one valve.
+    """One bag or logger's file of one valve.
 
     Attributes:
         path: where it is.
@@ -337,7 +337,7 @@ def choose_valves(source: Source, names: Sequence[str], given: Sequence[str]) ->
 
 @dataclass(frozen=True, slots=True)
 class FitData:
-    """Fit data: records of one valve.
+    """Records of one valve.
 
     Attributes:
         name: of the whole, for tables.

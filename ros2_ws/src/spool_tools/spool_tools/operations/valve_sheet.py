@@ -77,7 +77,7 @@ _COMMENTS: Mapping[str, tuple[str, str]] = {
     "land_length": ("m", "all sealing lands together"),
     "radial_clearance": ("m", "gap between spool and bore"),
     "dynamic_viscosity": ("Pa s", "at oil_temperature"),
-    "oil": ("", "viscosity by temperature: wear is told from warm oil"),
+    "oil": ("", "viscosity by temperature: distinguishes wear from warm oil"),
     "oil_temperature": ("deg C", "at which dynamic_viscosity holds"),
 }
 
@@ -123,7 +123,7 @@ def asked(
 ) -> dict[str, str]:
     """Return ``given`` with what ``answer`` says to a question for each missing number; empty: not known.
 
-    ``refuse`` is told what is wrong with an answer, which is then asked for again.
+    ``refuse`` gets what is wrong with an answer, which is then asked for again.
     """
     answers = dict(given)
     for question in QUESTIONS:

@@ -39,7 +39,7 @@ ROUNDS = 2
 
 @dataclass(frozen=True, slots=True)
 class FittedSeries:
-    """Series: one set of data and every model fitted to it."""
+    """One set of data and every model fitted to it."""
 
     data: FitData
     validated: tuple[ValidatedFit, ...]

@@ -35,7 +35,7 @@ from spool_tools.report.evidence.exhibit import (
 #: 95 % quantile of the chi-squared distribution of two degrees of freedom: -2 log 0.05.
 CHI_SQUARED_95 = -2.0 * math.log(0.05)
 
-ELLIPSE_TITLE = "How well drag and dry friction are told apart"
+ELLIPSE_TITLE = "How well drag and dry friction can be separated"
 ELLIPSE_CAPTION = (
     "Pairs of viscous coefficient and Coulomb force that the record does not contradict at 95 %, from the "
     "covariance of the fit; cross: the intervals of each number by itself. Good: a small, upright ellipse "
@@ -136,7 +136,7 @@ def ellipse_of(parameters: tuple[Quantity, ...], names: tuple[str, ...], correla
     if not (np.isfinite(part).all() and np.isfinite(deviations).all() and (deviations > 0.0).all()):
         raise InputError("the covariance of both frictions is not known")
     if abs(float(part[0, 1])) >= 1.0:
-        raise InputError("both frictions are told only as one number")
+        raise InputError("both frictions are known only as one number")
     return Ellipse(
         (VISCOUS, COULOMB),
         (known[VISCOUS].unit, known[COULOMB].unit),
