@@ -46,7 +46,7 @@ def unique_parameters(terms: Sequence[Term]) -> tuple[Parameter, ...]:
 def laws_source(terms: Sequence[Term]) -> str:
     """Return the Python source of the laws of ``terms`` together, as ``stepping`` takes it."""
     places = {parameter.name: place for place, parameter in enumerate(unique_parameters(terms))}
-    imports = ["from spool_core.numbers import Array"]
+    imports = ["from spool_core.numbers import Array", ""]
 
     def calls(law: str) -> list[tuple[str, str]]:
         """Return the function and the parameters that a call of it ends with, of each term with the law."""
