@@ -31,7 +31,7 @@ IDIOMS = {
 }
 #: Not prose of ours, or names that stored files rely on.
 LEFT_OUT = re.compile(
-    r"(^|/)(spool_gap|spool_msgs|vendor|docs/results|\.ci/english\.py|tests/law_mutants\.yaml)|"
+    r"(^|/)(spool_gap|spool_operation|spool_msgs|vendor|docs/results|\.ci/english\.py|tests/law_mutants\.yaml)|"
     r"valve_state\.py|gap_run\.py|test_baseline_keeper\.py"
 )
 SUFFIXES = {".py", ".md", ".yaml", ".html", ".js", ".json", ""}
