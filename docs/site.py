@@ -61,6 +61,8 @@ def commands_page() -> str:
                 words = ", ".join(f"`{word}`" for word in one.opts)
                 parts.append(f"| {words} | {str(one.help).replace('|', '&#124;')} |")
             parts.append("")
+    if len(parts) == 1:
+        raise PluginError("no command is installed: build the site by ./spool, as .ci/run does")
     return "\n".join(parts).replace("[bold]", "").replace("[/bold]", "")
 
 

@@ -213,7 +213,7 @@ def _exposure(layout: Layout, environment: Mapping[str, str]) -> Iterator[CheckR
         yield CheckResult(
             "warning",
             f"compiled kernels are not kept in {folder}: {reason}; they go to a temporary folder and are "
-            "compiled anew after each boot: set NUMBA_CACHE_DIR to a folder of your own",
+            "compiled again after each boot: set NUMBA_CACHE_DIR to a folder of your own",
         )
 
 
@@ -260,7 +260,7 @@ def _installation(layout: Layout, done: SetupState, environment: Mapping[str, st
         return
     reason = stale(layout, done, f"{sys.version_info[0]}.{sys.version_info[1]}")
     if reason:
-        yield CheckResult("warning", f"{reason}: the next call sets up anew")
+        yield CheckResult("warning", f"{reason}: the next call sets up again")
         return
     if not done.lock:
         yield CheckResult("warning", "the set-up is half finished: the next call goes on with it")

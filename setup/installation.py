@@ -83,7 +83,7 @@ class Installation:
         layout, done = self._layout, self._done
         stale = requirements.stale(layout, done, running_series)
         if stale is not None and done.base_python:
-            say(f"{stale}: setting up anew")
+            say(f"{stale}: setting up again")
         base = requirements.check(layout, done, self._environment)
         fresh = stale is not None or not packages.venv_works(layout, self._tools())
         if fresh:
@@ -154,7 +154,7 @@ class Installation:
             workspace.remove_built(layout, gone)
 
     def _build(self) -> None:
-        """Build the packages that changed, and learn the environment anew."""
+        """Build the packages that changed, and learn the environment again."""
         layout, done = self._layout, self._done
         changed = {name for name, value in self._wanted.items() if done.packages.get(name) != value}
         names = sorted(cmake_dependents(layout.workspace / "src", changed))

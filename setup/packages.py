@@ -59,7 +59,7 @@ def installed(folders: Iterable[Path]) -> dict[str, str]:
 
 
 def make_venv(layout: Layout, base_python: str, environment: Mapping[str, str], runner: Runner) -> None:
-    """Make the environment anew.
+    """Make the environment again.
 
     Raises:
         SetupError: it could not be made.

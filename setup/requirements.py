@@ -17,7 +17,7 @@ NEEDED_BYTES = 2_000_000_000
 
 
 def stale(layout: Layout, done: SetupState, running_series: str) -> str | None:
-    """Why the environment has to be made anew, None where it need not."""
+    """Why the environment has to be made again, None where it need not."""
     if not done.python_version:
         return "there is none yet"
     if done.root != str(layout.root):

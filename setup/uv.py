@@ -12,7 +12,7 @@ from setup.process import Runner, ask
 
 #: Settings of pip that uv has no equal for: pip installs alone then.
 ONLY_PIP = {"client-cert", "keyring-provider"}
-#: Settings of pip and the variables by which uv is told the same.
+#: Settings of pip and the variables by which uv gets the same.
 VARIABLES = {"index-url": "UV_DEFAULT_INDEX", "cert": "SSL_CERT_FILE", "proxy": "HTTPS_PROXY"}
 REQUIREMENT = re.compile(r"^uv==(?:.*\\\n)*.*", re.MULTILINE)
 

@@ -120,7 +120,7 @@ def test_plant_systems_see_state_and_quality_and_change_nothing(system: System) 
                 value = await read(LEVEL)
                 return bool(value.StatusCode.value == ua.StatusCodes.BadNoCommunication)
 
-            await until(lost, "a dead monitor is told by the quality")
+            await until(lost, "a dead monitor is shown by the quality")
         async with Client(url) as client:
             assert await attacks(client, index) == []
         administrator = Client(url)

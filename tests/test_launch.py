@@ -448,7 +448,7 @@ def _commands_of_launch_ros(valves: Path, given: Mapping[str, str]) -> Iterator[
 
 
 def _resolved(words: list[str]) -> list[str]:
-    """Return a command line with the contents of parameter files in the place of their names."""
+    """Return a command line with the contents of parameter files instead of their names."""
     return [
         Path(word).read_text() if before == "--params-file" else word
         for before, word in zip(["", *words], words, strict=False)

@@ -67,7 +67,7 @@ def test_the_nodes_are_managed_from_outside(system: System, tmp_path: Path) -> N
 
     system.until(lambda: estimates.first(tracking, after=begin) and health.heard, "the nodes work again")
     after = estimates.first(tracking, after=begin)
-    # The estimator kept what it had learned, over a source that began anew.
+    # The estimator kept what it had learned, over a source that began again.
     assert after is not None
     assert after.message.samples >= before.samples
 

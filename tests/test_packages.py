@@ -66,7 +66,7 @@ ROS_PACKAGES = {
 # Without a key, and documented for pip: what converts records, the OPC UA server, and the peers of the
 # benchmarks and tests.
 FROM_PIP = {"pyarrow", "padasip", "pysindy", "river", "ruptures", "asyncua"}
-# The page in the browser, likewise, and what drives a browser in its tests.
+# The page in the browser, and what drives a browser in its tests.
 FROM_PIP |= {"starlette", "playwright"}
 # What fleets need.
 FROM_PIP |= {"duckdb", "distributed"}

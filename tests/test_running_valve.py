@@ -66,7 +66,7 @@ def test_diagnostics_follow_the_rules(valve: Valve) -> None:
     begin = time.monotonic()
     system.until(
         lambda: all(len(system.statuses(task, after=begin)) >= 3 for task in TASKS),
-        "each task is told again and again",
+        "each task is reported again and again",
     )
     arrays = [one.message for one in system.diagnostics.heard if one.arrival >= begin]
     statuses = [status for array in arrays for status in array.status]

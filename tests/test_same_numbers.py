@@ -1,4 +1,4 @@
-"""Regression check of numbers: a changed number is told, one that wanders within its deviation is not."""
+"""Regression check of numbers: a changed number is reported, one that wanders within its deviation is not."""
 
 from __future__ import annotations
 

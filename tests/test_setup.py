@@ -483,7 +483,7 @@ class TestSetUp:
         said = read_until(process, "making .venv")
         process.send_signal(signal.SIGINT)
         assert_ended_as_interrupted(process)
-        assert f"the project was moved from {set_up}: setting up anew" in said
+        assert f"the project was moved from {set_up}: setting up again" in said
 
 
 def source_wheels(venv: Path, folder: Path) -> dict[str, str]:

@@ -31,7 +31,7 @@ def test_sensors_that_never_connect_look_wrong(system: System) -> None:
     health = system.listen(ValveHealth, "/valve_1/health", latched=True)
     _ = system.diagnostics
     system.start("monitor")
-    system.until(lambda: events.first(lambda event: event.kind == "stale"), "the silence is told")
+    system.until(lambda: events.first(lambda event: event.kind == "stale"), "the silence is reported")
     (event,) = events.messages
     assert (event.cause, event.state) == ("never_seen", HealthEvent.STATE_RAISED)
     system.until(lambda: health.last.level == ValveHealth.LEVEL_STALE, "the health is stale")

@@ -64,7 +64,7 @@ _SIZES = np.array([0.002, 0.02, 0.05, 0.05, 0.02])
 
 @dataclass(frozen=True, slots=True)
 class BlindCase:
-    """Blind case: a record with its truth.
+    """A record with its truth.
 
     Attributes:
         seed: makes it again.

@@ -28,7 +28,7 @@ FALSE_ALARM, POWER = 0.01, 0.5
 
 @dataclass(frozen=True, slots=True)
 class Visibility:
-    """Visibility: how much of what is hidden remains.
+    """How much of what is hidden remains.
 
     Attributes:
         nrmse: rms of the remainder over that of the spool's acceleration; the gap, without noise.

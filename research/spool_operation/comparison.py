@@ -146,7 +146,9 @@ ABOUT = (
     "change is "
     "as large as it has to be found, with the 95 % interval of the median, and how many were missed. "
     "river's ADWIN "
-    "and KSWIN have no threshold to set to a rate; they are compared in [benchmarks](bench_monitor.md)."
+    "and KSWIN have no threshold to set to a rate; they are compared in [benchmarks](bench_monitor.md). "
+    "Healthy days without a thermometer set the peers' thresholds of the viscous coefficient, since warm oil "
+    "looks like wear there; the monitor widens its limit on those days alone."
 )
 
 

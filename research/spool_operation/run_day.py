@@ -371,7 +371,7 @@ def judged(day: ValveDay, raised: list[RaisedEvent]) -> tuple[RaisedEvent | None
         if mine and fault is not None and event.kind == fault.kind:
             if found is None:
                 found, right = event, event.cause in fault.causes
-            # A cause that is corrected once more is seen was not right at first, and no second event.
+            # A cause that is corrected again is seen was not right at first, and no second event.
             continue
         if mine and fault is not None and _follows(event, fault.kind, needs_blocks=fault.needs_blocks):
             continue

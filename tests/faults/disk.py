@@ -1,4 +1,4 @@
-"""Disk and clock that fail on command: the shim, and what it is told."""
+"""Disk and clock that fail on command: the shim, and its commands."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ def _records(path: Path) -> list[tuple[int, int, int]]:
 
 
 def _saved(bag: Path, folder: Path) -> tuple[Path | None, RecoveryResult | None, str]:
-    """Recover ``bag``; return where, and one line where nothing was to be had."""
+    """Recover ``bag``; return where, and one line where nothing was recovered."""
     target = folder / "recovered"
     try:
         return target, recover(bag, target), ""
@@ -173,7 +173,7 @@ def _changed(
 
 
 def flipped_bit(contents: Contents, folder: Path, seed: int) -> Outcome:
-    """Change one bit: it costs a chunk at most, which is told, and ``verify`` names the file."""
+    """Change one bit: it costs a chunk at most, which is reported, and ``verify`` names the file."""
 
     def change(data: bytearray, draw: random.Random) -> int:
         at = draw.randrange(len(data))

@@ -72,7 +72,7 @@ LARGEST_CHANGE = (0.6, 1.6)
 
 @dataclass(frozen=True, slots=True)
 class FieldCase:
-    """Field case: a record with its truth.
+    """A record with its truth.
 
     Attributes:
         seed: makes it again.
@@ -185,7 +185,7 @@ def accepted_verdicts(
 
 @dataclass(frozen=True, slots=True)
 class MeasuringChain:
-    """Measuring chain: gain, delay and range of the spool's channel, noise of both, and nuisances.
+    """Gain, delay and range of the spool's channel, noise of both, and nuisances.
 
     Attributes:
         gain, delay, full_scale: of the spool's channel over the body's, 1, s and m/s^2 (0: none).

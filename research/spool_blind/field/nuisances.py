@@ -103,7 +103,7 @@ class FieldNuisance(ABC):
 
 @dataclass(frozen=True)
 class MainsHum(FieldNuisance):
-    """Mains hum: the mains' frequency, which strays a little, and harmonics that fall off.
+    """The mains' frequency, which strays a little, and harmonics that fall off.
 
     ``frequency`` in Hz; ``harmonics`` are relative amplitudes from the fundamental on; sizes are amplitudes
     of the fundamental.
@@ -276,7 +276,7 @@ class ColouredNoise(FieldNuisance):
 
 @dataclass(frozen=True)
 class AcCoupling(FieldNuisance):
-    """AC coupling: a high-pass of first order; sizes are its corners."""
+    """A high-pass of first order; sizes are its corners."""
 
     id = "ac_coupling"
     unit = "Hz"
@@ -525,7 +525,7 @@ class Jitter(FieldNuisance):
 
 @dataclass(frozen=True)
 class LostSamples(FieldNuisance):
-    """Lost samples: runs that are missing, as rows left out or, of one channel, as empty cells (NaN).
+    """Runs that are missing, as rows left out or, of one channel, as empty cells (NaN).
 
     Sizes are the share lost; ``lengths`` in s; ``rows``: whole rows are left out.
     """

@@ -14,12 +14,12 @@ from typing import Protocol
 
 import numpy as np
 import padasip
-from numpy.typing import NDArray
 from rich.console import Console
 from spool_bag.reader import BagReader
 from spool_core.errors import InputError
 from spool_core.kernels.compiled import compiled
 from spool_core.node.network import isolate
+from spool_core.numbers import Array
 from spool_estimator.estimator import Estimator, settings_for
 from spool_estimator.recursive import ExponentialForgetting
 from spool_estimator.refit import RefitSettings, WindowRefits, WindowTask, refit
@@ -38,7 +38,6 @@ SECONDS = 120.0
 REFIT_SECONDS, REFIT_PERIOD = 40.0, 5.0
 LIVE_SECONDS = 10.0
 
-Array = NDArray[np.float64]
 
 SAMPLES, SIZE, BLOCK, FACTOR = 20_000, 6, 200, 0.9995
 #: Samples that are given one by one.

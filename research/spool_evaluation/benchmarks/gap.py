@@ -10,10 +10,10 @@ from itertools import product
 
 import numpy as np
 import pysindy
-from numpy.typing import NDArray
 from scipy.fft import rfft, rfftfreq
 from scipy.ndimage import median_filter
 from spool_blind.case import hidden_by, kind_of, make
+from spool_core.numbers import Array
 from spool_estimator.identification.record import Record
 from spool_estimator.identification.spectra import RelativeMotion, ZeroPhase, relative_motion
 from spool_gap.effect import Motion
@@ -28,7 +28,6 @@ CASES = 12
 FRESH = 30_000
 PEERS = {"PySINDy STLSQ": False, "PySINDy ensemble": True}
 
-Array = NDArray[np.float64]
 
 #: Hz, below which integrals of accelerations say nothing.
 LOW_CUT = 3.0

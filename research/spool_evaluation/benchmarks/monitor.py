@@ -24,6 +24,7 @@ import numpy as np
 import ruptures
 from numpy.typing import NDArray
 from river import drift as river_drift
+from spool_core.numbers import Array
 from spool_estimator.estimate import Estimate
 from spool_monitor.baseline import Baseline
 from spool_monitor.parameter_drift import CAP, CumulativeSum, ParameterDrift
@@ -105,8 +106,6 @@ def _change_point_settings() -> Settings:
             found[f"{given}, level {level:g}"] = partial(change_points, hazard, scatter, level=level)
     return found
 
-
-Array = NDArray[np.float64]
 
 #: Run lengths that are less likely than this are left out; the recursion stays short.
 NEGLIGIBLE = 1e-12
@@ -208,7 +207,7 @@ PEERS: dict[str, Settings] = {
 
 @dataclass(frozen=True, slots=True)
 class DriftStream:
-    """Drift stream: one parameter of one case.
+    """One parameter of one case.
 
     Attributes:
         estimates: what the estimator said.

@@ -28,8 +28,8 @@ from pathlib import Path
 from time import process_time
 
 import numpy as np
-from numpy.typing import NDArray
 from spool_core.kernels.compiled import compiled, inlined
+from spool_core.numbers import Array
 from spool_sim.excitation import SweptSine
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState
 from spool_sim.integration.step_size import half_step_times
@@ -51,8 +51,6 @@ from spool_evaluation.benchmarks.sim_peer import (
     Solved,
 )
 from spool_evaluation.results.timing import Timing, best_of
-
-Array = NDArray[np.float64]
 
 VALUES = {
     "mass": MASS,
@@ -322,7 +320,7 @@ def _step(motion: ComposedMotion, forcing: Array, substeps: int) -> Array:
 
 
 def _ours(motion: ComposedMotion, sweep: SweptSine, substeps: int) -> Array:
-    """Return our displacement at the samples, m, the excitation computed anew."""
+    """Return our displacement at the samples, m, the excitation computed again."""
     times = half_step_times(0, round(SECONDS * RATE), RATE, substeps)
     return _step(motion, sweep.acceleration(times), substeps)
 

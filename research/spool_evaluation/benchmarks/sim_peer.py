@@ -15,11 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
-
-Array = NDArray[np.float64]
+from spool_core.numbers import Array
 
 SECONDS, RATE = 10.0, 2000.0
 MASS, DRAG, STIFFNESS, FRICTION = 0.18, 2.65, 1632.0, 0.5
@@ -150,7 +148,7 @@ def _from_event_to_event(balance: _Balance, method: str, tolerance: float) -> Ar
         def rest(_: float, y: Array) -> float:
             return float(y[1])
 
-        # Attributes of the function are how solve_ivp is told that it ends there, and from which side.
+        # Attributes of the function are by which solve_ivp knows that it ends there, and from which side.
         vars(rest).update(terminal=True, direction=-sense)
         part = solve_ivp(
             slope,

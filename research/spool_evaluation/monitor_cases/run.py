@@ -26,7 +26,7 @@ BLOCK_RATE = 10
 
 @dataclass(frozen=True, slots=True)
 class ScenarioOutcome:
-    """Outcome: what the monitor made of a scenario.
+    """What the monitor made of a scenario.
 
     Attributes:
         delays: s from when each expected event was due to when it was raised, NaN where it was not in time.

@@ -10,7 +10,8 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 from pydantic import Field
-from spool_sim.excitation import Array, MachineOrders
+from spool_core.numbers import Array
+from spool_sim.excitation import MachineOrders
 from spool_sim.valve import NotNegative, Number, Valve
 
 #: s that the machine takes to stand still or to come up.
@@ -25,7 +26,7 @@ class Scenario:
 
     Attributes:
         kind: the sort of scenario, a row of the table.
-        drawn_valve: as it is; the monitor is told the same data but for what drifts.
+        drawn_valve: as it is; the monitor gets the same data but for what drifts.
         gaps: (begin, end) of lost data, s.
         gain_error: of the spool's accelerometer from the start.
         follows: kinds that may follow from what happened, neither wanted nor false.
@@ -67,7 +68,7 @@ class StoppingMachine(MachineOrders):
 
 @dataclass(frozen=True, slots=True)
 class PlannedChange:
-    """Planned change: ``quantity`` of the simulator runs to ``target`` from ``at`` in ``duration`` (s)."""
+    """``quantity`` of the simulator runs to ``target`` from ``at`` in ``duration`` (s)."""
 
     quantity: str
     target: float
@@ -77,7 +78,7 @@ class PlannedChange:
 
 @dataclass(frozen=True, slots=True)
 class ChannelFault:
-    """Channel fault: what becomes of the channels from ``at`` (s) on; ``value`` is the fault's size.
+    """What becomes of the channels from ``at`` (s) on; ``value`` is the fault's size.
 
     ``clipping``: full scale, m/s^2; ``offset``: m/s^2; ``scale``: gain; ``dead``: noise that is left, m/s^2.
     ``stuck`` is the spool's: it moves with its body from then on.
@@ -91,7 +92,7 @@ class ChannelFault:
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """Expected event: it has to be raised from ``begin`` to ``by`` (s); ``causes``: the right ones, if named.
+    """It has to be raised from ``begin`` to ``by`` (s); ``causes``: the right ones, if named.
 
     ``reached`` (s) is when the change is as large as it must be to be found; delays count from there.
     """
@@ -246,7 +247,7 @@ def exchanged(draw: Generator, case: Scenario) -> Scenario:
 
 
 def loses_data(draw: Generator, case: Scenario) -> Scenario:
-    """Let data be lost, for up to a second; and once more."""
+    """Let data be lost, for up to a second; and again."""
     at = when(draw)
     holes = ((at, at + 0.4), (at + 30.0, at + 31.0))
     return replace(case, gaps=holes, expected=(Expected("data_fault", (), at, at, at + 3.0),))

@@ -14,7 +14,7 @@ from spool_sim.valve import Valve
 
 @dataclass(frozen=True, slots=True)
 class PaperSeries:
-    """Measurement series: a pair of springs and an oil (tables 1 and 2).
+    """A pair of springs and an oil (tables 1 and 2).
 
     Attributes:
         number: as in table 1.

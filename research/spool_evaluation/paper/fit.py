@@ -7,14 +7,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize
+from spool_core.numbers import Array
 from spool_sim.sensors import PAPER_CHAIN
 
 from .data import PaperSeries
 from .simulation import NOISE, SteppedResponse, as_measured, respond
-
-Array = NDArray[np.float64]
 
 #: m, radial clearance of table 2, which all but model 4 keep.
 CLEARANCE = 15e-6
@@ -26,7 +24,7 @@ STEP = 1e-2
 
 @dataclass(frozen=True, slots=True)
 class FittedNumber:
-    """Fitted number: its bounds, a typical step, and where a fit starts from, in its unit."""
+    """Its bounds, a typical step, and where a fit starts from, in its unit."""
 
     name: str
     unit: str

@@ -10,6 +10,7 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from spool_core.numbers import GRAVITY
 from spool_core.uncertainty import PLUS_MINUS, Z_95
 from spool_sim.sensors import PAPER_CHAIN
 from spool_tools.operations.valve_sheet import SPEED, friction_coefficient
@@ -410,7 +411,7 @@ def write_csv(path: Path, rows: Sequence[TableRow]) -> None:
 def _lock(results: Reproduction, drawn: Callable[[str, Figure, str], Markup]) -> list[Markup]:
     series = SERIES[3]
     root, inverse = MODELS[1].values[series.number]
-    weight = series.valve.spool_mass * 9.80665
+    weight = series.valve.spool_mass * GRAVITY
     speed = np.linspace(0.0, 3.0, 601)
     force = (root * np.sqrt(speed) + inverse / (speed + 0.01)) * weight
     followed = [label for label, same in locked(results).items() if same]

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from multiprocessing import get_context
 
 import numpy as np
-from numpy.typing import NDArray
 from spool_core.system import processors
 
 from spool_evaluation.paper.data import MODELS, SERIES, PaperSeries, printed_parameters
@@ -22,7 +21,6 @@ SEED = 1
 #: Table 4's friction falls so steeply with speed that time steps below 1 us are needed: a shorter plan.
 LOCK_PLAN = Plan(frequencies=(10.0, 40.0, 70.0, 100.0), dwell=0.2, window=0.1, sample_rate=4000.0)
 
-Array = NDArray[np.float64]
 
 #: m, full stroke that the paper's conclusions name, for a spool that oscillates at 60 Hz.
 STROKE = 9e-3
@@ -43,7 +41,7 @@ class Reproduction:
 
 
 def reproduce(plan: Plan, advance: Callable[[float], None]) -> Reproduction:
-    """Return data, printed models and fits; ``advance`` is told of each piece that is done."""
+    """Return data, printed models and fits; ``advance`` is called for each finished piece."""
     data: dict[int, SteppedResponse] = {}
     printed: dict[Key, SteppedResponse] = {}
     for series in SERIES:

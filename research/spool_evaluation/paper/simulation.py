@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from spool_core.block import Block
+from spool_core.numbers import Array
 from spool_sim.excitation import Excitation, SteadySine, SteppedSine
 from spool_sim.model import Model, model_from_mapping
 from spool_sim.sensors import PAPER_CHAIN, Sensor
@@ -15,8 +15,6 @@ from spool_sim.simulator import Simulator
 from spool_sim.valve import Valve
 
 from .data import PaperSeries
-
-Array = NDArray[np.float64]
 
 #: What the data are made with: fluid friction (12) and dry friction that falls with speed, N and m/s.
 #: It is none of the four models, so that none of them can win by being the truth.
@@ -27,7 +25,7 @@ NOISE = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Plan: how the body is shaken and what is looked at.
+    """How the body is shaken and what is looked at.
 
     Attributes:
         frequencies: of the steps, Hz; whole multiples of 1 / window, so that a window holds whole periods.

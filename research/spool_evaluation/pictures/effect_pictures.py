@@ -11,13 +11,11 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_gap.effect import Effect, Motion, SensorEffect
 from spool_gap.registry import EFFECTS
 
 from spool_evaluation.results.page import MarkedPage, sentence
-
-Array = NDArray[np.float64]
 
 LEFT, LAW = "#0072B2", "#D55E00"
 PAGE = MarkedPage("effects", "effects")

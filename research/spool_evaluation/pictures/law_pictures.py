@@ -11,13 +11,11 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_sim.terms import TERMS, Term
 from spool_sim.valve import Valve, find_valve
 
 from spool_evaluation.results.page import MarkedPage, sentence
-
-Array = NDArray[np.float64]
 
 FORCE, REST = "#0072B2", "#D55E00"
 #: What a law is drawn over, where it is not the velocity, and how far (m, s).

@@ -22,7 +22,7 @@ MESSAGES = "spool_msgs"
 
 @dataclass(frozen=True, slots=True)
 class Module:
-    """A module: dotted ``name``, ``folder`` (the package it lies in), lines, and the modules it imports."""
+    """Dotted ``name``, ``folder`` (the package it lies in), lines, and the modules it imports."""
 
     name: str
     folder: str

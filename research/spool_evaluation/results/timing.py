@@ -77,7 +77,7 @@ class Timing:
 
 
 class Stopwatch:
-    """Stopwatch: time since it was made, on the wall and of this process's computing."""
+    """Time since it was made, on the wall and of this process's computing."""
 
     def __init__(self) -> None:
         self._begin = time.perf_counter(), time.process_time()

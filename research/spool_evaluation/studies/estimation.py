@@ -2,7 +2,7 @@
 
 Each record is drawn by its number: one of five models, both springs and oils, three excitations, noise of 0.5
 to 3 % of each channel; the truth is drawn around the valve's description. The simulated sensors sample at one
-instant and without a filter; that they sample at one instant is told to the fit (``timing`` 0).
+instant and without a filter; that they sample at one instant is passed to the fit (``timing`` 0).
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
+from spool_core.numbers import GRAVITY
 from spool_estimator.identification.fit import fit
 from spool_estimator.identification.fit_result import Fit, FitSettings
 from spool_estimator.identification.record import Record
@@ -115,7 +116,7 @@ def true_values(model: str, valve: Valve, generator: np.random.Generator) -> dic
         velocity, at_rest = between(0.02, 0.05), between(0.2, 0.6)
         values["mixed_root_coefficient"] = between(0.2, 0.8)
         values["mixed_velocity"] = velocity
-        values["mixed_inverse_coefficient"] = at_rest * velocity / (valve.spool_mass * 9.80665)
+        values["mixed_inverse_coefficient"] = at_rest * velocity / (valve.spool_mass * GRAVITY)
     elif model == "coulomb_hydrodynamic":
         values["dry_coefficient"] = between(0.1, 0.35)
         values["film_coefficient"] = between(-0.5, 0.4)

@@ -100,7 +100,7 @@ class DetectionLimit:
     Attributes:
         effect: id.
         seed: of the condition.
-        parameter: by which the size is told.
+        parameter: that holds the size.
         visible: its value at the detection limit; ``None`` where no size is detected.
         named: its value at the smallest size that was named right, ``None`` where none was.
         ratio: of the sizes.

@@ -35,7 +35,7 @@ ABOUT = (
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """Sample record: a bag, the shipped valve and the model that it is fitted with, and what made it.
+    """A bag, the shipped valve and the model that it is fitted with, and what made it.
 
     Attributes:
         truth: as in bags/README.md, N/m, N s/m and N.

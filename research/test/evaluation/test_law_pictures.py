@@ -15,7 +15,7 @@ DOCS = Path(__file__).resolve().parents[3] / "docs"
 
 
 def test_pages_say_what_the_registered_laws_and_effects_say() -> None:
-    # Made anew with: python -m spool_evaluation.pictures.law_pictures docs/methods, ... effect_pictures docs
+    # Made again with: python -m spool_evaluation.pictures.law_pictures docs/methods, ... effect_pictures docs
     assert PAGE.written(DOCS / "methods").strip() == law_text().strip()
     assert effect_pictures.PAGE.written(DOCS).strip() == effect_pictures.effects_text().strip()
 

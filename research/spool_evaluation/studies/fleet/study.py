@@ -31,7 +31,7 @@ ABOUT = (
     "errors of bags that were simulated and estimated by what ships: oil temperatures with seasons and "
     "weather, sensors of them with offsets and wrong gains, oils that differ from "
     "their law, scatter from bag to bag, vibration that changes. One valve wears 3 % a month, one is "
-    "contaminated in month 7, the oil of one machine is changed, which is told. The fleet is judged every "
+    "contaminated in month 7, the oil of one machine is changed, which is reported. It is judged every "
     "week with what was known then; a healthy valve that is named once in the year counts as false."
 )
 

@@ -41,7 +41,7 @@ UNITS = {VISCOUS: "N s/m", COULOMB: "N", STIFFNESS: "N/m"}
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """Machine: its oil temperature over the year, its sensor of that, what its oil does beside the law."""
+    """Its oil temperature over the year, its sensor of that, what its oil does beside the law."""
 
     mean: float
     season: float
@@ -92,7 +92,7 @@ class FleetValve:
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """World: ``machines`` and ``valves``; ``worn`` and ``dirty`` are the numbers of the faulty ones."""
+    """``machines`` and ``valves``; ``worn`` and ``dirty`` are the numbers of the faulty ones."""
 
     seed: int
     machines: tuple[Machine, ...]

@@ -21,20 +21,21 @@ from spool_core.node.managed_node import ManagedNode
 from spool_core.node.messages import nanoseconds
 from spool_core.node.parameters import NodeParameter, Value
 from spool_core.node.running import run
+from spool_core.numbers import GRAVITY
 from spool_core.sensor_clock import LEAST_STEP
 from spool_core.sensor_stream import Refusal
 from spool_core.text import plural
 from std_msgs.msg import Float64MultiArray
 
 #: s between two looks at the sensors, and looks between two reports of an unchanged state: about once a
-#: second, and a sensor that stopped is told of within ``stale_after`` and a look.
+#: second, and a sensor that stopped is reported within ``stale_after`` and a look.
 LOOK, LOOKS = 0.25, 4
 
 #: Messages that may wait: half a second of the fastest rate that single messages can come at.
 DEPTH = 5000
 
 #: m/s^2 in one of each unit; g is the standard acceleration of free fall (ISO 80000-3).
-UNITS: Mapping[str, float] = {"m/s^2": 1.0, "g": 9.80665}
+UNITS: Mapping[str, float] = {"m/s^2": 1.0, "g": GRAVITY}
 
 IMU, ACCEL, ARRAY = "sensor_msgs/msg/Imu", "geometry_msgs/msg/AccelStamped", "std_msgs/msg/Float64MultiArray"
 VECTOR = "geometry_msgs/msg/Vector3Stamped"
@@ -262,7 +263,7 @@ class UnusableError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """Reading: takes the samples of one sensor out of a message.
+    """Takes the samples of one sensor out of a message.
 
     ``kind`` is one of ``TYPES``; ``axis`` is ``+x``, ``+y``, ``+z``, with a minus where it points the other
     way, ``+column0`` and so on of an array; ``unit`` one of ``UNITS``; ``gain`` is multiplied on top.
@@ -344,7 +345,7 @@ class Reading:
 
 @dataclass(slots=True)
 class SensorReport:
-    """Sensor report: ``silent`` s since a sensor's last message; ``unusable`` messages, the last reason.
+    """``silent`` s since a sensor's last message; ``unusable`` messages, the last reason.
 
     ``unpaired``: looks in a row at which one clock was set against the other.
     """

@@ -118,7 +118,7 @@ def keyed_of(item: Item, arrival: int, size: int, count: int) -> Keyed:
 
 @dataclass(slots=True)
 class OrderingWindow:
-    """Reordering window of one valve: items that may still be overtaken; a stamp further back starts anew."""
+    """Reordering window of one valve: items that may still be overtaken; an older stamp starts again."""
 
     _queue: list[Keyed] = field(default_factory=list)
     _lowest: int = 0
@@ -130,8 +130,8 @@ class OrderingWindow:
         """Return how many messages of ``keyed`` can be taken until something is due, 1 at least."""
         if keyed.messages == 1:
             return 1
-        anew = not self._queue or keyed.stamp < self._highest - WINDOW
-        lowest, held, size = (keyed.stamp, 0, 0) if anew else (self._lowest, self._held, self.size)
+        again = not self._queue or keyed.stamp < self._highest - WINDOW
+        lowest, held, size = (keyed.stamp, 0, 0) if again else (self._lowest, self._held, self.size)
         late = (2 * WINDOW + min(lowest, keyed.stamp) - keyed.stamp) // keyed.step + 1
         most = min(late, LONGEST_QUEUE - held, (LARGEST_QUEUE - size) // keyed.weight)
         return min(keyed.messages, max(0, most) + 1)

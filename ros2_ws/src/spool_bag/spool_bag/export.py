@@ -50,8 +50,8 @@ def export_bag(
 
     Columns are the contract's: ``time_s`` from the bag's first stamp, float32 accelerations, the oil
     temperature where it is recorded (the last one known, empty before the first), and ``valve`` where there
-    are several; their rows follow one another. Where a clock was set, time is counted on. ``progress`` is
-    told the number of rows of each batch. Of ``span`` only what lies in it.
+    are several; their rows follow one another. Where a clock was set, time is counted on. ``progress`` gets
+    the number of rows of each batch. Of ``span`` only what lies in it.
 
     Raises:
         InputError: the bag, a valve or the target's name cannot be used.

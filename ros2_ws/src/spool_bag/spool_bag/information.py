@@ -159,7 +159,7 @@ def summarise(name: str, items: Iterable[Block | OilTemperature]) -> ValveSummar
 
 
 class TimeSpan(NamedTuple):
-    """Time span: stamps of the first sample and behind the last, what had passed ``before``; in ns."""
+    """Stamps of the first sample and behind the last, what had passed ``before``; in ns."""
 
     first: int
     end: int
@@ -167,7 +167,7 @@ class TimeSpan(NamedTuple):
 
 
 class ClockStep(NamedTuple):
-    """Clock step: ``at`` s after the record's beginning, by ``by`` s (negative: back)."""
+    """``at`` s after the record's beginning, by ``by`` s (negative: back)."""
 
     at: float
     by: float

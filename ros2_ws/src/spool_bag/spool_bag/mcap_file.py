@@ -100,7 +100,7 @@ class McapFile:
     Attributes:
         closed: the file ends as a finished one does.
         counts: messages by channel number from the summary, ``None`` where there is none.
-        times: first and last time of reception (ns) by the summary, likewise.
+        times: first and last time of reception (ns) by the summary.
         density: messages per B of the chunks that were read last, for an estimate of what others held.
     """
 
@@ -257,7 +257,7 @@ def decompressed(path: Path, folder: Path) -> Path:
 
 
 class Damage(NamedTuple):
-    """Damage: unusable bytes of a file: where, how many, why, and messages lost (``None``: unknown)."""
+    """Unusable bytes of a file: where, how many, why, and messages lost (``None``: unknown)."""
 
     offset: int
     size: int

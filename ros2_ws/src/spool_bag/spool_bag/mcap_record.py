@@ -142,7 +142,7 @@ def candidates(piece: bytes, *, chunked: bool) -> list[int]:
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """Topic: what a channel carries."""
+    """What a channel carries."""
 
     name: str
     type: str
@@ -155,7 +155,7 @@ class Topic:
 
 @dataclass(slots=True)
 class Definitions:
-    """Definitions: topics by channel number; writers repeat them, which costs a comparison only."""
+    """Topics by channel number; writers repeat them, which costs a comparison only."""
 
     topics: dict[int, Topic] = field(default_factory=dict)
     _schemas: dict[int, _Schema] = field(default_factory=dict)

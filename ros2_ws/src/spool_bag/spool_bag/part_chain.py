@@ -26,7 +26,7 @@ from spool_bag.mcap_record import FRAME, LARGEST_SUMMARY, MAGIC
 #: Names of the metadata records at a part's beginning and end, wherever messages were lost, and before parts
 #: go by the quota.
 BEGIN, END, LOSSES, QUOTA = "spool_part", "spool_chain", "spool_losses", "spool_quota"
-#: What stands in the place of the hash of a part that could not be read when the next one was begun.
+#: Used instead of the hash of a part that could not be read when the next one was begun.
 UNREADABLE = "unreadable"
 #: B of a metadata record that is read; ours have some hundred.
 LARGEST = 1 << 16

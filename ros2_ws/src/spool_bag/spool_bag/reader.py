@@ -42,7 +42,7 @@ _Decode = Callable[[Sequence[bytes]], Iterator[tuple[Block | BlockRun | OilTempe
 
 
 class _Source(NamedTuple):
-    """Source: a topic that is read by stamp, its type and how to decode messages of one length."""
+    """A topic that is read by stamp, its type and how to decode messages of one length."""
 
     name: str
     type: str

@@ -93,7 +93,7 @@ def select_topics(graph: Mapping[str, Sequence[str]], valves: Sequence[str] = ()
 
 @dataclass(slots=True)
 class LossCount:
-    """Loss count: blocks that never arrived, by topic, from jumps in ``sequence``.
+    """Blocks that never arrived, by topic, from jumps in ``sequence``.
 
     A jump that is far beyond what the stamps say went by is a wrong number, not a loss. Where the next block
     goes on from there it is another source, of which nothing is lost.

@@ -139,7 +139,7 @@ class Recording:
         dead = not (self._thread.is_alive() or self._ending)
         with self._lock:
             return RecordingState(
-                self._paused or ("its thread ended: start the recorder anew" if dead else ""),
+                self._paused or ("its thread ended: start the recorder again" if dead else ""),
                 self._queue.messages,
                 self._queue.bytes,
                 sum(self._lost.values()),
@@ -324,7 +324,7 @@ class Recording:
         gone = writer.messages
         self._log.error(
             f"{writer.file} was removed while it was recorded: {gone} messages are lost; "
-            f"{self.path} is begun anew"
+            f"{self.path} is begun again"
         )
         with contextlib.suppress(OSError):
             writer.close()
@@ -493,7 +493,7 @@ class Thinning:
         self._done &= {count.file for count in writer.finished_parts}
 
     def close(self) -> None:
-        """Leave what is under way; the next recorder begins it anew."""
+        """Leave what is under way; the next recorder begins it again."""
         if self._worker is not None:
             self._worker.shutdown(cancel_futures=True)
         if self._under_way is not None:

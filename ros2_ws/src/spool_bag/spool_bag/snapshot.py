@@ -45,7 +45,7 @@ MOST_KEPT = 4
 
 @dataclass(slots=True)
 class Snapshot:
-    """Snapshot: the messages around ``event``, an alarm's kind or ``REQUESTED``.
+    """The messages around ``event``, an alarm's kind or ``REQUESTED``.
 
     They are collected until ``end`` (ns, time of reception).
     """

@@ -18,7 +18,7 @@ from spool_bag.metadata import FILE_NAME, LARGEST, MOST_VALUES, ROOT
 from spool_bag.part_chain import UNREADABLE, Ended, PartBegin, begin_of, end_of, file_hash, oldest_of
 from spool_bag.parts import number_of, numbered
 
-#: Times that a folder is looked at anew, as parts of a running recording go by the quota meanwhile.
+#: Times that a folder is looked at again, as parts of a running recording go by the quota meanwhile.
 TRIES = 5
 
 
@@ -246,7 +246,7 @@ class _Chain:
         elif self.link is not None and begin.before != self.link:
             wrong.append(
                 f"{path.name}: it does not follow the part before it: one of both was exchanged, "
-                "edited or made anew"
+                "edited or made again"
             )
         elif self._ended is not None and begin.file:
             before, ended = self._ended

@@ -42,7 +42,7 @@ METADATA_SHARE = 100.0
 
 
 class RecordingError(OSError):
-    """Recording failed: the bag could not be written on; what was flushed before is kept and readable."""
+    """The bag could not be written on; what was flushed before is kept and readable."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,7 +236,7 @@ class BagWriter:
             self._settled = True
 
     def finish(self) -> None:
-        """Do what :meth:`close` does, but leave a staged bag under its other name, to be read once more."""
+        """Do what :meth:`close` does, but leave a staged bag under its other name, to be read again."""
         if not self._open:
             return
         self._guard(self._finish)
@@ -527,7 +527,7 @@ class BagWriter:
 
 
 class FolderClaim:
-    """Claim on ``folder`` (flock(2)), until it is let go of or the process ends, however that ends.
+    """Claim on ``folder`` (flock(2)), until it is released or the process ends, however that ends.
 
     Raises:
         InputError: another recorder has it.
@@ -549,7 +549,7 @@ class FolderClaim:
             return
 
     def release(self) -> None:
-        """Let others write; once more does nothing."""
+        """Let others write; again does nothing."""
         descriptor, self._descriptor = self._descriptor, None
         if descriptor is not None:
             os.close(descriptor)

@@ -53,7 +53,7 @@ def unfinished(path: Path, *chunks: bytes) -> Path:
 
 
 def told_by_a_process(path: Path) -> tuple[str, int]:
-    """Return what is told of the file, and the memory (kB) that it took."""
+    """Return what is reported of the file, and the memory (kB) that it took."""
     done = subprocess.run(
         [sys.executable, "-c", DESCRIBE, str(path)], capture_output=True, text=True, check=True
     )

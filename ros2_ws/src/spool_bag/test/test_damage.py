@@ -1,4 +1,4 @@
-"""Damage to unfinished bags: whatever it hits, every other chunk is saved and the loss is told."""
+"""Damage to unfinished bags: whatever it hits, every other chunk is saved and the loss is reported."""
 
 from __future__ import annotations
 

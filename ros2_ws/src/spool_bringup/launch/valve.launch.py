@@ -20,7 +20,7 @@ SHARE = Path(get_package_share_directory("spool_bringup"))
 
 #: s between the end of a node and its next start: the middleware forgets the dead one meanwhile.
 RESPAWN_DELAY = 2.0
-#: New starts of a node over a launch's life: what ends every time must not load the machine for ever, and one
+#: New starts of a node over a launch's life: what ends every time must not load the machine forever, and one
 #: crash a month is let pass for over a year.
 RESPAWN_MAX_RETRIES = 20
 #: Arguments that are parameters of type bool.
@@ -45,7 +45,7 @@ def generate_launch_description() -> LaunchDescription:
                 "simulate",
                 default_value="false",
                 choices=["true", "false"],
-                description="Start a simulator for each valve in the place of its accelerometers.",
+                description="Start a simulator for each valve instead of its accelerometers.",
             ),
             DeclareLaunchArgument(
                 "adapt",

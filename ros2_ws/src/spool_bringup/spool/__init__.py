@@ -8,7 +8,7 @@
     print(fit.summary())
 
 Numbers are in SI units. Each result has ``summary()``, ``save()`` and ``to_dict()``, which equals the JSON of
-the command of the same name, and shows itself in a notebook. Every function raises :class:`InputError` for
+the command of the same name, and shows itself in a notebook. Every function raises ``InputError`` for
 input that cannot be used; its message is one line that names what is wrong, where, and what to do.
 
 Libraries that load slowly are imported by the functions that need them.

@@ -79,7 +79,7 @@ class Fleet:
 
     @one_error
     def to_frame(self, sql: str) -> pd.DataFrame:
-        """Return what :meth:`query` does as a pandas table.
+        """Return what ``query`` does as a pandas table.
 
         Raises:
             InputError: as ``query``, or pandas is not installed.

@@ -214,7 +214,7 @@ class Fit(Result):
 
     @one_error
     def save_model(self, path: str | Path) -> None:
-        """Write the fitted model as a YAML file, for ``model=`` of :func:`spool.simulate` and others.
+        """Write the fitted model as a YAML file, for ``model=`` of ``spool.simulate`` and others.
 
         Raises:
             InputError: the fit has no result, or the file exists or cannot be written.

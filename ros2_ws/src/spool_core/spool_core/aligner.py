@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spool_core.block import Block
-from spool_core.sensor_clock import LEAST_STEP, Array
+from spool_core.numbers import Array
+from spool_core.sensor_clock import LEAST_STEP
 from spool_core.sensor_stream import SensorStream
 from spool_core.stamps import unpaired
 
@@ -44,7 +45,7 @@ ON_SAMPLE = 1.0e-4
 
 
 class Channel(enum.Enum):
-    """Channel: which of the two sensors."""
+    """Which of the two sensors."""
 
     BODY = "body"
     SPOOL = "spool"
@@ -75,7 +76,7 @@ class AlignerSettings:
 
 @dataclass(frozen=True, slots=True)
 class PairFault:
-    """Pair fault: why the samples of two sensors cannot be brought together.
+    """Why the samples of two sensors cannot be brought together.
 
     ``cause`` is that of a ``data_fault``: ``clock_step`` or ``rate``. ``text``: what is wrong and what to do.
     """
@@ -86,7 +87,7 @@ class PairFault:
 
 @dataclass(slots=True)
 class Grid:
-    """Grid: the samples of the ``reference`` sensor; ``start`` is the first block's first one."""
+    """The samples of the ``reference`` sensor; ``start`` is the first block's first one."""
 
     reference: Channel
     generations: tuple[int, int]
@@ -98,7 +99,7 @@ class Grid:
 
 
 class Aligner:
-    """Aligner: takes samples of body and spool, gives blocks in which both belong to the same instants.
+    """Takes samples of body and spool, gives blocks in which both belong to the same instants.
 
     The grid is the body's samples, or the slower sensor's where the rates differ. Where the other sensor was
     sampled at the same instants its samples are passed on as they are, else they are interpolated

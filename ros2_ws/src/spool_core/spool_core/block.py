@@ -20,7 +20,7 @@ RECENT = 60.0
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Block: a stretch of samples of both accelerometers.
+    """A stretch of samples of both accelerometers.
 
     ``stamp`` is the acquisition time of the first sample (integer ns), ``sequence`` counts
     blocks since the source started, ``sample_period`` is in s, ``body`` and ``spool`` are
@@ -61,7 +61,7 @@ def joined(blocks: Sequence[Block]) -> Block:
 
 @dataclass(frozen=True, slots=True)
 class BlockRun:
-    """Run of blocks: what many regular blocks say, at the cost of one.
+    """What many regular blocks say, at the cost of one.
 
     Block ``n`` of it has the stamp ``stamp + n * step`` (ns), the sequence ``sequence + n`` and the samples
     from ``n * size`` on; period, source and number of samples are those of all. A period that is no whole

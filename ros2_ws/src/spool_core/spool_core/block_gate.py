@@ -88,7 +88,7 @@ class _Rival:
 
 @dataclass(slots=True)
 class BlockGate:
-    """Block gate: judges the blocks of one stream in the order of their arrival and count the faults.
+    """Judges the blocks of one stream in the order of their arrival and count the faults.
 
     The first source keeps its place. A block that neither continues the stream nor explains itself as the
     first after a loss is refused. The stream moves to another place where its sequence goes on there (a clock
@@ -200,7 +200,7 @@ class BlockGate:
         return self._refuse(Fault.RATE)
 
     def _still_there(self) -> None:
-        """Take note that the first source has sent: the others begin to wait anew."""
+        """Take note that the first source has sent: the others begin to wait again."""
         for rival in self._rivals:
             rival.blocks, rival.direct = 0, False
 
@@ -230,7 +230,7 @@ class BlockGate:
 
 @dataclass(slots=True)
 class SharedGate(BlockGate):
-    """Shared gate: one judgement for several consumers; ``admit`` judges, ``judge`` repeats it."""
+    """One judgement for several consumers; ``admit`` judges, ``judge`` repeats it."""
 
     _admitted: Block | None = None
     _verdict: Verdict = Verdict.REFUSED

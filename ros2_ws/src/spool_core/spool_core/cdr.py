@@ -21,7 +21,7 @@ LONGEST_NAME = 256
 
 
 class _Order:
-    """Byte order: its precompiled layouts."""
+    """Its precompiled layouts."""
 
     def __init__(self, mark: str) -> None:
         self.head = struct.Struct(mark + "iII")
@@ -40,7 +40,7 @@ class CdrError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class OilTemperature:
-    """Oil temperature: ``stamp`` in ns, ``celsius`` in deg C, ``variance`` in deg C squared, 0: unknown."""
+    """``stamp`` in ns, ``celsius`` in deg C, ``variance`` in deg C squared, 0: unknown."""
 
     stamp: int
     celsius: float

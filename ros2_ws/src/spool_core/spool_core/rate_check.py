@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spool_core.block import BlockRun
+from spool_core.numbers import Array
 
 from .block import Block
 
@@ -40,8 +40,6 @@ STRAY, LONGEST_STEP = 1.5, 2.0
 #: Times by which a loss may differ from what the stamps say elapsed.
 LIKELY = 3.0
 
-Array = NDArray[np.float64]
-
 
 class RateState(enum.Enum):
     """State of the rate check: what is known of the sample rate."""
@@ -54,7 +52,7 @@ class RateState(enum.Enum):
 
 @dataclass(slots=True)
 class RateCheck:
-    """Rate check: compares what the samples of a stream should have taken with what the stamps say they took.
+    """Compares what the samples of a stream should have taken with what the stamps say they took.
 
     A jump of the stamps is no rate: three segments in a row must agree, and jitter is averaged by least
     squares within each. Lost blocks count as long as the ones before them.
@@ -88,7 +86,7 @@ class RateCheck:
         return self.state is RateState.CONFIRMED and self._now - self._since >= CONFIRM * 1e9
 
     def begin(self, block: Block) -> None:
-        """Begin anew with the first block of another source or of another period."""
+        """Begin again with the first block of another source or of another period."""
         self.state, self.departure, self.began = RateState.UNKNOWN, math.nan, block.stamp
         self._follow_from(block)
 

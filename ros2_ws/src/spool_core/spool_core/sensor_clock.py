@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from spool_core.numbers import Array
 
 #: s of stamps that the phase and the rate are averaged over once there are so many. Stamps that jitter by J
 #: leave the phase 2 J / sqrt(samples in it) (standard error of a line's end), 10 us of 0.5 ms at 1 kHz, and
@@ -51,7 +51,7 @@ LUMP = 1.5
 
 @dataclass(slots=True)
 class SampleClock:
-    """Sample clock: the straight line through the stamps of equidistant samples, with fading memory.
+    """The straight line through the stamps of equidistant samples, with fading memory.
 
     A g-h filter with the gains of the least-squares line (Brookner, Tracking and Kalman Filtering Made Easy,
     1998, section 1.2.10: growing memory), which stop to fall after ``MEMORY``.
@@ -124,7 +124,7 @@ class SampleClock:
         self.time += self.period
 
     def resume(self, stamp: int, steps: int) -> None:
-        """Go on at ``stamp`` after a gap: the rate stays, the phase begins anew."""
+        """Go on at ``stamp`` after a gap: the rate stays, the phase begins again."""
         self.index += steps
         self.time = float(stamp - self.base)
         self._phase_count = 1

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spool_core.block_gate import LARGEST_SAMPLE, LONGEST_PERIOD
-from spool_core.sensor_clock import LEAST_STEP, Array, Change, Line, SampleClock, Step, StepWatch
+from spool_core.numbers import Array
+from spool_core.sensor_clock import LEAST_STEP, Change, Line, SampleClock, Step, StepWatch
 from spool_core.stamps import Rhythm, Stamps, judge_stamps, repeated
 
 #: Hz, rates that a sensor may have: the lowest is that of blocks, the highest far above what single messages
@@ -69,7 +70,7 @@ class Refusal(enum.Enum):
 
 
 class Move(NamedTuple):
-    """Move: stamps that went on elsewhere.
+    """Stamps that went on elsewhere.
 
     ``at`` (ns): the last stamp before. ``by`` (ns, with its ``error``): from where the next one was due.
     ``stepped`` (ns): what of it counts as a clock that was set; the rest are samples that were lost.
@@ -83,7 +84,7 @@ class Move(NamedTuple):
 
 @dataclass(slots=True)
 class SensorStream:
-    """Sensor stream: numbers the samples of one sensor and keeps the newest ``capacity`` of them.
+    """Numbers the samples of one sensor and keeps the newest ``capacity`` of them.
 
     The stamps of the first ``settle`` s make the clock (:func:`spool_core.stamps.judge_stamps`); from then
     on each sample has its number. One that is not finite keeps its number, with NaN for its value.

@@ -14,6 +14,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from spool_core.numbers import Array
+
 #: Periods: a longer step is a gap, one missing sample makes two; a sample further off its place is not
 #: explained by the rounding of printed times.
 GAP = 1.5
@@ -60,7 +62,6 @@ _PIECE = 1 << 20
 #: Stamps over which a resolution is looked for: it changes with the number of digits.
 _LOCAL = 256
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 

@@ -187,7 +187,7 @@ def staged(target: Path, *, replace: bool = True) -> Iterator[Path]:
 def give_way() -> None:
     """Begin a process that works beside the stream: it gives way to it, and leaves Ctrl-C to its parent.
 
-    It ends with its parent, however that ends: a pool's process would wait for work for ever.
+    It ends with its parent, however that ends: a pool's process would wait for work forever.
     """
     parent = multiprocessing.parent_process()
     if parent is not None:

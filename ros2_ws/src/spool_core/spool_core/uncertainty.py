@@ -35,7 +35,7 @@ _DIGITS = 4
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """Shown value: number and half width of its 95 % interval as they are shown, with the same last digit.
+    """Number and half width of its 95 % interval as they are shown, with the same last digit.
 
     ``half_width`` is ``unknown`` where there is none; both are where the number itself is not known.
     """
@@ -141,7 +141,7 @@ class Validity(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """Quantity: ``value`` and ``standard_deviation`` in ``unit``; NaN where not known."""
+    """``value`` and ``standard_deviation`` in ``unit``; NaN where not known."""
 
     name: str
     unit: str

@@ -152,7 +152,7 @@ def test_another_sample_rate_costs_one_block_and_has_to_be_confirmed() -> None:
     assert gate.confirmed
 
 
-#: First stamp of a source that begins to count anew: where it was restarted, or a bag is played again.
+#: First stamp of a source that begins to count again: where it was restarted, or a bag is played again.
 ANEW = {"source restarted": at(1) + MINUTE, "bag replayed again": START}
 
 

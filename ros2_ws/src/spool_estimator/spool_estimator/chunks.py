@@ -11,10 +11,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from spool_core.block import Samples
 from spool_core.kernels.compiled import compiled
 from spool_core.kernels.samples import StandingArrays, scan
+from spool_core.numbers import Array
 
 from spool_estimator.history import DisplacementArrays, follow_displacement, keep, sampled_pointwise
 from spool_estimator.prediction import (
@@ -33,8 +33,6 @@ from spool_estimator.recursive import RegressionArrays, advance
 from spool_estimator.sliding_window import WindowArrays, take_chunk
 
 from .stream_estimator import CHUNK
-
-Array = NDArray[np.float64]
 
 #: N, force noise that the prior is weighed with, and the least that a record is believed to have.
 NOISE, SMALLEST_NOISE = 0.05, 1.0e-3
@@ -279,7 +277,7 @@ def regress(
 
 @compiled
 def end_chunk(tracker: TrackerArrays, run: PredictionArrays) -> None:
-    """End a chunk from which was learned: its sums are begun anew, where the motion is is remembered."""
+    """End a chunk from which was learned: its sums are begun again, where the motion is is remembered."""
     numbers, earlier = tracker.numbers, tracker.earlier
     clear_sums(run)
     earlier[int(numbers[EARLIER]) % earlier.shape[0]] = run.state

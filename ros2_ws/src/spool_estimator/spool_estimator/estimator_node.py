@@ -43,7 +43,7 @@ from spool_estimator.refit import RefitSettings, RefitWorker, WindowRefits
 from spool_estimator.stream_estimator import EXPONENTIAL, FORGETTING, StreamEstimator
 from spool_estimator.warm_up import warm_up_estimator
 
-#: Names and units of what is told of an estimate, whether or not it is known yet.
+#: Names and units of what is reported of an estimate, whether or not it is known yet.
 _TOLD = (
     ("spring_stiffness", "N/m"),
     ("viscous_coefficient", "N s/m"),
@@ -336,7 +336,7 @@ class GapService:
             self._answers.publish(self._message(answer))
 
     def close(self) -> None:
-        """End the worker and let go of the publishers."""
+        """End the worker and release the publishers."""
         self._worker.close()
         self._node.destroy_publisher(self._events)
         self._node.destroy_publisher(self._answers)

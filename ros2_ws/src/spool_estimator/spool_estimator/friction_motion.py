@@ -21,10 +21,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from spool_core.kernels.compiled import compiled
-
-Array = NDArray[np.float64]
+from spool_core.numbers import Array
 
 #: Places in the state: z (m), v (m/s), direction of slip (0 while sticking), then dz and dv by k, c, F_c.
 MOTION_STATES = 9
@@ -244,7 +242,7 @@ def slip_matrix(period: float, mass: float, parameters: Array, matrix: Array) ->
 
 @compiled
 def slip(state: Array, a0: float, am: float, a1: float, matrix: Array) -> bool:
-    """Move ``state`` on by one sample as ``advance_sample`` does, if the slip goes on for so long.
+    """Move ``state`` on by one sample as ``advance_sample`` does, if the slip lasts that long.
 
     Where it ends within the sample, or the spool sticks, leave ``state`` as it is and return False.
     """

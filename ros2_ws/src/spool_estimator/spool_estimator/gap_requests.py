@@ -77,7 +77,7 @@ class ResidualLevel:
 
 @dataclass(slots=True)
 class GapWatch:
-    """Model-gap watch: learns the median of what the model leaves over, and says when that grows.
+    """Learns the median of what the model leaves over, and says when that grows.
 
     Two measures must grow: the residual over the force, which a weaker excitation raises because the noise
     stays, and the force that is left (residual times stiffness times displacement, N), which a stronger
@@ -217,7 +217,7 @@ class GapWatch:
 
 @dataclass(slots=True)
 class RecentBlocks:
-    """Recent blocks: the last ``seconds`` s of one valve's sound blocks, and up to a second more.
+    """The last ``seconds`` s of one valve's sound blocks, and up to a second more.
 
     They are held as runs of about a second: thousands of small objects would make the collector stop a
     process that serves many valves.
@@ -269,7 +269,7 @@ class RecentBlocks:
 
 @dataclass(frozen=True, slots=True)
 class GapTask:
-    """Gap task: records on their way to an analysis; ``stamp`` (ns) is that of the newest sample."""
+    """Records on their way to an analysis; ``stamp`` (ns) is that of the newest sample."""
 
     records: Sequence[Record]
     valve: Valve
@@ -279,7 +279,7 @@ class GapTask:
 
 @dataclass(frozen=True, slots=True)
 class GapAnswer:
-    """Gap answer: what an analysis said; fields as in ``GapAnalysis``, ``done`` where there is a verdict."""
+    """What an analysis said; fields as in ``GapAnalysis``, ``done`` where there is a verdict."""
 
     stamp: int
     done: bool
@@ -305,7 +305,7 @@ def analyse_task(task: GapTask) -> GapAnswer:
 
 
 class GapWorker:
-    """Gap worker: each analysis in a process of its own, one at a time."""
+    """Each analysis in a process of its own, one at a time."""
 
     def __init__(self) -> None:
         """Start nothing yet."""

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.kernels.compiled import compiled
+from spool_core.numbers import Array
 
 from spool_estimator.prediction import (
     BAND_LIMITED,
@@ -32,7 +33,6 @@ from spool_estimator.prediction import (
 )
 from spool_estimator.sliding_window import COLUMNS, DIRECTION, SPOOL, Conditioning
 
-Array = NDArray[np.float64]
 Samples = NDArray[np.float32]
 
 #: Runs of the model that one descent takes at most, and the relative change of parameters that ends it.
@@ -54,7 +54,7 @@ _PERIOD, _PASS, _LEAK, _START, _SHARE, _TAKEN, _LATE, _MEAN_SQUARE = range(8)
 
 @dataclass(slots=True)
 class History:
-    """History: the last ``length`` samples of both channels since ``clear``, m/s^2; ``keep`` writes them."""
+    """The last ``length`` samples of both channels since ``clear``, m/s^2; ``keep`` writes them."""
 
     length: int
     taken: int = field(default=0, init=False)
@@ -152,7 +152,7 @@ def run_chunks(
 
 @dataclass(frozen=True, slots=True)
 class WindowFit:
-    """Window fit: what the free run fits best to a stretch of samples.
+    """What the free run fits best to a stretch of samples.
 
     Attributes:
         parameters: k (N/m), c (N s/m), F_c (N), shape (3,).

@@ -62,7 +62,7 @@ class Interval:
 
 @dataclass(slots=True)
 class ValveCheck:
-    """Valve check: compares a valve's description with the estimates of a record of it; bounded memory.
+    """Compares a valve's description with the estimates of a record of it; bounded memory.
 
     Attributes:
         valve: as it is described.

@@ -18,10 +18,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.kernels.compiled import compiled
+from spool_core.numbers import Array
 
 from spool_estimator.friction_motion import advance_sample, slip, slip_matrix
 
-Array = NDArray[np.float64]
 Samples = NDArray[np.float32]
 
 #: Samples between the newest one taken and the one that a row describes.
@@ -57,7 +57,7 @@ class PredictionArrays(NamedTuple):
 
 @dataclass(slots=True)
 class Prediction:
-    """Prediction: one valve's model run in parallel, and the sums of least squares since ``clear``.
+    """One valve's model run in parallel, and the sums of least squares since ``clear``.
 
     Args:
         sample_period: s.
@@ -124,11 +124,11 @@ class Prediction:
         self.clear()
 
     def copy(self) -> Prediction:
-        """Return a run that goes on from here by itself, its sums begun anew."""
+        """Return a run that goes on from here by itself, its sums begun again."""
         return self.at(self.state)
 
     def at(self, state: Array) -> Prediction:
-        """Return a run that goes on from ``state`` by itself, its sums begun anew."""
+        """Return a run that goes on from ``state`` by itself, its sums begun again."""
         other = Prediction(self.sample_period, self.mass, self.scale, self.low_cut, self.pointwise)
         other.state[:] = state
         return other
@@ -138,7 +138,7 @@ class Prediction:
         forget_derivatives(self.state)
 
     def clear(self) -> None:
-        """Begin the sums anew."""
+        """Begin the sums again."""
         clear_sums(self.arrays)
 
     @property
@@ -196,7 +196,7 @@ def score_noise(
 
 @compiled
 def clear_sums(run: PredictionArrays) -> None:
-    """Begin the sums of a prediction anew."""
+    """Begin the sums of a prediction again."""
     run.gram[:] = 0.0
     run.product[:] = 0.0
     run.sums[:] = 0.0

@@ -23,8 +23,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.kernels.compiled import compiled
+from spool_core.numbers import Array
 
-Array = NDArray[np.float64]
 Matrix = NDArray[np.floating]
 
 #: Chunks that are solved together before the recursion begins.
@@ -119,7 +119,7 @@ class RecursiveLeastSquares:
         return moved
 
     def begin(self, parameters: Array, grams: Array, scores: Array, mean_score: Array) -> None:
-        """Begin anew with ``parameters`` that fit n chunks.
+        """Begin again with ``parameters`` that fit n chunks.
 
         ``grams`` (n, p, p) and ``scores`` (n, p) are as for ``advance``, but weighted;
         ``mean_score`` is that of all, (p,).
@@ -239,7 +239,7 @@ def times(one: Matrix, other: Matrix) -> Array:
 
 @dataclass(slots=True)
 class ExponentialForgetting:
-    """Exponential forgetting: an error of target = row . parameters counts ``factor`` times less a sample.
+    """An error of target = row . parameters counts ``factor`` times less a sample.
 
     Args:
         size: number of parameters p.
@@ -349,7 +349,7 @@ class SlidingLeastSquares:
         return self._solve(present)
 
     def begin(self, parameters: Array, grams: Array, scores: Array, mean_score: Array) -> None:
-        """Begin anew with ``parameters`` that fit n chunks.
+        """Begin again with ``parameters`` that fit n chunks.
 
         ``grams`` (n, p, p) and ``scores`` (n, p) are as for ``advance``, but weighted;
         ``mean_score`` is that of all, (p,).

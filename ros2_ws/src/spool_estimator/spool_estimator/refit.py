@@ -47,7 +47,7 @@ class RefitState(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class RefitSettings:
-    """Refit settings: ``model`` is fitted to the last ``window`` s, every ``period`` s of data."""
+    """``model`` is fitted to the last ``window`` s, every ``period`` s of data."""
 
     valve: Valve
     model: Model
@@ -57,7 +57,7 @@ class RefitSettings:
 
 @dataclass(frozen=True, slots=True)
 class WindowTask:
-    """Window task: one window on its way to a fit.
+    """One window on its way to a fit.
 
     ``stamp`` (ns) is that of its newest sample, ``last_sequence`` of the block it came in, ``start`` what the
     recursion knew by then, by name; ``idle`` why there is nothing to fit, empty where there is.
@@ -91,7 +91,7 @@ class Refit:
 
 @dataclass(slots=True)
 class WindowRefits:
-    """Window refits: keeps the last seconds of one valve's stream and say when a window is due.
+    """Keeps the last seconds of one valve's stream and say when a window is due.
 
     Windows end at multiples of the period after the last gap, however the stream is split into blocks.
     """
@@ -186,7 +186,7 @@ def refit(task: WindowTask) -> Refit:
 
 
 class RefitWorker:
-    """Refit worker: fits windows in a process of its own.
+    """Fits windows in a process of its own.
 
     Attributes:
         done: refits collected since the start.

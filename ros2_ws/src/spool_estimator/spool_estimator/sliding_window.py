@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.kernels.compiled import compiled
+from spool_core.numbers import Array
 
-Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
 #: Columns of a row: relative displacement (m), relative velocity (m/s), direction of sliding (1),
@@ -37,7 +37,7 @@ class WindowArrays(NamedTuple):
 
 @dataclass(slots=True)
 class ChunkWindow:
-    """Chunk window: sums of ``length`` chunks; ``scale``, shape (p,), makes parameters of order one."""
+    """Sums of ``length`` chunks; ``scale``, shape (p,), makes parameters of order one."""
 
     scale: Array
     length: int = 10
@@ -144,7 +144,7 @@ def take_chunk(
 
 @dataclass(slots=True)
 class Conditioning:
-    """Conditioning: band-pass and integrations of one valve's stream.
+    """Band-pass and integrations of one valve's stream.
 
     Args:
         sample_period: s.
@@ -289,7 +289,7 @@ def _high_pass(rings: Array, sums: Array, row: int, place: int, value: float) ->
 
 @compiled
 def _refresh(rings: Array, sums: Array) -> None:
-    """Sum the rings anew, so that rounding does not grow with run time."""
+    """Sum the rings again, so that rounding does not grow with run time."""
     for row in range(rings.shape[0]):
         total = 0.0
         for column in range(rings.shape[1]):

@@ -9,17 +9,15 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from spool_core.block import Block, Samples
 from spool_core.block_gate import BlockGate, Fault, Verdict
 from spool_core.kernels.samples import OutlierFilter, StandingWatch
+from spool_core.numbers import Array
 from spool_core.rate_check import REFUTE
 from spool_core.uncertainty import Quantity, Validity
 
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.identification.oil import OilLaw, OilReference
-
-Array = NDArray[np.float64]
 
 #: s, samples are taken in and judged in chunks of this length.
 CHUNK = 0.1
@@ -112,7 +110,7 @@ class Learned:
 
 @dataclass(slots=True)
 class LastGood(Generic[Known]):
-    """Last good estimates: the newest that track, each with what its estimator knew then."""
+    """The newest that track, each with what its estimator knew then."""
 
     _kept: deque[tuple[Estimate, Known]] = field(default_factory=lambda: deque(maxlen=KEPT))
 
@@ -194,7 +192,7 @@ class StreamEstimator(ABC):
 
     @abstractmethod
     def _restart(self, period: float) -> None:
-        """Begin the motion anew with samples ``period`` s apart; what was learned is kept."""
+        """Begin the motion again with samples ``period`` s apart; what was learned is kept."""
 
     @abstractmethod
     def _take(self, body: Samples, spool: Samples, most: int) -> tuple[int, int]:

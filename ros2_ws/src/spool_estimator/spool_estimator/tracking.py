@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.kernels.samples import StandingWatch
+from spool_core.numbers import Array
 
 from spool_estimator import chunks
 from spool_estimator.chunks import LENGTHS, NOISE, SMALLEST_NOISE
@@ -18,7 +19,6 @@ from spool_estimator.sliding_window import ChunkWindow
 
 from .stream_estimator import CHUNK
 
-Array = NDArray[np.float64]
 Samples = NDArray[np.float32]
 
 #: s of samples that are kept for starts.
@@ -76,7 +76,7 @@ class Tracker:
             displacement (m), velocity (m/s); NaN before the first. Displacement and velocity start at zero
             and settle within seconds; they only weigh deviations.
         displacement: the spool's in the body, unknown until its start is estimated.
-        refits: how often the model was fitted anew to the last samples.
+        refits: how often the model was fitted again to the last samples.
         standing: whether the channels change; of a chunk in which they do not nothing is learned.
 
     """
@@ -190,7 +190,7 @@ class Tracker:
         )  # fmt: skip
 
     def restore(self, known: Knowledge | None) -> None:
-        """Go back to what was ``known``, or to nothing, and begin the motion anew."""
+        """Go back to what was ``known``, or to nothing, and begin the motion again."""
         if known is None:
             self._forget()
             return
@@ -205,12 +205,12 @@ class Tracker:
         self.restart()
 
     def begin(self) -> None:
-        """Begin anew after a gap: what was learned is kept, the newest samples are not."""
+        """Begin again after a gap: what was learned is kept, the newest samples are not."""
         self.standing.reset()
         self.restart()
 
     def restart(self) -> None:
-        """Begin the motion anew: what was learned is kept."""
+        """Begin the motion again: what was learned is kept."""
         pointwise, offset = self.prediction.pointwise, self.prediction.offset
         self.prediction.reset(offset if self.started else math.nan)
         self.prediction.pointwise = pointwise

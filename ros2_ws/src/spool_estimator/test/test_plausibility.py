@@ -1,4 +1,4 @@
-"""A valve file against a record: the wrong one is told, the right one not doubted, no guess without data."""
+"""A valve file against a record: a wrong one is reported, a right one is not, no guess without data."""
 
 from __future__ import annotations
 

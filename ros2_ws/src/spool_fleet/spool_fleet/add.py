@@ -96,7 +96,7 @@ def add(
         bags: absolute paths.
         naming: gives machine and valve.
         scans: scans bags, on whatever executor.
-        advance: is told the number of bags that were looked at.
+        advance: called with the number of bags that were looked at.
     """
     added = Added()
     changed = []

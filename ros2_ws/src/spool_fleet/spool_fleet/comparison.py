@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 from statistics import median
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg, stats
+from spool_core.numbers import Array
 
 from spool_fleet.observations import BIN, Weekly, mean_square, spread, week_of
 
@@ -35,7 +35,6 @@ TOGETHER = 0.6
 #: Share of the mean square over months below which a comparison is worth the noise that sisters add.
 QUIETER = 0.9
 
-Array = NDArray[np.float64]
 
 #: Days of a month.
 MONTH = 30.44
@@ -55,7 +54,7 @@ LEAST_VARIANCE = 1e-10
 
 #: Sisters from which their median is a course to compare with.
 LEAST_SISTERS = 4
-#: Weeks over which slow wandering is told from the noise of neighbouring weeks, at least.
+#: Weeks over which slow wandering is distinguished from the noise of neighbouring weeks, at least.
 LAG = 8
 #: 1/K: slope of the logarithm where values are referred to one temperature (the monitor's error of an oil's
 #: law) and where they are not (an ISO VG 68 oil around 45 deg C, ASTM D341), each with its spread.
@@ -69,7 +68,7 @@ WITHIN = 10.0
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """Compared valves: the likeliest change of each, and of what the valves of each machine do together.
+    """The likeliest change of each, and of what the valves of each machine do together.
 
     Attributes:
         valves: ``None`` where the weeks are too few.

@@ -108,7 +108,7 @@ PAUSES, LEAST_SILENCE = 3.0, 14.0
 
 @dataclass(frozen=True, slots=True)
 class Light:
-    """Light: ``name`` in the page's styles; ``mark`` and ``word`` say it without colour."""
+    """``name`` in the page's styles; ``mark`` and ``word`` say it without colour."""
 
     name: str
     mark: str
@@ -138,7 +138,7 @@ LIGHTS = (ALARM, WARNING, SILENT, WHOLE, NOT_KNOWN, LEARNS, GOOD)
 #: Those of which reports are made, and which are opened for print.
 CONSPICUOUS = (ALARM, WARNING, WHOLE)
 
-#: Months below which days are told: half a month rounded to two digits says too little or too much.
+#: Months below which days are shown: half a month rounded to two digits says too little or too much.
 SHORT = 1.0
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 
@@ -401,7 +401,7 @@ def write_reports(
 ) -> dict[str, str]:
     """Write the replay reports of the ``number`` newest bags of each conspicuous valve of the page ``out``.
 
-    What is not there any more or cannot be replayed is told and left out. A valve has as many reports as
+    What is not there any more or cannot be replayed is reported and left out. A valve has as many reports as
     bags in its table at most.
 
     Returns:

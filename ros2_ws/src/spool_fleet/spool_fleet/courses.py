@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_core.uncertainty import Z_95
 
 from spool_fleet.comparison import LEAST_WEEKS, pooled_slope
@@ -29,7 +30,6 @@ from spool_fleet.observations import (
 )
 from spool_fleet.query import ask
 
-Array = NDArray[np.float64]
 #: Points of a course at most: two years of weeks; a chart has hardly more columns of pixels to tell apart.
 MOST_POINTS = 104
 

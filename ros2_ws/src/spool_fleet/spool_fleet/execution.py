@@ -95,7 +95,7 @@ def run_tasks(
         tasks: as of ``tasks_due``.
         keys: of each analysis, kept with its results: what they follow from besides the record.
         executor: runs them.
-        advance: is told the number of bags that were done.
+        advance: called with the number of bags that were done.
     """
     result = RunResult()
     for done in executor.run(run_task, tasks):
@@ -122,7 +122,7 @@ def bring_up_to_date(manifest: Manifest) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """Task: which analyses of which valves of the bag at ``path``; ``valve_file`` as in ``Subject``.
+    """Which analyses of which valves of the bag at ``path``; ``valve_file`` as in ``Subject``.
 
     ``settings`` holds those of each valve, by namespace.
     """
@@ -160,7 +160,7 @@ def failed(task: Task, reason: str) -> list[Outcome]:
 
 @dataclass(frozen=True, slots=True)
 class Done(Generic[Item, Found]):
-    """Done work: what was ``found`` for ``item``, or the ``reason`` why nothing could be."""
+    """What was ``found`` for ``item``, or the ``reason`` why nothing could be."""
 
     item: Item
     found: Found | None
@@ -168,7 +168,7 @@ class Done(Generic[Item, Found]):
 
 
 class Executor(Protocol):
-    """Executor: runs a function of one item, an item at a time on each worker, in no particular order."""
+    """Runs a function of one item, an item at a time on each worker, in no particular order."""
 
     def run(self, work: Callable[[Item], Found], items: Iterable[Item]) -> Iterator[Done[Item, Found]]:
         """Yield what was done as it becomes known; items are taken as workers become free."""

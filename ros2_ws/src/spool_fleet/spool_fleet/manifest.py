@@ -96,7 +96,7 @@ class StoredResult:
 
 @dataclass(frozen=True, slots=True)
 class Service:
-    """Service event: what was done to a valve, or to all of a machine (``valve`` empty), and when (ns)."""
+    """What was done to a valve, or to all of a machine (``valve`` empty), and when (ns)."""
 
     machine: str
     valve: str

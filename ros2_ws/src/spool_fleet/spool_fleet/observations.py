@@ -10,11 +10,10 @@ from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_core.numbers import Array
 
 from spool_fleet.analyses.base import REFERRED
 from spool_fleet.query import ask
-
-Array = NDArray[np.float64]
 
 VISCOUS, COULOMB, STIFFNESS = "viscous_coefficient", "coulomb_force", "spring_stiffness"
 #: Parameters that wear, dirt and springs change.
@@ -65,7 +64,7 @@ class Series:
 
 @dataclass(frozen=True, slots=True)
 class ObservedValve:
-    """Observed valve: its series by parameter."""
+    """Its series by parameter."""
 
     machine: str
     valve: str

@@ -28,7 +28,7 @@ _WHOSE = "({machine} = '' OR machine = {machine}) AND ({valve} = '' OR valve = {
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """Question: ``sql`` with ``{machine}``, ``{valve}``, ``{parameter}`` as quoted texts; empty: all."""
+    """``sql`` with ``{machine}``, ``{valve}``, ``{parameter}`` as quoted texts; empty: all."""
 
     line: str
     sql: str

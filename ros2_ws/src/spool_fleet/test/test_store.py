@@ -1,4 +1,4 @@
-"""Store of a fleet: what is damaged is told, runs go on where they ended, same bags give same bytes."""
+"""Store of a fleet: what is damaged is reported, runs go on where they ended, same bags give same bytes."""
 
 from __future__ import annotations
 

@@ -196,7 +196,7 @@ TIME = np.arange(COUNT) / RATE
 
 def wave(hertz: float, gain: float = 1.0, phase: float = 0.0) -> Array:
     """Return a cosine whose mirror images at both ends are itself."""
-    return cast(Array, gain * np.cos(2.0 * np.pi * hertz * TIME + phase))
+    return cast("Array", gain * np.cos(2.0 * np.pi * hertz * TIME + phase))
 
 
 def middle(row: Array) -> Array:
@@ -248,7 +248,7 @@ def test_sizes_of_a_motion_are_those_worked_out_by_hand() -> None:
 def test_channel_reads_a_sine_as_worked_out_by_hand(
     name: str, values: Mapping[str, float], by_hand: dict[float, tuple[float, float]]
 ) -> None:
-    entry = cast(SensorEffect, EFFECTS[name])
+    entry = cast("SensorEffect", EFFECTS[name])
     for hertz, (gain, phase) in by_hand.items():
         rows = np.array([wave(hertz), wave(hertz, 3.0)])
         one, other = entry.reading(rows, 1.0 / RATE, values)

@@ -62,7 +62,7 @@ class AlarmRefusedError(InputError):
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """Alarm: one condition of a valve as an operator sees it; times in ns, 0: never.
+    """One condition of a valve as an operator sees it; times in ns, 0: never.
 
     ``active`` and ``severity`` follow the condition; ``event`` is its last one, ``None`` before the first.
     ``occurrence`` counts how often it was announced.

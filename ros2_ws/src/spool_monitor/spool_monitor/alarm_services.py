@@ -215,7 +215,7 @@ class AlarmServices:
             actions[request.action](operator)
             self._state.keep_baseline()
             done = {
-                request.LEARN: "learning anew",
+                request.LEARN: "learning again",
                 request.FREEZE: "frozen",
                 request.RESTORE: f"version {request.version} restored",
             }[request.action]

@@ -35,7 +35,7 @@ _KEPT = tuple(one.name for one in fields(Alarm))
 
 @dataclass(slots=True)
 class AlarmStore:
-    """Alarm store: every alarm that a valve can have, by its name; fed with the monitor's events.
+    """Every alarm that a valve can have, by its name; fed with the monitor's events.
 
     ``latching``: kinds that stay until somebody resets them. Stamps are in ns, those of operators and of
     :meth:`advance` from one clock.

@@ -141,12 +141,12 @@ class BaselineRecord:
         if valve_id != self.valve_id:
             raise InputError(
                 f"baseline version {self.version} is of valve {self.valve_id}, not of {valve_id}: "
-                "name that valve's state_folder, or learn anew"
+                "name that valve's state_folder, or learn again"
             )
         if oil and self.oil and oil != self.oil:
             raise InputError(
                 f"baseline version {self.version} of {valve_id} was learned with {self.oil}, "
-                f"the valve runs on {oil}: learn anew"
+                f"the valve runs on {oil}: learn again"
             )
 
     def covers(self, celsius: float, margin: float = 5.0) -> bool:

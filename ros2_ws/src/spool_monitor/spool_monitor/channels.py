@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from spool_core.block import Samples
 from spool_core.kernels.compiled import compiled
+from spool_core.numbers import Array
 from spool_estimator.identification.channel_faults import (
     ChannelFault,
     PairLook,
@@ -26,7 +27,7 @@ from spool_estimator.identification.channel_faults import (
     look_at_pair,
 )
 
-from spool_monitor.window import Array, Complex, SignalWindow
+from spool_monitor.window import Complex, SignalWindow
 
 #: s before a standstill in which a channel's span is looked at.
 BEFORE = 0.1
@@ -253,7 +254,7 @@ class ChannelWatch:
 
 @dataclass(frozen=True, slots=True)
 class ValveResponse:
-    """Linear response: ``natural_frequency`` (Hz), ``damping`` d (1/s), ``gain`` g with its deviation (1).
+    """``natural_frequency`` (Hz), ``damping`` d (1/s), ``gain`` g with its deviation (1).
 
     ``misfit``: rms of what the fit leaves over that of the spool.
     """
@@ -284,7 +285,7 @@ def transfer(frequency: float, square: float, damping: float) -> complex:
 
 @dataclass(slots=True)
 class ResponseTracker:
-    """Response tracker: follows the response over the last few windows."""
+    """Follows the response over the last few windows."""
 
     _weight: float = field(default=0.0, init=False)
     _body: Array = field(default_factory=lambda: np.zeros(0), init=False)

@@ -51,7 +51,7 @@ FOLLOWS = 0.1
 
 @dataclass(slots=True)
 class Detection:
-    """Detection: shows blocks and estimates to the detectors.
+    """Shows blocks and estimates to the detectors.
 
     Attributes:
         parameters: tests of the estimated parameters, by name.
@@ -121,7 +121,7 @@ class Detection:
             self.reference = configured(settings[NATURAL_FREQUENCY])
 
     def set_limits(self, settings: MonitorSettings) -> None:
-        """Judge by other thresholds from now on; sums of changes whose size is another one start anew."""
+        """Judge by other thresholds from now on; sums of changes whose size is another one start again."""
         self.settings = settings
         for one in self.detectors:
             one.settings = settings

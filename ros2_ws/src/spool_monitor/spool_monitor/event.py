@@ -34,7 +34,7 @@ class EventCause:
 
 @dataclass(frozen=True, slots=True)
 class EventKind:
-    """Event kind: what its events mean to a plant and to an operator.
+    """What its events mean to a plant and to an operator.
 
     A number (``code``) once given never changes its meaning. ``latching``: its alarms stay until somebody
     resets them, since the machine must not forget them by itself. ``task`` is the one of ``/diagnostics``
@@ -96,7 +96,7 @@ class Condition:
     _last: Facts = field(default=Facts(), init=False)
 
     def judge(self, finding: Finding) -> list[Event]:
-        """Return the event that follows, if any; where the stamp goes back, the delay starts anew."""
+        """Return the event that follows, if any; where the stamp goes back, the delay starts again."""
         stamp, indicated = finding.stamp, finding.indicated
         wanted = indicated is not None if self.active is None else finding.released
         if self.active is not None and indicated is not None:

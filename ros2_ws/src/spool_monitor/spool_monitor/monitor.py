@@ -25,7 +25,7 @@ FIRST_ESTIMATE = 2.0
 #: s beyond ``stale_after`` that a source may take to start: four nodes of a valve start within half of it.
 FIRST_BLOCK = 10.0
 
-#: What the detectors are told where the stamps do not confirm the sample rate.
+#: What the detectors get where the stamps do not confirm the sample rate.
 UNCONFIRMED = "the stamps do not confirm the sample rate"
 
 
@@ -59,7 +59,7 @@ class Monitor:
         events = self._data_faults.judge(self.gate, judged_at)
         if verdict is Verdict.REFUSED:
             return events
-        # Only a loss says how long nothing came: a clock that was set, or a source that began anew, does not.
+        # Only a loss says how long nothing came: a clock that was set or a restarted source does not.
         if before is not None and self.gate.fault is Fault.LOST:
             silent, patience = ((block.stamp - before[1]) * 1e-9, self.settings[STALE_AFTER])
             if silent > patience:

@@ -64,7 +64,7 @@ _KEEPING = (
 )  # fmt: skip
 
 #: s that an estimator or simulator of the same namespace may take to start: kernels of several nodes may be
-#: compiled, one after the other. Once it was heard, or without one, silence is told immediately.
+#: compiled, one after the other. Once it was heard, or without one, silence is reported immediately.
 STARTS = 180.0
 
 #: Samples that may be judged together while nothing is wrong: as many as come together.

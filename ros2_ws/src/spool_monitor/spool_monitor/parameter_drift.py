@@ -15,10 +15,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import ndtri
 from spool_core.events.event import Facts
+from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 
@@ -67,7 +67,6 @@ REPEATS, LAGS, FOLLOWED = 0.3, 30.0, 60.0
 #: the start value was learned, and K at most.
 VISCOSITY_PER_KELVIN, WARMS, WARMS_MOST = 0.05, 0.5 / 60.0, 25.0
 
-Array = NDArray[np.float64]
 
 #: Points that are kept; where there are more, every other one goes.
 MOST = 128
@@ -146,7 +145,7 @@ class ParameterDrift:
 
     Where the estimates carry it, the viscous coefficient is compared as referred to one oil temperature; a
     start value learned so is never compared with one at any other. Not judged is what is held, what is too
-    uncertain, and what ``update`` is told to distrust.
+    uncertain, and what ``update`` must distrust.
 
     The limit follows from ``run_length``, the mean time (s) to a false alarm, and from what is uncertain: the
     estimate and its mean error at another operating point, the start value, the oil's law and thermometer.
@@ -352,7 +351,7 @@ class ParameterDrift:
 
     @property
     def threshold(self) -> float:
-        """Sum from which a change is told; NaN while nothing was judged.
+        """Sum from which a change is reported; NaN while nothing was judged.
 
         By the spread of estimates that forget over their memory, and so are not independent.
         """
@@ -464,7 +463,7 @@ class CumulativeSum:
         self.down = max(0.0, self.down + seconds * (-bounded - self.allowance))
 
     def reset(self) -> None:
-        """Begin anew."""
+        """Begin again."""
         self.up = self.down = 0.0
 
     @property
@@ -557,7 +556,7 @@ class DriftPoint:
         matters: change that warns, in the same unit; twice that is an alarm.
         change: smoothed, in units of the change that warns.
         up, down: cumulative sums of changes to both sides, s times that unit.
-        threshold: sum from which a change is told, likewise; NaN while nothing was judged.
+        threshold: sum from which a change is reported; NaN while nothing was judged.
     """
 
     stamp: int

@@ -32,7 +32,7 @@ class Replay:
         gap: watches what the model leaves over, as the estimator's node does.
         refitted: every refit, where ``refits`` asked for them; none is skipped here.
         trace: takes what the drift tests show, where it is given.
-        learned: is told each estimate once the drift tests have learned from it.
+        learned: called with each estimate once the drift tests have learned from it.
         check: compares the valve's description with the estimates, where it is given.
         events: every event; a valve that flaps is bounded by its conditions' delays.
 

@@ -32,7 +32,7 @@ class Found(NamedTuple):
 
 @dataclass(slots=True)
 class StateFile:
-    """State file: JSON with a checksum, the last good copy next to it.
+    """JSON with a checksum, the last good copy next to it.
 
     Saving writes ``NAME.new`` to the disk first, then renames the present file to ``NAME.last`` and the new
     one to ``NAME``: whatever a power loss interrupts, one whole state is there, and loading takes the newest.
@@ -130,7 +130,7 @@ class StateFile:
 
 
 class FolderLock:
-    """Lock of a folder: sole right to write in it, held until it is let go of or the process ends.
+    """Lock of a folder: sole right to write in it, held until it is released or the process ends.
 
     Raises:
         OSError: the folder can't be made or written, or another process holds it (BlockingIOError).

@@ -24,7 +24,7 @@ _DISPLACEMENT, _VELOCITY, _TURN, _EXTREME, _DIRECTION, _TRAVEL, _REVERSALS, _SET
 
 @dataclass(slots=True)
 class TravelCounter:
-    """Travel counter: adds up the spool's way in the body, from turn to turn.
+    """Adds up the spool's way in the body, from turn to turn.
 
     The difference of both accelerations is integrated twice above :data:`LOW_CUT`. A turn counts when the
     spool has come back by ``threshold`` (m), so that noise does not travel: 0.05 m/s^2 rms on both sensors
@@ -48,7 +48,7 @@ class TravelCounter:
         return int(self._state[_REVERSALS])
 
     def update(self, block: Block) -> None:
-        """Take an accepted block; after a gap the integrators start anew."""
+        """Take an accepted block; after a gap the integrators start again."""
         gap = abs(block.stamp - self._due) > 0.5 * (block.end - block.stamp) + 2e9 * block.sample_period
         if gap or block.sample_period != self._period:
             self._restart(block.sample_period)

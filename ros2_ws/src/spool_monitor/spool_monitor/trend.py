@@ -127,11 +127,11 @@ class Sums:
 
 
 class LaterVersionError(InputError):
-    """Later version: one of the suite wrote the file; this one must not change it."""
+    """One of the suite wrote the file; this one must not change it."""
 
 
 class TrendStore:
-    """Trend store: one valve's file; a kill or a power loss costs what was not written yet, never the file.
+    """One valve's file; a kill or a power loss costs what was not written yet, never the file.
 
     Only its owner may read a file that is written. ``patience`` is how long a writing waits for another
     program's lock, s.
@@ -278,7 +278,7 @@ def finest(lengths: Iterable[int], duration: float, most: int = 1500) -> int:
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
-    """Return what the file at ``path`` is told from another one by, ``None`` where there is none."""
+    """Return what the file at ``path`` is distinguished from another one by, ``None`` where there is none."""
     try:
         status = path.stat()
     except OSError:

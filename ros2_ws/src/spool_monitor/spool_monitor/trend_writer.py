@@ -79,7 +79,7 @@ class TrendWriter:
         self._writing = self._worker.submit(self._write, taken, stamp)
 
     def close(self) -> None:
-        """Write the rest and let go of the file; what could not be written by now is lost."""
+        """Write the rest and close the file; what could not be written by now is lost."""
         self._worker.shutdown()
         self._writing = None
         if not self.trouble:  # the process that holds the file must not hold up the end of the node again

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy import fft
 from spool_core.block import Block, Samples
 from spool_core.kernels.compiled import compiled
+from spool_core.numbers import Array
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 #: Hz, below lies drift, above no spring of a directional valve resonates.
@@ -20,7 +20,7 @@ BAND = (4.0, 250.0)
 
 
 class SignalWindow(NamedTuple):
-    """Signal window: body and spool in the second that ends at ``stamp`` (ns, newest sample).
+    """Body and spool in the second that ends at ``stamp`` (ns, newest sample).
 
     ``number`` counts the windows since the last gap. ``samples`` (m/s^2) have the shape (2, n), ``spectrum``
     has (2, n // 2 + 1): the transform of the samples less their means, under a Hann taper, lines ``step`` Hz
@@ -38,7 +38,7 @@ class SignalWindow(NamedTuple):
 
 @dataclass(slots=True)
 class WindowTracker:
-    """Window tracker: the last ``length`` s every ``hop`` s of data; the same for any split into blocks."""
+    """The last ``length`` s every ``hop`` s of data; the same for any split into blocks."""
 
     length: float = 1.0
     hop: float = 0.25

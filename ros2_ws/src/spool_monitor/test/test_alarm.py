@@ -86,7 +86,7 @@ def alarm(state: AlarmState, *, latching: bool = False, cover: frozenset[str] = 
     )
 
 
-#: Announced anew: unacknowledged.
+#: Announced again: unacknowledged.
 NEW = (U, (Action.ANNOUNCE,))
 
 #: The standard's table by state and latch: what follows each of INPUTS, None where it is refused.

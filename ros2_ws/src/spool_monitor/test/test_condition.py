@@ -63,12 +63,12 @@ def course(*steps: tuple[float, tuple[Severity | None, bool]]) -> list[tuple[flo
         pytest.param(
             [(0.0, WARN), (0.5, WARN), (1.0, QUIET), (1.5, BETWEEN), (2.0, QUIET), (2.9, QUIET)],
             [(0.5, RAISED, WARNING)],
-            id="the off delay starts anew after between",
+            id="the off delay starts again after between",
         ),
         pytest.param(
             [(0.0, WARN), (0.5, WARN), (1.0, QUIET), (1.5, WARN), (2.0, QUIET), (2.9, QUIET)],
             [(0.5, RAISED, WARNING)],
-            id="the off delay starts anew after an indication",
+            id="the off delay starts again after an indication",
         ),
         pytest.param(
             [(0.0, WARN), (0.5, WARN), (0.6, ALARMING), (0.7, WARN), (0.8, ALARMING)],
@@ -83,7 +83,7 @@ def course(*steps: tuple[float, tuple[Severity | None, bool]]) -> list[tuple[flo
         pytest.param(
             [(9.0, WARN), (1.0, WARN), (1.4, WARN), (1.5, WARN)],
             [(1.5, RAISED, WARNING)],
-            id="a clock set back starts the delay anew",
+            id="a clock set back starts the delay again",
         ),
         pytest.param(
             [(9.0, WARN), (9.5, WARN), (20.0, QUIET), (1.0, QUIET), (1.9, QUIET), (2.0, QUIET)],

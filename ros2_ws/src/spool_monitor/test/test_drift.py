@@ -57,7 +57,7 @@ def learned(*, relative: bool = True, values: tuple[float, ...] = (2.0, 2.0, 2.0
 
 
 def found_after(made: ParameterDrift, values: list[float], deviation: float = 0.001) -> float:
-    """Return the s after which ``values``, one a second, are told to be a change; infinite for never."""
+    """Return the s after which ``values``, one a second, are reported as a change; infinite for never."""
     for second, value in enumerate(values, 10):
         made.update(estimate(second, value, deviation))
         if made.level is not None:
@@ -220,7 +220,7 @@ def test_the_limit_follows_from_the_interval_between_false_alarms(days: float) -
     made = learned()
     made.run_length = days * 86_400.0
     made.update(estimate(10, 2.0))
-    # Twice the tail of a normal number, drawn anew for each ten minutes at one operating point.
+    # Twice the tail of a normal number, drawn again for each ten minutes at one operating point.
     sigma = 1.92e-2 / 0.2
     exceeds = math.erfc(made.certain_from / sigma / math.sqrt(2.0))
     assert exceeds * days * 144.0 == pytest.approx(1.0, rel=0.1)

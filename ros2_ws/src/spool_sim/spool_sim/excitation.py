@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import (
     BaseModel,
     BeforeValidator,
@@ -22,11 +21,11 @@ from pydantic import (
     model_validator,
 )
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 from spool_core.text import did_you_mean
 
 from spool_sim.valve import NotNegative, Number, Positive, one_line, read_mapping
 
-Array = NDArray[np.float64]
 TURN = 2.0 * math.pi
 
 #: Samples on each side that one value between samples is made from, and the power of their window.
@@ -37,7 +36,7 @@ _REST = 1e-4
 
 
 class Excitation(BaseModel, ABC):
-    """Excitation: body acceleration as a pure function of time; frozen, no state.
+    """Body acceleration as a pure function of time; frozen, no state.
 
     Attributes:
         soft_start: s over which the amplitude rises from zero at t = 0 (raised cosine); 0 for none.
@@ -107,7 +106,7 @@ class SteadySine(Excitation):
 
 
 class SteppedSine(Excitation):
-    """Stepped sine: it dwells on one frequency after the other, then starts over; the phase never jumps.
+    """It dwells on one frequency after the other, then starts over; the phase never jumps.
 
     Either ``frequencies``, or ``start_frequency``, ``stop_frequency`` and ``frequency_step``.
 
@@ -169,14 +168,14 @@ class SteppedSine(Excitation):
 
 
 class SweptSine(Excitation):
-    """Swept sine: its frequency runs between two values, again and again; the phase never jumps.
+    """Its frequency runs between two values, again and again; the phase never jumps.
 
     Attributes:
         start_frequency, stop_frequency: Hz.
         duration: s for one run from start to stop.
         amplitude: peak, m/s^2.
         scale: "linear" (same time per Hz) or "logarithmic" (same time per octave).
-        repeat: "up_down" runs back the same way, "restart" begins anew, "hold" stays at the stop frequency.
+        repeat: "up_down" runs back the same way, "restart" begins again, "hold" stays at the stop frequency.
     """
 
     kind: Literal["swept_sine"] = "swept_sine"
@@ -221,7 +220,7 @@ class SweptSine(Excitation):
 
 
 class Multisine(Excitation):
-    """Multisine: lines of equal amplitude on whole multiples of 1 / period; repeats exactly after ``period``.
+    """Lines of equal amplitude on whole multiples of 1 / period; repeats exactly after ``period``.
 
     Attributes:
         low_frequency, high_frequency: band, Hz.

@@ -19,7 +19,7 @@ STEP = 0.1
 
 
 class LubricationRegime(Enum):
-    """Lubrication regime: what carries the load between two surfaces."""
+    """What carries the load between two surfaces."""
 
     BOUNDARY = "boundary"
     MIXED = "mixed"
@@ -76,7 +76,7 @@ def lubrication_regime(film: float) -> LubricationRegime:
 
 @dataclass(slots=True)
 class OilTable:
-    """Viscosity table: ratio to the viscosity at the valve's reference temperature, made at its first use."""
+    """Ratio to the viscosity at the valve's reference temperature, made at its first use."""
 
     valve: Valve
     _temperatures: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0), init=False)

@@ -21,7 +21,7 @@ NEEDED: tuple[str, ...] = ("inertia", "spring")
 
 @dataclass(frozen=True)
 class Model:
-    """Model: force terms that add up to zero, with the values that differ from the terms' start values.
+    """Force terms that add up to zero, with the values that differ from the terms' start values.
 
     Attributes:
         name: as in reports.

@@ -7,12 +7,10 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from spool_core.numbers import Array
 
 from spool_sim.valve import NotNegative, Number, Positive, one_line, read_mapping
-
-Array = NDArray[np.float64]
 
 #: Samples that one delayed sample is interpolated from (polynomial of degree 5).
 _NODES = 6
@@ -41,7 +39,7 @@ class Sensor(BaseModel):
 
 
 class SensorChannel:
-    """Sensor channel: a sensor read sample after sample; readings do not depend on how reads are split."""
+    """A sensor read sample after sample; readings do not depend on how reads are split."""
 
     def __init__(self, sensor: Sensor, seed: int | np.random.SeedSequence) -> None:
         self.sensor = sensor
@@ -62,7 +60,7 @@ class SensorChannel:
 
 
 class FractionalDelay:
-    """Fractional delay: by any number of samples, causal, over a signal that comes in pieces.
+    """By any number of samples, causal, over a signal that comes in pieces.
 
     A polynomial of degree 5 through six past samples, centred around the delayed instant where the delay is
     2 samples or more. Before the first sample the signal is taken as zero.
@@ -92,7 +90,7 @@ def _weight(position: float, place: int, places: list[int]) -> float:
 
 
 class MeasuringChain(BaseModel):
-    """Measuring chain: a = a_acc K1 K2, the paper's equations (30) to (32). Frozen.
+    """A = a_acc K1 K2, the paper's equations (30) to (32). Frozen.
 
     Attributes:
         accelerometer: relative uncertainty of the accelerometer.
@@ -138,7 +136,7 @@ PAPER_CHAIN = MeasuringChain(accelerometer=0.01, conditioner=0.01, oscilloscope=
 
 
 class Sensors(BaseModel):
-    """Sensors: the two accelerometers of a valve. Frozen."""
+    """The two accelerometers of a valve. Frozen."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

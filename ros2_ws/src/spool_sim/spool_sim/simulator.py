@@ -56,7 +56,7 @@ class Truth:
 
 @dataclass(frozen=True, slots=True)
 class _Ramp:
-    """Ramp: a value that runs linearly from ``start`` to ``target`` from sample ``first`` on."""
+    """A value that runs linearly from ``start`` to ``target`` from sample ``first`` on."""
 
     start: float
     target: float

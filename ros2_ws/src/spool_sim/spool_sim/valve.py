@@ -18,6 +18,7 @@ from pydantic import (
 )
 from spool_core.errors import InputError
 from spool_core.files import read_yaml
+from spool_core.numbers import GRAVITY
 from spool_core.text import did_you_mean
 
 from spool_sim.viscosity import OILS
@@ -41,8 +42,6 @@ LIKELY_DAMPING = 0.2
 
 #: kg/m^3, density of steel (EN 10088-1 gives 7700 to 8000 for stainless steels, plain steels lie in between).
 STEEL = 7850.0
-#: m/s^2, standard gravity (ISO 80000-3).
-GRAVITY = 9.80665
 #: Diameters: spools are some 4 to 10 long; four times the longest, of solid steel, is the heaviest believed.
 LONGEST = 40.0
 #: Share of a solid steel land that the lightest spool weighs: aluminium is a third of steel, a tube with thin
@@ -82,7 +81,7 @@ NotNegative = Annotated[Number, Field(ge=0.0)]
 
 
 class Valve(BaseModel):
-    """Valve: a spool with its centring springs, its land and its oil. Frozen; SI units.
+    """A spool with its centring springs, its land and its oil. Frozen; SI units.
 
     ``id``, ``moving_mass`` and ``spring_stiffness`` are always there. Whoever reads one of the others where
     it was not given raises an :class:`InputError` that names it; ``knows`` tells beforehand.

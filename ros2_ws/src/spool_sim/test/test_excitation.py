@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 from spool_sim.excitation import (
     PRESETS,
-    Array,
     Excitation,
     MachineOrders,
     Multisine,

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 from spool_sim.excitation import SteadySine, SweptSine
-from spool_sim.integration.composed_motion import Array, ComposedMotion, MotionState, Trajectory
+from spool_sim.integration.composed_motion import ComposedMotion, MotionState, Trajectory
 from spool_sim.integration.step_size import energy_balance, half_step_times, halving_error, substeps_needed
 from spool_sim.model import load_model
 

@@ -148,7 +148,9 @@ SinceOption = Annotated[
         "--since", help="Of a bag, from then on: 10m, 6h or 7d before its end, or 2025-01-31T12:00:00 (UTC)."
     ),
 ]
-UntilOption = Annotated[str | None, typer.Option("--until", help="Of a bag, up to then, likewise.")]
+UntilOption = Annotated[
+    str | None, typer.Option("--until", help="End of the time span (same formats as --since; bags only).")
+]
 AroundOption = Annotated[
     str | None,
     typer.Option(

@@ -58,7 +58,7 @@ MOST_CONNECTIONS, GRACE = 256, 1
 
 @dataclass(frozen=True, slots=True)
 class Application:
-    """Application: what uvicorn runs, and its streams."""
+    """What uvicorn runs, and its streams."""
 
     asgi: Starlette
     streams: Streams
@@ -83,7 +83,7 @@ def application(desk: Desk) -> Application:
 
 
 class Guard:
-    """Guard: refuses names that are not this host's (DNS rebinding), other origins, and too many requests."""
+    """Refuses names that are not this host's (DNS rebinding), other origins, and too many requests."""
 
     def __init__(self, app: ASGIApp, limit: RateLimit | None = None) -> None:
         self._app = app

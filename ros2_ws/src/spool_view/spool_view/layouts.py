@@ -73,7 +73,7 @@ def plotjuggler_layout(valves: Sequence[PlottedValve]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class PlottedValve:
-    """Valve: ``name`` is its namespace, ``parameters`` those of its estimates, in their order."""
+    """``name`` is its namespace, ``parameters`` those of its estimates, in their order."""
 
     name: str
     parameters: tuple[str, ...] = DEFAULT_PARAMETERS

@@ -39,7 +39,7 @@ RANDOM = 32
 
 #: B of a request, s that it may take to come in.
 MOST_BODY, BODY = 4096, 5.0
-#: Acts a second, and at once; wrong tokens likewise.
+#: Acts a second, and in one burst; the same limits hold for wrong tokens.
 ACTS, ACTS_AT_ONCE = 1.0, 10.0
 WRONG, WRONG_AT_ONCE = 0.2, 10.0
 
@@ -48,12 +48,12 @@ MOST_READINGS = 2
 
 
 class ActRefusedError(Exception):
-    """Refused act: the request is none; the text says why, in one line."""
+    """The request is none; the text says why, in one line."""
 
 
 @dataclass(frozen=True, slots=True)
 class Act:
-    """Act: what ``who`` wants of ``valve``; ``alarm`` and its ``occurrence`` seen, ``minutes`` of a shelf."""
+    """What ``who`` wants of ``valve``; ``alarm`` and its ``occurrence`` seen, ``minutes`` of a shelf."""
 
     act: str
     valve: str
@@ -138,7 +138,7 @@ class OperatorToken:
 
 @dataclass(slots=True)
 class RateLimit:
-    """Rate limit: ``burst`` at once, refilled by ``rate`` a second (token bucket)."""
+    """``burst`` at once, refilled by ``rate`` a second (token bucket)."""
 
     rate: float
     burst: float

@@ -264,7 +264,7 @@ class Listening:
                 valve.changes += 1
 
     def follow(self) -> None:
-        """Take up and let go of what only pages that are open need."""
+        """Take up and release what only pages that are open need."""
         wanted = [name for name in list(self._board.open) if name in self._heard][:MOST_OPEN]
         for name in [name for name in self._opened if name not in wanted]:
             self._close(name)

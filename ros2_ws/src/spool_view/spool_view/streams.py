@@ -208,7 +208,7 @@ def encode(event: str, data: Any) -> bytes:
 
 
 class Reader:
-    """Reader: a browser's open stream; ``drop`` ends its connection at once."""
+    """A browser's open stream; ``drop`` ends its connection at once."""
 
     def __init__(self, drop: Callable[[], object]) -> None:
         self._drop = drop

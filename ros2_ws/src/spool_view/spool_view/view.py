@@ -89,7 +89,7 @@ _VALIDITIES = {
 
 @dataclass(slots=True)
 class HeardValve:
-    """Heard valve: its last messages and when the monitor's last word arrived (s, monotonic).
+    """Its last messages and when the monitor's last word arrived (s, monotonic).
 
     ``estimate``, ``gap``, ``baseline`` and ``limits`` are looked at only while the valve's page is open.
     ``changes`` counts what came.
@@ -108,7 +108,7 @@ class HeardValve:
 
 
 class Board:
-    """Board: written by the node's thread, read by the server's; each field is replaced, never changed."""
+    """Written by the node's thread, read by the server's; each field is replaced, never changed."""
 
     def __init__(self) -> None:
         self.valves: dict[str, HeardValve] = {}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class ClockOffset:
-    """Clock offset: what the spool's clock shows more than the body's, and how much faster it runs.
+    """What the spool's clock shows more than the body's, and how much faster it runs.
 
     ``offset`` in s at the body's first sample, ``drift`` relative, each with its standard deviation;
     ``coherence``: squared, over the band of both channels. ``natural_frequency`` (Hz): of the spool, by

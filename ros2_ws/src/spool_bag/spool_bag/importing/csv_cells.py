@@ -225,7 +225,7 @@ def pieces(path: Path) -> Iterator[TextPiece]:
         with path.open("rb") as raw:
             packed = raw.read(2) == b"\x1f\x8b"
             raw.seek(0)
-            yield from _split(path, cast(BinaryIO, gzip.GzipFile(fileobj=raw)) if packed else raw)
+            yield from _split(path, cast("BinaryIO", gzip.GzipFile(fileobj=raw)) if packed else raw)
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise InputError(
             f"{path}: the compressed file is cut off or damaged ({error}): copy it again"

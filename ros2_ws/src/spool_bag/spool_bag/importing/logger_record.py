@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.errors import InputError
+from spool_core.numbers import GRAVITY
 from spool_core.text import printable
 
 from spool_bag.importing.choices import Choices, choices
@@ -48,8 +49,6 @@ from spool_bag.names import BODY, OIL_TEMPERATURE, SPOOL, TIME
 #: Relative deviation of a rate below which it is not stated: stamps do not show the error of their own clock,
 #: which is 1e-5 to 1e-4 of a quartz.
 CLOCKS_OWN = 1e-6
-#: m/s^2, standard gravity (ISO 80000-3).
-GRAVITY = 9.80665
 #: m/s^2, some 200 g: hardly any machine shakes a valve like that.
 LARGEST_USUAL_RMS = 2000.0
 #: ns since 1970 of the year 2000: earlier stamps are those of a clock that was never set.

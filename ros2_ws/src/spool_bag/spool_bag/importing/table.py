@@ -113,7 +113,7 @@ class Group:
 
 
 class Table(ABC):
-    """Table: what a file holds.
+    """What a file holds.
 
     ``notes``: how it was understood, ``warnings``: what is wrong with it, one line each; ``warnings`` are
     complete only after :meth:`read`. ``clocks``: of bags, header stamps and times of reception (ns, int64,
@@ -160,7 +160,7 @@ class ArrayTable(Table):
 
 
 def unique(names: Sequence[str]) -> tuple[str, ...]:
-    """Return names of which none is there twice: those that were get an index from 1."""
+    """Return names without repetition: those that were get an index from 1."""
     taken = set(names)
     found: list[str] = []
     for name in names:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_core.block_gate import SHORTEST_PERIOD
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 from spool_core.stamps import (
     BACKWARDS,
     JITTER,
@@ -62,7 +63,6 @@ _NAMES = {
     "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9, "minutes": 60.0, "hours": 3600.0,
 }  # fmt: skip
 
-Array = NDArray[np.float64]
 
 #: Relative difference up to which --rate and the rate of a time axis are the same.
 SAME = 0.005
@@ -74,7 +74,7 @@ Where = Callable[[int], str]
 
 @dataclass(frozen=True, slots=True)
 class TimeAxis:
-    """Time axis: ``time`` in s, shape (n,), from ``start`` (ns since 1970, ``None`` where not known) on.
+    """``time`` in s, shape (n,), from ``start`` (ns since 1970, ``None`` where not known) on.
 
     ``label``: name for messages. ``notes``: how it was understood.
     """
@@ -232,7 +232,7 @@ def period_check(path: Path, name: str, period: float, kind: str) -> str:
 
 @dataclass(slots=True)
 class TimeBase:
-    """Time base: ``time`` in s, shape (n,), ``period`` in s, ``gaps``: indices of first samples after one.
+    """``time`` in s, shape (n,), ``period`` in s, ``gaps``: indices of first samples after one.
 
     ``rate_std``: relative standard deviation of the rate, from the stamps. ``kept``: rows that are kept,
     ``None`` for all. ``warnings``: one line each; ``repairs``: counts by name.

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_core.aligner import margin, resampled
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 from spool_core.sensor_clock import (
     CERTAIN,
     CHUNK,
@@ -41,7 +42,6 @@ ROUNDS, SETTLED, SETTLED_DRIFT = 4, 0.005, 2e-7
 #: Samples that are interpolated at a time: 64 MB of weights.
 _PIECE = 1 << 17
 
-Array = NDArray[np.float64]
 
 #: s by which two clocks may run apart over a record before that is a warning.
 WANDERS = 1e-3
@@ -66,7 +66,7 @@ class Series:
 
 @dataclass(slots=True)
 class Merged:
-    """Merged series: both on one grid, as a record has it; ``note`` says how, ``clocks`` by what."""
+    """Both on one grid, as a record has it; ``note`` says how, ``clocks`` by what."""
 
     time: Array
     body: Array

@@ -8,11 +8,9 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 from spool_core.text import printable
-
-Array = NDArray[np.float64]
 
 #: Units of everything that loggers of hydraulic valves record; a gram or a gauss never occurs, so that `g`
 #: and

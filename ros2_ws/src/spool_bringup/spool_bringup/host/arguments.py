@@ -134,7 +134,7 @@ def share(valves: list[ListedValve], number: int, processes: int) -> list[Listed
 class FirstList:
     """First list of valves, shared by the processes of a host after a fork.
 
-    A file that is edited meanwhile changes nothing until the host is started anew: each process would take
+    A file that is edited meanwhile changes nothing until the host is started again: each process would take
     its share of another list, so that some valves had two estimators and some none.
     """
 

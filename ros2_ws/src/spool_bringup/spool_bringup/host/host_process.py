@@ -181,7 +181,7 @@ class HostProcess:
         self._timer = self._node.create_timer(Ticker.STEP, ticker.run, clock=steady)
         self._diagnostics = DiagnosticPublisher(self._node, "host")
         self._reported = self._looked = time.monotonic()
-        # Each node costs more than the one before, as the middleware tells anew of all end points: what takes
+        # Each node costs more than the one before, as the middleware announces all end points: what takes
         # long is done before the first one listens. What lives then stays: no collector looks at it again.
         source = load_source(self._node.value("source"))
         kinds = (EstimatorNode, MonitorNode, *((source,) if source is not None else ()))

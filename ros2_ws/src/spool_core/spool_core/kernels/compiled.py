@@ -67,7 +67,7 @@ def compiled(function: Function) -> Function:
         kernel = _NUMBA.njit(cache=cached, nogil=True)(function)
     if cached:
         keep_sealed(kernel)
-    return cast(Function, kernel)
+    return cast("Function", kernel)
 
 
 def inlined(function: Function) -> Function:
@@ -77,7 +77,7 @@ def inlined(function: Function) -> Function:
     """
     if _NUMBA is None:
         return function
-    return cast(Function, _NUMBA.njit(nogil=True, forceinline=True)(function))
+    return cast("Function", _NUMBA.njit(nogil=True, forceinline=True)(function))
 
 
 @contextmanager

@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_core.block import Block, Samples
 from spool_core.kernels.compiled import compiled
-
-Array = NDArray[np.float64]
+from spool_core.numbers import Array
 
 #: s of a chunk whose lowest and highest samples are kept, chunks that are kept, and chunks from which the
 #: span of the signal is known. It is that of all chunks but the RANK most extreme ones, which may hold a
@@ -49,7 +48,7 @@ BODY, SPOOL, BOTH = range(3)
 
 
 class Outlier(NamedTuple):
-    """Outlier: the sample ``value`` (m/s^2) of ``channel`` at ``stamp`` (ns).
+    """The sample ``value`` (m/s^2) of ``channel`` at ``stamp`` (ns).
 
     ``half_span`` (m/s^2) is half the span of the signal in the seconds before, NaN where it was not known.
     """
@@ -197,7 +196,7 @@ class StandingArrays(NamedTuple):
 
 @dataclass(slots=True)
 class StandingWatch:
-    """Standing watch: counts for how long body, spool and both have not changed, however they are split.
+    """Counts for how long body, spool and both have not changed, however they are split.
 
     Attributes:
         trailing: changes that did not happen up to the newest sample: of body, of spool, of both, shape (3,).

@@ -263,7 +263,7 @@ class TopicTimes:
             self.age = time.time() - (done - begun) - 1e-9 * last.stamp - length
         for block in blocks:
             missing = block.sequence - self.sequence - 1
-            # Stamps leave room for what is lost: else it is another source, or one that began anew.
+            # Stamps leave room for what is lost: else it is another source, or one that began again.
             if (
                 self.sequence >= 0
                 and missing > 0
@@ -274,7 +274,7 @@ class TopicTimes:
 
 
 class HangError(BaseException):
-    """Hang: what runs for so long is broken off; no handler of exceptions may keep it."""
+    """What runs for so long is broken off; no handler of exceptions may keep it."""
 
 
 class Worker:
@@ -376,7 +376,7 @@ class Worker:
 
 @dataclass(slots=True)
 class Throttle:
-    """Throttle: passes the first of a kind and then one in ``period`` s, with how many there were between.
+    """Passes the first of a kind and then one in ``period`` s, with how many there were between.
 
     ``clock`` gives s of a steady clock.
     """

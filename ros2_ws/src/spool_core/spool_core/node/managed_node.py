@@ -46,7 +46,7 @@ AUTOSTART = NodeParameter(
 
 
 class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no types
-    """Managed node: a table of parameters and four hooks that may raise.
+    """A table of parameters and four hooks that may raise.
 
     A subclass sets ``PARAMETERS`` and overrides :meth:`configure`, :meth:`activate`, :meth:`deactivate`,
     :meth:`cleanup`. What a hook raises is logged (an :class:`InputError` as one line, anything else with
@@ -185,7 +185,7 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]  # rclpy carries no type
             self.cleanup()
 
     def compile(self, kernels: Callable[[], object]) -> None:
-        """Run ``kernels``, which compiles, one process at a time; it is told, and a signal breaks it off.
+        """Run ``kernels``, which compiles, one process at a time; it is logged, and a signal breaks it off.
 
         In a process it is done once. It runs on a thread: an exception out of a signal's handler would be
         lost in the compiler's callbacks.

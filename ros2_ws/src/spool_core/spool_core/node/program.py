@@ -22,7 +22,7 @@ PATIENCE = 3.0
 
 
 class Stop:
-    """Stop: the one request of this process to stop.
+    """The one request of this process to stop.
 
     Attributes:
         count: signals that came.

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy import fft
 from spool_core.kernels.compiled import compiled
 from spool_core.kernels.samples import impossible
+from spool_core.numbers import GRAVITY, Array
 
 from spool_estimator.identification.channel_pair import (
     CORNER,
@@ -29,8 +30,6 @@ from spool_estimator.identification.channel_pair import (
     ClockStep,
     PairFit,
 )
-
-Array = NDArray[np.float64]
 
 #: Smallest steps of a converter that a change must reach on both sides of equal samples: of samples that a
 #: converter reads once each, fewer than one in as many equals its neighbour by chance.
@@ -58,7 +57,6 @@ SAME_TIME = 1.0
 #: Gain, either way, from which it is a wrong sensitivity: side by side, two sensors differ by a few per cent,
 #: and laws of friction that the fit has not bend the gain by up to 10 %. Larger ones are not told.
 WRONG_GAIN, LARGEST_GAIN = 1.3, 14.0
-GRAVITY = 9.80665
 #: Times by which a correction must reduce the squares of what the fit leaves, and what the fit may leave at
 #: most: laws that the fit lacks reduce them by less, or leave more.
 BETTER, FITS = 1.6, 0.5

@@ -18,10 +18,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
+from spool_core.numbers import Array
 
 from spool_estimator.identification.spectra import ZeroPhase
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 #: Hz: full gain from twice the lower edge on; directional valves resonate at 10 to 60 Hz, and what their
@@ -90,7 +90,7 @@ class ClockStep:
 
 @dataclass(slots=True)
 class ChannelPair:
-    """Pair of channels: readings of body and spool (m/s^2, shape (n,)), ``period`` s apart, in one band."""
+    """Readings of body and spool (m/s^2, shape (n,)), ``period`` s apart, in one band."""
 
     body: Array
     spool: Array

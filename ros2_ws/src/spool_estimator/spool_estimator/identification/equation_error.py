@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 from scipy.optimize import least_squares, lsq_linear
+from spool_core.numbers import Array
 
 from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN
 from spool_estimator.identification.free_run import FALL, FreeRun, Response, excitation_limit
@@ -28,8 +29,6 @@ from spool_estimator.identification.least_squares import Unknown, bounds_of, siz
 from spool_estimator.identification.record import Record, first_seconds
 from spool_estimator.identification.residuals import HIGHEST_SHARE, Residuals, standard_deviations
 from spool_estimator.identification.spectra import ZeroPhase, noise_of, relative_motion
-
-Array = NDArray[np.float64]
 
 #: s of data that the start is taken from.
 LONGEST = 8.0
@@ -216,7 +215,7 @@ class EquationError:
         return solved, 2.0 * float(found.cost)
 
     def starts(self) -> list[Array]:
-        """Return points (all unknowns) to start from, best first; the given start where nothing is told."""
+        """Return points (all unknowns) to start from, best first; the given start where no data tells one."""
         given = self._values[0, self._columns]
         if not self._stretches:
             return [self._complete(given)]

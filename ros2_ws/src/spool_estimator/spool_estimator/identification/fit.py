@@ -14,9 +14,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity, rate_power
 from spool_sim.model import Model
 from spool_sim.sensors import PAPER_CHAIN
@@ -46,13 +46,11 @@ from spool_estimator.identification.residuals import (
     standard_deviations,
 )
 
-Array = NDArray[np.float64]
-
 #: s of data that the first descents from several starts use.
 FIRST_SECONDS = 8.0
 #: Rounds of the first descents and of each later one, at most, and the fall of the cost that ends them.
 FIRST_ROUNDS, ROUNDS, ENOUGH = 30, 20, 1e-6
-#: How often the weights are taken anew after the first descents.
+#: How often the weights are taken again after the first descents.
 REWEIGHED = 2
 #: Sizes of what friction at rest may be, relative to its start value, that are tried.
 BLIND_FACTORS = (0.1, 0.3, 1.0, 3.0)

@@ -7,11 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity
 from spool_sim.model import Model
-
-Array = NDArray[np.float64]
 
 #: Nuisance parameters of the spool's measuring chain, by name.
 SPOOL_GAIN, SPOOL_DELAY = "spool_gain", "spool_delay"

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState, Trajectory
 from spool_sim.integration.step_size import substeps_for
 from spool_sim.model import Model
@@ -25,8 +26,6 @@ from spool_estimator.identification.least_squares import in_parallel
 from spool_estimator.identification.spectra import ZeroPhase, interval_mean_response, relative_motion
 
 from .record import Record
-
-Array = NDArray[np.float64]
 
 #: s of samples on both sides of a window that its interpolation uses.
 MARGIN = 0.25

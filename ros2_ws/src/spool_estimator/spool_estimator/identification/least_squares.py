@@ -20,9 +20,8 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_core.system import processors
-
-Array = NDArray[np.float64]
 
 #: Size of an unknown near 0, as a share of its typical size.
 SMALLEST_SIZE = 0.1
@@ -74,7 +73,7 @@ def sizes_of(unknowns: Sequence[Unknown], point: Array) -> Array:
 
 
 class LeastSquares(Protocol):
-    """Least-squares problem: weighted residuals of several points together."""
+    """Weighted residuals of several points together."""
 
     @property
     def unknowns(self) -> Sequence[Unknown]:
@@ -184,7 +183,7 @@ def unseen_directions(slopes: Array, scales: Array) -> Array:
 
 
 def to_hold(unseen: Array, names: Sequence[str]) -> tuple[str, ...]:
-    """Return which of ``names`` to hold so that the rest is told, the last of the list first."""
+    """Return which of ``names`` to hold so that the rest can be determined, the last of the list first."""
     held: list[str] = []
     rows = unseen.copy()
     for place in reversed(range(len(names))):

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from spool_core.block import Block
 from spool_core.block_gate import BlockGate, Verdict
 from spool_core.errors import InputError
-
-Array = NDArray[np.float64]
+from spool_core.numbers import Array
 
 #: Samples of both channels that are held at most.
 LARGEST = 700_000

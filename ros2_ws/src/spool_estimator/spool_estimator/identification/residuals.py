@@ -25,13 +25,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
+from spool_core.numbers import Array
 
 from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, FitSettings
 from spool_estimator.identification.free_run import FreeRun, Response
 from spool_estimator.identification.least_squares import Unknown, bounds_of, sizes_of
 from spool_estimator.identification.spectra import Spectrum, ZeroPhase, residual_spectrum
-
-Array = NDArray[np.float64]
 
 #: s around a jump of the friction that are left out, at least one sample on each side.
 JUMP_TIME = 1.5e-4

@@ -16,8 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, signal
-
-Array = NDArray[np.float64]
+from spool_core.numbers import Array
 
 #: Quantile of a smoothed density that stands for its noise floor: harmonics reach into the other lines.
 QUANTILE = 0.25

@@ -15,7 +15,7 @@ from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
 
 VALVE = find_valve("4weh10_soft")
-#: Far above resonance drag is told by little, so that noise of the drive shows.
+#: Far above resonance drag has little effect, so that noise of the drive shows.
 DRIVE = SweptSine(start_frequency=8.0, stop_frequency=110.0, duration=10.0, amplitude=8.0, soft_start=0.2)
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 from spool_estimator.identification.record import Record
 from spool_tools.operations.record_loading import Selection, load_recording
 
@@ -19,8 +19,6 @@ SEGMENT = 2.0
 BAND = (5.0, 100.0)
 #: Coherence from which a transmissibility is one.
 COHERENT = 0.8
-
-Array = NDArray[np.float64]
 
 
 def run(subject: Subject) -> Rows:

@@ -54,7 +54,7 @@ def add_bags(
 ) -> None:
     """Bring bags into the catalogue: machine, valve, time, rate, gaps, oil temperature.
 
-    What is damaged or there twice is told and left out of the analyses.
+    What is damaged or there twice is reported and left out of the analyses.
 
     Example: ./spool fleet add recordings --store fleet --pattern {machine}/{date}/{valve}
     """

@@ -13,7 +13,7 @@ from spool_gap.effect import Array, Effect, Motion
 
 #: Time constants of oil that warms, over the record's length: longer ones are a line, shorter ones soon over.
 COURSES = (0.15, 0.5)
-#: s, time constants from which a bent course is fitted in place of a line, and its first rate over the line's.
+#: s, time constants from which a bent course is fitted in place of a line, and its first rate over its.
 BENDS, STEEPER = (4.0, 10.0, 25.0, 60.0), 2.5
 #: Change of the drag along a bent course, relative, that no oil makes within a record: 60 K do that.
 IMPOSSIBLE = 10.0

@@ -20,12 +20,12 @@ from spool_monitor.event import EventKind, Facts, Finding, Severity
 from spool_monitor.parameter_drift import ParameterDrift
 from spool_monitor.window import Line
 
-#: What a moment may show anew.
+#: What a moment may show again.
 SIGNALS, LINE, ESTIMATE, CHANNELS = "signals", "line", "estimate", "channels"
 
 
 class Judgement(enum.IntEnum):
-    """Judgement: how far a detector can judge now; the texts are those in ``spool_msgs/msg/ValveHealth``."""
+    """How far a detector can judge now; the texts are those in ``spool_msgs/msg/ValveHealth``."""
 
     UNKNOWN = 0
     JUDGED = 1
@@ -207,7 +207,7 @@ class MonitorSettings:
 
 
 class NotJudged(Detector):
-    """Not judged: the time since any detector of the valve's condition could judge; rest is a judgement.
+    """The time since any detector of the valve's condition could judge; rest is a judgement.
 
     A fault of a sensor or of the data that is raised already says why: then this event is not raised as well.
     """

@@ -80,7 +80,7 @@ class RowFault(Detector):
 
 
 class SameChannel(RowFault):
-    """Same channel: both channels read one sensor."""
+    """Both channels read one sensor."""
 
     name = "sensor_same_channel"
     kind = SAME_CHANNEL
@@ -88,7 +88,7 @@ class SameChannel(RowFault):
 
 
 class WrapAround(RowFault):
-    """Wrap-around: a channel jumps from one end of its range to the other."""
+    """A channel jumps from one end of its range to the other."""
 
     name = "sensor_wrap_around"
     kind = WRAP_AROUND
@@ -96,7 +96,7 @@ class WrapAround(RowFault):
 
 
 class Repeats(RowFault):
-    """Repeats: a channel repeats its samples."""
+    """A channel repeats its samples."""
 
     name = "data_repeats"
     kind = DATA_FAULT
@@ -131,7 +131,7 @@ class PairFault(RowFault):
 
 
 class Sensitivity(PairFault):
-    """Sensitivity: below its resonance the spool follows its body, with the ratio of both sensitivities."""
+    """Below its resonance the spool follows its body, with the ratio of both sensitivities."""
 
     name = "sensor_sensitivity"
     kind = SENSITIVITY
@@ -139,7 +139,7 @@ class Sensitivity(PairFault):
 
 
 class AcCoupling(PairFault):
-    """AC coupling: the slow part of one channel is ahead of the other's."""
+    """The slow part of one channel is ahead of the other's."""
 
     name = "sensor_ac_coupling"
     kind = AC_COUPLING
@@ -147,7 +147,7 @@ class AcCoupling(PairFault):
 
 
 class ClockStepped(PairFault):
-    """Clock step: from some moment on one channel comes later or earlier than it did.
+    """From some moment on one channel comes later or earlier than it did.
 
     Neither stamps nor levels show it. It lasts until the delay is again what it was before the step.
     """

@@ -33,7 +33,7 @@ COULOMB_CHANGE = MonitorLimit(
 
 
 class FrictionDrift(Detector):
-    """Friction drift: what the sequential tests of the viscous coefficient and of the Coulomb force find."""
+    """What the sequential tests of the viscous coefficient and of the Coulomb force find."""
 
     name = "friction_drift"
     kind = KIND

@@ -40,7 +40,7 @@ SOFTENED = 0.65
 
 
 class Resonance(Detector):
-    """Resonance: the dominant line near the natural frequency; at twice ``AMPLIFICATION_ON`` it is an alarm.
+    """The dominant line near the natural frequency; at twice ``AMPLIFICATION_ON`` it is an alarm.
 
     Lines of the body that are weaker than ``MINIMUM_BODY`` are not judged.
     """

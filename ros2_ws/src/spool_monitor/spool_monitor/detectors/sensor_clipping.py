@@ -24,7 +24,7 @@ LEAST = 0.006
 
 
 class SensorClipping(Detector):
-    """Clipping channel: look for flat tops in each window; a machine does not clip at every moment."""
+    """Look for flat tops in each window; a machine does not clip at every moment."""
 
     name = "sensor_clipping"
     kind = KIND

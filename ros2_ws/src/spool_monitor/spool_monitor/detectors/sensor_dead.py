@@ -7,12 +7,13 @@ from dataclasses import replace
 from typing import ClassVar
 
 from spool_core.kernels.compiled import compiled
+from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity
 
 from spool_monitor.channels import Channel, Signals, transfer
 from spool_monitor.detectors.base import MINIMUM_BODY, MonitorSettings
 from spool_monitor.event import EventCause, Facts, Finding, Severity
-from spool_monitor.window import Array, Complex
+from spool_monitor.window import Complex
 
 from .base import SIGNALS, Detector, Judgement, Moment
 from .sensor_fault import sensor_fault
@@ -42,7 +43,7 @@ COARSE, SWINGS = 0.005, 3.0
 
 
 class SensorDead(Detector):
-    """Dead channel: samples that do not change, or a level far below what the other channel makes due.
+    """Samples that do not change, or a level far below what the other channel makes due.
 
     A machine at rest behind a coarse converter shows no change either: there a channel must have stopped in
     the midst of a motion.

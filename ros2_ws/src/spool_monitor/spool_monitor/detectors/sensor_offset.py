@@ -24,7 +24,7 @@ SMOOTHING = 4.0
 
 
 class SensorOffset(Detector):
-    """Offset: the difference of the channels' means against what it was; a tilt moves both alike."""
+    """The difference of the channels' means against what it was; a tilt moves both alike."""
 
     name = "sensor_offset"
     kind = KIND
@@ -78,6 +78,6 @@ class SensorOffset(Detector):
         )
 
     def restart(self) -> None:
-        """Begin the smoothing anew."""
+        """Begin the smoothing again."""
         super().restart()
         self._means = dict.fromkeys(self._means, math.nan)

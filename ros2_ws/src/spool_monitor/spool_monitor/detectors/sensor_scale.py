@@ -47,7 +47,7 @@ MISFIT, SUSPICIOUS = 0.15, 0.6
 
 
 class SensorScale(Detector):
-    """Scale fault: the gain that the response needs besides stiffness and damping, against what it was.
+    """The gain that the response needs besides stiffness and damping, against what it was.
 
     A change of the gain alone proves nothing: dry friction and the machine's speed bend a linear response.
     But where stiffness, damping and dry friction can't explain the channels any more either, it does. Above

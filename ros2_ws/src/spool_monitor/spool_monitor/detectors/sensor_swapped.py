@@ -20,7 +20,7 @@ NEGATIVE, POSITIVE = -0.3, 0.0
 
 
 class SensorSwapped(Detector):
-    """Swapped channels: the sign of the power that the relative motion takes."""
+    """The sign of the power that the relative motion takes."""
 
     name = "sensor_swapped"
     kind = KIND

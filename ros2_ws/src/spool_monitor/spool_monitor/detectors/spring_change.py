@@ -24,7 +24,7 @@ STIFFNESS_CHANGE = MonitorLimit("stiffness_change", 0.1, "Relative change that m
 
 
 class SpringChange(Detector):
-    """Spring change: what the sequential test of the stiffness finds."""
+    """What the sequential test of the stiffness finds."""
 
     name = "spring_change"
     kind = KIND

@@ -7,12 +7,12 @@ from dataclasses import replace
 from typing import ClassVar
 
 from spool_core.kernels.compiled import compiled
+from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity
 
 from spool_monitor.channels import transfer
 from spool_monitor.detectors.base import MINIMUM_BODY, MonitorSettings
 from spool_monitor.event import EventKind, Facts, Finding, Namur, Severity
-from spool_monitor.window import Array
 
 from .base import ESTIMATE, SIGNALS, Detector, Judgement, Moment
 
@@ -31,7 +31,7 @@ SLIDES = 1.5
 
 
 class StuckSpool(Detector):
-    """Stuck spool: the relative acceleration against what the reference response makes of the body's."""
+    """The relative acceleration against what the reference response makes of the body's."""
 
     name = "stuck_spool"
     kind = KIND

@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_core.system import processors
 
 from spool_sim.terms import Term
 
 from .composition import kernel_of, unique_parameters
 
-Array = NDArray[np.float64]
 #: Valves below which another thread does not pay.
 SMALLEST_SHARE = 16
 
@@ -43,7 +43,7 @@ class MotionState:
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
-    """Trajectory: motion at n sample instants.
+    """Motion at n sample instants.
 
     Attributes:
         displacement: relative to the body, m, shape (n,).

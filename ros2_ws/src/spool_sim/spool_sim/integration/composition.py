@@ -46,7 +46,7 @@ def unique_parameters(terms: Sequence[Term]) -> tuple[Parameter, ...]:
 def laws_source(terms: Sequence[Term]) -> str:
     """Return the Python source of the laws of ``terms`` together, as ``stepping`` takes it."""
     places = {parameter.name: place for place, parameter in enumerate(unique_parameters(terms))}
-    imports = ["from spool_sim.terms.base import Array"]
+    imports = ["from spool_core.numbers import Array", ""]
 
     def calls(law: str) -> list[tuple[str, str]]:
         """Return the function and the parameters that a call of it ends with, of each term with the law."""
@@ -142,7 +142,7 @@ def compiled_in_memory(function: Function) -> Function:
     """Return ``function`` compiled without a copy on the disk, or as it is where numba is missing."""
     if not compiling.COMPILED:
         return function
-    return cast(Function, importlib.import_module("numba").njit(nogil=True)(function))
+    return cast("Function", importlib.import_module("numba").njit(nogil=True)(function))
 
 
 @lru_cache(maxsize=256)

@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 
 from spool_core.kernels.compiled import compiled
+from spool_core.numbers import Array
 
-from spool_sim.terms.base import Array
 from spool_sim.terms.spring import force_law as force_law_1
 from spool_sim.terms.viscous_friction import force_law as force_law_2
 

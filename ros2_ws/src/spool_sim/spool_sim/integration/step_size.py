@@ -9,8 +9,9 @@ from functools import lru_cache
 
 import numpy as np
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 
-from spool_sim.integration.composed_motion import Array, ComposedMotion, MotionState, Trajectory
+from spool_sim.integration.composed_motion import ComposedMotion, MotionState, Trajectory
 from spool_sim.terms import Term
 
 #: rad that motion or forcing may turn within one step: the README's table of errors holds for it.

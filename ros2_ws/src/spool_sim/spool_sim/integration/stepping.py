@@ -1,7 +1,7 @@
 """Time step for any composition of force terms: smooth Runge-Kutta pieces between located events.
 
-Written for the model ``fluid``; :mod:`spool_sim.integration.composition` puts the laws of another model in
-the place of ``fluid_laws`` and compiles the result as a module of its own.
+Written for the model ``fluid``; :mod:`spool_sim.integration.composition` replaces ``fluid_laws`` by the laws
+of another model and compiles the result as a module of its own.
 
     m z'' + smooth(z, v, t) + friction Sgn(v) = -m a(t)
 
@@ -19,10 +19,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.kernels.compiled import compiled, inlined
+from spool_core.numbers import Array
 
 from .fluid_laws import EVENTS, MASS, given, next_level, remembered, rest, sliding, smooth, start_memory
 
-Array = NDArray[np.float64]
 Numbers = tuple[float, ...]
 LARGEST_EVENT_COUNT = 40
 #: Displacement (m) and speed (m/s) beyond which a prediction has diverged and starts again from rest.

@@ -38,7 +38,7 @@ def sliding_law(
 
 
 class AdhesionFrictionTerm(Term):
-    """Friction with adhesion: viscous drag, dry friction and an adhesion force that decays with speed."""
+    """Viscous drag, dry friction and an adhesion force that decays with speed."""
 
     name = "adhesion_friction"
     parameters = (

@@ -20,7 +20,7 @@ def sliding_law(
 
 
 class AsymmetricFrictionTerm(Term):
-    """Asymmetric Coulomb friction: one constant force for each direction of motion."""
+    """One constant force for each direction of motion."""
 
     name = "asymmetric_friction"
     parameters = (

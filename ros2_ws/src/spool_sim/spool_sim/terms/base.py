@@ -25,12 +25,10 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 
 from spool_sim.valve import Valve
-
-Array = NDArray[np.float64]
 
 #: Arguments of each law before the parameters.
 LAWS: dict[str, tuple[str, ...]] = {

@@ -19,7 +19,7 @@ def force_law(
 
 
 class ConstantForceTerm(Term):
-    """Constant force: a push that does not depend on the motion."""
+    """A push that does not depend on the motion."""
 
     name = "constant_force"
     parameters = (Parameter("push", "N", -1e5, 1e5, 1.0, "force in the direction of positive z"),)

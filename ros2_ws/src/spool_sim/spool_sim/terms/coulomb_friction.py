@@ -19,7 +19,7 @@ def sliding_law(
 
 
 class CoulombFrictionTerm(Term):
-    """Coulomb friction: a constant force against the motion; any force up to it at rest."""
+    """A constant force against the motion; any force up to it at rest."""
 
     name = "coulomb_friction"
     parameters = (

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from spool_core.kernels.compiled import compiled
-
-from spool_sim.valve import GRAVITY
+from spool_core.numbers import GRAVITY
 
 from .base import Parameter, Term
 
@@ -38,7 +37,7 @@ def sliding_law(
 
 
 class CoulombHydrodynamicFrictionTerm(Term):
-    """Mixed friction: Coulomb friction less what the hydrodynamic film carries."""
+    """Coulomb friction less what the hydrodynamic film carries."""
 
     name = "coulomb_hydrodynamic_friction"
     parameters = (

@@ -19,7 +19,7 @@ def force_law(
 
 
 class CubicStiffnessTerm(Term):
-    """Cubic stiffness: hardening or softening of the springs."""
+    """Hardening or softening of the springs."""
 
     name = "cubic_stiffness"
     parameters = (

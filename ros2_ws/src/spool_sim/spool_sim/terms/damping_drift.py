@@ -27,7 +27,7 @@ def force_law(
 
 
 class DampingDriftTerm(Term):
-    """Damping drift: the viscous coefficient changes by a line over time, or by an exponential course."""
+    """The viscous coefficient changes by a line over time, or by an exponential course."""
 
     name = "damping_drift"
     parameters = (

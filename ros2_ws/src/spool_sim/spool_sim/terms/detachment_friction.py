@@ -37,7 +37,7 @@ def sliding_law(
 
 
 class DetachmentFrictionTerm(Term):
-    """Friction with detachment: drag, dry friction and a detachment force gone at semi-fluid speed."""
+    """Drag, dry friction and a detachment force gone at semi-fluid speed."""
 
     name = "detachment_friction"
     parameters = (

@@ -41,7 +41,7 @@ def levels_law(
 
 
 class EndStopTerm(Term):
-    """End stop: unilateral contact at both ends of the stroke."""
+    """Unilateral contact at both ends of the stroke."""
 
     name = "end_stop"
     parameters = (

@@ -37,7 +37,7 @@ def sliding_law(
 
 
 class HessSoomFrictionTerm(Term):
-    """Hess-Soom friction: drag, kinetic friction and a static excess falling with the squared speed."""
+    """Drag, kinetic friction and a static excess falling with the squared speed."""
 
     name = "hess_soom_friction"
     parameters = (

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from spool_core.numbers import Array
 
-from .base import Array, Parameter, Term
+from .base import Parameter, Term
 
 
 class InertiaTerm(Term):
-    """Inertia: the moving mass times the spool's own acceleration."""
+    """The moving mass times the spool's own acceleration."""
 
     name = "inertia"
     parameters = (

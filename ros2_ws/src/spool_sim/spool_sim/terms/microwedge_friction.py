@@ -33,7 +33,7 @@ def rest_law(
 
 
 class MicrowedgeFrictionTerm(Term):
-    """Microwedge friction: any force up to k_t (d_k0 - a_k0) at rest, none while slipping."""
+    """Any force up to k_t (d_k0 - a_k0) at rest, none while slipping."""
 
     name = "microwedge_friction"
     parameters = (

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 
 from spool_core.kernels.compiled import compiled
-
-from spool_sim.valve import GRAVITY
+from spool_core.numbers import GRAVITY
 
 from .base import Parameter, Term
 
@@ -27,7 +26,7 @@ def sliding_law(
 
 
 class MixedFrictionTerm(Term):
-    """Mixed friction: molecular forces in micro-areas, falling with speed, and drag, rising with it."""
+    """Molecular forces in micro-areas, falling with speed, and drag, rising with it."""
 
     name = "mixed_friction"
     parameters = (

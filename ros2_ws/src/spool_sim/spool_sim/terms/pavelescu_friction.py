@@ -41,7 +41,7 @@ def sliding_law(
 
 
 class PavelescuFrictionTerm(Term):
-    """Pavelescu friction: viscous drag, kinetic friction and a static excess that falls exponentially."""
+    """Viscous drag, kinetic friction and a static excess that falls exponentially."""
 
     name = "pavelescu_friction"
     parameters = (

@@ -24,7 +24,7 @@ def force_law(
 
 
 class PeriodicForceTerm(Term):
-    """Periodic force: a sine of its own frequency, independent of the body."""
+    """A sine of its own frequency, independent of the body."""
 
     name = "periodic_force"
     parameters = (

@@ -7,8 +7,9 @@ from collections.abc import Mapping
 
 import numpy as np
 from spool_core.kernels.compiled import compiled
+from spool_core.numbers import Array
 
-from .base import Array, Parameter, Term
+from .base import Parameter, Term
 
 
 @compiled
@@ -25,7 +26,7 @@ def memory_law(
 
 
 class PreslidingFrictionTerm(Term):
-    """Dahl friction: it builds up over a small travel after each reversal; its force is the state."""
+    """It builds up over a small travel after each reversal; its force is the state."""
 
     name = "presliding_friction"
     parameters = (

@@ -19,7 +19,7 @@ def force_law(
 
 
 class QuadraticDampingTerm(Term):
-    """Quadratic damping: drag of oil forced through an orifice or an edge."""
+    """Drag of oil forced through an orifice or an edge."""
 
     name = "quadratic_damping"
     parameters = (

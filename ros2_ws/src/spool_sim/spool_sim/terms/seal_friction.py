@@ -47,7 +47,7 @@ def sliding_law(
 
 
 class SealFrictionTerm(Term):
-    """Seal friction: a rubber ring on its oil film, and a retaining ring pressed on by the pressure."""
+    """A rubber ring on its oil film, and a retaining ring pressed on by the pressure."""
 
     name = "seal_friction"
     parameters = (

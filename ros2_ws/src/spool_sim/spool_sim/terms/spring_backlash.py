@@ -29,7 +29,7 @@ def levels_law(
 
 
 class SpringBacklashTerm(Term):
-    """Backlash: a dead zone in which the springs do not touch the spool."""
+    """A dead zone in which the springs do not touch the spool."""
 
     name = "spring_backlash"
     parameters = (

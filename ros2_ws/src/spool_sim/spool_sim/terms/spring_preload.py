@@ -29,7 +29,7 @@ def levels_law(
 
 
 class SpringPreloadTerm(Term):
-    """Preload: a force towards the centre that is there as soon as the spool leaves it."""
+    """A force towards the centre that is there as soon as the spool leaves it."""
 
     name = "spring_preload"
     parameters = (

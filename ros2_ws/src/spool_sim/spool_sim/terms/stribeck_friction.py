@@ -27,7 +27,7 @@ def sliding_law(
 
 
 class StribeckFrictionTerm(Term):
-    """Stribeck friction: static friction that falls to Coulomb friction as the film builds up."""
+    """Static friction that falls to Coulomb friction as the film builds up."""
 
     name = "stribeck_friction"
     parameters = (

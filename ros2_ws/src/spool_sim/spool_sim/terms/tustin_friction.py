@@ -38,7 +38,7 @@ def sliding_law(
 
 
 class TustinFrictionTerm(Term):
-    """Tustin friction: viscous drag, kinetic friction and an excess that falls exponentially with speed."""
+    """Viscous drag, kinetic friction and an excess that falls exponentially with speed."""
 
     name = "tustin_friction"
     parameters = (

@@ -19,7 +19,7 @@ def force_law(
 
 
 class ViscousFrictionTerm(Term):
-    """Viscous friction: drag in proportion to the relative velocity."""
+    """Drag in proportion to the relative velocity."""
 
     name = "viscous_friction"
     parameters = (

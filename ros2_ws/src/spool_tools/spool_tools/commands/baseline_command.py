@@ -10,7 +10,7 @@ from spool_tools.command import Command
 
 app = typer.Typer(
     no_args_is_help=True,
-    help="Show what the monitor holds the healthy valve to be; confirm it, learn it anew, take an older one "
+    help="Show what the monitor holds the healthy valve to be; confirm it, learn it again, take an older one "
     "back.\n\nExample: ./spool baseline show valve_1",
 )
 

@@ -139,7 +139,7 @@ def run_demo(seconds: float, out: Path) -> int:
     Raises:
         InputError: ``out`` can't be used.
     """
-    from spool_tools.operations.record_replay import replay_bag  # noqa: PLC0415 - SciPy, likewise
+    from spool_tools.operations.record_replay import replay_bag  # noqa: PLC0415 - loads SciPy
     from spool_tools.report.recording_report import write_report  # noqa: PLC0415 - matplotlib, after the run only
 
     folder = _folder(out)

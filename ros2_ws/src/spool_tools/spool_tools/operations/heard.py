@@ -139,7 +139,7 @@ class Listener:
         return self._ask(valve, "shelve_alarm", request)
 
     def reset(self, valve: str, alarm: str, who: str, comment: str) -> Answer:
-        """Ask the monitor of ``valve`` to let go of the latched ``alarm``."""
+        """Ask the monitor of ``valve`` to reset the latched ``alarm``."""
         request = ResetAlarms.Request(alarm=alarm, who=who, comment=comment)
         return self._ask(valve, "reset_alarms", request)
 

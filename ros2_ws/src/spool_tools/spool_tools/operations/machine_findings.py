@@ -19,7 +19,7 @@ from spool_core.node import qos
 #: RTPS 2.5, 9.6.2.3: participant n of a domain has the ports 7410 + 250 domain + 2 n and the one above.
 FIRST_PORT, DOMAIN_GAIN, PARTICIPANT_GAIN = 7410, 250, 2
 #: Participants of a domain on one host that Fast DDS finds a port for (``mutation_tries`` of its source), and
-#: from where it is told.
+#: from which it is reported.
 MOST_PARTICIPANTS, MANY_PARTICIPANTS = 100, 80
 #: B of shared memory: a segment of each participant and its ports take 1 MB.
 LITTLE_SHARED_MEMORY = 64_000_000
@@ -32,9 +32,9 @@ _UNSYNCHRONISED = 0x0040
 FULL = 0.8
 #: s that blocks may be older when their turn comes: a period of the slowest usual source.
 OLD = 0.1
-#: s between two looks for publishers that appeared, and that are waited for ever new ones.
+#: s between two looks for publishers that appeared, and that are waited forever new ones.
 LOOK, LONGEST_SETTLING = 0.1, 30.0
-#: Lines of valves that are told one by one.
+#: Lines of valves that are listed one by one.
 TOLD = 10
 _LEVELS = {
     DiagnosticStatus.WARN: "warning",
@@ -44,7 +44,7 @@ _LEVELS = {
 
 
 class Finding(NamedTuple):
-    """Finding: ``level`` is ``ok``, ``warning`` or ``problem``; ``text`` what was found, and what to do."""
+    """``level`` is ``ok``, ``warning`` or ``problem``; ``text`` what was found, and what to do."""
 
     level: str
     text: str
@@ -167,7 +167,7 @@ def ros_domain() -> int:
 def listen(seconds: float) -> dict[str, DiagnosticStatus]:
     """Return the last status of each task that is published within ``seconds``.
 
-    They count anew from each task and publisher that appears, as a busy machine's nodes find each other late.
+    Counting restarts with each task and new publisher, as nodes of a busy machine find each other late.
     """
     heard: dict[str, DiagnosticStatus] = {}
 

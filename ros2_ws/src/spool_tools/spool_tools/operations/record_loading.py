@@ -9,7 +9,6 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 from spool_bag.blocks import Span
 from spool_bag.importing.bag_import import import_notes, start_of
@@ -20,6 +19,7 @@ from spool_bag.names import BODY, OIL_TEMPERATURE, SPOOL
 from spool_bag.reader import BagReader
 from spool_core.block import Block
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 from spool_core.text import did_you_mean
 from spool_estimator.identification.channel_faults import ChannelFault, faults_of, without_outliers
 from spool_estimator.identification.record import PartKeeper, Record, records_from_blocks
@@ -38,7 +38,6 @@ from spool_tools.operations.record_sources import (
 #: What a replay reads.
 Source = BagReader | TableSource
 
-Array = NDArray[np.float64]
 
 #: Stretches of a record that are looked at for faults of its channels.
 MOST_STRETCHES = 8
@@ -60,7 +59,7 @@ REFUSED = ("same_channel", "wrap_around", "repeats", "sensitivity", "clock_step"
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """Recording: one bag or logger's file of one valve.
+    """One bag or logger's file of one valve.
 
     Attributes:
         path: where it is.
@@ -338,7 +337,7 @@ def choose_valves(source: Source, names: Sequence[str], given: Sequence[str]) ->
 
 @dataclass(frozen=True, slots=True)
 class FitData:
-    """Fit data: records of one valve.
+    """Records of one valve.
 
     Attributes:
         name: of the whole, for tables.

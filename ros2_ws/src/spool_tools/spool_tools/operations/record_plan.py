@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from spool_core.errors import InputError
+from spool_core.numbers import GRAVITY
 from spool_core.uncertainty import LEGEND, Z_95, Quantity, number, percent, with_interval
 from spool_estimator.identification.fit import fit
 from spool_estimator.identification.fit_result import Fit, FitSettings
@@ -33,22 +33,21 @@ from spool_tools.terminal import progress
 #: s: shorter records hold no window of a fit (4 s) and a piece to judge it by; longer ones cost minutes.
 SHORTEST, LONGEST = 8.0, 600.0
 #: Ranges that accelerometers come in, g, and how far above the largest sample of a plan one is chosen.
-RANGES, MARGIN, G = (2, 4, 8, 16, 25, 50, 100, 200, 500), 2.0, 9.80665
+RANGES, MARGIN = (2, 4, 8, 16, 25, 50, 100, 200, 500), 2.0
 
-Array = NDArray[np.float64]
 
 #: Hz below which the way in the body is not taken from accelerations: their double integral drifts.
 SLOWEST = 3.0
 
-#: Standard deviations of a size that is told from 0: noise alone gives as much in one of 370 records (normal
+#: Standard deviations that separate a size from 0: noise alone gives as much in one of 370 records (normal
 #: distribution), and half of the records with that size give more.
 TOLD = 3.0
 #: Share of the force of inertia that the search for the smallest size begins at; factor of its steps, how
-#: many there are at most on the way to a size that is told and one that is not, and halvings: to 1.3.
+#: many there are at most on the way to a detectable size and one that is not, and halvings: to 1.3.
 BEGIN, STRIDE, STEPS, HALVINGS = 0.02, 8.0, 4, 3
 #: What an end stop is described by.
 STOP = ("stop_gap", "stop_stiffness", "stop_dissipation")
-#: Share of the travel at which a stop is put, to see how well its place is told.
+#: Share of the travel at which a stop is put, to see how well its place can be determined.
 STOP_SHARE = 0.9
 
 
@@ -61,7 +60,7 @@ def coulomb_friction(plan: Plan) -> Answer:
     size, found, truth = _smallest(
         plan, load_model("coulomb"), lambda force: {"coulomb_force": force}, deviation
     )
-    meaning = "smallest Coulomb force that is told from none (3 standard deviations)"
+    meaning = "smallest Coulomb force that is distinguished from none (3 standard deviations)"
     return _sized(found, truth, None if size is None else Limit("coulomb_force", size, "N", meaning))
 
 
@@ -84,13 +83,13 @@ def stribeck_friction(plan: Plan) -> Answer:
 
     size, found, truth = _smallest(plan, model, values, deviation)
     meaning = (
-        f"smallest excess of the force at rest over {force:g} N at speed that is told (3 standard deviations)"
+        f"smallest detectable excess of the force at rest over {force:g} N at speed (3 standard deviations)"
     )
     return _sized(found, truth, None if size is None else Limit("static_excess", size, "N", meaning))
 
 
 def mixed_friction(plan: Plan) -> Answer:
-    """Answer how well the numbers of mixed lubrication are told, at those that fits start from."""
+    """Answer how well the numbers of mixed lubrication can be determined, at those that fits start from."""
     found, truth = _fitted(plan, load_model("mixed"), {})
     return _answer(found, truth, None)
 
@@ -112,7 +111,7 @@ def spring_stiffness(plan: Plan) -> Answer:
 
 
 def end_stop(plan: Plan) -> Answer:
-    """Answer how far the spool comes, so which stops it meets, and how well the place of one is told."""
+    """Answer how far the spool comes, which stops it meets, and how well their place can be determined."""
     reach = travel(plan.record(load_model("fluid"), {}, noisy=False))
     model = load_model("fluid_end_stop")
     values = {"stop_gap": STOP_SHARE * reach}
@@ -212,7 +211,7 @@ def _smallest(
 ) -> tuple[float | None, Fit, dict[str, float]]:
     """Return the smallest size that is ``TOLD`` of its standard deviations, the fit there and its truth.
 
-    ``None`` where no size up to the force of inertia is told.
+    ``None`` where no size up to the force of inertia is detected.
     """
     quiet = plan.record(load_model("fluid"), {}, noisy=False)
     largest = plan.valve.moving_mass * float(np.sqrt(np.mean(quiet.spool**2)))
@@ -446,7 +445,7 @@ def _dictionary(
 
 def _range(peak: float) -> float:
     """Return the accelerometer's range, g, that holds ``peak`` (m/s^2) with ``MARGIN``; NaN: none does."""
-    return next((float(one) for one in RANGES if one * G >= MARGIN * peak), math.nan)
+    return next((float(one) for one in RANGES if one * GRAVITY >= MARGIN * peak), math.nan)
 
 
 def _show(result: dict[str, Any], answer: Answer, found: Sequence[Named]) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
+from spool_core.numbers import Array
 from spool_estimator.identification.channel_faults import at_rail
 from spool_estimator.identification.record import Record
 from spool_estimator.identification.spectra import noise_of
@@ -31,8 +32,6 @@ QUIET = 3.0
 RATE_OVER_BAND = 8.0
 #: s from which a record tells of friction: 20 periods at 1 Hz.
 SHORT = 20.0
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -285,7 +285,7 @@ def replay_valve(
 ) -> Replay:
     """Replay one valve of a bag through fresh cores with ``settings``, by default those of the live nodes.
 
-    ``timeline`` and ``parts`` are told the blocks; with the latter the drift tests are traced. Drift
+    ``timeline`` and ``parts`` get the blocks; with the latter the drift tests are traced. Drift
     is judged by the baseline in the folder ``state``, or it is learned there.
 
     Raises:
@@ -488,7 +488,7 @@ def _warnings(reader: Source, times: Mapping[str, Timeline]) -> list[str]:
 
 
 def _take_run(one: Replay, run: BlockRun, timeline: Timeline | None, parts: PartKeeper | None) -> None:
-    """Let a replay, and those who are told the blocks, take ``run``."""
+    """Let a replay, and those that get the blocks, take ``run``."""
     if timeline is not None:
         timeline.take_run(run)
     if parts is not None:

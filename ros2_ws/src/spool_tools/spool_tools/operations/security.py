@@ -163,7 +163,7 @@ def of_operator(valves: Sequence[str]) -> Access:
 
 @dataclass(frozen=True, slots=True)
 class _Authority:
-    """Certificate authority: its certificate and key."""
+    """Its certificate and key."""
 
     certificate: Any
     key: Any

@@ -16,6 +16,7 @@ from spool_bag.writer import BagWriter
 from spool_core.block_gate import BlockGate, Verdict
 from spool_core.cdr import OilTemperature, encode_block, encode_temperature
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 from spool_core.text import plural
 from spool_sim.excitation import PRESETS, Excitation, Recorded, load_excitation
 from spool_sim.sensors import Sensor, Sensors, load_sensors
@@ -29,8 +30,6 @@ from spool_tools.terminal import progress
 #: 2025-01-01 UTC: a simulated record has no time of its own.
 SIMULATION_START = 1_735_689_600_000_000_000
 SIMULATION_SECONDS = 40.0
-
-Array = NDArray[np.float64]
 
 
 def simulate(

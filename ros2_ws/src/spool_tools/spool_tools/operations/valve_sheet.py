@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from spool_core.errors import InputError
+from spool_core.numbers import GRAVITY
 from spool_core.text import did_you_mean
 from spool_sim.lubrication import fluid_friction_coefficient
 from spool_sim.sensors import PAPER_CHAIN
@@ -76,14 +77,12 @@ _COMMENTS: Mapping[str, tuple[str, str]] = {
     "land_length": ("m", "all sealing lands together"),
     "radial_clearance": ("m", "gap between spool and bore"),
     "dynamic_viscosity": ("Pa s", "at oil_temperature"),
-    "oil": ("", "viscosity by temperature: wear is told from warm oil"),
+    "oil": ("", "viscosity by temperature: distinguishes wear from warm oil"),
     "oil_temperature": ("deg C", "at which dynamic_viscosity holds"),
 }
 
 #: m/s, a spool at 60 Hz with a stroke of 9 mm exceeds it on average: the paper's conclusions.
 SPEED = 0.5
-#: m/s^2, standard gravity (ISO 80000-3).
-GRAVITY = 9.80665
 
 
 def number_of(question: Question, text: str) -> float:
@@ -124,7 +123,7 @@ def asked(
 ) -> dict[str, str]:
     """Return ``given`` with what ``answer`` says to a question for each missing number; empty: not known.
 
-    ``refuse`` is told what is wrong with an answer, which is then asked for again.
+    ``refuse`` gets what is wrong with an answer, which is then asked for again.
     """
     answers = dict(given)
     for question in QUESTIONS:

@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, Fit
 from spool_estimator.identification.free_run import FreeRun, Response
 from spool_estimator.identification.record import Record, first_seconds
 from spool_estimator.identification.spectra import ZeroPhase, relative_motion
 from spool_sim.valve import Valve
-
-Array = NDArray[np.float64]
 
 #: s of data that pictures are made from at most.
 LONGEST = 60.0

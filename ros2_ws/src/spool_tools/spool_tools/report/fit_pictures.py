@@ -9,20 +9,18 @@ from collections.abc import Mapping, Sequence
 from itertools import cycle, islice
 
 import matplotlib
+from spool_core.numbers import Array
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from spool_estimator.identification.fit_result import Agreement
 
 from spool_tools.report.evidence.exhibit import DARK, MEASURED, STYLES, WIDTH
 
 from .fit_curves import Excerpt, FrictionCurve, Overlay
-
-Array = NDArray[np.float64]
 
 RATIO_SHOWN = (0.0, 2.0)
 

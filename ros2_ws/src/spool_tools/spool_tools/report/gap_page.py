@@ -40,7 +40,7 @@ SURFACE = (
 RANKING = "Every hypothesis, fitted together with the base and validated on data that no fit has seen."
 WAVEFORM = "The held-out stretch in which the base model was worst: measured, before, after."
 PROFILES = (
-    "Profile likelihood: each number held at values around its estimate, all others fitted anew. Where the "
+    "Profile likelihood: each number held at values around its estimate, all others fitted again. Where the "
     "curve crosses the dashed line (3.84, 95 %) on both sides the record determines the number, and the "
     "crossings are its interval; where it stays below on one side the record sets no bound there."
 )

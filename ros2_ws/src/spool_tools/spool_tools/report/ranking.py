@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 from spool_estimator.identification.fit import fit, free_run_agreement
 from spool_estimator.identification.fit_result import Agreement, Fit, FitSettings
 from spool_estimator.identification.record import Record
@@ -24,8 +25,6 @@ from spool_sim.model import Model
 
 from spool_tools.operations.record_loading import FitData
 from spool_tools.report.fit_curves import Overlay, overlay, sensor_noise
-
-Array = NDArray[np.float64]
 
 #: Samples on each side of a jump of the friction that are left out.
 RINGING = 4
@@ -40,7 +39,7 @@ ROUNDS = 2
 
 @dataclass(frozen=True, slots=True)
 class FittedSeries:
-    """Series: one set of data and every model fitted to it."""
+    """One set of data and every model fitted to it."""
 
     data: FitData
     validated: tuple[ValidatedFit, ...]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import matplotlib
+from spool_core.numbers import Array
 
 matplotlib.use("Agg")
 
@@ -14,7 +15,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from spool_bag.reader import BagReader
 from spool_core.block_gate import malformed
 from spool_core.events.sentences import title
@@ -24,8 +24,6 @@ from spool_core.uncertainty import LEGEND, PLUS_MINUS, Z_95, Shown, interval, wi
 from spool_tools.report import page as html
 from spool_tools.report.evidence.exhibit import Exhibit, LeftOut
 from spool_tools.report.provenance import sources
-
-Array = NDArray[np.float64]
 
 #: Okabe and Ito's colours: apart for the colour-blind and in print.
 BODY, SPOOL, ESTIMATE, EVENT = "#0072B2", "#D55E00", "#009E73", "#E69F00"

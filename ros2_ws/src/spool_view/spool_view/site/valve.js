@@ -13,7 +13,7 @@ let before = null;
 let natural = null;
 const shown = {};
 
-/** Build a part anew only where its data changed. */
+/** Build a part again only where its data changed. */
 function once(id, data, build) {
   const text = JSON.stringify(data);
   if (shown[id] === text) return;

@@ -245,7 +245,7 @@ def domain(domain_id: int, tmp_path: Path) -> Iterator[Domain]:
 
 
 class StandIn:
-    """A monitor and an estimator by what they publish: says once a second what it is told to say."""
+    """A monitor and an estimator by what they publish: says once a second what it is set to publish."""
 
     def __init__(self, number: int, valve: str) -> None:
         self._ended = threading.Event()

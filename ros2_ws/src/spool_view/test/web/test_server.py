@@ -111,7 +111,7 @@ def test_streams_are_bounded(served: Served) -> None:
     assert served.station.desk.board.open == {"valve_1": MOST_STREAMS}
     for one in streams:
         one.close()
-    until(lambda: served.station.desk.board.open == {}, "streams that were closed are let go of")
+    until(lambda: served.station.desk.board.open == {}, "streams that were closed are released")
     with served.connect("/stream/machine") as again:
         read_until(again, b"data:")
 

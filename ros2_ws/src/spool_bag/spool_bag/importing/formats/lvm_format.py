@@ -25,7 +25,7 @@ _END = "***End_of_Header***"
 
 @dataclass(slots=True)
 class _Segment:
-    """Segment: header by key, names of its columns, rows of cells, and the line of the first of them."""
+    """Header by key, names of its columns, rows of cells, and the line of the first of them."""
 
     header: dict[str, list[str]]
     columns: list[str] = field(default_factory=list)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_sim.valve import Valve
 
 from spool_estimator.identification.nuisances.record_nuisance import Nuisance
@@ -14,8 +14,6 @@ from spool_estimator.identification.record import Record
 from spool_estimator.identification.spectra import noise_of
 
 from .record_nuisance import Cleaned, RecordNuisance
-
-Array = NDArray[np.float64]
 
 #: s of the means that show a drift, and their number at least.
 PIECE, FEWEST = 2.0, 5

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from spool_core.numbers import Array
 from spool_sim.valve import Valve
 
 from spool_estimator.identification.nuisances.record_nuisance import Nuisance
@@ -20,7 +21,6 @@ from spool_estimator.identification.record import Record
 
 from .record_nuisance import Cleaned, RecordNuisance
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 #: Hz, of the mains of the world, and how far they stray from it together with a logger's clock, relative

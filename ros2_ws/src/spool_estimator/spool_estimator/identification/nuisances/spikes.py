@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from spool_core.numbers import Array
 from spool_sim.valve import Valve
 
 from spool_estimator.identification.nuisances.record_nuisance import Nuisance
@@ -15,8 +16,6 @@ from spool_estimator.identification.record import Record
 from spool_estimator.identification.spectra import ZeroPhase
 
 from .record_nuisance import Cleaned, RecordNuisance
-
-Array = NDArray[np.float64]
 
 #: Samples of a spike at most, and samples on each side that predict those between: a cubic through them.
 WIDEST, BESIDE = 3, 2

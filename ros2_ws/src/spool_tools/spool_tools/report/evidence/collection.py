@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 from spool_core.uncertainty import Z_95, Quantity
 from spool_estimator.estimate import Estimate
 from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, Fit
@@ -64,7 +64,6 @@ from spool_tools.report.evidence.spectra import (
 #: Times the natural frequency that a spectrum over time shows at least, and of the excitation's limit.
 HARMONICS, BEYOND = 4.0, 1.2
 
-Array = NDArray[np.float64]
 
 #: Names of both sides.
 BASE, FOUND = "base model", "with what was found"

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import matplotlib.pyplot as plt
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft, signal
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 from spool_core.uncertainty import Z_95, Quantity, number, with_interval
 from spool_monitor.parameter_drift import DriftPoint
 from spool_tools.report.evidence.exhibit import (
@@ -32,12 +32,10 @@ from spool_tools.report.evidence.exhibit import (
     thinned,
 )
 
-Array = NDArray[np.float64]
-
 #: 95 % quantile of the chi-squared distribution of two degrees of freedom: -2 log 0.05.
 CHI_SQUARED_95 = -2.0 * math.log(0.05)
 
-ELLIPSE_TITLE = "How well drag and dry friction are told apart"
+ELLIPSE_TITLE = "How well drag and dry friction can be separated"
 ELLIPSE_CAPTION = (
     "Pairs of viscous coefficient and Coulomb force that the record does not contradict at 95 %, from the "
     "covariance of the fit; cross: the intervals of each number by itself. Good: a small, upright ellipse "
@@ -138,7 +136,7 @@ def ellipse_of(parameters: tuple[Quantity, ...], names: tuple[str, ...], correla
     if not (np.isfinite(part).all() and np.isfinite(deviations).all() and (deviations > 0.0).all()):
         raise InputError("the covariance of both frictions is not known")
     if abs(float(part[0, 1])) >= 1.0:
-        raise InputError("both frictions are told only as one number")
+        raise InputError("both frictions are known only as one number")
     return Ellipse(
         (VISCOUS, COULOMB),
         (known[VISCOUS].unit, known[COULOMB].unit),

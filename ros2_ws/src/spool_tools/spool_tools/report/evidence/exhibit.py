@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import matplotlib
+from spool_core.numbers import Array
 
 matplotlib.use("Agg")
 
@@ -13,10 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from spool_core.errors import InputError
-
-Array = NDArray[np.float64]
 
 #: Points of a line that a reader can zoom into, at most.
 POINTS = 1500

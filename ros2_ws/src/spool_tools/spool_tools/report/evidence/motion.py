@@ -9,6 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.errors import InputError
+from spool_core.numbers import Array
 from spool_core.uncertainty import Z_95, number, percent
 from spool_estimator.identification.free_run import FreeRun, Window, excitation_limit
 from spool_estimator.identification.record import Record, first_seconds
@@ -30,8 +31,6 @@ from spool_tools.report.evidence.exhibit import (
     plain,
 )
 from spool_tools.report.evidence.spectra import CrossSpectra, cross_spectra
-
-Array = NDArray[np.float64]
 
 #: s of data that are simulated at most, of a window, and Hz of the conditioning, as in the pictures of fits.
 LONGEST, WINDOW, LOW_CUT = 60.0, 8.0, 3.0
