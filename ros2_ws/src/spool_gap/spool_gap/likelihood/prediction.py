@@ -291,9 +291,9 @@ class Prediction:
             return np.asarray(errors * middle - self.lines_of(read * self.counted) * volume)
         changed = (part.response(frequency, values) - 1.0) / size
         if part.channel == "spool":
-            read = self.lines_of(self._through(self.spool, changed * share) * self.counted)
+            lines = self.lines_of(self._through(self.spool, changed * share) * self.counted)
             own = ((part.response(self.lines, values) - 1.0) / size).real
-            return np.asarray(errors * own - read * volume)
+            return np.asarray(errors * own - lines * volume)
         turn = 2j * np.pi * frequency
         mass, stiffness, damping = _linear(one)
         passed = (damping * turn + stiffness) / (mass * turn**2 + damping * turn + stiffness)
