@@ -38,7 +38,13 @@ PAGES = [
 ]
 #: Tables elsewhere define or explain: names, meanings, settings, sources. Nothing in them was measured.
 EXPLAINING = {
-    "alarms.md": [("kind", "number"), ("number", "what it means"), ("file", "holds")],
+    "alarms.md": [
+        ("kind", "number"),
+        ("number", "title"),
+        ("where", "how to choose"),
+        ("where", "what it shows"),
+        ("file", "holds"),
+    ],
     "architecture.md": [("package", "job"), ("topic", "offered")],
     "commissioning.md": [("what `replay` says", "what it means, what to do")],
     "fleet.md": [("`--analysis`", "gives"), ("table", "columns")],
@@ -46,7 +52,9 @@ EXPLAINING = {
     "gap.md": [("verdict",), ("matter", "what happens"), ("nuisance", "how it is known")],
     "measure.md": [("matter", "what to choose"), ("question", "excitation")],
     "glossary.md": [("term", "meaning")],
-    "python.md": [("question", "where")],
+    "index.md": [("you want to", "page")],
+    "laptop.md": [("extra", "adds"), ("system", "what was done")],
+    "python.md": [("question", "where"), ("call", "gives")],
     "watch.md": [("state", "what is known")],
     "methods/estimation.md": [("question", "answer")],
     "methods/gap.md": [("threshold", "value")],
@@ -62,6 +70,10 @@ EXPLAINING = {
         ("parameter", "unit"),
     ],
 }
+
+
+#: Pages that `docs/site.py` writes while the site is built; a strict build checks links to them.
+MADE_BY_THE_SITE = {"reference/commands.md", "reference/messages.md"}
 
 
 def headers(text: str) -> list[tuple[str, ...]]:
@@ -101,7 +113,11 @@ def test_the_method_page_of_the_gap_holds_the_thresholds_that_decide() -> None:
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_links_lead_somewhere(page: Path) -> None:
     links = LINK.findall(page.read_text(encoding="utf-8"))
-    assert [link for link in links if "://" not in link and not (page.parent / link).exists()] == []
+    assert [
+        link
+        for link in links
+        if "://" not in link and link not in MADE_BY_THE_SITE and not (page.parent / link).exists()
+    ] == []
 
 
 def field_row(hidden: str, verdict: str) -> FieldVerdict:

@@ -15,7 +15,7 @@ from typing import cast
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from spool_estimator.identification.spectra import ZeroPhase, interval_mean_response, relative_motion
+from spool_estimator.identification.spectra import ZeroPhase, interval_mean_response, quiet, relative_motion
 from spool_gap.effect import Motion, SensorEffect, scan
 from spool_gap.likelihood.chain_part import CHAIN_PARTS
 from spool_gap.registry import EFFECTS
@@ -317,3 +317,11 @@ def test_relative_motion_is_the_one_worked_out_by_hand() -> None:
         assert row.shape == TIME.shape
         assert middle(row) == pytest.approx(middle(wave(12.0, gain, phase)), abs=MIDDLE * gain)
     assert found.settling == 333
+
+
+def test_what_is_far_above_the_noise_keeps_every_sample() -> None:
+    """Pieces that overlap, each weighed by its window, add up to the whole, also at both ends."""
+    row = np.random.default_rng(4).standard_normal(1000)
+    density = 1e-9
+    kept = quiet(row, density, 100.0).apply(row)
+    assert kept == pytest.approx(row, abs=1e-3)
