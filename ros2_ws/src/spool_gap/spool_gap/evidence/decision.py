@@ -111,7 +111,9 @@ def decide(
             named.append(name)
     rest = rest_of(predictions, fit)
     gain = rest.gain / numbers.dispersion
-    matters = rest.share >= settings.least_share
+    judged = held.judged(fit)
+    # A free run that leaves no more than noise explains the record, whatever its prediction errors follow.
+    matters = rest.share >= settings.least_share and judged.agreement.nrmse > judged.floor
     unexplained = gain > DECISIVE and matters
     if unexplained:
         # A name stands beside a remainder only where that is small against what the name explains: a law

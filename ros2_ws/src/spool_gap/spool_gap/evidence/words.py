@@ -63,8 +63,7 @@ def words_of(
         limit = look.limits["spool"]
         extra[SATURATION] = (Quantity("saturation_limit", "m/s^2", limit, 0.01 * limit, Validity.VALID),)
         names.append(SATURATION)
-    # A free run that leaves no more than noise explains the record, whatever its prediction errors follow.
-    open_ = decision.unexplained and after.agreement.nrmse > after.floor
+    open_ = decision.unexplained
     doubtful = not look.trusted and (open_ or not names)
     candidates: tuple[str, ...] = ()
     if doubtful or (open_ and not names):
