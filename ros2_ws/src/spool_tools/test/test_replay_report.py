@@ -68,8 +68,8 @@ def test_the_trace_holds_the_numbers_that_raised_the_event() -> None:
     assert points[-1].threshold == drift.threshold
     assert points[-1].baseline == drift.baseline.value
     crossed = next(point.stamp for point in points if point.down >= point.threshold)
-    # The event comes when the sum has crossed, the change is four of its deviations, for the on delay of 3 s.
-    assert 3.0 - 0.01 <= (event.stamp - crossed) * 1e-9 < 10.0
+    # The event comes when the sum has crossed, the change is four of its deviations, for the on delay of 2 s.
+    assert 2.0 - 0.01 <= (event.stamp - crossed) * 1e-9 < 9.0
     assert crossed * 1e-9 - 20.0 > one.first_stamp * 1e-9
 
 

@@ -6,12 +6,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from spool_bag.metadata import ACCELERATION_BLOCK, typestore
+from rclpy.serialization import serialize_message
+from spool_bag.metadata import ACCELERATION_BLOCK
 from spool_bag.reader import BagReader
 from spool_bag.writer import BagWriter, PartLimits
 from spool_core.block import Block
 from spool_core.cdr import encode_block
 from spool_core.errors import InputError
+from spool_core.events.event import Event, EventState, Facts, Severity
+from spool_core.events.sentences import language_of
+from spool_core.node.messages import to_event_message
+from spool_core.uncertainty import Quantity, Validity
 from spool_tools.cli import main
 from spool_tools.operations.record_sources import span_of
 
@@ -51,14 +56,14 @@ def test_around_an_alarm_are_the_minutes_before_and_after_it(
 ) -> None:
     """Twenty minutes in parts of one, with an alarm in minute 5 and another in minute 12."""
     start, second, kind = 1_700_000_000_000_000_000, 1_000_000_000, "spool_msgs/msg/HealthEvent"
-    types = typestore().types
 
     def alarm(at: int) -> bytes:
-        stamp = types["builtin_interfaces/msg/Time"](sec=at // second, nanosec=at % second)
-        header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="valve_1")
-        quantity = types["spool_msgs/msg/Quantity"]("amplification", "1", 4.0, 0.1, 1)
-        event = types[kind](header, "resonance", "", 1, 2, quantity, "", "", 100)
-        return bytes(typestore().serialize_cdr(event, kind))
+        quantity = Quantity("amplification", "1", 4.0, 0.1, Validity.VALID)
+        event = Event(
+            at, "resonance", EventState.RAISED, Severity.ALARM, "", quantity, code=100,
+            facts=Facts.of(quantity, 3.0),
+        )  # fmt: skip
+        return serialize_message(to_event_message(event, "valve_1", language_of("en")))
 
     samples = np.zeros(2000, np.float32)
     with BagWriter(tmp_path / "bag", limits=PartLimits(duration=60.0), flush_interval=1e9) as writer:
