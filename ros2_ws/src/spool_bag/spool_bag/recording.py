@@ -180,7 +180,8 @@ class Recording:
     def _run(self) -> None:
         looked = -math.inf
         while not self._ending:
-            self._queue.wait(TURN if self._writer is not None else RETRY)
+            writer = self._writer
+            self._queue.wait(RETRY if writer is None else min(TURN, writer.flush_due_in))
             with self._kept_alive():
                 self._empty()
                 if time.monotonic() - looked >= (RETRY if self._writer is None else LOOK):
@@ -217,18 +218,19 @@ class Recording:
                     self._paused = because
 
     def _empty(self) -> None:
-        """Write what waits."""
-        end = math.inf if self._ending else time.monotonic() + LONGEST_TURN
+        """Write what waits, then sync: else the first message would be synced without the rest."""
+        begin = time.monotonic()
+        end = math.inf if self._ending else begin + LONGEST_TURN
         while (
             self._writer is not None
-            and time.monotonic() < end
+            and (now := time.monotonic()) < end
             and (message := self._queue.take()) is not None
         ):
-            self._take(message)
+            self._take(message, flush=now - begin >= TURN)
         self._attempt(BagWriter.flush_if_due)
         self._state_losses()
 
-    def _take(self, message: Recorded) -> None:
+    def _take(self, message: Recorded, *, flush: bool) -> None:
         if message.latched:
             self._latched[message.topic] = message
         writer = self._writer
@@ -236,7 +238,7 @@ class Recording:
             return
         try:
             channel = writer.add_topic(message.topic, message.kind, message.qos, latched=message.latched)
-            writer.write(channel, message.received, message.data, message.published)
+            writer.write(channel, message.received, message.data, message.published, flush=flush)
         except RecordingError as error:
             self._fail(str(error), writer)
         except InputError as error:

@@ -198,9 +198,19 @@ class BagWriter:
         return len(self._channels) - 1
 
     def write(
-        self, channel: int, log_time: int, data: bytes, publish_time: int | None = None, sequence: int = 0
+        self,
+        channel: int,
+        log_time: int,
+        data: bytes,
+        publish_time: int | None = None,
+        sequence: int = 0,
+        *,
+        flush: bool = True,
     ) -> None:
-        """Append the CDR ``data``; times in ns, ``publish_time`` defaults to ``log_time``."""
+        """Append the CDR ``data``; times in ns, ``publish_time`` defaults to ``log_time``.
+
+        Without ``flush``, whoever writes calls :meth:`flush_if_due` behind the last of what waits.
+        """
         published = log_time if publish_time is None else publish_time
         one = self._channels[channel]
         if not self._open:
@@ -213,12 +223,18 @@ class BagWriter:
         self.bytes += len(data)
         if one.latched and self.limits is not None:
             one.last = data, published, sequence
-        self.flush_if_due()
+        if flush:
+            self.flush_if_due()
 
     def flush_if_due(self) -> None:
         """Close the chunk and sync it if the last time was ``flush_interval`` ago."""
         if time.monotonic() - self._flushed >= self._interval:
             self.flush()
+
+    @property
+    def flush_due_in(self) -> float:
+        """Seconds until the next flush is due, at least 0: who looks later syncs later than promised."""
+        return max(self._flushed + self._interval - time.monotonic(), 0.0)
 
     def flush(self) -> None:
         """Close the chunk in progress and sync it to the disk; keep the quota."""

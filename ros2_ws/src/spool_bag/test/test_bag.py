@@ -18,9 +18,10 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+from spool_bag.blocks import WINDOW
 from spool_bag.information import describe
 from spool_bag.metadata import ACCELERATION_BLOCK, TEMPERATURE, typestore
-from spool_bag.reader import WINDOW, BagReader
+from spool_bag.reader import BagReader
 from spool_bag.recovery import recover
 from spool_bag.writer import BagWriter
 from spool_core.block import Block

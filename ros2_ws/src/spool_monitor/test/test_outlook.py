@@ -11,6 +11,7 @@ from spool_core.events.sentences import details
 from spool_core.uncertainty import Quantity
 from spool_estimator.estimator import Estimator, settings_for
 from spool_monitor.detectors import KINDS, MonitorSettings
+from spool_monitor.detectors.base import FALSE_ALARM_INTERVAL
 from spool_monitor.event import Condition, EventKind, EventState, Finding, Severity
 from spool_monitor.monitor import Monitor
 from spool_monitor.parameter_drift import Outlook
@@ -93,7 +94,7 @@ def test_a_slow_wear_says_when_it_becomes_an_alarm() -> None:
         assert facts.value < facts.limit < facts.baseline
         assert facts.low < facts.value < facts.high
         assert facts.change == pytest.approx(facts.value - facts.baseline)
-        assert facts.false_alarm_interval == 3.6e6
+        assert facts.false_alarm_interval == FALSE_ALARM_INTERVAL.default * 86400.0
     assert alarm.facts.limit < warning.facts.limit
 
 
