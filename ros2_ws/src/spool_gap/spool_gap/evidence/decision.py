@@ -92,7 +92,7 @@ def decide(
     held: HeldOut,
 ) -> Decision:
     """Return what the fits of ``search`` say."""
-    fit, refused = _plainest(predictions, search, settings)
+    fit, refused = _plainest(predictions, search, settings, held)
     fit = _predicting(search, held, fit, refused)
     valve = predictions.parts[0].valve
     forces = two_forces(look.readings, valve, motions, fit)
@@ -141,9 +141,12 @@ def _refined(predictions: Predictions, fit: StructureFit) -> tuple[StructureFit,
 
 
 def _plainest(
-    predictions: Predictions, search: Search, settings: GapSettings
+    predictions: Predictions, search: Search, settings: GapSettings, held: HeldOut
 ) -> tuple[StructureFit, dict[str, str]]:
-    """Return the simplest fit whose richer laws differ from plainer ones by more than the least share."""
+    """Return the simplest fit with richer laws only where plainer ones do not do.
+
+    They do if they differ by less than the least share, or leave no more than noise of a free run.
+    """
     fit, refused = search.simplest, {}
     for name in fit.structure.effects:
         for plain in EFFECTS[name].replaces:
@@ -153,8 +156,13 @@ def _plainest(
                 continue
             other = max(like, key=lambda one: one.evidence)
             shown = share_between(predictions, fit, EFFECTS[name].terms, other, EFFECTS[plain].terms)
-            if shown < settings.least_share:
-                refused[name] = f"it differs from {plain.replace('_', ' ')} by {100.0 * shown:.2g} % only"
+            judged = held.judged(other)
+            if shown < settings.least_share or judged.agreement.nrmse <= judged.floor:
+                refused[name] = (
+                    f"it differs from {plain.replace('_', ' ')} by {100.0 * shown:.2g} % only"
+                    if shown < settings.least_share
+                    else f"with {plain.replace('_', ' ')} a free run leaves no more than noise, too"
+                )
                 fit = other
                 break
     return fit, refused
