@@ -180,9 +180,12 @@ def test_each_node_is_there_as_in_a_process_of_its_own(
     last = {name: one.last for name, one in told.items()}
     stiffness = {name: one.parameters[0].value for name, one in last.items()}
     assert all(abs(value / 1632.0 - 1.0) < 0.02 for value in stiffness.values()), stiffness
+    feed.until(
+        lambda: float(system.numbers("host: valve_0")["cpu_share"]) > 0.0, "the processor's share is measured"
+    )
     timing = system.numbers("host: valve_0")
     assert timing["blocks_lost"] == "0"
-    assert 0.0 < float(timing["cpu_share"]) < 0.5
+    assert float(timing["cpu_share"]) < 0.5
     assert 0.0 <= float(timing["longest_wait_s"]) < 1.0
     doctor = subprocess.Popen(
         [sys.executable, "-m", "spool_bringup.program", "doctor", "--live"],

@@ -347,7 +347,8 @@ def test_a_removed_recording_is_begun_anew_with_what_is_latched(
     source.publish(latched, ModelEstimate())
     source.publish(blocks, from_block(block(0), "valve_1"))
     source.until(lambda: written(recorder.bag, blocks) == 1)
-    shutil.rmtree(recorder.bag)
+    # At once, while the recorder writes into it.
+    shutil.rmtree(recorder.bag.rename(recorder.bag.with_name("removed")))
     other = recorder.bag
     source.until(lambda: written(other, latched) == 1)
     source.heard(blocks)
