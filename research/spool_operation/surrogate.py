@@ -90,7 +90,7 @@ class SurrogateRow:
 
 @dataclass(frozen=True, eq=False)
 class Surrogate:
-    """Surrogate: all rows, and how errors develop over time.
+    """All rows, and how errors develop over time.
 
     Attributes:
         origin: command, version and numbers of the runs it was fitted to.

@@ -41,7 +41,7 @@ MARGIN = 1200
 
 @dataclass(frozen=True, slots=True)
 class Hold:
-    """Hold: the machine runs at one speed from ``begin`` to ``end`` (s); it takes ``ramp`` s to get there."""
+    """The machine runs at one speed from ``begin`` to ``end`` (s); it takes ``ramp`` s to get there."""
 
     begin: int
     end: int
@@ -55,7 +55,7 @@ class ValveDay:
 
     Attributes:
         seed: it follows from this, and ``faulty``, alone.
-        valve: as the monitor is told it is; ``coulomb``: its dry friction, N.
+        valve: as described to the monitor; ``coulomb``: its dry friction, N.
         holds: of production, in order; between them the machine stands.
         oil: true oil temperature at each second, deg C; ``reading``: the thermometer's, NaN without one.
         law_error: 1/K, by which the oil's viscosity departs from the law.

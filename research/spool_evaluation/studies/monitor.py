@@ -18,7 +18,7 @@ from .workers import spread
 ABOUT = (
     "Scenarios of known truth, shown to estimator and monitor as the live nodes would see them. "
     "Delays count from when the change is as large as it has to be found; one that is found earlier has a "
-    "negative one. What is drawn, what is asked, what falls short: "
+    "negative one. What is drawn, required and missed: "
     "[how well](../methods/monitoring.md#how-well)."
 )
 

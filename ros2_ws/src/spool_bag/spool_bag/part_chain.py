@@ -324,7 +324,7 @@ def _end(told: Mapping[str, str]) -> PartEnd:
 
 
 def _frames(stream: BinaryIO) -> Iterator[tuple[int, bytes, int]]:
-    """Yield opcode, head and length of each record; whoever takes one reads its content."""
+    """Yield opcode, head and length of each record; the caller reads the content of those that it takes."""
     while len(head := stream.read(FRAME.size)) == FRAME.size:
         opcode, length = FRAME.unpack(head)
         yield opcode, head, length

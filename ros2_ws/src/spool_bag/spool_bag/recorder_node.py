@@ -431,7 +431,7 @@ class RecorderNode(ManagedNode):
 
 
 class _Intake(NamedTuple):
-    """Topic that is recorded, with what is asked of each of its messages."""
+    """Topic that is recorded, with what each of its messages must have."""
 
     topic: str
     kind: str

@@ -209,7 +209,7 @@ class BagWriter:
     ) -> None:
         """Append the CDR ``data``; times in ns, ``publish_time`` defaults to ``log_time``.
 
-        Without ``flush``, whoever writes calls :meth:`flush_if_due` behind the last of what waits.
+        Without ``flush``, the caller calls :meth:`flush_if_due` behind the last of what waits.
         """
         published = log_time if publish_time is None else publish_time
         one = self._channels[channel]

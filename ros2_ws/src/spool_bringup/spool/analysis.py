@@ -68,7 +68,7 @@ def compare(
     """Fit several models to records and rank them.
 
     Args:
-        records: each is a series of its own, as in the paper.
+        records: each is one series, as in the paper.
         valve: for all records, or one for each.
         models: names or YAML files; default: the paper's four, coulomb and stribeck.
         together: take all records as one set of data.

@@ -305,7 +305,7 @@ def analyse_task(task: GapTask) -> GapAnswer:
 
 
 class GapWorker:
-    """Each analysis in a process of its own, one at a time."""
+    """Each analysis in a separate process, one at a time."""
 
     def __init__(self) -> None:
         """Start nothing yet."""

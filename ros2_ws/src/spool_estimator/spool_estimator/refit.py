@@ -186,7 +186,7 @@ def refit(task: WindowTask) -> Refit:
 
 
 class RefitWorker:
-    """Fits windows in a process of its own.
+    """Fits windows in a separate process.
 
     Attributes:
         done: refits collected since the start.

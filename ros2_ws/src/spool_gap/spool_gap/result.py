@@ -263,7 +263,7 @@ class GapResult:
         model: with everything that was found, to simulate with.
         warnings: what a reader should know, one line each.
         seconds: of data used; ``elapsed``: s of computing.
-        predictable: share of what is left that a smooth force explains, by what it is a function of.
+        predictable: share of the remainder that a smooth force explains, by what it is a function of.
         remainder: what is left, ``None`` where that is noise.
         nuisances: what the measuring chain did.
         small_effects: what was found and does not matter.

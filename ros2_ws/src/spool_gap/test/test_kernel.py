@@ -1,4 +1,4 @@
-"""One kernel for every structure moves as a kernel of its own, and steps as finely as a structure needs."""
+"""One kernel for every structure moves as a separate kernel, and steps as finely as a structure needs."""
 
 from __future__ import annotations
 

@@ -166,7 +166,7 @@ def test_a_smooth_law_of_no_catalogue_is_unexplained() -> None:
     assert result.remainder.function_of == "position and speed"
 
 
-#: A jump is told as a function of the way since the last reversal, which has fewer numbers.
+#: A jump is reported as a function of the way since the last reversal, which has fewer numbers.
 MISTAKEN = pytest.mark.xfail(reason="a force that jumps is taken for one of the way since a reversal")
 
 

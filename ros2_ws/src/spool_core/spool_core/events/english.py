@@ -109,7 +109,7 @@ EVENTS = {
     702: EventText(
         "Second source",
         "Two sources send on the same topic, or blocks name another valve; only the first one is used.",
-        "end the second source or give it the namespace of its own valve",
+        "end the second source or give it the namespace of its valve",
     ),
     703: EventText(
         "Lost blocks",

@@ -105,7 +105,7 @@ def decide(
     named = [name for name in own.effects if name not in small]
     for name, tolerance in ((GAIN, settings.gain_tolerance), (DELAY, settings.delay_tolerance)):
         one = numbers.of(name)
-        # What the body did while its channel clipped is restored by a curve: no gain is told from that.
+        # What the body did while its channel clipped is restored by a curve, which says nothing about a gain.
         told_apart = name == DELAY or "body" not in look.limits
         if one is not None and told_apart and abs(one.value) - tolerance > BEYOND * one.standard_deviation:
             named.append(name)
@@ -121,7 +121,7 @@ def decide(
         least = rest.share / MOST_LEFT
         for name in [one for one in named if shares.get(one, 0.0) < least]:
             named.remove(name)
-            refused[name] = "what is left with it is too large for its law to be the right one"
+            refused[name] = "the remainder beside it is too large for its law to be the right one"
     probabilities = _probabilities(search, fit, refused, gain - DECISIVE if matters else -math.inf)
     parts = tuple(key for key in own.parts if share_of_part(predictions, fit, key) >= settings.least_share)
     singles = [one for one in search.fits.values() if len(one.structure.effects) == 1]

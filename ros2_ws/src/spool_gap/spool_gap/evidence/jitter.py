@@ -26,7 +26,7 @@ NARROWEST = 0.15
 #: Twice the log likelihood ratio, and share of the noise that grows with the slope, from which there is
 #: jitter: chosen on blind cases other than the published ones.
 EVIDENCE, SHARE = 60.0, 0.2
-CHECK = "the clock that takes the samples: a timer of its own in place of a program's loop"
+CHECK = "the clock that takes the samples: a separate timer instead of a program's loop"
 
 
 def jitter_of(parts: Sequence[Prediction], rows: Sequence[Array]) -> Nuisance | None:

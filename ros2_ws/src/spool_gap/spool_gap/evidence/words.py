@@ -29,7 +29,7 @@ from spool_gap.result import Remainder
 from spool_gap.thresholds import THRESHOLDS
 
 SATURATION, COMPARED = "sensor_saturation", "the spool's acceleration"
-#: Power of what is left over the white noise's from which noise is called coloured: the density of white
+#: Power of the remainder over the white noise's from which noise is called coloured: the density of white
 #: noise is known to some 10 %, that of the residual to some 20 %.
 COLOURED = 2.0
 #: Confidence at most where the channels may not be of one valve: even that they are is doubted.

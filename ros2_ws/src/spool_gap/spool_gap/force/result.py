@@ -1,4 +1,4 @@
-"""Result of an analysis of force records: verdict, numbers, where the gap sat, what is left."""
+"""Result of an analysis of force records: verdict, numbers, where the gap sat, remainder."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 #: Speed over its 80 % quantile from which the spool slips.
 SLIPS = 0.1
-#: Share of the samples within the stroke that the motion uses; the integrals of what is left are in error.
+#: Share of the samples within the stroke that the motion uses; beyond, the integrals are in error.
 REACH = 0.995
 
 

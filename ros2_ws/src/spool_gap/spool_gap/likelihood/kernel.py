@@ -1,6 +1,6 @@
 """One kernel for every structure: all terms of the catalogue compiled together, each with a switch.
 
-A kernel of its own for each structure would be compiled at its first use, for seconds each. Here a term
+A separate kernel for each structure would be compiled at its first use, for seconds each. Here a term
 whose switch is 0 costs one comparison. The step is that of :mod:`spool_sim.integration.stepping`.
 """
 

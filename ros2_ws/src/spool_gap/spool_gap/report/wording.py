@@ -91,7 +91,7 @@ def unnamed(
 
 
 def still_missing(left: Remainder) -> str:
-    """Return the sentence on what is left where something is named."""
+    """Return the sentence on the remainder beside names."""
     follows = "nothing predicts it" if left.function_of == "nothing" else f"it follows {left.function_of}"
     return (
         f"Something else is left, {left.over_noise_floor:.3g} times the noise's power and "

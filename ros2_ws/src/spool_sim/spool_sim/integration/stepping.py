@@ -1,7 +1,7 @@
 """Time step for any composition of force terms: smooth Runge-Kutta pieces between located events.
 
 Written for the model ``fluid``; :mod:`spool_sim.integration.composition` replaces ``fluid_laws`` by the laws
-of another model and compiles the result as a module of its own.
+of another model and compiles the result as a separate module.
 
     m z'' + smooth(z, v, t) + friction Sgn(v) = -m a(t)
 

@@ -24,7 +24,7 @@ def force_law(
 
 
 class PeriodicForceTerm(Term):
-    """A sine of its own frequency, independent of the body."""
+    """A sine at one frequency, independent of the body."""
 
     name = "periodic_force"
     parameters = (

@@ -32,7 +32,7 @@ def plan(
     json: cli.JsonFile = None,
     _force: cli.Force = False,
 ) -> None:
-    """Say what a record could tell before it is measured; exit 1 where it would not tell what is asked.
+    """Say what a record could tell before it is measured; exit 1 where it would not answer the question.
 
     The record is simulated as planned and goes through the same fits, or the gap workflow, as a measured one.
 

@@ -44,8 +44,8 @@ if TYPE_CHECKING:
 #: Stretches of one kind of record.
 Measured: TypeAlias = Sequence[Record] | Sequence[ForceRecord]
 
-#: Scatter of the sampling steps of a force record, over their median, from which resampling is told: a step's
-#: worth of motion is then off by a hundredth.
+#: Scatter of the sampling steps of a force record, over their median, from which a warning speaks of
+#: resampling: a step's worth of motion is then off by a hundredth.
 UNEVEN = 0.01
 #: Confidence at most where the record contradicts its valve file: its numbers are as likely wrong as right.
 DOUBTED_CONFIDENCE = 0.5

@@ -40,7 +40,7 @@ MOST_FOOTER = 50
 
 
 class CsvTable(Table):
-    """CSV file; parsed piece by piece, so that only what is asked for is kept.
+    """CSV file; parsed piece by piece, so that only the columns asked for are kept.
 
     Raises:
         InputError: it holds no rows of numbers.
