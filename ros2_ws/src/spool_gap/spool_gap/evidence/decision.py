@@ -20,7 +20,7 @@ from spool_gap.likelihood.chain_part import DELAY, GAIN
 from spool_gap.likelihood.kernel import SwitchableMotion
 from spool_gap.likelihood.prediction import Predictions
 from spool_gap.likelihood.rest import Rest, rest_of, share_between, share_of_effect, share_of_part
-from spool_gap.likelihood.search import DECISIVE, Search
+from spool_gap.likelihood.search import DECISIVE, Search, makes_sense
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
 from spool_gap.registry import EFFECTS
 from spool_gap.result import GapSettings
@@ -222,7 +222,7 @@ def _probabilities(
     for one in search.fits.values():
         if set(one.structure.effects) & (set(refused) - set(fit.structure.effects)):
             continue
-        if any(EFFECTS[name].sensible(one.structure.values, {}) for name in one.structure.effects):
+        if not makes_sense(one):
             continue
         name = _joined(one)
         best[name] = max(best.get(name, -math.inf), one.evidence)

@@ -104,7 +104,7 @@ class Search:
     @property
     def late(self) -> bool:
         """Whether no further structure is tried."""
-        return self._predictions.work + self._brief.work > self._allowed
+        return sum(one.work for one in {self._predictions, self._brief}) > self._allowed
 
     @property
     def best(self) -> StructureFit:
@@ -112,12 +112,7 @@ class Search:
         return max(self._sensible(), key=lambda one: one.evidence)
 
     def _sensible(self) -> list[StructureFit]:
-        found = []
-        for one in self.fits.values():
-            values = one.structure.values
-            if not any(EFFECTS[name].sensible(values, {}) for name in one.structure.effects):
-                found.append(one)
-        return found
+        return [one for one in self.fits.values() if makes_sense(one)]
 
     @property
     def simplest(self) -> StructureFit:
@@ -428,7 +423,8 @@ class Search:
     def _keep(self, fit: StructureFit) -> StructureFit:
         fit = judged(self._predictions, fit)
         known = self.fits.get(fit.structure.key)
-        if known is None or fit.evidence > known.evidence:
+        # Numbers that make no sense on a machine never hide others that do.
+        if known is None or (makes_sense(fit), fit.evidence) > (makes_sense(known), known.evidence):
             self.fits[fit.structure.key] = fit
             return fit
         return known
@@ -436,6 +432,12 @@ class Search:
     @property
     def _fastest(self) -> float:
         return float(np.quantile(np.abs(self._balance.motion.velocity), 0.99))
+
+
+def makes_sense(fit: StructureFit) -> bool:
+    """Whether all numbers of the effects make sense on a machine."""
+    values = fit.structure.values
+    return not any(EFFECTS[name].sensible(values, {}) for name in fit.structure.effects)
 
 
 def _named(fit: StructureFit) -> str:
