@@ -25,6 +25,8 @@ DOCS = ROOT / "docs"
 RESULTS = DOCS / "results"
 HEADER = re.compile(r"^\|(.+)\|\n\| *:?-", re.M)
 LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
+#: A file of Python or a folder, as a page names it; and one that a recipe of CONTRIBUTING.md writes.
+NAMED = re.compile(r"`((?:[\w.-]+/)*[\w-]+\.py|(?:[\w.-]+/)+)`(?!:\n\n```python)")
 MADE = re.compile(
     r"# .+\n\nMade on \d{4}-\d\d-\d\d by "
     r"`(\./spool (bench|study|python) [^`]+|SPOOL_FAULTS=\d+ \.ci/nightly)`, version .+\.\n"
@@ -57,9 +59,10 @@ EXPLAINING = {
     "python.md": [("question", "where"), ("call", "gives")],
     "watch.md": [("state", "what is known")],
     "methods/estimation.md": [("question", "answer")],
-    "methods/gap.md": [("threshold", "value")],
+    "methods/gap.md": [("in `result.json`", "rule"), ("threshold", "value")],
     "methods/monitoring.md": [
         ("detector", "what it judges"),
+        ("to change", "parameter of the monitor"),
         ("error of a change", "standard deviation"),
         ("what moved", "cause"),
     ],
@@ -118,6 +121,29 @@ def test_links_lead_somewhere(page: Path) -> None:
         for link in links
         if "://" not in link and link not in MADE_BY_THE_SITE and not (page.parent / link).exists()
     ] == []
+
+
+@pytest.fixture(scope="module", name="sources")
+def _sources() -> str:
+    """The paths of all folders and files of the sources, a line each."""
+    top = [
+        ROOT / name
+        for name in (".ci", "bags", "docs", "requirements", "research", "ros2_ws/src", "setup", "tests")
+    ]
+    found = [path for folder in top for path in (folder, *folder.rglob("*"))]
+    return "".join(f"/{path.relative_to(ROOT)}{'/' * path.is_dir()}\n" for path in found)
+
+
+@pytest.mark.parametrize(
+    "page",
+    [page for page in [ROOT / "CONTRIBUTING.md", *PAGES] if page.parent != RESULTS],
+    ids=lambda path: str(path.relative_to(ROOT)),
+)
+def test_files_and_folders_that_a_page_names_exist(page: Path, sources: str) -> None:
+    """Words in capitals, as in `terms/NAME.py`, and names that begin with _ stand for others."""
+    names = NAMED.findall(page.read_text(encoding="utf-8"))
+    definite = [name for name in names if not re.search(r"[A-Z]{2}|^_", name)]
+    assert [name for name in definite if f"/{name}\n" not in sources] == []
 
 
 def field_row(hidden: str, verdict: str) -> FieldVerdict:

@@ -199,7 +199,7 @@ def _copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("conftest.py", "pyproject.toml"):
         shutil.copy(ROOT / name, copy)
     (copy / "tests").mkdir()
-    for tool in ("law_mutants.py", "law_mutants.yaml"):
+    for tool in ("law_mutants.py", "law_mutants.yaml", "test_public_interface.py"):
         shutil.copy(ROOT / "tests" / tool, copy / "tests")
     shutil.copytree(PACKAGES, copy / "ros2_ws/src", ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copytree(ROOT / "docs", copy / "docs")
