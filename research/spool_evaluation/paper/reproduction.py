@@ -10,6 +10,7 @@ from multiprocessing import get_context
 
 import numpy as np
 from spool_core.system import processors
+from spool_sim.terms import term
 
 from spool_evaluation.paper.data import MODELS, SERIES, PaperSeries, printed_parameters
 from spool_evaluation.paper.fit import PaperFit, fit, fit_both, fit_held
@@ -192,7 +193,6 @@ def verdict(rows: list[dict[str, object]]) -> str:
 
 def _dry(speed: float) -> float:
     """Return the rms of the truth's dry friction, N, over a period of a sine of velocity ``speed``, m/s."""
-    velocity = speed * np.sin(2.0 * np.pi * (np.arange(1000) + 0.5) / 1000.0)
-    fall = np.exp(-((velocity / TRUTH["stribeck_velocity"]) ** 2))
-    force = TRUTH["coulomb_force"] + (TRUTH["static_force"] - TRUTH["coulomb_force"]) * fall
+    velocity, none = speed * np.sin(2.0 * np.pi * (np.arange(1000) + 0.5) / 1000.0), np.zeros(1000)
+    force = term("stribeck_friction").force(none, velocity, none, {**TRUTH, "stribeck_exponent": 2.0})
     return float(np.sqrt(np.mean(force**2)))

@@ -1,6 +1,6 @@
 """Force law page: a picture of every law, force against velocity, displacement or time.
 
-Made from the registered terms themselves: python -m spool_evaluation.pictures.law_pictures docs/methods
+Made from the registered terms: ./spool python -m spool_evaluation.pictures.law_pictures docs/methods
 """
 
 from __future__ import annotations
@@ -18,13 +18,12 @@ from spool_sim.valve import Valve, find_valve
 from spool_evaluation.results.page import MarkedPage, sentence
 
 FORCE, REST = "#0072B2", "#D55E00"
-#: What a law is drawn over, where it is not the velocity, and how far (m, s).
+#: How far (m, s) laws are drawn that do not depend on the velocity; others with a potential as below.
 OVER_DISPLACEMENT = {
-    "spring": 0.006, "cubic_stiffness": 0.006, "end_stop": 0.0045, "spring_backlash": 0.0004,
-    "spring_preload": 0.0001, "presliding_friction": 0.00004,
+    "end_stop": 0.0045, "spring_backlash": 0.0004, "spring_preload": 0.0001, "presliding_friction": 0.00004,
 }  # fmt: skip
 OVER_TIME = {"periodic_force": 0.1, "damping_drift": 60.0}
-LARGEST_SPEED = 0.2
+LARGEST_DISPLACEMENT, LARGEST_SPEED = 0.006, 0.2
 #: Values other than the start values, where those would not show the law.
 SHOWN = {
     "coulomb_hydrodynamic_friction": {"film_coefficient": 0.05},
@@ -55,8 +54,9 @@ def draw(entry: Term, valve: Valve) -> Figure:
         axis.set_xlabel("acceleration of the spool, m/s²")
     elif entry.name == "presliding_friction":
         _draw_loop(axis, entry, values)
-    elif entry.name in OVER_DISPLACEMENT:
-        place: Array = np.linspace(-1.0, 1.0, 2001, dtype=np.float64) * OVER_DISPLACEMENT[entry.name]
+    elif entry.name in OVER_DISPLACEMENT or entry.conserves:
+        reach = OVER_DISPLACEMENT.get(entry.name, LARGEST_DISPLACEMENT)
+        place: Array = np.linspace(-1.0, 1.0, 2001, dtype=np.float64) * reach
         force = entry.force(place, np.zeros(place.size), np.zeros(place.size), values)
         axis.plot(1e3 * place, force, color=FORCE)
         axis.set_xlabel("relative displacement, mm")
