@@ -173,7 +173,7 @@ class NamedEffect:
         id: of the catalogue.
         parameters: each with its standard deviation.
         nrmse_before, nrmse_after: held out, without and with it, everything else refitted.
-        evidence: twice the log likelihood ratio on held-out data, without the BIC penalty of its parameters.
+        evidence: twice the log likelihood ratio with it and without it, no penalty; NaN of force records.
         meaning: on the machine.
         check: what to look at there.
     """
@@ -193,12 +193,13 @@ class RankedHypothesis:
 
     Attributes:
         id: effect of the catalogue.
-        jointly_with: effects that were already accepted when it was tried.
+        jointly_with: the other effects of its structure.
         nrmse_after: held out, with it, everything else refitted.
-        evidence: twice the log likelihood ratio on held-out data, less the BIC penalty of its parameters.
+        evidence: twice the log likelihood ratio over the base, less the BIC penalty; of force records on
+            held-out data, over what was accepted before.
         parameters: values by name.
-        accepted: it is part of the verdict.
-        reason: why not, where it is not.
+        accepted: its structure was taken; what of it matters is in the verdict.
+        reason: why not; empty for one with less evidence, or whose numbers make no sense on a machine.
     """
 
     id: str
@@ -268,7 +269,8 @@ class GapResult:
         nuisances: what the measuring chain did.
         small_effects: what was found and does not matter.
         confidence_note: what the confidence does not count, empty where it counts all.
-        signs: what the confidence goes by.
+        signs: what decided on a remainder (``rest``: its evidence, ``rest_share``), ``dispersion`` of the
+            intervals, ``least_share``: the least share of an effect that matters.
         profiles: of the numbers of what is named, where they were asked for.
         correlation: of the numbers ``correlated``, shape (p, p); empty where it is not known.
         correlated: names of its rows.
