@@ -43,7 +43,7 @@ RELEASE, RISES = 0.6, 0.4
 #: so this many independent draws make up a false-alarm interval (study operation: holds of 10 to 60 min).
 OPERATING_POINT = 600.0
 
-#: Changes that warn which make an alarm.
+#: Times the change that matters, from which a reported change is an alarm.
 ALARMS = 2.0
 
 #: s of a shift: what reaches its limit sooner is not to be planned but done.
@@ -268,7 +268,7 @@ class ParameterDrift:
         if math.isnan(self._smoothed):
             self._smoothed = change
         self._smoothed += (1.0 - math.exp(-seconds / SMOOTHING)) * (change - self._smoothed)
-        self.sum.allowance = self._limit(estimate, quantity, size, seconds) + self.tolerance
+        self.sum.allowance = self._chance(estimate, quantity, size, seconds) + self.tolerance
         self.sum.update(estimate.stamp, change, seconds)
         self._follow(estimate.stamp)
         self._outlook.take(self._rising, estimate.stamp, change)
@@ -300,7 +300,7 @@ class ParameterDrift:
 
     @property
     def certain_from(self) -> float:
-        """Change that is no chance, in units of the one that matters: the limit by the evidence."""
+        """Change that is no chance, in units of the one that matters: one that lasts is reported."""
         return self.sum.allowance
 
     def _scatter(self, estimate: Estimate, quantity: Quantity) -> float:
@@ -310,7 +310,7 @@ class ParameterDrift:
             return quantity.standard_deviation
         return abs(raw.standard_deviation * quantity.value / raw.value)
 
-    def _limit(self, estimate: Estimate, quantity: Quantity, size: float, seconds: float) -> float:
+    def _chance(self, estimate: Estimate, quantity: Quantity, size: float, seconds: float) -> float:
         """Return the change, in units of ``size``, that chance exceeds once in a false-alarm interval."""
         systematic = systematic_error(self.parameter, estimate, self.sensitivity, quantity.value)
         # A start value is the mean of no more independent estimates than its time has memories.
@@ -553,8 +553,8 @@ class DriftPoint:
         stamp: ns.
         value, deviation: of the parameter as it is compared, in its unit; NaN where it is not known.
         baseline, spread: of the healthy valve, in the same unit; NaN while it is learned.
-        matters: change that warns, in the same unit; twice that is an alarm.
-        change: smoothed, in units of the change that warns.
+        matters: change that matters, in the same unit; a reported change of twice that is an alarm.
+        change: smoothed, in units of the change that matters.
         up, down: cumulative sums of changes to both sides, s times that unit.
         threshold: sum from which a change is reported; NaN while nothing was judged.
     """

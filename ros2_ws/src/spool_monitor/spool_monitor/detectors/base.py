@@ -68,7 +68,12 @@ NATURAL_FREQUENCY = MonitorLimit(
 )  # fmt: skip
 MINIMUM_BODY = MonitorLimit("minimum_body", 0.5, "Peak body acceleration that is judged.", "m/s^2", 0.0, 1e3)
 FALSE_ALARM_INTERVAL = MonitorLimit(
-    "false_alarm_interval", 365.0, "Mean time between false alarms of one kind.", "d", 0.1, 36_500.0
+    "false_alarm_interval",
+    365.0,
+    "Mean time between false alarms of one kind: shorter reports sooner.",
+    "d",
+    0.1,
+    36_500.0,
 )
 BASELINE_TIME = MonitorLimit(
     "baseline_time", 15.0, "Time of valid estimates for the start values.", "s", 3.0, 1e5, structural=True
@@ -82,8 +87,8 @@ BLIND, REPORTED = 10.0, 60.0
 class DriftTest:
     """Drift test that a detector asks for: a parameter of the estimate against its start value.
 
-    ``limit`` is the change that must be found, relative to the start value where its unit is 1, else absolute
-    in ``unit``, the parameter's.
+    ``limit`` is the change that matters, relative to the start value where its unit is 1, else absolute in
+    ``unit``, the parameter's. It sets the severity; :class:`ParameterDrift` finds when a change is certain.
     """
 
     parameter: str

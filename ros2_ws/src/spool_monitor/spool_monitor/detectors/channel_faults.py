@@ -10,10 +10,9 @@ from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.identification.channel_faults import ChannelFault
 
 from spool_monitor.channels import ChannelLook
-from spool_monitor.detectors.base import MonitorSettings
 from spool_monitor.event import EventCause, Facts, Finding, Severity
 
-from .base import CHANNELS, Detector, Judgement, Moment
+from .base import CHANNELS, Detector, Judgement, Moment, MonitorSettings
 from .data_fault import KIND as DATA_FAULT
 from .sensor_fault import sensor_fault
 

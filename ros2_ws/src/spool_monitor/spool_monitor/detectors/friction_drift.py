@@ -8,11 +8,10 @@ from typing import ClassVar
 
 from spool_core.uncertainty import Quantity, Validity
 
-from spool_monitor.detectors.base import MonitorLimit
 from spool_monitor.event import EventCause, EventKind, Facts, Finding, Namur, Severity
 from spool_monitor.parameter_drift import VISCOUS, rank_friction
 
-from .base import ESTIMATE, Detector, DriftTest, Moment, judgement
+from .base import ESTIMATE, Detector, DriftTest, Moment, MonitorLimit, judgement
 
 KIND = EventKind(
     "friction_drift",
@@ -26,10 +25,8 @@ KIND = EventKind(
     ),
 )
 
-VISCOUS_CHANGE = MonitorLimit("viscous_change", 0.2, "Relative change that matters.", "1", 0.01, 10.0)
-COULOMB_CHANGE = MonitorLimit(
-    "coulomb_change", 0.1, "Change of the Coulomb force that matters.", "N", 1e-4, 1e4
-)
+VISCOUS_CHANGE = MonitorLimit("viscous_change", 0.2, "Relative change to act on.", "1", 0.01, 10.0)
+COULOMB_CHANGE = MonitorLimit("coulomb_change", 0.1, "Change of the Coulomb force to act on.", "N", 1e-4, 1e4)
 
 
 class FrictionDrift(Detector):

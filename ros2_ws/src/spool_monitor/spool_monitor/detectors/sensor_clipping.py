@@ -7,10 +7,9 @@ from typing import ClassVar
 
 from spool_core.uncertainty import Quantity, Validity
 
-from spool_monitor.detectors.base import MINIMUM_BODY, MonitorSettings
 from spool_monitor.event import EventCause, Facts, Finding, Severity
 
-from .base import SIGNALS, Detector, Judgement, Moment
+from .base import MINIMUM_BODY, SIGNALS, Detector, Judgement, Moment, MonitorSettings
 from .sensor_fault import sensor_fault
 
 KIND = sensor_fault(EventCause("clipping", 602))

@@ -11,11 +11,10 @@ from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity
 
 from spool_monitor.channels import Channel, Signals, transfer
-from spool_monitor.detectors.base import MINIMUM_BODY, MonitorSettings
 from spool_monitor.event import EventCause, Facts, Finding, Severity
 from spool_monitor.window import Complex
 
-from .base import SIGNALS, Detector, Judgement, Moment
+from .base import MINIMUM_BODY, SIGNALS, Detector, Judgement, Moment, MonitorSettings
 from .sensor_fault import sensor_fault
 
 KIND = sensor_fault(EventCause("dead", 601))

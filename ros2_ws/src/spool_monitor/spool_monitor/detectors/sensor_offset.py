@@ -9,10 +9,9 @@ from typing import ClassVar
 
 from spool_core.uncertainty import Quantity, Validity
 
-from spool_monitor.detectors.base import MonitorLimit, MonitorSettings
 from spool_monitor.event import EventCause, Facts, Finding, Severity
 
-from .base import SIGNALS, Detector, Judgement, Moment
+from .base import SIGNALS, Detector, Judgement, Moment, MonitorLimit, MonitorSettings
 from .sensor_fault import sensor_fault
 
 KIND = sensor_fault(EventCause("offset", 603))

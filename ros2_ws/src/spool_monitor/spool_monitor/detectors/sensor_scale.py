@@ -11,10 +11,9 @@ from spool_core.uncertainty import Quantity, Validity
 from spool_estimator.estimate import Estimate, State
 
 from spool_monitor.channels import MEMORY, Signals, ValveResponse
-from spool_monitor.detectors.base import MINIMUM_BODY, MonitorLimit, MonitorSettings
 from spool_monitor.event import EventCause, Facts, Finding, Severity
 
-from .base import ESTIMATE, SIGNALS, Detector, Judgement, Moment
+from .base import ESTIMATE, MINIMUM_BODY, SIGNALS, Detector, Judgement, Moment, MonitorLimit, MonitorSettings
 from .sensor_fault import sensor_fault
 
 KIND = sensor_fault(EventCause("scale", 605))

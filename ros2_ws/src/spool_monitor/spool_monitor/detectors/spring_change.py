@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import ClassVar
 
-from spool_monitor.detectors.base import MonitorLimit
 from spool_monitor.event import EventCause, EventKind, Facts, Finding, Namur
 
-from .base import ESTIMATE, Detector, DriftTest, Moment, judgement
+from .base import ESTIMATE, Detector, DriftTest, Moment, MonitorLimit, judgement
 
 KIND = EventKind(
     "spring_change",
@@ -20,7 +19,7 @@ KIND = EventKind(
     ),
 )
 
-STIFFNESS_CHANGE = MonitorLimit("stiffness_change", 0.1, "Relative change that matters.", "1", 0.001, 10.0)
+STIFFNESS_CHANGE = MonitorLimit("stiffness_change", 0.1, "Relative change to act on.", "1", 0.001, 10.0)
 
 
 class SpringChange(Detector):

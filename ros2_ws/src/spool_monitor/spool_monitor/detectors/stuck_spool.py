@@ -11,10 +11,9 @@ from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity
 
 from spool_monitor.channels import transfer
-from spool_monitor.detectors.base import MINIMUM_BODY, MonitorSettings
 from spool_monitor.event import EventKind, Facts, Finding, Namur, Severity
 
-from .base import ESTIMATE, SIGNALS, Detector, Judgement, Moment
+from .base import ESTIMATE, MINIMUM_BODY, SIGNALS, Detector, Judgement, Moment, MonitorSettings
 
 KIND = EventKind(
     "stuck_spool",

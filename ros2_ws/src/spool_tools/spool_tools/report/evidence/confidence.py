@@ -65,11 +65,11 @@ CHANCE = 0.08
 
 DRIFT_CAPTION = (
     "Above: estimates with their 95 % band; grey: baseline of the healthy valve with its own; dashed: the "
-    "change that warns; dotted: twice that, from which it is an alarm. Below: the cumulative sums of the "
-    "sequential test (Page 1954), for a rise and for a fall, and the threshold that noise alone crosses once "
-    "in the time the monitor is set to; vertical lines: events. Good: estimates stay around the baseline and "
-    "both sums at zero. Bad: a sum that climbs: the change began where it left zero, not where the event "
-    "came. Where there are no estimates the valve was not shaken, or not believed."
+    "change that matters; dotted: twice that, from which a reported change is an alarm. Below: the "
+    "cumulative sums of the sequential test (Page 1954), for a rise and for a fall, and the threshold that "
+    "noise alone crosses once in the time the monitor is set to; vertical lines: events. Good: estimates "
+    "stay around the baseline and both sums at zero. Bad: a sum that climbs: the change began where it left "
+    "zero, not where the event came. Where there are no estimates the valve was not shaken, or not believed."
 )
 #: Events marked at most.
 MARKED = 24
@@ -316,7 +316,7 @@ def drift(name: str, unit: str, points: Sequence[DriftPoint], first: int, marks:
         time, baseline - Z_95 * spread, baseline + Z_95 * spread, color=MEASURED, alpha=0.3, lw=0
     )
     upper.plot(time, baseline, color=MEASURED, lw=1.6, label="baseline")
-    for factor, dash, label in ((1.0, (0, (5, 2)), "warns"), (2.0, (0, (1.5, 1.2)), "alarm")):
+    for factor, dash, label in ((1.0, (0, (5, 2)), "matters"), (2.0, (0, (1.5, 1.2)), "alarm")):
         for place, sign in enumerate((-1.0, 1.0)):
             upper.plot(
                 time, baseline + sign * factor * matters, color=DARK, ls=dash, lw=0.9,
@@ -428,7 +428,7 @@ def _panels(name: str, unit: str, time: Array, table: Array, marks: Sequence[Mar
             dash,
             width=1.0,
         )
-        for factor, dash, label in ((1.0, (6, 3), "warns"), (2.0, (2, 2), "alarm"))
+        for factor, dash, label in ((1.0, (6, 3), "matters"), (2.0, (2, 2), "alarm"))
         for sign in (-1.0, 1.0)
     )
     shown = tuple((mark.time, mark.text if mark.raised else f"{mark.text} over") for mark in marks[:MARKED])
@@ -464,7 +464,7 @@ def _drift_seen(name: str, unit: str, time: Array, table: Array) -> str:
     apart = value[last] - baseline[-1]
     text += (
         f", baseline {with_interval(baseline[-1], spread[-1], unit)}: {number(abs(apart / matters[-1]), 2)} "
-        f"times the change that warns, {'up' if apart > 0.0 else 'down'}"
+        f"times the change that matters, {'up' if apart > 0.0 else 'down'}"
     )
     sums = np.maximum(up, down)
     crossed = np.flatnonzero(sums >= threshold)
