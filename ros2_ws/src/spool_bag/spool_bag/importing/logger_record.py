@@ -183,7 +183,6 @@ def _of_group(
     names = [one.name for one in taken]
     small = [one.channel.name for role, one in sources.items() if single and role in (BODY, SPOOL)]
     values = _read(table, group, list(dict.fromkeys([*clocks, *names])), small, sources)
-    notes: list[str] = []
     warnings: list[str] = []
     if table.holes_are_gaps or asked.empty_as_gap:
         required = [one.channel.name for role, one in sources.items() if role in REQUIRED[kind]]
@@ -195,7 +194,7 @@ def _of_group(
     else:
         number = None if counter is None else values[counter.name]
         clock = counted(values[names[0]].size, number, stated or math.nan, group.delay)
-    notes += clock.notes
+    notes = list(clock.notes)
     found: dict[str, Array] = {}
     uses = uses_of(sources, asked)
     for role, one in sources.items():

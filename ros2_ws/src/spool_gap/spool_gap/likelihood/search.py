@@ -16,7 +16,7 @@ import numpy as np
 from spool_gap.registry import EFFECTS, FRICTIONS
 
 from .balance import Balance
-from .chain_part import CHAIN_PARTS, DELAY, GAIN
+from .chain_part import CHAIN_PARTS, DELAY, GAIN, mode_of_other
 from .prediction import Predictions
 from .score import Proposal, best_of, proposals
 from .structure import Structure, Values
@@ -284,6 +284,7 @@ class Search:
                 starts = list(self._acting_like(name, other, best.structure.values))
                 if starts and (known is None or known.evidence < best.evidence or other == name):
                     self._exchange(bare, other, best, starts)
+        self._exchange_mode(best.structure, best.looseness)
         return self.best.structure.key != best.structure.key
 
     def _exchange(
@@ -304,6 +305,17 @@ class Search:
         for one in found:
             if one.log_likelihood > least:
                 self._tighten(one.structure, best.looseness)
+
+    def _exchange_mode(self, own: Structure, looseness: float) -> None:
+        """Fit ``own`` with the mode of one channel in the place of the other's."""
+        modes = [part for part in own.chain if part.id == "extra_mode"]
+        if len(modes) != 1 or self.late:
+            return
+        other = "spool_extra_mode" if modes[0].channel == "body" else "body_extra_mode"
+        parts = (*(key for key in own.parts if key != modes[0].key), other)
+        start = own.having(own.effects, parts).moved(mode_of_other(own.values, modes[0].channel))
+        self._tell("a mode of the other channel", 0.7)
+        self._tighten(start.bounded(self._predictions.seconds), looseness)
 
     def _like(self, name: str) -> list[str]:
         """Return the effects that act like ``name``."""
@@ -381,6 +393,10 @@ class Search:
             quick.append(self._fit(kept, (fit.looseness,), brief=True))
         if effect:
             quick += [self._fit(one, (TIGHT,), brief=True) for one in self._by_balance(wider)]
+        else:
+            # Compared with what the structure without it leaves at either looseness.
+            loose = max(quick, key=lambda one: one.evidence)
+            quick.append(self._fit(loose.structure, (TIGHT,), brief=True))
         found: dict[int, StructureFit] = {}
         for one in sorted(quick, key=lambda one: one.evidence):
             found[len(one.unknowns)] = one
