@@ -37,7 +37,8 @@ TEMPERATURE = 10.0
 BEYOND = 2.0
 #: Share of what a remainder explains of prediction errors that it explains of a free run, too, at least.
 RUNS = 0.1
-#: Share of what a named effect changes that may be left unexplained beside it.
+#: Share of what a named effect changes that may be left unexplained beside it, and by which a plainer law may
+#: leave more.
 MOST_LEFT = 0.1
 
 
@@ -150,7 +151,8 @@ def _plainest(
 ) -> tuple[StructureFit, dict[str, str]]:
     """Return the simplest fit with richer laws only where plainer ones do not do.
 
-    They do if they differ by less than the least share, or leave no more than noise of a free run.
+    They do if they differ by less than the least share, or leave no more than noise of a free run and hardly
+    more than the richer one.
     """
     fit, refused = search.simplest, {}
     for name in fit.structure.effects:
@@ -161,8 +163,9 @@ def _plainest(
                 continue
             other = max(like, key=lambda one: one.evidence)
             shown = share_between(predictions, fit, EFFECTS[name].terms, other, EFFECTS[plain].terms)
-            judged = held.judged(other)
-            if shown < settings.least_share or judged.agreement.nrmse <= judged.floor:
+            judged, least = held.judged(other), held.judged(fit).agreement.nrmse
+            enough = min(judged.floor, (1.0 + MOST_LEFT) * least)
+            if shown < settings.least_share or judged.agreement.nrmse <= enough:
                 refused[name] = (
                     f"it differs from {plain.replace('_', ' ')} by {100.0 * shown:.2g} % only"
                     if shown < settings.least_share

@@ -89,6 +89,7 @@ class Search:
         self._allowed = allowed
         self.fits: dict[Key, StructureFit] = {}
         self._numbers: dict[str, dict[str, float]] = {}
+        self._exchanges: set[Key] = set()
         tell("fitting the base", 0.1)
         rough = fit_structure(predictions, base)
         self._brief = predictions.excerpt(predictions.parts[0].motions)
@@ -191,6 +192,9 @@ class Search:
                 expanded.add(fit.structure.key)
                 self._tell(f"adding to {_named(fit)}", 0.2 + 0.05 * min(len(expanded), 10))
                 self._add_to(fit)
+            # One of a pair may stand for a law like it: that is seen before a third effect is tried.
+            if len(self.best.structure.effects) > 1:
+                self._exchanged()
             queue = self._next(expanded)
 
     def _next(self, expanded: set[Key]) -> list[StructureFit]:
@@ -269,6 +273,9 @@ class Search:
     def _exchanged(self) -> bool:
         """Whether the best structure with one effect exchanged is more likely than it."""
         best = self.best
+        if best.structure.key in self._exchanges:
+            return False
+        self._exchanges.add(best.structure.key)
         for name in best.structure.effects:
             for other in self._like(name):
                 if self.late:
