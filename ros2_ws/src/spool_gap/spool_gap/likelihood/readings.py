@@ -25,8 +25,8 @@ AFTER, AFTER_LONG, LONG = 0.008, 0.15, 0.005
 #: Share of the samples at a rail that are of one side alone; s within which a rail hardly moves; share of the
 #: range that noise there takes; samples at a rail over those below it (the top of a wave shows 2.4).
 ONE_SIDE, WITHIN, NEAR, PILED_UP = 0.05, 0.25, 0.02, 3.0
-#: Pieces with a rail that moves, at least.
-FEWEST = 3
+#: Pieces with a rail that moves, at least; share of samples beyond it, at most.
+FEWEST, CROSSED = 3, 1e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,12 +163,14 @@ def _at_moving_rail(row: Array, rail: Mask, length: int) -> Mask:
         top = float(np.quantile(piece, 0.999))
         at = piece > top - near
         below = int(np.count_nonzero(piece > top - 2.0 * near)) - int(np.count_nonzero(at))
-        if np.count_nonzero(at) > PILED_UP * below:
+        if np.count_nonzero(at) > PILED_UP * (below + 1):
             places.append(begin + 0.5 * length)
             levels.append(float(np.median(piece[at])))
     if len(places) < FEWEST:
         return found
-    return np.asarray(values > np.interp(np.arange(row.size), places, levels) - 0.5 * near)
+    over = values - np.interp(np.arange(row.size), places, levels)
+    # A rail is not crossed, but by spikes.
+    return found if np.mean(over > near) > CROSSED else np.asarray(over > -0.5 * near)
 
 
 def _disturbed(gone: Mask, period: float) -> Mask:
