@@ -18,6 +18,8 @@ from rich.console import Console
 from rich.table import Table
 from spool_blind.case import NONE
 from spool_blind.field.case import UNEXPLAINED, make_field, write_field
+from spool_core.errors import InputError
+from spool_estimator.identification.record import Record
 from spool_gap.likelihood.chain_part import CHAIN_PARTS, DELAY, GAIN
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import Prediction, Predictions
@@ -53,6 +55,8 @@ EQUAL = 10.0
 STARTS = (LOOSENESS, LOOSENESS[2:])
 #: s of a record that are fitted.
 LONGEST = 30.0
+#: Option that the message names where cells are empty.
+EMPTY = "--empty-as-gap"
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,12 +151,34 @@ def reason(row: FieldVerdict, advantage: float) -> str:
     return NUISANCE if {fault.id for fault in row.told} - drawn else SEARCH
 
 
-def _predictions(record: Path, valve_file: Path) -> tuple[Predictions, Valve]:
-    """Return the predictions of the longest stretch of the files of a case, as `./spool gap` reads them."""
+def stretches_as_told(record: Path, valve_file: Path) -> tuple[list[Record], Valve]:
+    """Return the stretches of the files of a case, read as `./spool gap` does and as its message says.
+
+    Raises:
+        InputError: the record is refused.
+    """
+    # slow to load, and counting needs none of their kernels
+    from spool_bag.importing.bag_import import import_record  # noqa: PLC0415
+    from spool_bag.importing.choices import choices  # noqa: PLC0415
+    from spool_estimator.identification.record import LARGEST  # noqa: PLC0415
     from spool_tools.operations.record_loading import Selection, load_recordings, stretches_of  # noqa: PLC0415
 
-    recordings, valve = load_recordings([record], str(valve_file), Selection())
-    longest = max(stretches_of(recordings), key=lambda one: one.duration)
+    selection = Selection(longest=LARGEST)
+    try:
+        recordings, valve = load_recordings([record], str(valve_file), selection)
+    except InputError as error:
+        if EMPTY not in str(error):
+            raise
+        bag = record.with_name("record_bag")
+        import_record([record], bag, how=choices(empty_as_gap=True))
+        recordings, valve = load_recordings([bag], str(valve_file), selection)
+    return stretches_of(recordings), valve
+
+
+def _predictions(record: Path, valve_file: Path) -> tuple[Predictions, Valve]:
+    """Return the predictions of the longest stretch of the files of a case."""
+    stretches, valve = stretches_as_told(record, valve_file)
+    longest = max(stretches, key=lambda one: one.duration)
     part = longest.part(0, min(longest.body.size, round(LONGEST / longest.sample_period)))
     one = Prediction(readings_of(part), valve, motions_for(MODELS[BASE]))
     return Predictions([one]), valve

@@ -22,7 +22,7 @@ from spool_sim.model import MODELS
 from spool_evaluation.results.page import markdown_table, renew_json, save_picture, study_command, write_page
 from spool_evaluation.results.proportion import Proportion
 from spool_evaluation.results.timing import Stopwatch
-from spool_evaluation.studies.field.diagnosis import diagnose
+from spool_evaluation.studies.field.diagnosis import diagnose, stretches_as_told
 from spool_evaluation.studies.field.reliability import ENOUGH, brier_scores, deciles, reliability_figure
 from spool_evaluation.studies.field.summary import (
     FAILED,
@@ -156,15 +156,12 @@ def analysed(record: Path, valve: Path) -> dict[str, Any]:
     Raises:
         InputError: the record is refused.
     """
-    from spool_estimator.identification.record import LARGEST  # noqa: PLC0415
     from spool_estimator.plausibility import check_records  # noqa: PLC0415 - counting needs none of its kernels
     from spool_gap.evidence.analyse import analyse  # noqa: PLC0415
     from spool_gap.report.serialisation import result_to_dict  # noqa: PLC0415
     from spool_tools.operations.gap_run import doubted  # noqa: PLC0415
-    from spool_tools.operations.record_loading import Selection, load_recordings, stretches_of  # noqa: PLC0415
 
-    recordings, described = load_recordings([record], str(valve), Selection(longest=LARGEST))
-    stretches = stretches_of(recordings)
+    stretches, described = stretches_as_told(record, valve)
     result = analyse(stretches, described, MODELS[BASE])
     return result_to_dict(doubted(result, check_records(described, stretches)))
 

@@ -148,6 +148,7 @@ def read(
     scale: Mapping[str, str] | None = None,
     rate: float | None = None,
     dates: str = "",
+    empty_as_gap: bool = False,
 ) -> Record:
     """Return the record in a bag or in any file of a data logger.
 
@@ -160,12 +161,13 @@ def read(
         scale: sensitivities by role: ``{"body": "100mV/g"}``.
         rate: sample rate, Hz, of files without a time.
         dates: order of dates like 05/04/2026: ``dmy`` or ``mdy``; needed where both fit.
+        empty_as_gap: leave out rows in which body or spool has no value.
 
     Raises:
         InputError: no such record, or what it holds is ambiguous; the message names the argument to give.
     """
     paths = [Path(one) for one in ([path] if isinstance(path, (str, Path)) else path)]
-    named = (unit, columns, scale, rate, dates or None)
+    named = (unit, columns, scale, rate, dates or None, empty_as_gap or None)
     if len(paths) == 1 and all(one is None for one in named):
         record = Record(paths[0])
         _ = record._recording  # wrong files are refused here
@@ -174,7 +176,14 @@ def read(
     from spool_bag.importing.choices import choices  # noqa: PLC0415
 
     units = {"body": unit, "spool": unit} if isinstance(unit, str) else unit or {}
-    how = choices(columns=_pairs(columns), unit=_pairs(units), scale=_pairs(scale), rate=rate, dates=dates)
+    how = choices(
+        columns=_pairs(columns),
+        unit=_pairs(units),
+        scale=_pairs(scale),
+        rate=rate,
+        dates=dates,
+        empty_as_gap=empty_as_gap,
+    )
     folder, bag = _place(paths[0].name.partition(".")[0] or "record")
     import_record(paths, bag, how=how)
     return Record(bag, folder)

@@ -142,11 +142,11 @@ def judge(record: Record, valve: Valve) -> tuple[list[str], bool]:
             f"sample at {max(needed, 10.0 * min(noise.high, 200.0)):.0f} Hz or more"
         )
     warnings: list[str] = []
-    ratio, coherence, frequency = transfer(record, noise)
+    ratio, coherent, frequency = transfer(record, noise)
     low = frequency < 0.45 * natural
-    if coherence.size and float(np.median(coherence)) < THRESHOLDS.incoherent:
+    if coherent < THRESHOLDS.incoherent:
         warnings.append(
-            f"body and spool hardly belong together (coherence {float(np.median(coherence)):.2f}): "
+            f"body and spool hardly belong together (coherence {coherent:.2f}): "
             "same valve, same clock, sensors tight?"
         )
         return warnings, False
@@ -168,8 +168,11 @@ def judge(record: Record, valve: Valve) -> tuple[list[str], bool]:
     return warnings, trusted
 
 
-def transfer(record: Record, noise: ChannelNoise) -> tuple[Array, Array, Array]:
-    """Return the spool's acceleration over the body's (complex), coherence, and frequency where driven."""
+def transfer(record: Record, noise: ChannelNoise) -> tuple[Array, float, Array]:
+    """Return the spool's acceleration over the body's (complex) where driven, its coherence, and frequency.
+
+    Coherence: share of the spool's power there that the body accounts for; 1 where nothing is driven.
+    """
     piece = int(min(record.body.size // 4, round(2.0 * record.sample_rate)))
     options = {"fs": record.sample_rate, "window": "hann", "nperseg": piece}
     frequency, body = signal.welch(record.body, **options)
@@ -177,8 +180,10 @@ def transfer(record: Record, noise: ChannelNoise) -> tuple[Array, Array, Array]:
     _, cross = signal.csd(record.body, record.spool, **options)
     driven = (body > 30.0 * noise.body) & (frequency >= noise.low) & (frequency <= noise.high)
     ratio = cross[driven] / body[driven]
-    coherence = np.abs(cross[driven]) ** 2 / (body[driven] * spool[driven])
-    return ratio, coherence, frequency[driven]
+    coherent = (
+        np.sum(np.abs(cross[driven]) ** 2 / body[driven]) / np.sum(spool[driven]) if driven.any() else 1.0
+    )
+    return ratio, float(coherent), frequency[driven]
 
 
 def unit_or_exchange(ratio: Array, frequency: Array, valve: Valve) -> str:

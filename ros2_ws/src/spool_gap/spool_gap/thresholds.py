@@ -38,7 +38,10 @@ class Thresholds:
         "above the two of Nyquist, with room for the anti-alias filter",
     )
     incoherent: float = decided(
-        0.3, "1", "median coherence of both channels below which no verdict is trusted", CASES
+        0.3,
+        "1",
+        "share of the spool's power that is coherent with the body, below which nothing is trusted",
+        CASES,
     )
     unlike_described: float = decided(
         0.3, "ln", "distance of the transfer from the described valve's from which units are doubted", CASES

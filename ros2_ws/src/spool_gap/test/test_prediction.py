@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 from spool_estimator.identification.record import Record, records_from_blocks
 from spool_estimator.identification.spectra import delayed
-from spool_gap.likelihood.chain_part import CHAIN_PARTS, inverse
+from spool_gap.likelihood.chain_part import CHAIN_PARTS, inverse, mode, mode_of_other
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import (
     FREE,
@@ -21,7 +21,7 @@ from spool_gap.likelihood.prediction import (
     Predictions,
     _step_of,
 )
-from spool_gap.likelihood.readings import readings_of
+from spool_gap.likelihood.readings import bridged, readings_of
 from spool_gap.likelihood.structure import Structure, structure_of
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
 from spool_gap.registry import EFFECTS
@@ -300,6 +300,54 @@ def test_clipped_samples_are_missing_in_both_roles(channel: str) -> None:
     assert not readings.counted[at_limit].any()
     assert readings.heard[at_limit].any() == (channel == "body")
     assert getattr(readings, f"{channel}_limit") == pytest.approx(limit)
+
+
+def test_the_rail_that_a_bias_moves_is_a_rail_too() -> None:
+    """A sensor clips on both sides, its bias moves, and the logger clips at the same limit."""
+    of = record()
+    limit = 0.6 * float(np.abs(of.spool).max())
+    bias = 0.02 * limit * (1.0 + np.linspace(0.0, 5.0, of.spool.size))
+    moved = np.minimum(np.clip(of.spool, -limit, limit) + bias, limit)
+    readings = readings_of(replace(of, spool=moved))
+    assert not readings.heard[of.spool <= -limit].any()
+    assert readings.heard[np.abs(of.spool) < 0.8 * limit].all()
+
+
+def test_a_bias_does_not_leak_from_where_samples_are_missing() -> None:
+    of = record()
+    gone, nothing = np.zeros(of.spool.size, dtype=np.bool_), np.zeros(of.spool.size, dtype=np.bool_)
+    gone[np.arange(of.spool.size) % 37 < 6] = True
+    one = prediction(of, (nothing, gone))
+    biased = one.counted_lines(np.full(one.size, 5.0))[one.inside]
+    assert np.abs(biased).max() < 1e-9 * 5.0 * one.size
+
+
+def test_samples_that_are_cut_off_are_bridged_by_the_model() -> None:
+    of = record()
+    limit = 0.6 * float(np.abs(of.spool).max())
+    cut = readings_of(replace(of, spool=np.clip(of.spool, -limit, limit)))
+    whole = readings_of(of)
+    one = Prediction(cut, VALVE, MOTIONS)
+    bridge = bridged(cut, one.bridge(structure_of(BASE, VALVE), 0.1))
+    inside = slice(500, -500)
+    error, before = (float(np.std((row.spool - whole.spool)[inside])) for row in (bridge, cut))
+    assert error < 0.3 * before
+
+
+@pytest.mark.parametrize("channel", ["body", "spool"])
+@settings(max_examples=30)
+@given(share=st.floats(-2.0, 0.8), natural=st.floats(20.0, 500.0), damping=st.floats(0.01, 0.3))
+def test_a_mode_of_one_channel_acts_like_one_of_the_other(
+    channel: str, share: float, natural: float, damping: float
+) -> None:
+    own = {
+        f"{channel}_mode_share": share,
+        f"{channel}_mode_frequency": natural,
+        f"{channel}_mode_damping": damping,
+    }
+    frequency = np.linspace(1.0, 800.0, 100)
+    product = mode(frequency, *own.values()) * mode(frequency, *mode_of_other(own, channel).values())
+    assert np.abs(product - 1.0).max() < 1e-9
 
 
 @pytest.mark.parametrize(

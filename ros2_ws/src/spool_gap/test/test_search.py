@@ -9,12 +9,13 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import signal
 from spool_estimator.identification.record import Record
 from spool_gap.evidence.analyse import analyse
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.readings import readings_of
-from spool_gap.likelihood.rest import Rest, rest_of
+from spool_gap.likelihood.rest import Rest, foreseen, rest_of
 from spool_gap.likelihood.search import Search
 from spool_gap.likelihood.structure import structure_of
 from spool_gap.likelihood.structure_fit import fit_structure
@@ -174,6 +175,25 @@ def left(force: Force) -> Rest:
     """Return what a smooth force explains of what the base leaves."""
     every = predictions(moved_by(force))
     return rest_of(every, fit_structure(every, structure_of(BASE, VALVE)))
+
+
+def test_vibration_across_the_axis_is_no_force_that_is_missing() -> None:
+    """The spool's sensor picks up vibration that is not its motion: no force makes free runs better."""
+    still = moved_by(lambda _z, _v, _t: 0.0)
+    draw = np.random.default_rng(3)
+    across = signal.sosfilt(
+        signal.butter(2, (10.0, 60.0), "bandpass", fs=RATE, output="sos"),
+        draw.standard_normal(still.spool.size),
+    )
+    picked_up = replace(still, spool=still.spool + 0.04 * float(still.spool.std()) * across / across.std())
+    law = moved_by(soft_drag)
+    sure = []
+    for of in (picked_up, law):
+        every = predictions(of)
+        fit = fit_structure(every, structure_of(BASE, VALVE))
+        sure.append(foreseen(every, fit, "position and speed"))
+    assert sure[0] < 10.0
+    assert sure[1] > 100.0
 
 
 def test_noise_follows_nothing() -> None:

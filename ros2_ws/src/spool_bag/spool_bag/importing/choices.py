@@ -48,6 +48,7 @@ class Choices:
     ``align``: whether two clocks may be brought together. ``exclude``: columns to leave out.
     ``stamps``: which time of a bag's messages counts, one of ``STAMPS``; ``None``: that of the header.
     ``dates``: order of day and month, ``dmy`` or ``mdy``, in dates like 05/04/2026.
+    ``empty_as_gap``: whether a row without a value in a channel is a gap in all of them.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -59,6 +60,7 @@ class Choices:
     exclude: tuple[str, ...] = ()
     stamps: str | None = None
     dates: str = ""
+    empty_as_gap: bool = False
 
     def states_unit(self, role: str) -> bool:
         """Return whether ``--columns`` names a column by the role with its unit, e.g. ``body_m_s2``."""
@@ -79,6 +81,7 @@ def choices(
     exclude: Given = None,
     stamps: str | None = None,
     dates: str = "",
+    empty_as_gap: bool = False,
 ) -> Choices:
     """Return what the options of the same names say.
 
@@ -112,7 +115,7 @@ def choices(
         )
     if dates not in ("", "dmy", "mdy"):
         raise InputError(f"--dates {printable(dates, 20)!r}: write dmy or mdy")
-    return Choices(named, units, scales, topics, rate, align == "auto", left_out, stamps, dates)
+    return Choices(named, units, scales, topics, rate, align == "auto", left_out, stamps, dates, empty_as_gap)
 
 
 def role_of(name: str, option: str = "--columns") -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_core.errors import InputError
 from spool_core.numbers import GRAVITY
-from spool_core.text import printable
+from spool_core.text import plural, printable
 
 from spool_bag.importing.choices import Choices, choices
 from spool_bag.importing.clocks import ClockOffset
@@ -183,18 +183,18 @@ def _of_group(
     names = [one.name for one in taken]
     small = [one.channel.name for role, one in sources.items() if single and role in (BODY, SPOOL)]
     values = _read(table, group, list(dict.fromkeys([*clocks, *names])), small, sources)
-    notes: list[str] = []
     warnings: list[str] = []
-    if table.holes_are_gaps:
+    if table.holes_are_gaps or asked.empty_as_gap:
+        required = [one.channel.name for role, one in sources.items() if role in REQUIRED[kind]]
         warnings += _without_holes(
-            values, [one.channel.name for role, one in sources.items() if role in REQUIRED[kind]]
+            values, required, "that the file marks as invalid" if table.holes_are_gaps else "that are empty"
         )
     if axis is not None:
         clock = read_axis(table, group, axis, others, values, asked)
     else:
         number = None if counter is None else values[counter.name]
         clock = counted(values[names[0]].size, number, stated or math.nan, group.delay)
-    notes += clock.notes
+    notes = list(clock.notes)
     found: dict[str, Array] = {}
     uses = uses_of(sources, asked)
     for role, one in sources.items():
@@ -238,15 +238,15 @@ def _of_group(
     )
 
 
-def _without_holes(values: dict[str, Values], required: Sequence[str]) -> list[str]:
+def _without_holes(values: dict[str, Values], required: Sequence[str], what: str) -> list[str]:
     """Leave out the rows without a value in a required channel, and return a line about them."""
-    whole = np.logical_and.reduce([np.isfinite(values[name]) for name in required])
+    whole = ~np.logical_or.reduce([np.isnan(values[name]) for name in required])
     missing = int(np.count_nonzero(~whole))
     if not missing:
         return []
     for name, row in values.items():
         values[name] = row[whole]
-    return [f"{missing} rows with values that the file marks as invalid are left out"]
+    return [f"{plural(missing, 'row')} with values {what} {'is' if missing == 1 else 'are'} left out"]
 
 
 def _rate_note(path: Path, axis: Channel | None, group: Group, asked: Choices, base: TimeBase) -> str:

@@ -200,6 +200,7 @@ def finite(
         raise InputError(
             f"{path}: {where(int(np.argmax(bad)))}: {name} is empty, NaN or infinite "
             f"({int(np.count_nonzero(bad))} such cells)"
+            + ("" if np.isinf(values).any() else "; --empty-as-gap leaves out rows that a channel lacks")
         )
     huge = np.abs(values) > LARGEST_NUMBER
     if huge.any():

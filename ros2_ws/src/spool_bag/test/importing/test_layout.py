@@ -77,8 +77,13 @@ def test_holes_are_in_the_optional_column_alone(tmp_path: Path) -> None:
     found = read_record(save(tmp_path, [f"{CONTRACT},oil [degC]", *rows]))
     assert np.flatnonzero(np.isnan(found.columns["oil_temperature_C"])).tolist() == [5]
     bad = [*ROWS[:7], "0.0035,#N/A,1.0", *ROWS[8:]]
-    with pytest.raises(InputError, match="line 9: body_m_s2 is empty, NaN"):
-        read_record(save(tmp_path, [CONTRACT, *bad]))
+    path = save(tmp_path, [CONTRACT, *bad])
+    with pytest.raises(InputError, match=r"line 9: body_m_s2 is empty, NaN.*--empty-as-gap"):
+        read_record(path)
+    left = read_record(path, how=choices(empty_as_gap=True))
+    assert left.gaps.tolist() == [7]
+    assert left.columns["spool_m_s2"].size == len(ROWS) - 1
+    assert "1 row with values that are empty is left out" in left.warnings
 
 
 @pytest.mark.parametrize("at", [0, 1, 2, 3, 300])

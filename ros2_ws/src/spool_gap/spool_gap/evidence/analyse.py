@@ -22,9 +22,10 @@ from spool_sim.valve import Valve
 from spool_gap.checks import as_stuck
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import Prediction, Predictions
+from spool_gap.likelihood.readings import bridged
 from spool_gap.likelihood.search import Search
 from spool_gap.likelihood.structure import structure_of
-from spool_gap.likelihood.structure_fit import StructureFit
+from spool_gap.likelihood.structure_fit import LOOSENESS, StructureFit, fit_structure
 from spool_gap.registry import EFFECTS
 from spool_gap.result import GapResult, GapSettings, NamedEffect, Progress, RankedHypothesis, SmallEffect
 
@@ -75,6 +76,12 @@ def analyse(
     begin = min(one.time for one in look.readings)
     counted = [replace(one, time=one.time - begin) for one in look.readings]
     predictions = Predictions([Prediction(one, valve, motions) for one in counted])
+    if "spool" in look.limits and predictions.numbers > 0.0:
+        # A model bridges the tops that are cut off better than any curve: they are several samples long.
+        rough = fit_structure(predictions, structure_of(base, valve), LOOSENESS[:3])
+        tops = [part.bridge(rough.structure, LOOSENESS[2]) for part in predictions.parts]
+        counted = [bridged(one, top) for one, top in zip(counted, tops, strict=True)]
+        predictions = Predictions([Prediction(one, valve, motions) for one in counted])
     if predictions.numbers <= 0.0:
         clipped = " and ".join(look.limits) or "neither"
         raise InputError(

@@ -19,7 +19,7 @@ import numpy as np
 from spool_gap.likelihood.chain_part import DELAY, GAIN
 from spool_gap.likelihood.kernel import SwitchableMotion
 from spool_gap.likelihood.prediction import Predictions
-from spool_gap.likelihood.rest import Rest, rest_of, share_between, share_of_effect, share_of_part
+from spool_gap.likelihood.rest import Rest, foreseen, rest_of, share_between, share_of_effect, share_of_part
 from spool_gap.likelihood.search import DECISIVE, Search, makes_sense
 from spool_gap.likelihood.structure_fit import StructureFit, fit_structure
 from spool_gap.registry import EFFECTS
@@ -35,7 +35,10 @@ from .look import Look
 TEMPERATURE = 10.0
 #: Standard deviations by which gain or delay must exceed its tolerance (95 %).
 BEYOND = 2.0
-#: Share of what a named effect changes that may be left unexplained beside it.
+#: Share of what a remainder explains of prediction errors that it explains of a free run, too, at least.
+RUNS = 0.1
+#: Share of what a named effect changes that may be left unexplained beside it, and by which a plainer law may
+#: leave more.
 MOST_LEFT = 0.1
 
 
@@ -114,6 +117,9 @@ def decide(
     judged = held.judged(fit)
     # A free run that leaves no more than noise explains the record, whatever its prediction errors follow.
     matters = rest.share >= settings.least_share and judged.agreement.nrmse > judged.floor
+    # Nor does a sensor's own error, which is in the measured motion, too, and not in that of a free run.
+    if matters and gain > DECISIVE:
+        matters = foreseen(predictions, fit, rest.follows) > RUNS * rest.gain
     unexplained = gain > DECISIVE and matters
     if unexplained:
         # A name stands beside a remainder only where that is small against what the name explains: a law
@@ -145,7 +151,8 @@ def _plainest(
 ) -> tuple[StructureFit, dict[str, str]]:
     """Return the simplest fit with richer laws only where plainer ones do not do.
 
-    They do if they differ by less than the least share, or leave no more than noise of a free run.
+    They do if they differ by less than the least share, or leave no more than noise of a free run and hardly
+    more than the richer one.
     """
     fit, refused = search.simplest, {}
     for name in fit.structure.effects:
@@ -156,8 +163,9 @@ def _plainest(
                 continue
             other = max(like, key=lambda one: one.evidence)
             shown = share_between(predictions, fit, EFFECTS[name].terms, other, EFFECTS[plain].terms)
-            judged = held.judged(other)
-            if shown < settings.least_share or judged.agreement.nrmse <= judged.floor:
+            judged, least = held.judged(other), held.judged(fit).agreement.nrmse
+            enough = min(judged.floor, (1.0 + MOST_LEFT) * least)
+            if shown < settings.least_share or judged.agreement.nrmse <= enough:
                 refused[name] = (
                     f"it differs from {plain.replace('_', ' ')} by {100.0 * shown:.2g} % only"
                     if shown < settings.least_share

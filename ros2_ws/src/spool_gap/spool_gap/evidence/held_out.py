@@ -83,8 +83,8 @@ class HeldOut:
         ratios: list[tuple[Array, Array, Array]] = []
         for part in self._predictions.parts:
             predicted, found = part.free_run(one, looseness)
-            error = part.lines_of((part.spool - predicted) * part.counted)[part.held]
-            reading = part.lines_of(part.spool * part.counted)[part.held]
+            error = part.counted_lines(part.spool - predicted)[part.held]
+            reading = part.counted_lines(part.spool)[part.held]
             left += float(np.sum(np.abs(error) ** 2))
             measured += float(np.sum(np.abs(reading) ** 2))
             noise += part.noise_of(one, int(part.held.sum()))

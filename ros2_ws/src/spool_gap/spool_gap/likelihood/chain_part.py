@@ -75,6 +75,21 @@ def mode(frequency: Array, share: float, natural: float, damping: float) -> Spec
     return np.asarray(1.0 + share * own, dtype=np.complex128)
 
 
+def mode_of_other(values: Values, channel: str) -> dict[str, float]:
+    """Return the numbers of a mode of the other channel that acts like ``channel``'s mode of ``values``.
+
+    A mode with its share below 1 has an inverse that is a mode, too: poles and zeros change places.
+    """
+    share, natural, damping = (values[f"{channel}_mode_{name}"] for name in ("share", "frequency", "damping"))
+    left = 1.0 - min(share, 0.9)
+    other = "spool" if channel == "body" else "body"
+    return {
+        f"{other}_mode_share": 1.0 - 1.0 / left,
+        f"{other}_mode_frequency": natural / np.sqrt(left),
+        f"{other}_mode_damping": damping / np.sqrt(left),
+    }
+
+
 def inverse(response: Spectrum) -> Spectrum:
     """Return 1 over ``response``, at most 1 over ``SMALLEST`` in size."""
     size = np.abs(response)

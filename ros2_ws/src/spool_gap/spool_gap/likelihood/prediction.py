@@ -28,7 +28,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, linalg, signal
+from scipy import fft, interpolate, linalg, signal
 from spool_estimator.identification.spectra import ZeroPhase
 from spool_sim.integration.composed_motion import Correction
 from spool_sim.valve import Valve
@@ -87,6 +87,7 @@ class Prediction:
         period: s between the samples that are predicted; ``size``: their number; ``seconds``: their time.
         lines: frequencies that are compared, Hz, shape (lines,).
         windows: of a second; ``inside``: those whose errors count, shape (windows,).
+        settled: windows in which a body that clips is known, and half a second before them, shape (windows,).
         spool, body: measured, averaged, m/s^2, shape (n,).
         work: steps of integration so far.
     """
@@ -130,6 +131,7 @@ class Prediction:
         self._whole_windows[[0, -1]] = False
         self.inside: Mask = self._whole_windows
         self.held: Mask = np.zeros(self.windows, dtype=np.bool_)
+        self.settled: Mask = self._known_body()
         self._dense: dict[tuple[float, ...], tuple[Array, int]] = {}
         self._steps: dict[tuple[object, ...], int] = {}
         self._inputs: dict[tuple[float, ...], Array] = {}
@@ -147,11 +149,25 @@ class Prediction:
         missing = np.convolve(~mask, np.ones(self._every), mode="valid")[:: self._every]
         return np.asarray(missing < 0.5, dtype=np.float64)
 
+    def _known_body(self) -> Mask:
+        if self.readings.body_limit <= 0.0:
+            return np.ones(self.windows, dtype=np.bool_)
+        known = self._whole(~self.readings.heard | self.readings.counted) > 0.0
+        half = self._window // 2
+        ends = (np.arange(self.windows) + 1) * self._window
+        return np.array(
+            [known[max(0, end - self._window - half) : end].all() for end in ends], dtype=np.bool_
+        )
+
     def count(self, counted: Array) -> None:
         """Count the samples with 1 in ``counted`` (n,), and no others, from now on."""
         self.counted = counted
         rows = counted[: self.windows * self._window].reshape(self.windows, self._window)
         self._kept = rows.mean(axis=1)
+        self._broken = np.flatnonzero((self._kept < 1.0) & (self._kept > 0.0))
+        line = np.linspace(-1.0, 1.0, self._window)
+        trends = rows[self._broken, :, np.newaxis] * np.stack([np.ones_like(line), line], axis=1)
+        self._trends: Array = np.linalg.qr(trends)[0]
 
     def leave_out_reversals(self) -> None:
         """Count no sample whose side of a reversal of the measured motion is not certain.
@@ -221,7 +237,7 @@ class Prediction:
         for number, one in enumerate(structures):
             if one.parts and not far[number]:
                 seen[number] = self._as_read(seen[number], one)
-        lines = self.lines_of(seen * self.counted)
+        lines = self.counted_lines(seen)
         for number, one in enumerate(structures):
             gains = self._gains(one, self.windows)[:, np.newaxis]
             lines[number] *= (1.0 + one.values[GAIN]) * self._volume(one, looseness) * gains
@@ -261,9 +277,35 @@ class Prediction:
             error = self._through(error, one.response("spool", self._every_line))
         return self.spool - error, found
 
+    def bridge(self, one: Structure, looseness: float) -> Array:
+        """Return the reading that ``one`` predicts at every sample of the readings, m/s^2."""
+        predicted, _ = self.free_run(one, looseness)
+        middle = (np.arange(self.size) + 0.5) * self._every - 0.5
+        spline = interpolate.CubicSpline(middle, predicted, bc_type="natural")
+        places = np.clip(np.arange(self.readings.spool.size), middle[0], middle[-1])
+        return np.asarray(spline(places))
+
+    def counted_lines(self, rows: Array) -> Spectrum:
+        """Return the spectra of what counts of ``rows`` (..., n), shape (..., windows, lines).
+
+        From windows in which samples do not count the trend of those that do is taken away: a bias would
+        leak to every line from where it is cut out.
+        """
+        cut = self._cut(rows * self.counted)
+        if self._broken.size:
+            own = cut[..., self._broken, :]
+            shares = np.einsum("...wn,wnk->...wk", own, self._trends)
+            cut[..., self._broken, :] = own - np.einsum("...wk,wnk->...wn", shares, self._trends)
+        return self._spectra(cut)
+
     def lines_of(self, rows: Array) -> Spectrum:
         """Return the spectra of the windows of ``rows`` (..., n), shape (..., windows, lines)."""
-        cut = rows[..., : self.windows * self._window].reshape(*rows.shape[:-1], self.windows, self._window)
+        return self._spectra(self._cut(rows))
+
+    def _cut(self, rows: Array) -> Array:
+        return rows[..., : self.windows * self._window].reshape(*rows.shape[:-1], self.windows, self._window)
+
+    def _spectra(self, cut: Array) -> Spectrum:
         if self._hum.size:
             cut = cut - (cut @ self._hum) @ self._hum.T
         lines: Spectrum = fft.rfft(cut * self._taper, axis=-1)[..., self._places]
@@ -288,17 +330,17 @@ class Prediction:
             time = self.readings.time + np.arange(self.size, dtype=np.float64) * self.period
             middle = self.windows_of(time).mean(axis=1)[:, np.newaxis]
             read = self._through(self.spool * time, share)
-            return np.asarray(errors * middle - self.lines_of(read * self.counted) * volume)
+            return np.asarray(errors * middle - self.counted_lines(read) * volume)
         changed = (part.response(frequency, values) - 1.0) / size
         if part.channel == "spool":
-            lines = self.lines_of(self._through(self.spool, changed * share) * self.counted)
+            lines = self.counted_lines(self._through(self.spool, changed * share))
             own = ((part.response(self.lines, values) - 1.0) / size).real
             return np.asarray(errors * own - lines * volume)
         turn = 2j * np.pi * frequency
         mass, stiffness, damping = _linear(one)
         passed = (damping * turn + stiffness) / (mass * turn**2 + damping * turn + stiffness)
         moved = self._through(self.body, changed * passed * share)
-        return np.asarray(self.lines_of(moved * self.counted) * volume)
+        return np.asarray(self.counted_lines(moved) * volume)
 
     def windows_of(self, row: Array) -> Array:
         """Return ``row`` (n,) cut into windows, shape (windows, samples)."""
@@ -341,7 +383,7 @@ class Prediction:
         share = moved * middle / self._ratio(one, looseness, self._every_line)
         share = share * np.abs(one.response("spool", self._every_line))
         felt = self._through(forces, share)
-        return np.asarray(-self.lines_of(felt * self.counted) * self._volume(one, looseness))
+        return np.asarray(-self.counted_lines(felt) * self._volume(one, looseness))
 
     def force_of(
         self,

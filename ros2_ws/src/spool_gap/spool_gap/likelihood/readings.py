@@ -22,6 +22,11 @@ Mask = NDArray[np.bool_]
 LOWEST = 1.0
 #: s after a missing sample of the body, and after a longer gap (of ``LONG`` s), that do not count.
 AFTER, AFTER_LONG, LONG = 0.008, 0.15, 0.005
+#: Share of the samples at a rail that are of one side alone; s within which a rail hardly moves; share of the
+#: range that noise there takes; samples at a rail over those below it (the top of a wave shows 2.4).
+ONE_SIDE, WITHIN, NEAR, PILED_UP = 0.05, 0.25, 0.02, 3.0
+#: Pieces with a rail that moves, at least; share of samples beyond it, at most.
+FEWEST, CROSSED = 3, 1e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +95,8 @@ def readings_of(
         limits.append(0.0 if rail is None else float(np.median(np.abs(row[rail]))))
         shares.append(0.0 if rail is None else float(rail.mean()))
         if rail is not None:
-            gone |= np.convolve(rail.astype(np.float64), np.ones(3), mode="same") > 0.0
+            flat = rail | _at_moving_rail(row, rail, round(WITHIN * record.sample_rate))
+            gone |= np.convolve(flat.astype(np.float64), np.ones(3), mode="same") > 0.0
         rows.append(_filled(row, gone, clipped=rail is not None))
         masks.append(gone)
     noise = noise or noise_of(rows[0], rows[1], record.sample_rate)
@@ -115,6 +121,18 @@ def readings_of(
     )
 
 
+def bridged(readings: Readings, guess: Array) -> Readings:
+    """Return ``readings`` with the samples that the spool lacks bridged by ``guess``, shape (n,), m/s^2.
+
+    A bridge ends at the measured samples. What is filled in counts nowhere by itself, but the filters that
+    take slow drift away spread it.
+    """
+    row, there, places = readings.record.spool, readings.heard, np.arange(readings.heard.size)
+    offset = np.interp(places, places[there], (row - guess)[there])
+    filled = np.where(there, row, guess + offset)
+    return replace(readings, spool=ZeroPhase(readings.period, readings.low_cut).apply(filled))
+
+
 def _filled(row: Array, gone: Mask, *, clipped: bool) -> Array:
     """Return ``row`` with the samples ``gone`` filled in: clipped tops by the band of the others."""
     if not gone.any():
@@ -123,6 +141,36 @@ def _filled(row: Array, gone: Mask, *, clipped: bool) -> Array:
         return restored(row, gone)
     place = np.arange(row.size)
     return np.asarray(np.interp(place, place[~gone], row[~gone]))
+
+
+def _at_moving_rail(row: Array, rail: Mask, length: int) -> Mask:
+    """Return which samples sit at the other rail, where ``rail`` is of one side alone.
+
+    A sensor that clips on both sides and whose bias then moves shows one side at the logger's limit and the
+    other as flat tops that move. There more samples pile up than in the tops of a wave: in pieces of
+    ``length`` samples those within a share ``NEAR`` of the range are compared with as wide a band below. Its
+    level moves slowly from one piece to the next.
+    """
+    found = np.zeros(row.size, dtype=np.bool_)
+    upper = float(np.mean(row[rail] > 0.0))
+    if ONE_SIDE < upper < 1.0 - ONE_SIDE:
+        return found
+    values = row if upper <= ONE_SIDE else -row
+    near = NEAR * float(np.ptp(row))
+    places, levels = [], []
+    for begin in range(0, row.size, length):
+        piece = values[begin : begin + length]
+        top = float(np.quantile(piece, 0.999))
+        at = piece > top - near
+        below = int(np.count_nonzero(piece > top - 2.0 * near)) - int(np.count_nonzero(at))
+        if np.count_nonzero(at) > PILED_UP * (below + 1):
+            places.append(begin + 0.5 * length)
+            levels.append(float(np.median(piece[at])))
+    if len(places) < FEWEST:
+        return found
+    over = values - np.interp(np.arange(row.size), places, levels)
+    # A rail is not crossed, but by spikes.
+    return found if np.mean(over > near) > CROSSED else np.asarray(over > -0.5 * near)
 
 
 def _disturbed(gone: Mask, period: float) -> Mask:

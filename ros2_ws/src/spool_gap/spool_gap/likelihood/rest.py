@@ -10,7 +10,8 @@ Source: MacKay, Bayesian interpolation, 1992 (evidence of a linear model with a 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,12 +24,15 @@ from .chain_part import CHAIN_PARTS, Spectrum
 from .prediction import FREE, Prediction, Predictions
 from .score import Score
 from .structure import Structure
-from .structure_fit import StructureFit
+from .structure_fit import StructureFit, fit_structure
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 #: Degree of the functions of one variable, and of each of two.
 DEGREE, BOTH = 9, 4
+#: Windows from which on what is left is looked at.
+FEWEST = 2
 #: Ratios of the coefficients' standard deviation to that of white noise of equal power, that are tried.
 WIDTHS = np.geomspace(1e-3, 1e3, 61)
 
@@ -49,15 +53,45 @@ class Rest:
 
 
 def rest_of(predictions: Predictions, fit: StructureFit) -> Rest:
-    """Return what a smooth force explains of what ``fit`` leaves."""
-    score = Score(predictions, fit)
+    """Return what a smooth force explains of what ``fit`` leaves, where the body's motion is known.
+
+    What a clipped body did is restored by a curve, whose errors look like a force.
+    """
     best = Rest(0.0, 0.0, "nothing")
-    for name, forces in _columns(score.motion).items():
-        gain, coefficients = _evidence(*score.left_with(forces))
-        if gain > best.gain:
-            share = share_of_force(predictions, fit.structure, coefficients @ forces)
-            best = Rest(gain, share, name)
+    with _settled(predictions) as enough:
+        if not enough:
+            return best
+        score = Score(predictions, fit)
+        for name, forces in _columns(score.motion).items():
+            gain, coefficients = _evidence(*score.left_with(forces))
+            if gain > best.gain:
+                share = share_of_force(predictions, fit.structure, coefficients @ forces)
+                best = Rest(gain, share, name)
     return best
+
+
+@contextmanager
+def _settled(predictions: Predictions) -> Iterator[bool]:
+    """Count no window in which the body is not known while this lasts; yield whether enough are left."""
+    before = [part.inside for part in predictions.parts]
+    for part in predictions.parts:
+        part.inside = part.inside & part.settled
+    try:
+        yield sum(int(part.inside.sum()) for part in predictions.parts) >= FEWEST
+    finally:
+        for part, inside in zip(predictions.parts, before, strict=True):
+            part.inside = inside
+
+
+def foreseen(predictions: Predictions, fit: StructureFit, follows: str) -> float:
+    """Return the evidence that a force which ``follows`` something gains in a free run of ``fit``.
+
+    What is no function of the motion, as vibration that a sensor picks up from across its axis, is in the
+    measured motion, too, and looks like a force along that. A free run does not hold it.
+    """
+    with _settled(predictions):
+        score = Score(predictions, fit_structure(predictions, fit.structure, (FREE,), steps=0))
+        return _evidence(*score.left_with(_columns(score.motion)[follows]))[0]
 
 
 def _columns(motion: Motion) -> Mapping[str, Array]:

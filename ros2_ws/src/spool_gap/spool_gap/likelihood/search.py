@@ -16,7 +16,7 @@ import numpy as np
 from spool_gap.registry import EFFECTS, FRICTIONS
 
 from .balance import Balance
-from .chain_part import CHAIN_PARTS, DELAY, GAIN
+from .chain_part import CHAIN_PARTS, DELAY, GAIN, mode_of_other
 from .prediction import Predictions
 from .score import Proposal, best_of, proposals
 from .structure import Structure, Values
@@ -89,6 +89,7 @@ class Search:
         self._allowed = allowed
         self.fits: dict[Key, StructureFit] = {}
         self._numbers: dict[str, dict[str, float]] = {}
+        self._exchanges: set[Key] = set()
         tell("fitting the base", 0.1)
         rough = fit_structure(predictions, base)
         self._brief = predictions.excerpt(predictions.parts[0].motions)
@@ -191,6 +192,9 @@ class Search:
                 expanded.add(fit.structure.key)
                 self._tell(f"adding to {_named(fit)}", 0.2 + 0.05 * min(len(expanded), 10))
                 self._add_to(fit)
+            # One of a pair may stand for a law like it: that is seen before a third effect is tried.
+            if len(self.best.structure.effects) > 1:
+                self._exchanged()
             queue = self._next(expanded)
 
     def _next(self, expanded: set[Key]) -> list[StructureFit]:
@@ -269,6 +273,9 @@ class Search:
     def _exchanged(self) -> bool:
         """Whether the best structure with one effect exchanged is more likely than it."""
         best = self.best
+        if best.structure.key in self._exchanges:
+            return False
+        self._exchanges.add(best.structure.key)
         for name in best.structure.effects:
             for other in self._like(name):
                 if self.late:
@@ -284,6 +291,7 @@ class Search:
                 starts = list(self._acting_like(name, other, best.structure.values))
                 if starts and (known is None or known.evidence < best.evidence or other == name):
                     self._exchange(bare, other, best, starts)
+        self._exchange_mode(best.structure, best.looseness)
         return self.best.structure.key != best.structure.key
 
     def _exchange(
@@ -304,6 +312,17 @@ class Search:
         for one in found:
             if one.log_likelihood > least:
                 self._tighten(one.structure, best.looseness)
+
+    def _exchange_mode(self, own: Structure, looseness: float) -> None:
+        """Fit ``own`` with the mode of one channel in the place of the other's."""
+        modes = [part for part in own.chain if part.id == "extra_mode"]
+        if len(modes) != 1 or self.late:
+            return
+        other = "spool_extra_mode" if modes[0].channel == "body" else "body_extra_mode"
+        parts = (*(key for key in own.parts if key != modes[0].key), other)
+        start = own.having(own.effects, parts).moved(mode_of_other(own.values, modes[0].channel))
+        self._tell("a mode of the other channel", 0.7)
+        self._tighten(start.bounded(self._predictions.seconds), looseness)
 
     def _like(self, name: str) -> list[str]:
         """Return the effects that act like ``name``."""
@@ -381,6 +400,10 @@ class Search:
             quick.append(self._fit(kept, (fit.looseness,), brief=True))
         if effect:
             quick += [self._fit(one, (TIGHT,), brief=True) for one in self._by_balance(wider)]
+        else:
+            # Compared with what the structure without it leaves at either looseness.
+            loose = max(quick, key=lambda one: one.evidence)
+            quick.append(self._fit(loose.structure, (TIGHT,), brief=True))
         found: dict[int, StructureFit] = {}
         for one in sorted(quick, key=lambda one: one.evidence):
             found[len(one.unknowns)] = one

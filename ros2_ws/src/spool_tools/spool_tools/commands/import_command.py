@@ -45,6 +45,9 @@ def import_(
     dates: Annotated[
         str, typer.Option(help="Order of dates like 05/04/2026: dmy or mdy; needed where both fit.")
     ] = "",
+    empty_as_gap: Annotated[
+        bool, typer.Option("--empty-as-gap", help="Leave out rows in which body or spool has no value.")
+    ] = False,
     topic: Annotated[
         list[str] | None, typer.Option(help="Topics and axes of a bag: body=/imu_1:z,spool=/imu_2:z")
     ] = None,
@@ -84,7 +87,7 @@ def import_(
 
     from spool_tools.terminal import progress  # noqa: PLC0415
 
-    how = choices(columns, unit, scale, topic, rate, align, exclude, stamps, dates)
+    how = choices(columns, unit, scale, topic, rate, align, exclude, stamps, dates, empty_as_gap)
     if len(files) > 2:
         raise InputError(f"{files[2]}: two files at most, body and spool; import each record by itself")
     if look:

@@ -58,7 +58,7 @@ def record_of_table(
     try:
         return read_record(path, kind, columns, regular=regular)
     except InputError as error:
-        if re.search(r"--(unit|scale|rate|topic)\b", str(error)):
+        if re.search(r"--(unit|scale|rate|topic|empty-as-gap)\b", str(error)):
             raise InputError(
                 f"{error}; these are options of ./spool import {path} --out record_bag, which makes a bag "
                 f"of it"
