@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from typing import TypeVar
 
-from spool_core.system import processors
+from spool_core.system import end_with_parent, processors
 from spool_tools.terminal import progress
 
 Item = TypeVar("Item")
@@ -34,7 +34,7 @@ def spread(
             return
         # Forked processes would inherit the threads of numerical libraries in any state.
         context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(count, mp_context=context) as pool:
+        with ProcessPoolExecutor(count, mp_context=context, initializer=end_with_parent) as pool:
             futures = [pool.submit(work, item) for item in items]
             try:
                 for future in as_completed(futures):

@@ -184,14 +184,19 @@ def staged(target: Path, *, replace: bool = True) -> Iterator[Path]:
         remove(part)
 
 
+def end_with_parent() -> None:
+    """Let this process of a pool end with its parent, however that ends."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+
+
 def give_way() -> None:
     """Begin a process that works beside the stream: it gives way to it, and leaves Ctrl-C to its parent.
 
     It ends with its parent, however that ends: a pool's process would wait for work forever.
     """
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+    end_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if sys.platform != "linux":
         return

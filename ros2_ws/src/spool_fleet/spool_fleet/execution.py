@@ -7,7 +7,6 @@ import math
 import multiprocessing
 import os
 import signal
-import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -18,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from spool_core.errors import InputError, how_to_install
-from spool_core.system import limit_processors
+from spool_core.system import end_with_parent, limit_processors
 from spool_core.text import printable
 
 from spool_fleet.analyses.base import Rows, Subject, analyses
@@ -228,10 +227,8 @@ def prepare_worker() -> None:
     """Let a worker use one processor, leave Ctrl-C to the driver, and end with it."""
     limit_processors(1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent()
     gc.freeze()
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
 
 class DaskCluster:
@@ -336,8 +333,3 @@ def _pool(workers: int) -> ProcessPoolExecutor:
     os.environ.setdefault("MALLOC_TRIM_THRESHOLD_", "131072")
     context = multiprocessing.get_context("spawn")
     return ProcessPoolExecutor(workers, mp_context=context, initializer=prepare_worker)
-
-
-def _end_with(parent: multiprocessing.process.BaseProcess) -> None:
-    parent.join()
-    os._exit(1)

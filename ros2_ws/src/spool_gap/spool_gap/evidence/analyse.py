@@ -23,7 +23,7 @@ from spool_gap.checks import as_stuck
 from spool_gap.likelihood.kernel import motions_for
 from spool_gap.likelihood.prediction import Prediction, Predictions
 from spool_gap.likelihood.readings import bridged
-from spool_gap.likelihood.search import Search
+from spool_gap.likelihood.search import Search, senseless
 from spool_gap.likelihood.structure import structure_of
 from spool_gap.likelihood.structure_fit import LOOSENESS, StructureFit, fit_structure
 from spool_gap.registry import EFFECTS
@@ -237,7 +237,7 @@ def _ranked(search: Search, decision: Decision, held: HeldOut) -> list[RankedHyp
                 2.0 * (fit.evidence - decision.base.evidence),
                 {name: fit.structure.values[name] for name in EFFECTS[newest].fitted},
                 accepted,
-                "" if accepted else decision.refused.get(newest, ""),
+                "" if accepted else decision.refused.get(newest, "") or senseless(fit),
             )
         )
     return rows

@@ -457,10 +457,16 @@ class Search:
         return float(np.quantile(np.abs(self._balance.motion.velocity), 0.99))
 
 
+def senseless(fit: StructureFit) -> str:
+    """Return which numbers of the effects make no sense on a machine and why, "" where all do."""
+    values = fit.structure.values
+    reasons = (EFFECTS[name].sensible(values, {}) for name in fit.structure.effects)
+    return next((one for one in reasons if one), "")
+
+
 def makes_sense(fit: StructureFit) -> bool:
     """Whether all numbers of the effects make sense on a machine."""
-    values = fit.structure.values
-    return not any(EFFECTS[name].sensible(values, {}) for name in fit.structure.effects)
+    return not senseless(fit)
 
 
 def _named(fit: StructureFit) -> str:
