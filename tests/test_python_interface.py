@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import builtins
 import json
 import subprocess
 import sys
@@ -36,6 +37,18 @@ def test_a_fit_has_the_numbers_of_the_command(fitted: spool.Fit, tmp_path: Path)
     assert fitted.parameters["coulomb_force"]["unit"] == "N"
     assert "coulomb force" in fitted.summary()
     assert "coulomb force" in fitted._repr_html_()
+
+
+def test_a_notebook_gets_a_result_once_and_as_its_own_text(
+    fitted: spool.Fit, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shell = type("ZMQInteractiveShell", (), {})()
+    monkeypatch.setattr(builtins, "get_ipython", lambda: shell, raising=False)  # how rich knows a notebook
+    monkeypatch.setenv("FORCE_COLOR", "1")  # as its kernel does
+    assert "coulomb force" in fitted.summary()
+    assert "\x1b" not in fitted.summary()
+    assert "coulomb force" in fitted._repr_html_()
+    assert capsys.readouterr() == ("", "")
 
 
 def test_a_result_is_saved_once_and_by_its_ending(fitted: spool.Fit, tmp_path: Path) -> None:
@@ -107,6 +120,13 @@ def test_wrong_input_is_one_type_of_error_with_one_line(wrong) -> None:
     assert "\n" not in str(caught.value)
 
 
+def test_numbers_of_a_data_sheet_are_text_with_units_or_numbers_in_si() -> None:
+    text = spool.valve(id="mine", spool_mass="172 g", spring_mass="24g", spring_rate="0.816N/mm")
+    assert text == spool.valve(id="mine", spool_mass=0.172, spring_mass=0.024, spring_rate=816)
+    with pytest.raises(spool.InputError, match=r"'spring_masss' is unknown.*did you mean spring_mass\?"):
+        spool.valve(id="mine", spool_mass="172 g", spring_masss="24g", spring_rate="0.816N/mm")
+
+
 @pytest.mark.slow
 def test_a_gap_has_the_numbers_of_the_command(tmp_path: Path) -> None:
     record = spool.simulate("4weh10_soft", "coulomb", "multisine", 20.0)
@@ -114,6 +134,7 @@ def test_a_gap_has_the_numbers_of_the_command(tmp_path: Path) -> None:
     assert main(["gap", str(record.path), "--json", str(tmp_path / "gap.json")]) == 0
     assert found.to_dict() == json.loads((tmp_path / "gap.json").read_text())
     assert found.verdict == "coulomb_friction"
+    assert found.summary().splitlines()[0].startswith("coulomb_friction")
     found.save(tmp_path / "gap.html")
     found.save_model(tmp_path / "found.yaml")
     assert spool.simulate("4weh10_soft", tmp_path / "found.yaml", seconds=2.0).duration == 2.0

@@ -13,7 +13,7 @@ from typing import Any, cast
 
 from spool.errors import one_error
 from spool.record import AnyRecord, AnyValve, path_of, paths_of, valve_files
-from spool.results import Comparison, Fit, Gap, Replay, keeping_backend
+from spool.results import Comparison, Fit, Gap, Replay, keeping_backend, text_console, text_of
 
 
 @one_error
@@ -121,16 +121,15 @@ def gap(
         from spool_tools.outputs import ResultFiles  # noqa: PLC0415
 
         found, page, model = (Path(folder) / name for name in ("gap.json", "gap.html", "gap.yaml"))
-        shown = io.StringIO()
-        with contextlib.redirect_stdout(shown), contextlib.redirect_stderr(shown):
+        shown = text_console()
+        with contextlib.redirect_stdout(io.StringIO()):
             run_gap(
                 paths_of(records), file, str(base), kind, Selection(), ResultFiles(found, page, model),
-                holdout=paths_of(holdout), **options,
+                holdout=paths_of(holdout), console=shown, **options,
             )  # fmt: skip
-        lines = [line for line in shown.getvalue().splitlines() if not line.startswith(folder)]
         return Gap(
             json.loads(found.read_text(encoding="utf-8")),
-            "\n".join(lines),
+            text_of(shown),
             page.read_text(encoding="utf-8"),
             model.read_text(encoding="utf-8"),
         )

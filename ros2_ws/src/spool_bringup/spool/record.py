@@ -190,16 +190,16 @@ def read(
 
 
 @one_error
-def valve(name: str | Path | None = None, **data_sheet: str) -> Valve:
+def valve(name: str | Path | None = None, **data_sheet: str | float) -> Valve:
     """Return a valve description: a shipped one by name, a YAML file, or what a data sheet states.
 
     Args:
         name: ``4weh10_soft``, ``4weh10_stiff``, or the path of a YAML file.
-        data_sheet: numbers with units, named as the options of ``spool valve new``:
+        data_sheet: numbers with units (without: SI units), named as the options of ``spool valve new``:
             ``spool.valve(id="mine", spool_mass="172g", spring_mass="24g", spring_rate="0.816N/mm")``.
 
     Raises:
-        InputError: no such valve, or numbers are missing or impossible.
+        InputError: no such valve, a name is unknown, or numbers are missing or impossible.
     """
     if (name is None) == (not data_sheet):
         raise InputError("valve: give either a name or file, or the numbers of a data sheet")
@@ -209,7 +209,7 @@ def valve(name: str | Path | None = None, **data_sheet: str) -> Valve:
         return find_valve(str(name))
     from spool_tools.operations.valve_sheet import described  # noqa: PLC0415
 
-    return described(data_sheet)[0]
+    return described({key: str(value) for key, value in data_sheet.items()})[0]
 
 
 @one_error

@@ -25,10 +25,30 @@ if TYPE_CHECKING:
 WIDTH = 120
 
 
+def text_console(*, record: bool = False) -> Console:
+    """Return a console that writes into a string. In a notebook rich would display each line instead.
+
+    Args:
+        record: keep styles for ``export_html``.
+    """
+    from rich.console import Console  # noqa: PLC0415 - slow to load
+
+    return Console(
+        file=io.StringIO(), width=WIDTH, record=record, color_system="truecolor" if record else None,
+        force_jupyter=False, force_terminal=False,
+    )  # fmt: skip
+
+
+def text_of(console: Console) -> str:
+    """Return what was written on a ``text_console``."""
+    assert isinstance(console.file, io.StringIO)
+    return console.file.getvalue().rstrip()
+
+
 @contextmanager
 def keeping_backend() -> Iterator[None]:
     """Draw without a screen inside; afterwards matplotlib's backend and open figures are as they were."""
-    import matplotlib  # noqa: PLC0415 - slow to load, as below
+    import matplotlib  # noqa: PLC0415
     from matplotlib import pyplot  # noqa: PLC0415
 
     before, opened = matplotlib.get_backend(), set(pyplot.get_fignums())
@@ -74,11 +94,9 @@ class Result(ABC):
 
     def summary(self) -> str:
         """Return what the command prints, as text."""
-        from rich.console import Console  # noqa: PLC0415 - slow to load, as below
-
-        stream = io.StringIO()
-        self._print(Console(file=stream, width=WIDTH, color_system=None))
-        return stream.getvalue().rstrip()
+        console = text_console()
+        self._print(console)
+        return text_of(console)
 
     @one_error
     def save(self, path: str | Path, *, replace: bool = False) -> None:
@@ -109,9 +127,7 @@ class Result(ABC):
         return self.summary()
 
     def _repr_html_(self) -> str:
-        from rich.console import Console  # noqa: PLC0415
-
-        console = Console(file=io.StringIO(), width=WIDTH, record=True, color_system="truecolor")
+        console = text_console(record=True)
         self._print(console)
         return console.export_html(
             inline_styles=True, code_format='<pre style="line-height:1.3">{code}</pre>'

@@ -26,9 +26,9 @@ def cell(text: object, style: str = "") -> Text:
     return Text(printable(text), style=style)
 
 
-def warn(text: str) -> None:
-    """Show a warning on standard error."""
-    Console(stderr=True).print(
+def warn(text: str, console: Console | None = None) -> None:
+    """Show a warning on ``console``; default: standard error."""
+    (console or Console(stderr=True)).print(
         f"warning: {printable(text)}", style="yellow", markup=False, highlight=False, soft_wrap=True
     )
 

@@ -102,6 +102,7 @@ def test_id_mass_and_frequency_are_enough_for_a_fit(
         ({"id": "a", "moving_mass": "180 g"}, "the stiffness is missing: give --spring-stiffness"),
         ({"moving_mass": "180 g", "spring_stiffness": "1632"}, "the name is missing: give --id"),
         ({"id": "a", "moving_mass": "heavy"}, "--moving-mass: 'heavy' is no number, write e.g. '180 g'"),
+        ({"id": "a", "spring_rate": "0,816 N/mm"}, "--spring-rate: '0,816 N/mm' has a comma"),
         ({"id": "a", "moving_mass": "180 mm"}, "--moving-mass: unit 'mm' is none of kg, g"),
         ({"id": "a", "moving_mass": "180", "spring_stiffness": "1632"}, "moving_mass in g?"),
         (

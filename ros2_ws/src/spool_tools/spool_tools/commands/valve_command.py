@@ -15,7 +15,7 @@ from spool_tools.outputs import check_output
 
 app = typer.Typer(no_args_is_help=True)
 
-Sheet = Annotated[str | None, typer.Option(help="With its unit; without one in SI units.")]
+Sheet = Annotated[str | None, typer.Option(help="Value with unit; SI if no unit is given.")]
 
 
 @app.callback()
@@ -32,7 +32,7 @@ def new(
         Path,
         typer.Option(
             metavar="FILE.yaml",
-            help="Valve file to be made.",
+            help="Valve file to write.",
             callback=lambda path: check_output(path, "--out"),
         ),
     ],
@@ -42,22 +42,26 @@ def new(
     spring_mass: Sheet = None,
     oil_mass: Sheet = None,
     spring_stiffness: Sheet = None,
-    spring_rate: Annotated[str | None, typer.Option(help="Of one of two equal springs.")] = None,
+    spring_rate: Annotated[
+        str | None, typer.Option(help="Rate of one of two equal springs, with unit.")
+    ] = None,
     natural_frequency: Annotated[
-        str | None, typer.Option(help="In the place of a stiffness that nobody knows.")
+        str | None, typer.Option(help="Use this if the stiffness is unknown.")
     ] = None,
     land_diameter: Sheet = None,
     land_length: Sheet = None,
     radial_clearance: Sheet = None,
     oil: Annotated[str | None, typer.Option(help="HL68, Azolla ZS22, or ISO VG 10 to ISO VG 100.")] = None,
-    oil_temperature: Annotated[str | None, typer.Option(help="deg C, of the oil at work.")] = None,
+    oil_temperature: Annotated[
+        str | None, typer.Option(help="Temperature of the oil at work in deg C.")
+    ] = None,
     dynamic_viscosity: Sheet = None,
     _force: Force = False,
 ) -> None:
-    """Write a valve file from a data sheet; what no flag says is asked for on a terminal.
+    """Write a valve file from a data sheet; on a terminal you are asked for missing numbers.
 
-    Id, mass and stiffness are needed, also as --spool-mass with --spring-mass, and --spring-rate or
-    --natural-frequency.
+    Required: --id; --moving-mass, or --spool-mass with --spring-mass; --spring-stiffness, --spring-rate
+    or --natural-frequency.
 
     Example: ./spool valve new --out my_valve.yaml --id mine --moving-mass 180g --spring-rate 0.816N/mm
     """

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 from spool_bag.names import DISPLACEMENT, FORCE
 from spool_core.errors import InputError
-from spool_core.uncertainty import LEGEND, PLUS_MINUS, interval, percent, with_interval
+from spool_core.uncertainty import LEGEND, PLUS_MINUS, interval, number, percent, with_interval
 from spool_estimator.identification.record import LARGEST, Record
 from spool_estimator.plausibility import check_records
 from spool_gap.evidence.analyse import analyse
@@ -66,8 +66,11 @@ def run_gap(
     least_share: float = 0.0025,
     thorough: bool = False,
     profiles: bool = False,
+    console: Console | None = None,
 ) -> int:
-    """Find what ``base`` lacks in ``records`` and say it; return 0, whatever the verdict.
+    """Find what ``base`` lacks in ``records`` and show it; return 0, whatever the verdict.
+
+    ``console`` gets text and warnings; default: standard output and standard error.
 
     Raises:
         InputError: records, valve or model cannot be used.
@@ -102,12 +105,18 @@ def run_gap(
     # Files first: who reads only the first lines of what is shown (`| head`) has them all the same.
     made_from = sources([*records, *holdout], described) if outputs.report else []
     written = _write(result, outputs, made_from, partial(_evidence, result, model, described, measured))
-    # Off a terminal names must not be cut to some width that nobody has.
-    console = Console()
-    show(result, console if console.is_terminal else Console(width=140))
+    for warning in result.warnings:
+        warn(warning, console)
+    show(result, console or _standard_output())
     for line in written:
         print(line)
     return 0
+
+
+def _standard_output() -> Console:
+    """Return standard output; without a terminal its lines are wide, so that no name is cut."""
+    console = Console()
+    return console if console.is_terminal else Console(width=140)
 
 
 @dataclass(slots=True)
@@ -221,8 +230,6 @@ def _force_records(
 
 def show(result: GapResult, console: Console) -> None:
     """Print the verdict, what was found and how the hypotheses rank."""
-    for warning in result.warnings:
-        warn(warning)
     note = f"; {result.confidence_note}" if result.confidence_note else ""
     console.print(
         f"{result.verdict}  (confidence {result.confidence:.2f}{note})", style="bold", highlight=False
@@ -260,8 +267,9 @@ def _show_nuisances(result: GapResult, console: Console) -> None:
         table = Table("measuring chain", "channel", "size", "unit", "", box=None, pad_edge=False)
         for entry in result.nuisances:
             note = "left out; " if entry.corrected else ""
-            size = f"{entry.size:.2g}"
-            table.add_row(entry.id, entry.channel, size, entry.unit, f"{note}check {entry.check}")
+            table.add_row(
+                entry.id, entry.channel, number(entry.size, 2), entry.unit, f"{note}check {entry.check}"
+            )
         console.print(table)
     for small in result.small_effects:
         values = ", ".join(

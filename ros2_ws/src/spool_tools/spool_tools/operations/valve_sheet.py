@@ -92,6 +92,8 @@ def number_of(question: Question, text: str) -> float:
         InputError: no number, or a unit of something else.
     """
     units = UNITS[question.kind]
+    if re.search(r"\d,\d", text):
+        raise InputError(f"{question.flag}: {text!r} has a comma: write decimals as in '{question.example}'")
     found = _NUMBER.fullmatch(text)
     if found is None:
         raise InputError(f"{question.flag}: {text!r} is no number, write e.g. '{question.example}'")
@@ -161,8 +163,13 @@ def described(answers: Mapping[str, str]) -> tuple[Valve, dict[str, str]]:
     """Return the valve that a data sheet describes, and by key how a number came about that it does not hold.
 
     Raises:
-        InputError: mass or stiffness cannot be had from what is given, a number is none, or no valve has it.
+        InputError: a name is unknown, mass or stiffness is missing, a number is wrong, or no valve has it.
     """
+    known = [one.key for one in QUESTIONS]
+    unknown = next((key for key in answers if key not in known), None)
+    if unknown is not None:
+        hint = did_you_mean(unknown, known)
+        raise InputError(f"valve new: {unknown!r} is unknown, known are {', '.join(known)}{hint}")
     said = {one.key: checked_answer(one, answers[one.key]) for one in QUESTIONS if answers.get(one.key)}
     numbers = {key: value for key, value in said.items() if isinstance(value, float)}
     how: dict[str, str] = {}

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
-from spool_core.uncertainty import LEGEND, Quantity, interval, with_interval
+from spool_core.uncertainty import LEGEND, Quantity, interval, number, with_interval
 from spool_gap.registry import EFFECTS
 from spool_gap.result import (
     RISE_95,
@@ -355,7 +355,7 @@ def _nuisances(result: GapResult) -> list[dict[str, object]]:
         {
             "finding": f"{entry.id.replace('_', ' ')}{', left out' if entry.corrected else ''}",
             "channel": entry.channel,
-            "size": f"{entry.size:.2g} {entry.unit}".removesuffix(" 1"),
+            "size": f"{number(entry.size, 2)} {entry.unit}".removesuffix(" 1"),
             "what to check": entry.check,
         }
         for entry in result.nuisances
