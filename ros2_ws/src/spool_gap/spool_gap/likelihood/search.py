@@ -314,7 +314,7 @@ class Search:
                 self._tighten(one.structure, best.looseness)
 
     def _exchange_mode(self, own: Structure, looseness: float) -> None:
-        """Fit ``own`` with the mode of one channel in the place of the other's."""
+        """Fit ``own`` with the mode of the other channel instead of its own."""
         modes = [part for part in own.chain if part.id == "extra_mode"]
         if len(modes) != 1 or self.late:
             return
